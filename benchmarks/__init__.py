@@ -1,7 +1,7 @@
-"""Benchmarks: how fast Mindstage is, as ratios against a named peer that does the same in the same run.
+"""Benchmarks of Mindstage, as ratios to a named peer that does the same in the same run.
 
-A module here has one function `set_size()`, which yields `Measure`s; `python -m benchmarks [MODULE…]` (or `make bench`)
-runs them and holds them against their aims. Times are medians, and each stands beside the peak memory of its process.
+A module has a function `measure()`, which yields `Measure`s; `python -m benchmarks [MODULE…]` (or `make bench`) runs
+them and compares them with their aims. Times are medians, printed with the peak memory of the process.
 """
 
 from __future__ import annotations
@@ -21,34 +21,35 @@ __all__ = ["REPEATS", "Measure", "Run", "median_runs", "median_s", "run"]
 _LAUNCHER = Path(__file__).with_name("launcher.py")
 
 REPEATS = 9
-"""Odd, so that the median is one of them."""
+"""Odd, so that the median is one of the measured values."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measure:
-    """One number of ours, the peer's where there is one, and what was aimed at."""
+    """A measured value, that of a peer if there is one, and the aim."""
 
     what: str
-    """Such as "load the IAI kitchen with its ontologies"."""
+    """What is measured, such as "load the IAI kitchen with its ontologies"."""
     ours: float
     unit: str = "s"
     peer: str = ""
-    """Who does the same, with the version: "rdflib 7.6.0"."""
+    """The name and version of the peer, such as "rdflib 7.6.0"."""
     theirs: float | None = None
     at_most: float | None = None
-    """The aim for `figure`, where less is better."""
+    """Upper bound of `figure`, where less is better."""
     at_least: float | None = None
-    """The aim for `figure`, where more is better."""
+    """Lower bound of `figure`, where more is better."""
     memory_mb: float | None = None
-    """Our peak [MB]."""
+    """Our peak memory [MB]."""
     their_memory_mb: float | None = None
+    """The peak memory of the peer [MB]."""
 
     @property
     def figure(self) -> float:
-        """What is held against the aim.
+        """The value that is compared with the aim.
 
-        Without a peer it is our own number. Against a peer it is how many times its number ours is (`at_most`), or,
-        for times where more is better (`at_least`), how many times faster we are.
+        Without a peer it is `ours`. With a peer it is the ratio `ours / theirs` or, with `at_least`, the speed-up
+        `theirs / ours`.
         """
         if self.theirs is None:
             return self.ours
@@ -56,40 +57,41 @@ class Measure:
 
     @property
     def met(self) -> bool | None:
-        """Whether the aim was reached; None where there is none."""
+        """Whether the aim was reached; None without an aim."""
         if self.at_most is not None:
             return self.figure <= self.at_most
         return self.figure >= self.at_least if self.at_least is not None else None
 
 
 class Run(NamedTuple):
-    """What one process took."""
+    """The cost of a process."""
 
     seconds: float
+    """Wall time [s]."""
     memory_mb: float
-    """Its peak."""
+    """Peak memory [MB]."""
 
 
 def run(command: Sequence[str | os.PathLike[str]]) -> Run:
-    """Runs a command to its end, output unseen.
+    """Runs a command and discards its output.
 
     Raises:
-        CalledProcessError: it failed, which would make its time worthless.
+        CalledProcessError: the command failed.
     """
-    # Compiled once and kept, as it is for users.
+    # Bytecode is cached, as it is for users.
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     launched = [sys.executable, "-S", "-E", str(_LAUNCHER), *map(os.fspath, command)]
-    told = subprocess.run(launched, env=environment, stdout=subprocess.PIPE, text=True, check=True).stdout
-    code, seconds, memory_kib = told.split()
+    output = subprocess.run(launched, env=environment, stdout=subprocess.PIPE, text=True, check=True).stdout
+    code, seconds, memory_kib = output.split()
     if int(code):
         raise subprocess.CalledProcessError(int(code), list(map(os.fspath, command)))
     return Run(float(seconds), int(memory_kib) * 1024 / 1e6)
 
 
 def median_runs(*commands: Sequence[str | os.PathLike[str]], repeats: int = REPEATS) -> tuple[Run, ...]:
-    """The median time and memory of each command, after a run of each that warms the disk's cache.
+    """The median time and memory of each command, after a warm-up run of each.
 
-    They take turns, so that whatever else the machine does meets all of them alike.
+    The commands alternate, so that other load on the machine affects all of them equally.
     """
     for command in commands:
         run(command)
@@ -101,7 +103,7 @@ def median_runs(*commands: Sequence[str | os.PathLike[str]], repeats: int = REPE
 
 
 def median_s(function: Callable[[], object], *, repeats: int = REPEATS) -> float:
-    """The median time of several calls, after one that does not count [s]."""
+    """The median time of several calls, after a warm-up call [s]."""
     function()
     times = []
     for _ in range(repeats):

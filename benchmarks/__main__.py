@@ -1,4 +1,4 @@
-"""`python -m benchmarks [MODULE…]` runs the benchmarks of this folder and prints ratios against their aims."""
+"""`python -m benchmarks [MODULE…]` runs the benchmarks and prints each measure with its aim."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _COLUMNS: tuple[tuple[str, Literal["left", "right"], int], ...] = (
     ("MB", "right", 6),
     ("theirs", "right", 6),
 )
-"""Titles, alignments and widths; fixed, since a row is printed before the next one is measured."""
+"""Titles, alignments and widths; fixed, since each row is printed before the next one is measured."""
 
 
 def main(names: list[str]) -> None:
@@ -42,21 +42,21 @@ def main(names: list[str]) -> None:
     for name in names or known:
         module = import_module(f"benchmarks.{name}")
         if not hasattr(module, "measure"):
-            continue  # what several benchmarks share
-        began = time.perf_counter()
+            continue  # a module shared by benchmarks
+        module_start = time.perf_counter()
         _print_row(console, [title for title, _, _ in _COLUMNS], title=name)
         for measure in module.measure():
             _print_row(console, _row(measure))
             rows += 1
             missed += measure.met is False
-        console.print(f"{name}: {time.perf_counter() - began:.0f} s\n", highlight=False)
+        console.print(f"{name}: {time.perf_counter() - module_start:.0f} s\n", highlight=False)
     minutes, seconds = divmod(round(time.perf_counter() - start), 60)
     console.print("All aims are met." if not missed else f"{missed} aims are missed.")
     console.print(f"{rows} rows in {minutes} min {seconds:02} s", highlight=False)
 
 
 def _print_row(console: Console, cells: list[str], *, title: str = "") -> None:
-    """Prints one row at once, whether the output is a terminal, a pipe or a file."""
+    """Prints a row and flushes the output."""
     table = Table(show_header=False, box=None, padding=(0, 1), title=title or None, title_justify="left")
     for _, justify, width in _COLUMNS:
         table.add_column(justify=justify, width=width)
@@ -74,18 +74,18 @@ def _row(measure: Measure) -> list[str]:
         aim = f"≥ {measure.at_least:g} {unit}"
     return [
         measure.what,
-        _shown(measure.ours, measure.unit),
+        _format(measure.ours, measure.unit),
         measure.peer,
-        _shown(measure.theirs, measure.unit),
+        _format(measure.theirs, measure.unit),
         "" if measure.theirs is None else f"{measure.figure:.2f} times",
         aim,
         {True: "[green]ok", False: "[red]missed", None: ""}[measure.met],
-        _shown(measure.memory_mb),
-        _shown(measure.their_memory_mb),
+        _format(measure.memory_mb),
+        _format(measure.their_memory_mb),
     ]
 
 
-def _shown(value: float | None, unit: str = "") -> str:
+def _format(value: float | None, unit: str = "") -> str:
     return "" if value is None else f"{value:.4g} {unit}".rstrip()
 
 

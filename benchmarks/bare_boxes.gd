@@ -1,8 +1,8 @@
 extends SceneTree
-## The peer of benchmarks/godot.py: the same boxes as a scene that is written by hand, and nothing else.
+## The peer of benchmarks/godot.py: the same boxes as a hand-written scene.
 ##
-## `godot --headless --path PROJECT --script bare_boxes.gd -- COUNT TICKS` prints how long building, stepping and reading
-## take, as JSON. Each tenth box is dynamic; all stand on a floor.
+## `godot --headless --path PROJECT --script bare_boxes.gd -- COUNT TICKS` prints the times of building, stepping and
+## reading poses as JSON. Every tenth box is dynamic; a floor is added.
 
 const TICK_S: float = 1.0 / 240.0
 const RATE: int = 1_000_000

@@ -1,6 +1,6 @@
-"""The bridge: what a call costs a roslibpy client, at our hub and at a bare websockets server that answers the same.
+"""The bridge: service calls of roslibpy clients, compared with a bare websockets server that sends the same response.
 
-The clients are one process, the server another, and a provider that is a roslibpy client a third. Loopback, JSON.
+The clients, the server and a roslibpy service provider are separate processes on the loopback interface, with JSON.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ _ANSWERS: dict[str, dict[str, Any]] = {
     "/get_model_pose": {"pose": _POSE, "success": True},
     "/kitchen": {"models": [{"id": f"body_{number}", "pose": _POSE, "tags": []} for number in range(700)]},
 }
-"""Service to its answer: a pose, and about as much as a kitchen is."""
+"""Responses by service: a pose, and one of about the size of a kitchen."""
 
 
 class _Calls(NamedTuple):
-    """What calls took [us]."""
+    """Times of calls [us]."""
 
     each: float
-    """One after the other, or the time of all by their number."""
+    """Total time divided by the number of calls."""
     p50: float
     p99: float
 
@@ -46,14 +46,14 @@ class _Calls(NamedTuple):
 def measure() -> Iterator[Measure]:
     with ExitStack() as stack:
         bare = stack.enter_context(_process("bare"))
-        hub = stack.enter_context(_process("hub"))
-        stack.enter_context(_process("provider", str(hub)))
+        node = stack.enter_context(_process("node"))
+        stack.enter_context(_process("provider", str(node)))
         for service, clients in (("/get_model_pose", 1), ("/get_model_pose", 50), ("/kitchen", 1)):
             calls = _CALLS if service == "/get_model_pose" else _CALLS // 10
-            ways = [(bare, service), (hub, service), (hub, "/far" + service)]
-            theirs, ours, far = _in_turns(ways, clients=clients, calls=calls)
+            targets = [(bare, service), (node, service), (node, "/provider" + service)]
+            theirs, ours, provided = _alternating(targets, clients=clients, calls=calls)
             what = f"{service}, {clients} roslibpy client{'s' if clients > 1 else ''}"
-            # Half its rate. Of one client alone the typical call counts: a few pauses of a busy machine outweigh all.
+            # For one client the aim applies to the median, since single delays dominate the mean on a loaded machine.
             one = clients == 1
             yield Measure(
                 what=f"a call of {what}", ours=ours.each, unit="us", peer=_BARE, theirs=theirs.each,
@@ -64,22 +64,22 @@ def measure() -> Iterator[Measure]:
             )
             yield Measure(what="… p99", ours=ours.p99, unit="us", peer=_BARE, theirs=theirs.p99)
             yield Measure(
-                what="… answered by a roslibpy provider", ours=far.each, unit="us", peer=_BARE, theirs=theirs.each
+                what="… by a roslibpy provider", ours=provided.each, unit="us", peer=_BARE, theirs=theirs.each
             )
-            yield Measure(what="… p99", ours=far.p99, unit="us", peer=_BARE, theirs=theirs.p99)
+            yield Measure(what="… p99", ours=provided.p99, unit="us", peer=_BARE, theirs=theirs.p99)
 
 
-def _in_turns(ways: list[tuple[int, str]], *, clients: int, calls: int) -> list[_Calls]:
-    """The median of each way; they take turns, so that a busy machine slows all alike."""
-    taken: list[list[_Calls]] = [[] for _ in ways]
+def _alternating(targets: list[tuple[int, str]], *, clients: int, calls: int) -> list[_Calls]:
+    """The medians of each target; they alternate, so that other load affects all equally."""
+    taken: list[list[_Calls]] = [[] for _ in targets]
     for _ in range(_ROUNDS):
-        for (port, service), rounds in zip(ways, taken, strict=True):
+        for (port, service), rounds in zip(targets, taken, strict=True):
             rounds.append(_call(port, service, clients=clients, calls=calls))
     return [_Calls(*(median(each[field] for each in rounds) for field in range(3))) for rounds in taken]
 
 
 def _call(port: int, service: str, *, clients: int, calls: int) -> _Calls:
-    """So many calls in all; each client makes its next when it has the answer of the one before."""
+    """Makes `calls` calls in total; each client makes its next call after the previous response."""
     connections = [roslibpy.Ros("127.0.0.1", port, transport="asyncio") for _ in range(clients)]
     for each in connections:
         each.run()
@@ -89,17 +89,17 @@ def _call(port: int, service: str, *, clients: int, calls: int) -> _Calls:
     def begin(proxy: roslibpy.Service, left: int) -> None:
         start = time.perf_counter()
 
-        def answered(_: object) -> None:
+        def on_response(_: object) -> None:
             latencies.append(time.perf_counter() - start)
             if left > 1:
                 begin(proxy, left - 1)
             else:
                 done.release()
 
-        def refused(error: object) -> None:
+        def on_error(error: object) -> None:
             raise RuntimeError(f"{service} failed: {error}")
 
-        proxy.call(roslibpy.ServiceRequest({"id": "cup"}), answered, refused)
+        proxy.call(roslibpy.ServiceRequest({"id": "cup"}), on_response, on_error)
 
     start = time.perf_counter()
     for each in connections:
@@ -119,7 +119,7 @@ def _call(port: int, service: str, *, clients: int, calls: int) -> _Calls:
 
 @contextmanager
 def _process(*role: str) -> Iterator[int]:
-    """Runs until left; gives its port."""
+    """Runs a process of this module; yields its port."""
     command = [sys.executable, "-m", "benchmarks.bridge", *role]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdin is not None
@@ -131,32 +131,32 @@ def _process(*role: str) -> Iterator[int]:
             process.wait(20.0)
 
 
-def _be(role: str, *rest: str) -> None:
-    """Does its part until whoever started it is done."""
-    if role == "hub":
-        _be_hub()
+def _run_role(role: str, *rest: str) -> None:
+    """Runs a role until stdin is closed."""
+    if role == "node":
+        _run_node()
     elif role == "provider":
-        _be_provider(int(rest[0]))
+        _run_provider(int(rest[0]))
     else:
-        asyncio.run(_be_bare())
+        asyncio.run(_run_bare())
 
 
-def _be_hub() -> None:
-    with LocalNode(limits=BridgeLimits()) as hub, RosbridgeServer(hub, port=0) as server:
+def _run_node() -> None:
+    with LocalNode(limits=BridgeLimits()) as node, RosbridgeServer(node, port=0) as server:
         for service, answer in _ANSWERS.items():
-            hub.create_service(service, "x/X", _answering(answer))
+            node.create_service(service, "x/X", _handler(answer))
         print(server.port, flush=True)
         sys.stdin.read()
 
 
-def _answering(answer: dict[str, Any]) -> Any:
+def _handler(answer: dict[str, Any]) -> Any:
     async def handler(_: object) -> dict[str, Any]:
         return answer
 
     return handler
 
 
-def _be_provider(port: int) -> None:
+def _run_provider(port: int) -> None:
     ros = roslibpy.Ros("127.0.0.1", port, transport="asyncio")
     ros.run()
     for service, answer in _ANSWERS.items():
@@ -165,21 +165,27 @@ def _be_provider(port: int) -> None:
             response.update(answer)
             return True
 
-        roslibpy.Service(ros, "/far" + service, "x/X").advertise(handler)
+        roslibpy.Service(ros, "/provider" + service, "x/X").advertise(handler)
     time.sleep(0.5)
     print(port, flush=True)
     sys.stdin.read()
     ros.close()
 
 
-async def _be_bare() -> None:
+async def _run_bare() -> None:
     async def answer(connection: ServerConnection) -> None:
         async for frame in connection:
             call = json.loads(frame)
             service = call["service"]
             values = _ANSWERS[service]
-            told = {"op": "service_response", "id": call["id"], "service": service, "values": values, "result": True}
-            await connection.send(json.dumps(told))
+            response = {
+                "op": "service_response",
+                "id": call["id"],
+                "service": service,
+                "values": values,
+                "result": True,
+            }
+            await connection.send(json.dumps(response))
 
     async with serve(answer, "127.0.0.1", 0, compression=None, max_size=None) as server:
         print(next(iter(server.sockets)).getsockname()[1], flush=True)
@@ -187,4 +193,4 @@ async def _be_bare() -> None:
 
 
 if __name__ == "__main__":
-    _be(*sys.argv[1:])
+    _run_role(*sys.argv[1:])

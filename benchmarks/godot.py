@@ -1,4 +1,4 @@
-"""The Godot engine against a bare scene in Godot and against MuJoCo: spawning, stepping, telling where things are."""
+"""The Godot engine, compared with a bare Godot scene and with MuJoCo: spawning, stepping, reading poses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from statistics import median
 from typing import NamedTuple
 
 from benchmarks import Measure
-from benchmarks.mujoco import _field, _kitchen
+from benchmarks.mujoco import grid_world, kitchen_world
 from mindstage.engines import Engine, GodotEngine, MujocoEngine
 from mindstage.engines.godot_process import find_godot, isolated_environment, prepare_project
 from mindstage.errors import EngineUnavailableError
@@ -26,47 +26,48 @@ RUNS = 5
 BARE = Path(__file__).with_name("bare_boxes.gd")
 
 
-class Spent(NamedTuple):
-    """What it took [ms]."""
+class Times(NamedTuple):
+    """Times of operations [ms]."""
 
     spawn: float
     tick: float
-    """A 240th of a second."""
+    """A step of 1/240 s."""
     read: float
+    """Reading all poses."""
 
 
 def measure() -> Iterator[Measure]:
     try:
         godot = find_godot(os.environ.get("GODOT"))
     except EngineUnavailableError as error:
-        print(f"nothing is measured in Godot: {error}")
+        print(f"skipped: {error}")
         return
     with closing(GodotEngine(godot.path, timeout_s=120.0)) as engine:
         yield from _kitchens(engine)
         for count in COUNTS:
             yield from _fields(engine, count)
-        yield _pushing(engine)
+        yield _apply_force(engine)
 
 
 def _kitchens(engine: GodotEngine) -> Iterator[Measure]:
-    kitchen = _kitchen()
-    ours, mujoco = _spent(lambda: engine, kitchen), _spent(MujocoEngine, kitchen)
-    for what, mine, theirs in zip(Spent._fields, ours, mujoco, strict=True):
+    kitchen = kitchen_world()
+    ours, mujoco = _times(lambda: engine, kitchen), _times(MujocoEngine, kitchen)
+    for what, mine, theirs in zip(Times._fields, ours, mujoco, strict=True):
         yield Measure(what=f"{what}, the bundled kitchen", ours=mine, unit="ms", peer="MuJoCo", theirs=theirs)
 
 
 def _fields(engine: GodotEngine, count: int) -> Iterator[Measure]:
-    world, bare = _field(count), _bare(count)
-    ours, mujoco = _spent(lambda: engine, world), _spent(MujocoEngine, world)
-    for what, mine, by_hand, theirs in zip(Spent._fields, ours, bare, mujoco, strict=True):
-        name = f"{what}, {count:,} bodies, a tenth dynamic"
+    world, bare = grid_world(count), _bare(count)
+    ours, mujoco = _times(lambda: engine, world), _times(MujocoEngine, world)
+    for what, mine, by_hand, theirs in zip(Times._fields, ours, bare, mujoco, strict=True):
+        name = f"{what}, {count:,} bodies, 10 % dynamic"
         aim = 3.0 if what == "tick" else None
-        yield Measure(what=name, ours=mine, unit="ms", peer="a bare scene of Godot's", theirs=by_hand, at_most=aim)
+        yield Measure(what=name, ours=mine, unit="ms", peer="bare Godot scene", theirs=by_hand, at_most=aim)
         yield Measure(what=name, ours=mine, unit="ms", peer="MuJoCo", theirs=theirs)
 
 
-def _spent(make: Callable[[], Engine], world: World) -> Spent:
-    """The medians, with physics that has something to do: everything has just been put there."""
+def _times(make: Callable[[], Engine], world: World) -> Times:
+    """The medians, in a world where the bodies were just spawned and still move."""
     spawns, ticks, reads = [], [], []
     for _ in range(RUNS):
         engine = make()
@@ -82,22 +83,22 @@ def _spent(make: Callable[[], Engine], world: World) -> Spent:
         start = time.perf_counter()
         engine.poses()
         reads.append(time.perf_counter() - start)
-    return Spent(*(1000 * median(taken) for taken in (spawns, ticks, reads)))
+    return Times(*(1000 * median(taken) for taken in (spawns, ticks, reads)))
 
 
-def _bare(count: int) -> Spent:
+def _bare(count: int) -> Times:
     godot = find_godot(os.environ.get("GODOT"))
     done = subprocess.run(
         [godot.path, "--headless", "--path", prepare_project(godot), "--script", BARE, "--", str(count), str(TICKS)],
         capture_output=True, text=True, timeout=300, check=True, env=os.environ | isolated_environment(),
     )  # fmt: skip
-    told = json.loads(next(line for line in done.stdout.splitlines() if line.startswith("{")))
-    return Spent(told["build_ms"], told["tick_ms"], told["read_ms"])
+    output = json.loads(next(line for line in done.stdout.splitlines() if line.startswith("{")))
+    return Times(output["build_ms"], output["tick_ms"], output["read_ms"])
 
 
-def _pushing(engine: GodotEngine) -> Measure:
-    """A hand at a handle: a push, a step and a look, again and again."""
-    kitchen = _kitchen()
+def _apply_force(engine: GodotEngine) -> Measure:
+    """Applies a force, steps and reads the poses repeatedly, as during a drag."""
+    kitchen = kitchen_world()
     engine.clear()
     engine.spawn(kitchen)
     body = next(each.id for each in kitchen.bodies if each.physics.is_dynamic)
@@ -108,4 +109,4 @@ def _pushing(engine: GodotEngine) -> Measure:
         engine.step(0.004)
         engine.poses()
     ours = (time.perf_counter() - start) / 100
-    return Measure(what="push, step 4 ms, look", ours=1000 * ours, unit="ms", at_most=4.0)
+    return Measure(what="apply force, step 4 ms, read poses", ours=1000 * ours, unit="ms", at_most=4.0)

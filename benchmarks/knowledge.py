@@ -1,7 +1,7 @@
-"""The knowledge base against rdflib and SWI-Prolog: loading a map with its ontologies; reading and writing worlds.
+"""The knowledge base, compared with rdflib and SWI-Prolog: loading maps and ontologies; reading and writing worlds.
 
-Every load is a process of its own that times the load alone, not its start or its imports, and prints the seconds.
-All three read the same files and end with the same number of statements, which is checked.
+Each load runs in a process of its own, which prints the time of the load without start-up and imports. All three load
+the same files; the numbers of statements are compared.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import NamedTuple
 import mindstage
 from benchmarks import REPEATS, Measure
 
-# Nothing heavy is imported here: a process begins with the peak memory of the one that started it.
+# No heavy imports: the peak memory of a process includes that of its parent at the fork.
 
 SHARED = Path(os.environ.get("MINDSTAGE_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
 BUNDLED = Path(mindstage.__file__).parent / "knowledge" / "bundled"
@@ -31,7 +31,7 @@ from mindstage.knowledge import KnowledgeBase
 knowledge = KnowledgeBase(bundled_ontology=False)
 start = time.perf_counter()
 knowledge.load(sys.argv[1:2], ontologies=sys.argv[2:])
-print(time.perf_counter() - start, len(knowledge._store))
+print(time.perf_counter() - start, len(knowledge.store))
 """
 LOAD_RDFLIB = """
 import sys, time, logging
@@ -86,17 +86,17 @@ bodies = tuple(
     for number, id in enumerate(ids)
 )
 attachments = tuple(Attachment(parent=parent, child=child) for parent, child in zip(ids[::2], ids[1::2]))
-save_map(replace(world, bodies=bodies, constraints=(), attachments=attachments), large)
+save_map(replace(world, bodies=bodies, joints=(), attachments=attachments), large)
 """
 
 
 class Timed(NamedTuple):
-    """The median of several processes."""
+    """The medians of several processes."""
 
     seconds: float
     memory_mb: float
     count: int
-    """What the process says that it has in the end."""
+    """The number of statements or individuals that the process printed."""
 
 
 def measure() -> Iterator[Measure]:
@@ -124,7 +124,7 @@ def _loading() -> Iterator[Measure]:
             name = subprocess.run([swipl, "--version"], capture_output=True, text=True, check=True).stdout.split()[2]
             commands[f"SWI-Prolog {name}"] = [swipl, script, "--", *files]
         else:
-            sys.stderr.write("SWI-Prolog is not installed (Debian's package swi-prolog-nox): no ratio to it\n")
+            sys.stderr.write("SWI-Prolog is not installed (Debian: swi-prolog-nox); skipped\n")
         ours, *others = _timed(*commands.values())
     what = f"load {map.stem} with {len(ontologies)} ontologies ({ours.count:,} statements)"
     for peer, theirs, at_least in zip([*commands][1:], others, (15.0, 3.0), strict=False):
@@ -132,7 +132,7 @@ def _loading() -> Iterator[Measure]:
 
 
 def _against(what: str, ours: Timed, theirs: Timed, peer: str, *, at_least: float) -> Measure:
-    # Ours keeps files apart, so that a statement of two files counts twice there.
+    # Mindstage has a named graph for each file, so that a statement in two files counts twice.
     if not 0.9 * ours.count <= theirs.count <= ours.count:
         raise AssertionError(f"{peer} has {theirs.count} statements and we have {ours.count}")
     return Measure(
@@ -158,9 +158,9 @@ def small_map() -> Path:
 
 
 def _timed(*commands: Sequence[str | Path]) -> list[Timed]:
-    """The medians of several commands, which take turns, so that whatever else the machine does hits all of them."""
+    """The medians of several commands, which alternate, so that other load affects all equally."""
     for command in commands:
-        once(command)  # warms the disk's cache
+        once(command)  # warm-up
     rounds = [[once(command) for command in commands] for _ in range(REPEATS)]
     return [
         Timed(median(run.seconds for run in runs), median(run.memory_mb for run in runs), runs[0].count)
@@ -171,12 +171,12 @@ def _timed(*commands: Sequence[str | Path]) -> list[Timed]:
 def once(command: Sequence[str | Path]) -> Timed:
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert process.stdout is not None
-    told = process.stdout.read()
-    # wait4 alone tells the peak memory of just this child.
+    output = process.stdout.read()
+    # Only wait4 returns the peak memory of this child alone.
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     process.stdout.close()
     if process.returncode:
         raise subprocess.CalledProcessError(process.returncode, list(map(str, command)))
-    seconds, count = told.split()
+    seconds, count = output.split()
     return Timed(float(seconds), usage.ru_maxrss / 1024, int(count))

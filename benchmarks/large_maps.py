@@ -1,6 +1,6 @@
-"""Large maps of three dialects, made up: rows of cupboards, each with a drawer on a slide, a handle on it and a cup.
+"""Generates large maps in three dialects: rows of cupboards, each with a drawer, its slide joint, a handle and a cup.
 
-`python -m benchmarks.large_maps DIALECT INDIVIDUALS FILE` writes one; poses and the like are not counted.
+`python -m benchmarks.large_maps DIALECT INDIVIDUALS FILE` writes one; poses and similar resources are not counted.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ _KINDS = (
     ("Cup", (0.1, 0.1, 0.1)),
 )
 _PER_GROUP = 5
-"""Four things and a joint."""
+"""Four bodies and a joint."""
 
 
 def large_map(dialect: str, individuals: int) -> str:
-    """The text of a map with so many individuals."""
+    """The text of a map with that number of individuals."""
     parts = (_GROUPS[dialect](number) for number in range(individuals // _PER_GROUP))
     return "".join((_HEAD, _MAPS[dialect], *("".join(part) for part in parts), "</rdf:RDF>\n"))
 
 
-def _places(number: int) -> Iterator[tuple[str, str, tuple[float, float, float], tuple[float, float, float]]]:
-    """The things of one group: name, class, where they stand, how large they are [m]."""
+def _bodies(number: int) -> Iterator[tuple[str, str, tuple[float, float, float], tuple[float, float, float]]]:
+    """The bodies of a group: name, class, position and extents [m]."""
     x, y = number % 100 * 2.0, number // 100 * 3.0
     offsets = ((0.0, 0.0, 0.45), (0.05, 0.0, 0.7), (0.32, 0.0, 0.7), (0.0, 0.1, 0.95))
     for (kind, size), (dx, dy, z) in zip(_KINDS, offsets, strict=True):
@@ -50,16 +50,16 @@ def _places(number: int) -> Iterator[tuple[str, str, tuple[float, float, float],
 
 
 def _element(about: str, cls: str, *statements: str) -> str:
-    told = "".join(f"\t\t{statement}\n" for statement in statements)
+    lines = "".join(f"\t\t{statement}\n" for statement in statements)
     begin = f'\t<owl:NamedIndividual rdf:about="&m;{about}">\n\t\t<rdf:type rdf:resource="{cls}"/>\n'
-    return f"{begin}{told}\t</owl:NamedIndividual>\n"
+    return f"{begin}{lines}\t</owl:NamedIndividual>\n"
 
 
 def _link(property: str, name: str) -> str:
     return f'<{property} rdf:resource="&m;{name}"/>'
 
 
-def _told(property: str, value: object, kind: str = "float") -> str:
+def _literal(property: str, value: object, kind: str = "float") -> str:
     return f'<{property} rdf:datatype="&xsd;{kind}">{value}</{property}>'
 
 
@@ -71,37 +71,37 @@ def _row(*numbers: float) -> str:
 
 
 def _semlog(number: int) -> Iterator[str]:
-    for name, kind, at, _ in _places(number):
+    for name, kind, at, _ in _bodies(number):
         child = [_link("knowrob:child", f"Handle{number}")] if kind == "Drawer" else []
         yield _element(
             name,
             f"&knowrob;{kind}",
             _link("knowrob:describedInMap", "map"),
             *child,
-            _told("knowrob:mobility", "static" if kind == "Cupboard" else "dynamic", "string"),
-            _told("knowrob:mass", 1.5),
-            _told("knowrob:gravity", "true", "boolean"),
-            _told("knowrob:pathToCadModel", f"package://large/{kind}.dae", "string"),
-            _told("knowrob:tagsData", f"SemLog;Class,{kind};Id,{name};", "string"),
+            _literal("knowrob:mobility", "static" if kind == "Cupboard" else "dynamic", "string"),
+            _literal("knowrob:mass", 1.5),
+            _literal("knowrob:gravity", "true", "boolean"),
+            _literal("knowrob:pathToCadModel", f"package://large/{kind}.dae", "string"),
+            _literal("knowrob:tagsData", f"SemLog;Class,{kind};Id,{name};", "string"),
             _link("knowrob:pose", f"{name}Pose"),
         )
         yield _pose(f"{name}Pose", at)
     ends = (_link("knowrob:parent", f"Cupboard{number}"), _link("knowrob:child", f"Drawer{number}"))
     parts = [_link(f"knowrob:{part}", f"Slide{number}{part}") for part in ("linearConstraint", "angularConstraint")]
     slide = f"Slide{number}"
-    told = (_link("knowrob:describedInMap", "map"), *ends, _link("knowrob:pose", f"{slide}Pose"), *parts)
-    yield _element(slide, "&knowrob;Constraint", *told)
+    statements = (_link("knowrob:describedInMap", "map"), *ends, _link("knowrob:pose", f"{slide}Pose"), *parts)
+    yield _element(slide, "&knowrob;Constraint", *statements)
     yield _pose(f"{slide}Pose", (number % 100 * 2.0, number // 100 * 3.0, 0.7))
-    motions = [_told(f"knowrob:{axis}Motion", 1 if axis == "x" else 2, "integer") for axis in "xyz"]
-    yield _element(f"{slide}linearConstraint", "&knowrob;LinearConstraint", *motions, _told("knowrob:limit", 0.2))
-    turns = [_told(f"knowrob:{turn}Motion", 2, "integer") for turn in ("swing1", "swing2", "twist")]
+    motions = [_literal(f"knowrob:{axis}Motion", 1 if axis == "x" else 2, "integer") for axis in "xyz"]
+    yield _element(f"{slide}linearConstraint", "&knowrob;LinearConstraint", *motions, _literal("knowrob:limit", 0.2))
+    turns = [_literal(f"knowrob:{turn}Motion", 2, "integer") for turn in ("swing1", "swing2", "twist")]
     yield _element(f"{slide}angularConstraint", "&knowrob;AngularConstraint", *turns)
 
 
 def _pose(name: str, at: tuple[float, float, float]) -> str:
-    place = _told("knowrob:translation", _row(*at), "string")
+    place = _literal("knowrob:translation", _row(*at), "string")
     return _element(
-        name, "&knowrob;Pose", place, _told("knowrob:quaternion", "1.000000 0.000000 0.000000 0.000000", "string")
+        name, "&knowrob;Pose", place, _literal("knowrob:quaternion", "1.000000 0.000000 0.000000 0.000000", "string")
     )
 
 
@@ -109,7 +109,7 @@ def _sized_classes() -> Iterator[str]:
     for kind, size in _KINDS:
         restrictions = "".join(
             f'<rdfs:subClassOf><owl:Restriction><owl:onProperty rdf:resource="&knowrob;{axis}OfObject"/>'
-            f"{_told('owl:hasValue', extent)}</owl:Restriction></rdfs:subClassOf>"
+            f"{_literal('owl:hasValue', extent)}</owl:Restriction></rdfs:subClassOf>"
             for axis, extent in zip(("depth", "width", "height"), size, strict=True)
         )
         yield f'\t<owl:Class rdf:about="&knowrob;{kind}">{restrictions}</owl:Class>\n'
@@ -119,9 +119,10 @@ def _sized_classes() -> Iterator[str]:
 
 
 def _knowrob1(number: int) -> Iterator[str]:
-    for name, kind, at, size in _places(number):
+    for name, kind, at, size in _bodies(number):
         extents = [
-            _told(f"knowrob:{axis}OfObject", one) for axis, one in zip(("depth", "width", "height"), size, strict=True)
+            _literal(f"knowrob:{axis}OfObject", one)
+            for axis, one in zip(("depth", "width", "height"), size, strict=True)
         ]
         parts = {
             "Cupboard": [_link("knowrob:describedInMap", "map")],
@@ -134,28 +135,28 @@ def _knowrob1(number: int) -> Iterator[str]:
         for time in (1000 + number, 2000 + number):
             seen = f"{name}seen{time}"
             when = _link("knowrob:startTime", f"timepoint_{time}")
-            told = (_link("knowrob:objectActedOn", name), _link("knowrob:eventOccursAt", f"{seen}at"), when)
-            yield _element(seen, "&knowrob;SemanticMapPerception", *told)
+            statements = (_link("knowrob:objectActedOn", name), _link("knowrob:eventOccursAt", f"{seen}at"), when)
+            yield _element(seen, "&knowrob;SemanticMapPerception", *statements)
             yield _element(f"{seen}at", "&knowrob;RotationMatrix3D", *_matrix(at))
-    told = (_told("knowrob:minJointValue", 0.0), _told("knowrob:maxJointValue", 0.4))
+    limits = (_literal("knowrob:minJointValue", 0.0), _literal("knowrob:maxJointValue", 0.4))
     rigid = _link("knowrob:connectedTo-Rigidly", f"Drawer{number}")
-    yield _element(f"Slide{number}", "&knowrob;PrismaticJoint", rigid, *told)
+    yield _element(f"Slide{number}", "&knowrob;PrismaticJoint", rigid, *limits)
 
 
 def _matrix(at: tuple[float, float, float]) -> Iterator[str]:
     for row in range(4):
         for column in range(4):
             value = at[row] if column == 3 and row < 3 else float(row == column)
-            yield _told(f"knowrob:m{row}{column}", f"{value:.6f}")
+            yield _literal(f"knowrob:m{row}{column}", f"{value:.6f}")
 
 
 # -- SOMA --------------------------------------------------------------------------------------------------------------
 
 
 def _soma(number: int) -> Iterator[str]:
-    for name, kind, at, size in _places(number):
+    for name, kind, at, size in _bodies(number):
         extents = "".join(
-            _told(f"soma:has{axis}", one) for axis, one in zip(("Depth", "Width", "Height"), size, strict=True)
+            _literal(f"soma:has{axis}", one) for axis, one in zip(("Depth", "Width", "Height"), size, strict=True)
         )
         pose = _array("knowrob:translation", _row(*at)) + _array("knowrob:quaternion", "0.0 0.0 0.0 1.0")
         ends = _link("urdf:hasParentLink", name) + _link("urdf:hasChildLink", f"Drawer{number}")

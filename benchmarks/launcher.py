@@ -1,6 +1,6 @@
-"""`python launcher.py COMMAND…` runs a command and prints its exit code, seconds, and peak memory [KiB].
+"""`python launcher.py COMMAND…` runs a command and prints its exit code, wall time [s] and peak memory [KiB].
 
-A process of its own, and a small one: Linux counts the memory of whoever starts a process into that process's peak.
+It is a small process of its own, since on Linux the peak memory of a process includes that of its parent at the fork.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ __all__ = ["main"]
 def main(command: list[str]) -> None:
     start = time.perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    # wait4 alone tells the peak memory of just this child.
+    # Only wait4 returns the peak memory of this child alone.
     _, status, usage = os.wait4(process.pid, 0)
     seconds = time.perf_counter() - start
     process.returncode = os.waitstatus_to_exitcode(status)

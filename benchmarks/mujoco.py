@@ -1,4 +1,4 @@
-"""The MuJoCo engine against MuJoCo alone: what spawning, stepping and looking cost on top of it."""
+"""The MuJoCo engine, compared with MuJoCo alone: spawning, stepping and reading poses."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ RUNS = 9
 
 
 def measure() -> Iterator[Measure]:
-    kitchen = _kitchen()
-    yield _spawn_against_script("the bundled kitchen", kitchen, "the same model", _Script(kitchen).run)
-    field = _field(1000)
-    yield _spawn_against_script("1,000 bodies, a tenth dynamic", field, "the same bodies", lambda: _plainly(field))
+    kitchen = kitchen_world()
+    yield _spawn_against_script("the bundled kitchen", kitchen, "same model", _Script(kitchen).run)
+    field = grid_world(1000)
+    yield _spawn_against_script("1,000 bodies, 10 % dynamic", field, "same bodies", lambda: _hand_written(field))
     yield _step_against_bare(kitchen)
-    yield _faster_than_life(kitchen)
+    yield _real_time_factor(kitchen)
     yield _cost_per_body()
     yield _cost_per_body_by_hand()
     yield _reading_poses()
 
 
-def _kitchen() -> World:
+def kitchen_world() -> World:
     knowledge = KnowledgeBase()
     knowledge.load([bundled_kitchen()])
     return knowledge.world()
 
 
-def _field(count: int) -> World:
-    """Boxes on a grid, one in ten of them dynamic, on a floor."""
+def grid_world(count: int) -> World:
+    """Boxes on a grid on a floor; every tenth is dynamic."""
     side = int(np.ceil(np.sqrt(count)))
     bodies = [_box("floor", (side / 2, side / 2, -0.05), (side + 2.0, side + 2.0, 0.1), Mobility.STATIC)]
     for i in range(count):
@@ -62,9 +62,9 @@ def _spawn(world: World) -> MujocoEngine:
 
 
 class _Script:
-    """What one writes by hand for the very same model, with every number already known.
+    """A hand-written MjSpec script for the same model, with all numbers given.
 
-    It leaves out all that the engine works out first: what overlaps, what is hollow, which tree a constraint makes.
+    It omits what the engine computes first, such as overlaps, hulls and the kinematic tree.
     """
 
     def __init__(self, world: World) -> None:
@@ -86,7 +86,7 @@ class _Script:
              float(model.dof_frictionloss[model.jnt_dofadr[n]]))
             for n in range(model.njnt)
         ]  # fmt: skip
-        self.apart = [(names[pair >> 16], names[pair & 0xFFFF]) for pair in model.exclude_signature.tolist()]
+        self.excluded_pairs = [(names[pair >> 16], names[pair & 0xFFFF]) for pair in model.exclude_signature.tolist()]
 
     def run(self) -> mujoco.MjModel:
         spec = mujoco.MjSpec()
@@ -106,15 +106,15 @@ class _Script:
                 continue
             joint = made[number].add_joint(type=mujoco.mjtJoint(kind), pos=pos, axis=axis, frictionloss=friction)
             joint.limited, joint.range = limited, limits
-        for first, second in self.apart:
+        for first, second in self.excluded_pairs:
             spec.add_exclude(bodyname1=first, bodyname2=second)
         model = spec.compile()
         mujoco.mj_step(model, mujoco.MjData(model))
         return model
 
 
-def _plainly(world: World) -> None:
-    """What one writes by hand for bodies that have nothing to do with one another."""
+def _hand_written(world: World) -> None:
+    """A hand-written MjSpec script for independent bodies."""
     spec = mujoco.MjSpec()
     for body in world.bodies:
         half = [length / 2 for length in body.size or (0.1, 0.1, 0.1)]
@@ -127,7 +127,7 @@ def _plainly(world: World) -> None:
 
 
 def _timed(*actions: Callable[[], object]) -> list[float]:
-    """The median of each [s]; they take turns, so that a busy machine slows all alike."""
+    """The median time of each action [s]; they alternate, so that other load affects all equally."""
     seconds: list[list[float]] = [[] for _ in actions]
     for _ in range(RUNS):
         for action, taken in zip(actions, seconds, strict=True):
@@ -141,16 +141,16 @@ def _memory_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def _spawn_against_script(what: str, world: World, same: str, script: Callable[[], object]) -> Measure:
+def _spawn_against_script(what: str, world: World, peer: str, script: Callable[[], object]) -> Measure:
     ours, theirs = _timed(lambda: _spawn(world), script)
     return Measure(
-        what=f"spawn {what}", ours=1000 * ours, unit="ms", peer=f"a hand-written MjSpec script of {same}",
+        what=f"spawn {what}", ours=1000 * ours, unit="ms", peer=f"MjSpec script, {peer}",
         theirs=1000 * theirs, at_most=1.5, memory_mb=_memory_mb(),
     )  # fmt: skip
 
 
 def _step_against_bare(world: World) -> Measure:
-    """A sixtieth of a second at a time with one body kept moving, so that not everything is asleep."""
+    """Steps of 16 ms with sleeping disabled."""
     engine = _spawn(world)
     engine.save_state()
     live = engine._cache.model()
@@ -169,43 +169,43 @@ def _step_against_bare(world: World) -> Measure:
 
     mine, theirs = _timed(ours, bare)
     return Measure(
-        what="step the kitchen, nothing asleep", ours=1000 * mine / 240, unit="ms", peer="mj_step of the same model",
+        what="step the kitchen, sleeping disabled", ours=1000 * mine / 240, unit="ms", peer="mj_step of the same model",
         theirs=1000 * theirs / 240, at_most=1.05,
     )  # fmt: skip
 
 
-def _faster_than_life(world: World) -> Measure:
+def _real_time_factor(world: World) -> Measure:
     def run() -> None:
         _spawn(world).step(10.0)
 
     (seconds,) = _timed(run)
     return Measure(
-        what="simulated seconds a second, the kitchen left alone for 10 s", ours=10.0 / seconds, unit="s/s",
+        what="real-time factor, the kitchen for 10 s", ours=10.0 / seconds, unit="s/s",
         at_least=5.0,
     )  # fmt: skip
 
 
 def _cost_per_body() -> Measure:
-    large, small = _field(10_000), _field(1000)
+    large, small = grid_world(10_000), grid_world(1000)
     ours, theirs = _timed(lambda: _spawn(large), lambda: _spawn(small))
     return Measure(
-        what="spawn cost of one body of 10,000", ours=1e6 * ours / 10_000, unit="us", peer="of one of 1,000",
+        what="spawn, per body of 10,000", ours=1e6 * ours / 10_000, unit="us", peer="per body of 1,000",
         theirs=1e6 * theirs / 1000, at_most=2.0, memory_mb=_memory_mb(),
     )  # fmt: skip
 
 
 def _cost_per_body_by_hand() -> Measure:
-    """For comparison: MuJoCo's own cost of a body grows with their number."""
-    many, some = _field(10_000), _field(1000)
-    theirs, few = _timed(lambda: _plainly(many), lambda: _plainly(some))
+    """For comparison: the cost per body of MuJoCo alone grows with the number of bodies, too."""
+    many, some = grid_world(10_000), grid_world(1000)
+    theirs, few = _timed(lambda: _hand_written(many), lambda: _hand_written(some))
     return Measure(
-        what="the same by the hand-written script", ours=1e6 * theirs / 10_000, unit="us", peer="of one of 1,000",
+        what="the same, MjSpec script", ours=1e6 * theirs / 10_000, unit="us", peer="per body of 1,000",
         theirs=1e6 * few / 1000,
     )  # fmt: skip
 
 
 def _reading_poses() -> Measure:
-    engine = _spawn(_field(10_000))
+    engine = _spawn(grid_world(10_000))
     data = engine._cache.model().data
 
     def ours() -> None:
@@ -217,6 +217,6 @@ def _reading_poses() -> Measure:
 
     mine, theirs = _timed(ours, one_by_one)
     return Measure(
-        what="read all poses of 10,000 bodies", ours=1000 * mine / 20, unit="ms", peer="MuJoCo's 1,001, one by one",
+        what="read all poses of 10,000 bodies", ours=1000 * mine / 20, unit="ms", peer="MuJoCo, one by one",
         theirs=1000 * theirs, at_most=1.0,
     )  # fmt: skip

@@ -1,7 +1,7 @@
-"""ROS: a stage behind rosbridge against a bare websocket that echoes as much, and against roslibpy talking to itself.
+"""ROS services and topics over rosbridge, compared with a bare websocket server and with a roslibpy provider.
 
-Servers, providers and clients are processes of their own, on loopback. Clients call, wait for the answer, and call
-again; a call per second is one of all clients together.
+Servers, providers and clients are separate processes on the loopback interface. Each client makes its next call after
+the previous response; rates are those of all clients together.
 """
 
 from __future__ import annotations
@@ -54,24 +54,25 @@ ros.run()
 def answer(request, response):
     response.update(success=True, pose=%s)
     return True
-roslibpy.Service(ros, "/theirs/get_model_pose", "world_control_msgs/GetModelPose").advertise(answer)
+roslibpy.Service(ros, "/provider/get_model_pose", "world_control_msgs/GetModelPose").advertise(answer)
 print("ready", flush=True)
 time.sleep(3600)
 """
-STAGE = """
+SIMULATION = """
 import sys, time
 from msgspec.structs import replace
-from mindstage import KnowledgeBase, NullEngine, Stage
-from mindstage.bridge import Hub, Server
+from mindstage import KnowledgeBase, NullEngine, Simulation
+from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.knowledge import bundled_kitchen
-from mindstage.ros import RosFace
+from mindstage.ros import RosInterface
 knowledge = KnowledgeBase()
 knowledge.load(bundled_kitchen())
 world = knowledge.world()
 bodies = [replace(body, id=f"{body.id}-{copy}") for copy in range(2) for body in world.bodies][:500]
-with Stage(knowledge, NullEngine()) as stage, Hub() as hub, Server(hub, port=0) as server, RosFace(stage, hub):
-    stage.spawn(replace(world, bodies=tuple(bodies), constraints=(), attachments=()))
-    stage.play()
+simulation = Simulation(knowledge, NullEngine())
+with simulation, LocalNode() as node, RosbridgeServer(node, port=0) as server, RosInterface(simulation, node):
+    simulation.spawn(replace(world, bodies=tuple(bodies), joints=(), attachments=()))
+    simulation.play()
     print(server.port, flush=True)
     while True:
         time.sleep(1.0)
@@ -80,9 +81,10 @@ with Stage(knowledge, NullEngine()) as stage, Hub() as hub, Server(hub, port=0) 
 
 
 class Calls(NamedTuple):
-    """What calling took."""
+    """Rate and latency of calls."""
 
     per_s: float
+    """Calls of all clients per second."""
     p50_s: float
     p99_s: float
 
@@ -95,17 +97,17 @@ def measure() -> Iterator[Measure]:
         echo = f"ws://127.0.0.1:{stack.enter_context(script(ECHO, answer))}"
         for clients in (1, MANY):
             ours, theirs = rounds(clients, url), rounds(clients, echo)
-            who = f"{clients} client{'s' if clients > 1 else ''}"
+            of_clients = f"{clients} client{'s' if clients > 1 else ''}"
             peer = f"websockets {websockets.__version__}, bare"
             yield Measure(
-                what=f"a call of get_model_pose, {who} ({ours.per_s:,.0f} against {theirs.per_s:,.0f} a second)",
+                what=f"a call of get_model_pose, {of_clients} ({ours.per_s:,.0f} and {theirs.per_s:,.0f} per second)",
                 ours=1 / ours.per_s,
                 peer=peer,
                 theirs=1 / theirs.per_s,
                 at_most=2.0,
             )
-            yield Measure(what=f"p50 of get_model_pose, {who}", ours=ours.p50_s, peer=peer, theirs=theirs.p50_s)
-            yield Measure(what=f"p99 of get_model_pose, {who}", ours=ours.p99_s, peer=peer, theirs=theirs.p99_s)
+            yield Measure(what=f"p50 of get_model_pose, {of_clients}", ours=ours.p50_s, peer=peer, theirs=theirs.p50_s)
+            yield Measure(what=f"p99 of get_model_pose, {of_clients}", ours=ours.p99_s, peer=peer, theirs=theirs.p99_s)
         stack.enter_context(script(PROVIDER % json.loads(answer)["values"]["pose"], str(port)))
         yield from against_roslibpy(port)
     yield from spawning()
@@ -113,16 +115,16 @@ def measure() -> Iterator[Measure]:
 
 
 def against_roslibpy(port: int) -> Iterator[Measure]:
-    """The same client, answered by the stage and, through the same hub, by another roslibpy."""
+    """Calls of the same client to the simulation and, through the same server, to a roslibpy provider."""
     ros = roslibpy.Ros("127.0.0.1", port, transport="asyncio")
     ros.run()
     type = "world_control_msgs/GetModelPose"
-    ours, theirs = (roslibpy.Service(ros, f"/{where}/get_model_pose", type) for where in ("unreal", "theirs"))
+    ours, theirs = (roslibpy.Service(ros, f"/{where}/get_model_pose", type) for where in ("unreal", "provider"))
     request = roslibpy.ServiceRequest({"id": "fridge"})
-    taken = [(timed(lambda: ours.call(request)), timed(lambda: theirs.call(request))) for _ in range(300)]
+    times = [(timed(lambda: ours.call(request)), timed(lambda: theirs.call(request))) for _ in range(300)]
     ros.close()
-    mine, other = zip(*taken, strict=True)
-    peer = f"roslibpy {roslibpy.__version__} to itself"
+    mine, other = zip(*times, strict=True)
+    peer = f"roslibpy {roslibpy.__version__} provider"
     what = "a call of get_model_pose by roslibpy"
     yield Measure(what=f"{what}, p50", ours=median(mine), peer=peer, theirs=median(other), at_most=1.0)
     yield Measure(what=f"{what}, p99", ours=p99(mine), peer=peer, theirs=p99(other))
@@ -136,17 +138,17 @@ def spawning() -> Iterator[Measure]:
             asyncio.run(once(f"ws://127.0.0.1:{port}", {"op": "call_service", "service": "/unreal/unload_world"}))
         yield Measure(what="spawn the kitchen, 1 client, MuJoCo", ours=median(times), at_most=1.0)
     with serving("--paused", "--engine", "null") as port:
-        all_of_them = asyncio.run(spawn(f"ws://127.0.0.1:{port}", MANY))
-        what = f"spawn a kitchen each, {MANY} clients at once, no physics"
-        yield Measure(what=f"{what}, p50", ours=all_of_them.p50_s)
-        yield Measure(what=f"{what}, p99", ours=all_of_them.p99_s, at_most=10.0)
+        calls = asyncio.run(spawn(f"ws://127.0.0.1:{port}", MANY))
+        what = f"spawn a kitchen per client, {MANY} concurrent clients, no physics"
+        yield Measure(what=f"{what}, p50", ours=calls.p50_s)
+        yield Measure(what=f"{what}, p99", ours=calls.p99_s, at_most=10.0)
 
 
 def listening() -> Iterator[Measure]:
-    with script(STAGE) as port:
+    with script(SIMULATION) as port:
         counts, ordered = asyncio.run(listen(f"ws://127.0.0.1:{port}"))
     assert ordered, "transforms came out of order"
-    what = f"/tf of 500 bodies to {SUBSCRIBERS} subscribers: of 30 a second, the slowest gets"
+    what = f"/tf of 500 bodies at 30 Hz, {SUBSCRIBERS} subscribers: rate of the slowest"
     yield Measure(what=what, ours=min(counts), unit="Hz", at_least=28)
 
 
@@ -155,7 +157,7 @@ def listening() -> Iterator[Measure]:
 
 @contextmanager
 def serving(*args: str) -> Iterator[int]:
-    """A stage as users serve it; gives its port."""
+    """Runs `mindstage serve`; yields its port."""
     command = [sys.executable, "-m", "mindstage", "serve", *args, "--port", "0"]
     with started(command) as process:
         assert process.stdout is not None
@@ -163,12 +165,12 @@ def serving(*args: str) -> Iterator[int]:
             if found := re.search(r"ws://127\.0\.0\.1:(\d+)", line):
                 yield int(found[1])
                 return
-        raise RuntimeError("it does not serve")
+        raise RuntimeError("the server did not start")
 
 
 @contextmanager
 def script(text: str, *args: str) -> Iterator[int]:
-    """A script that tells its port, or just that it is ready."""
+    """Runs a script; yields the port that it prints, or 0."""
     with started([sys.executable, "-c", text, *args]) as process:
         assert process.stdout is not None
         line = process.stdout.readline()
@@ -189,7 +191,7 @@ def started(command: list[str]) -> Iterator[subprocess.Popen[str]]:
 
 
 def rounds(clients: int, url: str) -> Calls:
-    """The median of several rounds, after one that does not count."""
+    """The medians of several rounds, after a warm-up round."""
     asyncio.run(call(url, clients, CALLS // 4))
     results = [asyncio.run(call(url, clients, CALLS)) for _ in range(ROUNDS)]
     return Calls(*(median(each) for each in zip(*results, strict=True)))
@@ -198,21 +200,21 @@ def rounds(clients: int, url: str) -> Calls:
 async def call(url: str, clients: int, calls: int) -> Calls:
     text = json.dumps(POSE)
     sockets = [await connect(url, compression=None) for _ in range(clients)]
-    taken: list[float] = []
+    times: list[float] = []
 
     async def work(socket: Any) -> None:
         for _ in range(calls // clients):
             start = time.perf_counter()
             await socket.send(text)
             await socket.recv()
-            taken.append(time.perf_counter() - start)
+            times.append(time.perf_counter() - start)
 
     start = time.perf_counter()
     await asyncio.gather(*(work(socket) for socket in sockets))
     wall_s = time.perf_counter() - start
     for socket in sockets:
         await socket.close()
-    return Calls(len(taken) / wall_s, median(taken), p99(taken))
+    return Calls(len(times) / wall_s, median(times), p99(times))
 
 
 async def once(url: str, message: dict[str, Any]) -> str:
@@ -225,7 +227,7 @@ async def spawn(url: str, clients: int) -> Calls:
     knowledge = KnowledgeBase()
     knowledge.load(BUNDLED / "kitchen.owl")
     request = json.dumps(encode(spawn_request(knowledge.world())))
-    taken: list[float] = []
+    times: list[float] = []
 
     async def work(number: int) -> None:
         own = re.sub(r'("(?:id|id_first_model|id_second_model|parent_id|child_id)": ")', rf"\g<1>{number}-", request)
@@ -234,16 +236,16 @@ async def spawn(url: str, clients: int) -> Calls:
             start = time.perf_counter()
             await socket.send(message)
             answer = json.loads(await socket.recv())
-            taken.append(time.perf_counter() - start)
+            times.append(time.perf_counter() - start)
             assert answer["values"]["success"], str(answer)[:500]
 
     start = time.perf_counter()
     await asyncio.gather(*(work(number) for number in range(clients)))
-    return Calls(clients / (time.perf_counter() - start), median(taken), p99(taken))
+    return Calls(clients / (time.perf_counter() - start), median(times), p99(times))
 
 
 async def listen(url: str) -> tuple[list[float], bool]:
-    """Messages a second for each subscriber, and whether each heard them in order."""
+    """The message rate of each subscriber [Hz], and whether all messages arrived in order."""
     rates: list[float] = []
     ordered: list[bool] = []
 

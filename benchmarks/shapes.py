@@ -1,4 +1,4 @@
-"""Kitchens of forms against the same kitchens of plain boxes: what it costs, and what is true of them."""
+"""Kitchens with fitted geometry, compared with the same kitchens of primitive boxes: cost and quality."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ Path(sys.argv[2]).write_text(str(time.process_time() - start), encoding="utf-8")
 """
 
 
-class _Place(NamedTuple):
+class _Scene(NamedTuple):
     name: str
     path: Path
     world: World
     knowledge: KnowledgeBase
-    forms: GeometryMap
+    geometry: GeometryMap
 
 
 def measure() -> Iterator[Measure]:
@@ -49,11 +49,11 @@ def measure() -> Iterator[Measure]:
         knowledge = KnowledgeBase()
         knowledge.load([path])
         world = knowledge.world()
-        place = _Place(name, path, world, knowledge, fit_geometry(world, knowledge).geometry)
-        yield from _building(place)
-        yield _spawning(place)
-        yield from _stepping(place)
-        yield from _truth(place)
+        scene = _Scene(name, path, world, knowledge, fit_geometry(world, knowledge).geometry)
+        yield from _building(scene)
+        yield _spawning(scene)
+        yield from _stepping(scene)
+        yield from _quality(scene)
 
 
 def _maps() -> Iterator[tuple[str, Path]]:
@@ -61,110 +61,110 @@ def _maps() -> Iterator[tuple[str, Path]]:
     data = Path(os.environ.get("MINDSTAGE_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
     laboratory = data / "maps" / "iai-kitchen-original.owl"
     if laboratory.is_file():
-        yield "thesis's kitchen", laboratory
+        yield "kitchen of the thesis", laboratory
 
 
-def _building(place: _Place) -> Iterator[Measure]:
-    cold = median(_cold_s(place.path) for _ in range(3))
-    (warm,) = _timed(lambda: fit_geometry(place.world, place.knowledge))
-    what = f"{place.name}: forms of {len(place.world.bodies)} bodies"
+def _building(scene: _Scene) -> Iterator[Measure]:
+    cold = median(_cold_s(scene.path) for _ in range(3))
+    (warm,) = _timed(lambda: fit_geometry(scene.world, scene.knowledge))
+    what = f"{scene.name}: geometry of {len(scene.world.bodies)} bodies"
     yield Measure(what=f"{what}, cold", ours=1000 * cold, unit="ms")
     yield Measure(
-        what=f"{what}, again", ours=1000 * warm, unit="ms", peer="cold", theirs=1000 * cold, at_most=1.0
+        what=f"{what}, cached", ours=1000 * warm, unit="ms", peer="cold", theirs=1000 * cold, at_most=1.0
     )  # fmt: skip
 
 
 def _cold_s(path: Path) -> float:
-    """In a process of its own, whose caches are empty [s]."""
-    told = Path(os.environ.get("TMPDIR", "/tmp")) / f"mindstage-forms-{os.getpid()}"
+    """In a new process with empty caches [s]."""
+    output = Path(os.environ.get("TMPDIR", "/tmp")) / f"mindstage-geometry-{os.getpid()}"
     try:
-        run([sys.executable, "-c", _COLD, str(path), str(told)])
-        return float(told.read_text(encoding="utf-8"))
+        run([sys.executable, "-c", _COLD, str(path), str(output)])
+        return float(output.read_text(encoding="utf-8"))
     finally:
-        told.unlink(missing_ok=True)
+        output.unlink(missing_ok=True)
 
 
-def _spawning(place: _Place) -> Measure:
-    ours, theirs = _timed(lambda: _spawned(place, place.forms), lambda: _spawned(place, NO_GEOMETRY))
+def _spawning(scene: _Scene) -> Measure:
+    ours, theirs = _timed(lambda: _spawned(scene, scene.geometry), lambda: _spawned(scene, NO_GEOMETRY))
     return Measure(
-        what=f"{place.name}: spawn", ours=1000 * ours, unit="ms", peer=_BOXES, theirs=1000 * theirs, at_most=2.0
+        what=f"{scene.name}: spawn", ours=1000 * ours, unit="ms", peer=_BOXES, theirs=1000 * theirs, at_most=2.0
     )  # fmt: skip
 
 
-def _stepping(place: _Place) -> Iterator[Measure]:
-    formed, plain = _spawned(place, place.forms), _spawned(place, NO_GEOMETRY)
-    fresh = iter([_spawned(place, place.forms) for _ in range(RUNS)])
-    (left_alone,) = _timed(lambda: next(fresh).step(10.0))
+def _stepping(scene: _Scene) -> Iterator[Measure]:
+    fitted_engine, box_engine = _spawned(scene, scene.geometry), _spawned(scene, NO_GEOMETRY)
+    fresh = iter([_spawned(scene, scene.geometry) for _ in range(RUNS)])
+    (seconds,) = _timed(lambda: next(fresh).step(10.0))
     yield Measure(
-        what=f"{place.name}: simulated seconds a second, left alone for 10 s",
-        ours=10.0 / left_alone,
+        what=f"{scene.name}: real-time factor, for 10 s",
+        ours=10.0 / seconds,
         unit="s/s",
         at_least=5.0,
     )
-    for engine in (formed, plain):
+    for engine in (fitted_engine, box_engine):
         engine.step(2.0)
-    ours, theirs = _timed(lambda: formed.step(1.0), lambda: plain.step(1.0))
+    ours, theirs = _timed(lambda: fitted_engine.step(1.0), lambda: box_engine.step(1.0))
     yield Measure(
-        what=f"{place.name}: one second at rest",
+        what=f"{scene.name}: step 1 s at rest",
         ours=1000 * ours,
         unit="ms",
         peer=_BOXES,
         theirs=1000 * theirs,
         at_most=1.5,
     )
-    for engine in (formed, plain):
+    for engine in (fitted_engine, box_engine):
         engine._cache.model().model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-    ours, theirs = _timed(lambda: formed.step(0.2), lambda: plain.step(0.2))
+    ours, theirs = _timed(lambda: fitted_engine.step(0.2), lambda: box_engine.step(0.2))
     yield Measure(
-        what=f"{place.name}: a fifth of a second, nothing asleep", ours=1000 * ours, unit="ms", peer=_BOXES,
+        what=f"{scene.name}: step 0.2 s, sleeping disabled", ours=1000 * ours, unit="ms", peer=_BOXES,
         theirs=1000 * theirs, at_most=1.5,
     )  # fmt: skip
 
 
-class _Truth(NamedTuple):
+class _Quality(NamedTuple):
     pairs: int
-    """That stand in one another, so that they do not collide."""
+    """Overlapping pairs, which are excluded from contact."""
     contacts: int
     deep: int
-    """Contacts of more than a millimetre."""
+    """Contacts deeper than 1 mm."""
     moved_mm: float
-    """In ten seconds, at most."""
+    """Maximal motion of a body in 10 s [mm]."""
 
 
-def _truth(place: _Place) -> Iterator[Measure]:
-    ours, theirs = _true_of(place, place.forms), _true_of(place, NO_GEOMETRY)
+def _quality(scene: _Scene) -> Iterator[Measure]:
+    ours, theirs = _quality_of(scene, scene.geometry), _quality_of(scene, NO_GEOMETRY)
     for what, mine, other in (
-        ("pairs that overlap, so do not collide", ours.pairs, theirs.pairs),
+        ("overlapping pairs, excluded from contact", ours.pairs, theirs.pairs),
         ("contacts at rest", ours.contacts, theirs.contacts),
         ("contacts deeper than 1 mm", ours.deep, theirs.deep),
     ):
-        yield Measure(what=f"{place.name}: {what}", ours=mine, unit="", peer=_BOXES, theirs=other or None)
-    yield Measure(what=f"{place.name}: moved in 10 s, at most", ours=ours.moved_mm, unit="mm", at_most=10.0)
+        yield Measure(what=f"{scene.name}: {what}", ours=mine, unit="", peer=_BOXES, theirs=other or None)
+    yield Measure(what=f"{scene.name}: maximal motion in 10 s", ours=ours.moved_mm, unit="mm", at_most=10.0)
 
 
-def _true_of(place: _Place, forms: GeometryMap) -> _Truth:
+def _quality_of(scene: _Scene, geometry: GeometryMap) -> _Quality:
     engine = MujocoEngine()
-    report = engine.spawn(place.world, geometry=forms)
+    report = engine.spawn(scene.world, geometry=geometry)
     before = engine.poses()[1]
     engine.step(10.0)
     moved = np.linalg.norm(engine.poses()[1][:, :3] - before[:, :3], axis=1).max()
     live = engine._cache.model()
-    live.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # what sleeps has no contacts
+    live.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # sleeping bodies have no contacts
     engine.step(0.01)
     pairs = sum(len(note.ids) - 1 for note in report.notes if note.kind is SpawnNoteKind.OVERLAP)
     deep = int((live.data.contact.dist < -_DEEP_M).sum())
-    return _Truth(pairs, int(live.data.ncon), deep, 1000 * float(moved))
+    return _Quality(pairs, int(live.data.ncon), deep, 1000 * float(moved))
 
 
-def _spawned(place: _Place, forms: GeometryMap) -> MujocoEngine:
+def _spawned(scene: _Scene, geometry: GeometryMap) -> MujocoEngine:
     engine = MujocoEngine()
-    engine.spawn(place.world, geometry=forms)
+    engine.spawn(scene.world, geometry=geometry)
     engine.step(0.002)
     return engine
 
 
 def _timed(*actions: Callable[[], object]) -> list[float]:
-    """The median of each on one core [s of it]; they take turns, so that a busy machine slows all alike."""
+    """The median CPU time of each action [s]; they alternate, so that other load affects all equally."""
     seconds: list[list[float]] = [[] for _ in actions]
     for _ in range(RUNS):
         for action, taken in zip(actions, seconds, strict=True):

@@ -1,4 +1,4 @@
-"""How long it takes until Mindstage answers: importing it, asking for help, checking a map from cold."""
+"""Start-up: importing Mindstage, printing the help, checking a map in a new process."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from benchmarks import Measure, median_runs
 
-# What `mindstage check` cannot do without, whoever calls it.
+# The libraries that `mindstage check` needs.
 _LIBRARIES = "import numpy, msgspec, pyoxigraph, mujoco, typer, rich.console, rich.table"
 
 
@@ -17,7 +17,7 @@ def measure() -> Iterator[Measure]:
 
     bare, package, shown = median_runs([*python, "pass"], [*python, "import mindstage"], [*mindstage, "--help"])
     yield Measure(
-        what="import mindstage, on top of bare Python",
+        what="import mindstage, without starting Python",
         ours=1000 * (package.seconds - bare.seconds),
         unit="ms",
         at_most=50.0,
@@ -31,9 +31,9 @@ def measure() -> Iterator[Measure]:
 
     libraries, check = median_runs([*python, _LIBRARIES], [*mindstage, "check", "bundled:kitchen"])
     yield Measure(
-        what="mindstage check, cold, on the bundled kitchen",
+        what="mindstage check bundled:kitchen, new process",
         ours=check.seconds,
-        peer="importing its libraries alone",
+        peer="importing its libraries",
         theirs=libraries.seconds,
         at_most=2.0,
         memory_mb=check.memory_mb,

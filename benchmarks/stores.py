@@ -1,6 +1,6 @@
-"""Stores: a million statements reopened from a folder against parsing them, and what a query costs in its own process.
+"""Persistent stores of a million statements, compared with parsing them; queries in worker processes.
 
-Each is a process of its own that times just what it is asked for, not its start or its imports.
+Each measurement runs in a process of its own, without the time of start-up and imports.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from benchmarks import Measure
 from benchmarks.knowledge import BUNDLED, Timed, once, small_map
 
 COPIES = 310
-"""Of the thesis's map: a million statements."""
+"""Copies of the map of the thesis, a million statements."""
 REPEATS = 3
 
 OPEN = """
@@ -38,7 +38,7 @@ QUERY = """
 import sys, time
 from statistics import median
 from mindstage.knowledge import KnowledgeBase
-from mindstage.errors import QueryTimedOut
+from mindstage.errors import SparqlTimeoutError
 folder, maps, query, timeout = sys.argv[1:]
 knowledge = KnowledgeBase(store=folder or None)
 if maps:
@@ -47,7 +47,7 @@ def seconds():
     start = time.perf_counter()
     try:
         knowledge.sparql(query, timeout_s=float(timeout))
-    except QueryTimedOut:
+    except SparqlTimeoutError:
         pass
     return time.perf_counter() - start
 first = seconds()
@@ -74,11 +74,11 @@ def measure() -> Iterator[Measure]:
             memory_mb=reopened.memory_mb,
             their_memory_mb=parsed.memory_mb,
         )
-        yield Measure(what=f"fill a folder with {many}", ours=filled.seconds, memory_mb=filled.memory_mb)
+        yield Measure(what=f"fill a store with {many}", ours=filled.seconds, memory_mb=filled.memory_mb)
         for question in ("storage_place item=CowsMilk", "world"):
             there, here = timed(store, question=question), timed("", maps, question=question)
             yield Measure(
-                what=f"first {question} of {many}, in a folder",
+                what=f"first {question} of {many}, in a store",
                 ours=there.seconds,
                 peer="in memory",
                 theirs=here.seconds,
@@ -86,10 +86,10 @@ def measure() -> Iterator[Measure]:
                 their_memory_mb=here.memory_mb,
             )
         kitchen = BUNDLED / "kitchen.owl"
-        # The first one in a folder starts a process; in memory it is a fork.
+        # The first query of a store folder starts a process; in memory the process is forked.
         for where, args, start_s in (
             ("of the kitchen", ("", str(kitchen)), 0.1),
-            (f"of {many}, in a folder", (str(store), ""), 0.5),
+            (f"of {many}, in a store", (str(store), ""), 0.5),
         ):
             first, again = queried(*args, "ASK {}", 30.0)
             yield Measure(what=f"first query {where}", ours=first, at_most=start_s)
@@ -99,7 +99,7 @@ def measure() -> Iterator[Measure]:
 
 
 def copy(map: Path, folder: Path) -> None:
-    """Many maps like one, each with a name and individuals of its own."""
+    """Copies of a map, each with its own IRIs."""
     folder.mkdir()
     text = map.read_text(encoding="utf-8")
     name = next(word for word in ("UE-IAI-Kitchen", "mindstage.org/maps/kitchen") if word in text)
@@ -111,14 +111,14 @@ def copy(map: Path, folder: Path) -> None:
 def timed(store: Path | str = "", maps: Path | str = "", question: str = "") -> Timed:
     command: Sequence[str | Path] = [sys.executable, "-c", OPEN, str(store), str(maps), question]
     if store and maps:
-        return once(command)  # a folder is filled but once
-    # What parses everything takes so long that other work of the machine evens out within one run.
+        return once(command)  # a store is filled once
+    # Parsing everything takes long enough to average over other load.
     runs = [once(command) for _ in range(1 if maps else REPEATS)]
     return Timed(median(run.seconds for run in runs), median(run.memory_mb for run in runs), runs[0].count)
 
 
 def queried(store: str, maps: str, query: str, timeout_s: float) -> tuple[float, float]:
-    """Seconds of a process's first query, and of those that follow."""
+    """The times of the first query of a process, and of later ones [s]."""
     command = [sys.executable, "-c", QUERY, store, maps, query, str(timeout_s)]
     runs = [
         tuple(map(float, subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout.split()))

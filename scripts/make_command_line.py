@@ -43,7 +43,7 @@ def main() -> int:
 def page() -> str:
     """The complete document."""
     group: Any = typer.main.get_command(app)  # a click command or typer's own copy of it, depending on the version
-    return "\n".join([HEAD, *(line for verb in group.commands.values() for line in section(verb))])
+    return "\n".join([HEAD, *(line for verb in group.commands.values() if not verb.hidden for line in section(verb))])
 
 
 def section(verb: Any) -> Iterator[str]:

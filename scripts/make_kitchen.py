@@ -1,6 +1,6 @@
-"""Writes the bundled kitchen: `python scripts/make_kitchen.py`; with --check it only says whether the file is current.
+"""Generates the bundled kitchen: `python scripts/make_kitchen.py`; --check only reports whether the file is current.
 
-The kitchen is described in `scripts/kitchen/`. The same description gives the same file, to the letter.
+The kitchen is defined in `scripts/kitchen/`. Generation is deterministic.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ KITCHEN = Path(__file__).parents[1] / "src/mindstage/knowledge/bundled/kitchen.o
 
 
 def main() -> int:
-    """Writes or checks the file; 0 when all is well, 1 when it is stale."""
-    parser = argparse.ArgumentParser(description="Writes the bundled kitchen.")
+    """Writes or checks the file; returns 0, or 1 if a checked file is stale."""
+    parser = argparse.ArgumentParser(description="Generates the bundled kitchen.")
     parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if the file is not current")
     check = parser.parse_args().check
     scene = Scene()
@@ -33,7 +33,7 @@ def main() -> int:
         print(f"{KITCHEN} is {'current' if current else 'stale; run python scripts/make_kitchen.py'}")
         return 0 if current else 1
     KITCHEN.write_text(text, encoding="utf-8", newline="\n")
-    print(f"{KITCHEN}: {len(scene.things)} things, {len(scene.joints)} joints")
+    print(f"{KITCHEN}: {len(scene.bodies)} bodies, {len(scene.joints)} joints")
     return 0
 
 

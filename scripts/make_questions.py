@@ -15,7 +15,7 @@ __all__ = ["main"]
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "questions.md"
 SHOWN = 3
-"""More answers to an example than this are only counted."""
+"""The number of answers shown for each example; the others are counted."""
 
 HEAD = """# Questions
 
@@ -30,8 +30,8 @@ mindstage ask storage_place CowsMilk --map bundled:kitchen
     knowledge.ask("storage_place", item="CowsMilk")
 
 Arguments are positional or named (`item=CowsMilk`). Arguments that are left out are the unknowns; `_` leaves out a
-positional one. Names are short (`CowsMilk`), prefixed (`knowrob_iri:CowsMilk`) or full IRIs; the name of a class stands for
-an individual if the class has exactly one. `--why` (`knowledge.why(question, row)`) explains an answer. Without an
+positional one. Names are short (`CowsMilk`), prefixed (`knowrob:CowsMilk`) or full IRIs; a class name denotes an
+individual if the class has exactly one. `--why` (`knowledge.explain(question, row)`) explains an answer. Without an
 answer, `missing` lists the statements that would give one; `knowledge.tell` and `knowledge.retract` change them.
 
 Each answer is a row with the columns listed below. The examples are answered for the bundled kitchen.
@@ -39,26 +39,26 @@ Each answer is a row with the columns listed below. The examples are answered fo
 
 
 def page() -> str:
-    """The whole document."""
+    """The complete document."""
     kb = KnowledgeBase()
     kb.load(bundled_kitchen())
     return "\n".join([HEAD, *(line for each in list_questions() for line in section(kb, each))])
 
 
 def section(kb: KnowledgeBase, question: Question[Any]) -> Iterator[str]:
-    """One question."""
+    """The section of one question."""
     arguments = ", ".join(f"`{argument.name}` ({argument.type_text})" for argument in question.arguments)
     columns = ", ".join(f"`{name}`" for name in question.columns)
     yield from (f"## {question.name}", "", question.text, "")
     yield from (f"- arguments: {arguments}", f"- answers: {columns}", "")
     for example in question.examples:
         yield f"    mindstage ask {example} --map bundled:kitchen"
-        yield from (f"        {line}" for line in told(kb, kb.ask(question, **args(question, example))))
+        yield from (f"        {line}" for line in answer_lines(kb, kb.ask(question, **args(question, example))))
         yield ""
 
 
-def told(kb: KnowledgeBase, answers: Answers[Any]) -> Iterator[str]:
-    """The first answers in short names, and the reason of the first one."""
+def answer_lines(kb: KnowledgeBase, answers: Answers[Any]) -> Iterator[str]:
+    """The first answers with short names, and the explanation of the first one."""
     for at, row in enumerate(answers[:SHOWN]):
         cells = ((name, cell_text(getattr(row, name))) for name in answers.question.columns)
         yield ", ".join(f"{name} {short(cell)}" for name, cell in cells if cell not in {None, ""})
@@ -71,20 +71,20 @@ def told(kb: KnowledgeBase, answers: Answers[Any]) -> Iterator[str]:
 
 
 def short(cell: object) -> str:
-    """A cell that leaves room for the others."""
+    """A cell of at most 60 characters."""
     text = f"{cell:.6g}" if isinstance(cell, float) else str(cell)
     return text if len(text) <= 60 else f"{text[:59]}…"
 
 
 def args(question: Question[Any], example: str) -> dict[str, str]:
-    """What the shell would make of an example."""
+    """The arguments of an example, as the shell command would pass them."""
     names = iter([argument.name for argument in question.arguments])
     pairs = (word.split("=", 1) if "=" in word else (next(names), word) for word in shlex.split(example)[1:])
     return {name: value for name, value in pairs if value != "_"}
 
 
 def main() -> int:
-    """Writes or checks the page; 0 when all is well, 1 when it is stale."""
+    """Writes or checks the page; returns 0 if it is up to date, otherwise 1."""
     text = page()
     if "--check" in sys.argv[1:]:
         if PAGE.is_file() and PAGE.read_text(encoding="utf-8") == text:

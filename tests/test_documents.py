@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from mindstage.cli.app import app
 from mindstage.knowledge import bundled_kitchen, bundled_ontology
-from tests.knowledge.serving import SparqlServer
+from tests.knowledge.sparql_server import SparqlServer
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")

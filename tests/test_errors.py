@@ -41,7 +41,7 @@ MESSAGES: list[tuple[MindstageError, str]] = [
         "no semantic map in a.owl: nothing there is a knowrob:SemanticEnvironmentMap",
     ),
     (AmbiguousMapError(["a", "b"]), "2 maps are loaded (a, b); name one of them"),
-    (MapRejectedError("m", findings=["odd"]), "m is refused for 1 finding: odd; fix them, or leave out --strict"),
+    (MapRejectedError("m", findings=["odd"]), "m is rejected for 1 finding: odd; fix them, or leave out --strict"),
     (
         AmbiguousNameError("cup", entity_type="class", candidates=["a#cup", "b#cup"]),
         "'cup' may be any of 2 class names: a#cup, b#cup; give one of them in full",
@@ -73,23 +73,27 @@ def test_a_message_is_built_from_the_fields(error: MindstageError, message: str)
 
 @each_error
 def test_an_error_can_be_pickled_and_copied(error: MindstageError, message: str) -> None:
-    for twin in (pickle.loads(pickle.dumps(error)), copy.copy(error), copy.deepcopy(error)):
-        assert type(twin) is type(error)
-        assert str(twin) == message
-        assert vars(twin) == vars(error)
+    for restored in (pickle.loads(pickle.dumps(error)), copy.copy(error), copy.deepcopy(error)):
+        assert type(restored) is type(error)
+        assert str(restored) == message
+        assert vars(restored) == vars(error)
 
 
-def test_an_error_keeps_no_list_of_every_body() -> None:
-    assert vars(BodyNotFoundError("cupp", known=["cup"] * 10_000)) == {"body": "cupp", "world": "", "near": ("cup",)}
+def test_an_error_does_not_keep_all_known_names() -> None:
+    assert vars(BodyNotFoundError("cupp", known=["cup"] * 10_000)) == {
+        "body": "cupp",
+        "world": "",
+        "suggestions": ("cup",),
+    }
 
 
-def test_equal_facts_do_not_make_equal_errors() -> None:
+def test_errors_with_equal_fields_are_not_equal() -> None:
     one, other = BodyNotFoundError("x"), BodyNotFoundError("x")
     assert one != other
     assert len({one, other}) == 2
 
 
-def test_similar_names_come_before_those_that_contain_it() -> None:
+def test_similar_spellings_come_before_superstrings() -> None:
     assert closest_names("CUP", ["MyTeacup", "cups", "Cup", "table"]) == ("Cup", "cups", "MyTeacup")
     assert closest_names("cu", ["xcuxxxxxxxxx"]) == ()
 

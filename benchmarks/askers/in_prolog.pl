@@ -1,12 +1,12 @@
-% The named questions in plain Prolog over SWI's own store, asked and timed in one process with everything loaded.
-% swipl in_prolog.pl MAP FILE... prints for each question its name, the median of its seconds, how many answers it has.
+% The declared questions in plain Prolog over the store of SWI-Prolog, timed in one process with all files loaded.
+% swipl in_prolog.pl MAP FILE... prints for each question its name, its median time [s] and the number of its answers.
 
 :- use_module(library(semweb/rdf_db)).
 :- use_module(library(semweb/turtle)).
 :- rdf_register_prefix(knowrob, 'http://knowrob.org/kb/knowrob.owl#').
 :- rdf_meta asked(?, ?, t), thing(r, -), individual_of_class(r, ?, ?), above(r, ?), below(r, ?).
 
-% -- classes: unions, intersections and equal classes on the way --------------------------------------------------------
+% -- classes: unions, intersections and equivalent classes --------------------------------------------------------------
 
 named(X) :- atom(X), \+ rdf_is_bnode(X).
 
@@ -20,7 +20,7 @@ list_start(Cell, List) :- rdf(Before, rdf:rest, Cell), list_start(Before, List).
 equal(A, B) :- rdf(A, owl:equivalentClass, B).
 equal(A, B) :- rdf(B, owl:equivalentClass, A).
 
-% said(Class, X): every member of the class falls under X; sayer(X, Class) is the same from the other end.
+% said(Class, X): X is a superclass of the class, asserted directly; sayer(X, Class) is the inverse.
 said(Class, X) :- ( rdf(Class, rdfs:subClassOf, Y) ; equal(Class, Y) ), within(Y, X).
 within(X, X).
 within(Y, X) :- rdf_is_bnode(Y), rdf(Y, owl:intersectionOf, List), list_item(List, Z), within(Z, X).
@@ -91,7 +91,7 @@ part_word(P) :- rdf_equal(P, knowrob:parts).
 part_word(P) :- rdf_equal(P, knowrob:physicalParts).
 part_word(P) :- rdf_equal(P, knowrob:properPhysicalParts).
 
-% A constraint names what it joins with the same words; only a handle is looked for through it.
+% A constraint refers to its bodies by the same properties; only handles are searched through it.
 joint(X) :- rdf(X, rdf:type, Own), above(Own, Class), rdf_equal(Class, knowrob:'Constraint'), !.
 step(Whole, Part) :- part_word(P), rdf_has(Whole, P, Part), atom(Part).
 step(Whole, Part) :- rdf_has(Part, knowrob:parent, Whole).
@@ -106,7 +106,7 @@ handle_of(Thing, Handle) :-
     closure(step, Thing, [_|Parts]), member(Handle, Parts),
     rdf(Handle, rdf:type, Own), above(Own, Class), rdf_equal(Class, knowrob:'Handle').
 
-% -- what is asked ------------------------------------------------------------------------------------------------------
+% -- timed goals --------------------------------------------------------------------------------------------------------
 
 :- dynamic map/1.
 thing(Class, Thing) :- map(Map), rdf(Thing, rdf:type, Class), rdf(Thing, knowrob:describedInMap, Map), !.

@@ -1,4 +1,4 @@
-"""`python in_rdflib.py MAP FILE…` loads files into rdflib, asks by SPARQL's paths, and prints as `ours` does."""
+"""`python in_rdflib.py MAP FILE…` loads files into rdflib, runs SPARQL queries, and prints the columns of `ours`."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ QUERIES = {
     "device_for_action": f"SELECT DISTINCT ?device {{ {NEEDED} }}",
     "device_for_action_in_environment": f"SELECT DISTINCT ?it {{ {NEEDED} {HERE.replace('?kind', '?device')} }}",
 }
-"""By the names that the questions have in all askers; those that need no more rules than paths can say."""
+"""The queries by the name of the question; only questions that SPARQL property paths can express."""
 
 
 def main(map: str, files: list[str]) -> None:

@@ -1,4 +1,4 @@
-"""`python ours.py MAP FILE…` loads files, asks Mindstage and prints for each question its name, seconds and answers."""
+"""`python ours.py MAP FILE…` loads files into Mindstage and prints for each question its name, time [s] and answers."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ KNOWROB = "http://knowrob.org/kb/knowrob.owl#"
 def main(map: str, files: list[str]) -> None:
     kb = KnowledgeBase(bundled_ontology=False)
     maps = [file for file in files if Path(file).name.startswith("map-")]
-    show("load", once(lambda: kb.load(maps, ontologies=[file for file in files if file not in maps])), len(kb._store))
+    show("load", once(lambda: kb.load(maps, ontologies=[file for file in files if file not in maps])), len(kb.store))
     if map == "-":
         return
     show("index", once(lambda: kb.ask("maps")), len(kb.reasoner.types))
-    for name, (question, args) in asked(kb, Iri(map)).items():
-        anew = partial(get_question(question).ask, kb, args)
-        show(name, typical(anew), len(anew()))
-        show(f"{name}, again", typical(partial(kb.ask, question, **args)), len(anew()))
-    show("tell", median(once(partial(better, kb, number)) for number in range(9)), 1)
+    for name, (question, args) in questions(kb, Iri(map)).items():
+        uncached = partial(get_question(question).ask, kb, args)
+        show(name, typical(uncached), len(uncached()))
+        show(f"{name}, again", typical(partial(kb.ask, question, **args)), len(uncached()))
+    show("tell", median(once(partial(tell_and_ask, kb, number)) for number in range(9)), 1)
 
 
-def asked(kb: KnowledgeBase, map: Iri) -> dict[str, tuple[str, dict[str, object]]]:
-    """The questions about the first map, by the names that they have in all askers."""
+def questions(kb: KnowledgeBase, map: Iri) -> dict[str, tuple[str, dict[str, object]]]:
+    """The questions about the first map, by the name that all programs use."""
     door, oven = (kb.reasoner.members(Iri(KNOWROB + name), map)[0] for name in ("IAIFridgeDoor", "IAIOvenCase"))
     part = kb.ask("part_of", whole=door)[0].part
     return {
@@ -60,15 +60,15 @@ def asked(kb: KnowledgeBase, map: Iri) -> dict[str, tuple[str, dict[str, object]
     }
 
 
-def better(kb: KnowledgeBase, number: int) -> None:
-    """Something is told, and the next answer is better."""
+def tell_and_ask(kb: KnowledgeBase, number: int) -> None:
+    """Asserts two statements and asks a question that they change."""
     kb.tell(f"ms:Rack{number}", "subClassOf", "knowrob:Refrigerator")
     kb.tell(f"ms:Rack{number}", "knowrob:typePrimaryFunction-containerFor", "knowrob:CowsMilk")
     kb.ask("storage_place", item="knowrob:CowsMilk")
 
 
 def once(call: Callable[[], object]) -> float:
-    """How long one call takes [s]."""
+    """The time of one call [s]."""
     start = time.perf_counter()
     call()
     return time.perf_counter() - start

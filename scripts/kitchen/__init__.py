@@ -1,1 +1,1 @@
-"""The bundled kitchen: what stands in it and where, in millimetres, and the map that says so."""
+"""The bundled kitchen: its bodies and joints, in millimeters, and their serialization as a semantic map."""

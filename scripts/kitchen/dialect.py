@@ -1,10 +1,10 @@
-"""The text of a semantic map in the dialect that the SemLog plugin writes: RDF/XML, one block for each thing."""
+"""Serialization of a scene as a semantic map in RDF/XML, in the layout of the SemLog plugin."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from kitchen.model import Joint, Kind, Motion, Scene, Thing
+from kitchen.model import Body, BodyType, Joint, Motion, Scene
 
 __all__ = ["map_text"]
 
@@ -62,19 +62,19 @@ LIMITED, LOCKED = 1, 2
 
 
 def map_text(scene: Scene) -> str:
-    """The whole map; the same scene gives the same text, to the letter."""
+    """Returns the map file; equal scenes give equal texts."""
     blocks = [HEAD]
-    blocks += [kind_block(kind) for kind in scene.kinds()]
+    blocks += [body_type_block(body_type) for body_type in scene.body_types()]
     blocks.append(individual(MAP, "Semantic Map", [resource("rdf:type", "&knowrob;SemanticEnvironmentMap")]))
     relations = relations_of(scene)
-    blocks += [thing_block(thing, relations.get(thing.id, [])) for thing in scene.things.values()]
+    blocks += [body_block(body, relations.get(body.id, [])) for body in scene.bodies.values()]
     blocks += [joint_block(joint) for joint in scene.joints]
     return "\n".join(blocks) + FOOT
 
 
-def kind_block(kind: Kind) -> str:
-    """A class with its size in meters."""
-    sizes = zip(("depth", "width", "height"), kind.size, strict=True)
+def body_type_block(body_type: BodyType) -> str:
+    """Returns a class with its size [m]."""
+    sizes = zip(("depth", "width", "height"), body_type.size, strict=True)
     restrictions = "".join(
         f"""		<rdfs:subClassOf>
 			<owl:Restriction>
@@ -85,43 +85,43 @@ def kind_block(kind: Kind) -> str:
 """
         for name, value in sizes
     )
-    return f"""	<!-- Class {kind.name} -->
-	<owl:Class rdf:about="&ms;{kind.name}">
-		<rdfs:subClassOf rdf:resource="{entity(kind.base)}"/>
+    return f"""	<!-- Class {body_type.name} -->
+	<owl:Class rdf:about="&ms;{body_type.name}">
+		<rdfs:subClassOf rdf:resource="{entity(body_type.base)}"/>
 {restrictions}	</owl:Class>
 """
 
 
 def relations_of(scene: Scene) -> dict[str, list[str]]:
-    """Who hangs on what: told by the parent, by the child, or by both in turn, as maps in the wild do."""
+    """Returns the attachments by subject; they are given by the parent, by the child or by both, as in real maps."""
     lines: dict[str, list[str]] = {}
-    for number, thing in enumerate(thing for thing in scene.things.values() if thing.parent):
+    for number, body in enumerate(body for body in scene.bodies.values() if body.parent):
         if number % 3 != 1:
-            lines.setdefault(str(thing.parent), []).append(resource("knowrob:child", f"&kitchen;{thing.id}"))
+            lines.setdefault(str(body.parent), []).append(resource("knowrob:child", f"&kitchen;{body.id}"))
         if number % 3 != 0:
-            lines.setdefault(thing.id, []).append(resource("knowrob:parent", f"&kitchen;{thing.parent}"))
+            lines.setdefault(body.id, []).append(resource("knowrob:parent", f"&kitchen;{body.parent}"))
     return lines
 
 
-def thing_block(thing: Thing, relations: list[str]) -> str:
-    """An object and its pose."""
-    pose = f"{thing.id}_pose"
+def body_block(body: Body, relations: list[str]) -> str:
+    """Returns a body and its pose."""
+    pose = f"{body.id}_pose"
     lines = [
-        resource("rdf:type", f"&ms;{thing.kind.name}"),
+        resource("rdf:type", f"&ms;{body.body_type.name}"),
         resource("knowrob:describedInMap", f"&kitchen;{MAP}"),
         *relations,
-        literal("mobility", "string", thing.mobility.value),
-        literal("mass", "float", thing.kind.mass_kg),
+        literal("mobility", "string", body.mobility.value),
+        literal("mass", "float", body.body_type.mass_kg),
         literal("overlapEvents", "boolean", "false"),
         literal("gravity", "boolean", "true"),
         resource("knowrob:pose", f"&kitchen;{pose}"),
-        literal("tagsData", "string", f"SemLog;Class,{thing.kind.name};Id,{thing.id};"),
+        literal("tagsData", "string", f"SemLog;Class,{body.body_type.name};Id,{body.id};"),
     ]
-    return individual(thing.id, thing.kind.name, lines) + pose_block(pose, thing)
+    return individual(body.id, body.body_type.name, lines) + pose_block(pose, body)
 
 
-def pose_block(id: str, at: Thing | Joint) -> str:
-    """Where something is, in meters."""
+def pose_block(id: str, at: Body | Joint) -> str:
+    """Returns a pose [m]."""
     # Adding 0.0 turns a negative zero into a positive one.
     translation = " ".join(f"{value / 1000 + 0.0:.6f}" for value in (at.x, at.y, at.z))
     lines = [
@@ -133,8 +133,8 @@ def pose_block(id: str, at: Thing | Joint) -> str:
 
 
 def joint_block(joint: Joint) -> str:
-    """A constraint, its pose, and what it allows."""
-    parent, child = (joint.part, joint.case) if joint.upside_down else (joint.case, joint.part)
+    """Returns a constraint with its pose and limits."""
+    parent, child = (joint.part, joint.case) if joint.swapped_roles else (joint.case, joint.part)
     lines = [
         resource("rdf:type", "&knowrob;Constraint"),
         resource("knowrob:parent", f"&kitchen;{parent}"),
@@ -154,7 +154,7 @@ def joint_block(joint: Joint) -> str:
 
 
 def linear_lines(joint: Joint) -> Iterator[str]:
-    """What a joint allows along its axes."""
+    """Yields the translational limits of a joint."""
     slides = joint.motion is Motion.SLIDE
     yield resource("rdf:type", "&knowrob;LinearConstraint")
     yield literal("xMotion", "integer", LIMITED if slides else LOCKED)
@@ -165,7 +165,7 @@ def linear_lines(joint: Joint) -> Iterator[str]:
 
 
 def angular_lines(joint: Joint) -> Iterator[str]:
-    """What a joint allows about its axes."""
+    """Yields the rotational limits of a joint."""
     yield resource("rdf:type", "&knowrob;AngularConstraint")
     for axis, motion in (("swing1", Motion.SWING), ("swing2", Motion.TILT), ("twist", None)):
         yield literal(f"{axis}Motion", "integer", LIMITED if joint.motion is motion else LOCKED)
@@ -176,14 +176,14 @@ def angular_lines(joint: Joint) -> Iterator[str]:
 
 
 def soft_lines(soft: str, stiffness: str, damping: str) -> Iterator[str]:
-    """A limit that does not give."""
+    """Yields a hard limit."""
     yield literal(soft, "boolean", "false")
     yield literal(stiffness, "float", 0.0)
     yield literal(damping, "float", 0.0)
 
 
 def individual(id: str, title: str, lines: list[str]) -> str:
-    """A block; without a title it belongs to the one before."""
+    """Returns an individual; without a title it has no comment, as it belongs to the previous one."""
     heading = (
         f"	<!-- {title if title in ('Constraint', 'Semantic Map') else 'Individual ' + title} -->\n" if title else ""
     )
@@ -193,15 +193,15 @@ def individual(id: str, title: str, lines: list[str]) -> str:
 
 
 def resource(name: str, value: str) -> str:
-    """A statement about something that has a name."""
+    """Returns a statement whose object is a resource."""
     return f'		<{name} rdf:resource="{value}"/>\n'
 
 
 def literal(name: str, datatype: str, value: object) -> str:
-    """A statement with a value."""
+    """Returns a statement whose object is a literal."""
     return f'		<knowrob:{name} rdf:datatype="&xsd;{datatype}">{value}</knowrob:{name}>\n'
 
 
 def entity(name: str) -> str:
-    """A prefixed name with the prefix as an entity."""
+    """Replaces the prefix of a name by an entity."""
     return "&" + name.replace(":", ";", 1)

@@ -1,14 +1,14 @@
-"""What is loose in the kitchen: the kinds of food, dishes and tools, and where each of them is."""
+"""Movable items of the kitchen: types of food, dishes and tools, and their placement."""
 
 from __future__ import annotations
 
-from kitchen.model import Kind, Scene, Thing
+from kitchen.model import Body, BodyType, Scene
 
 __all__ = ["furnish"]
 
 # name: class, depth x width x height [mm], mass [kg]
-KINDS = {
-    name: Kind(name, base, size, mass)
+BODY_TYPES = {
+    name: BodyType(name, base, size, mass)
     for name, base, size, mass in (
         ("MilkCarton", "knowrob:CowsMilk", (70, 70, 200), 1.05),
         ("OrangeJuiceCarton", "ms:OrangeJuice", (70, 90, 200), 1.05),
@@ -95,7 +95,7 @@ KINDS = {
     )
 }
 
-# container: its floor and shelves above its own bottom [mm], what stands on each of them from left to right
+# container: height of its floor and shelves above its own bottom [mm], items on each of them from left to right
 INSIDE = {
     "fridge": {
         20: "LettuceHead RedTomato RedTomato LeftoversBox",
@@ -128,7 +128,7 @@ INSIDE = {
     "microwave": {20: "CerealBowl"},
 }
 
-# surface: kind, how far in front of its middle, how far to the right of it [mm]
+# support surface: type, distance from its center to the front and to the right [mm]
 ON_TOP = {
     "floor": (("StepOnBin", 700, -1600),),
     "counter_left": (
@@ -174,44 +174,44 @@ ON_TOP = {
     "oak_board_1": (("SerratedKnife", 60, 0),),
 }
 
-# What lies in something that itself can be carried away.
+# Contents of movable containers.
 IN_BOWLS = {
     "wide_fruit_bowl_1": {20: "RedApple RedApple NavelOrange"},
     "woven_breadbasket_1": {20: "BreadLoaf Roll"},
 }
 
 WALL = 20
-"""What is kept free along a container's walls."""
+"""Free space along the walls of a container [mm]."""
 
 
 def furnish(scene: Scene) -> None:
-    """Puts everything loose in its place."""
+    """Adds all movable items."""
     for container, shelves in INSIDE.items():
         fill(scene, container, shelves)
     for surface, goods in ON_TOP.items():
         for name, forward, left in goods:
-            scene.put(KINDS[name], scene.things[surface], forward, left)
+            scene.put(BODY_TYPES[name], scene.bodies[surface], forward, left)
     for container, shelves in IN_BOWLS.items():
         fill(scene, container, shelves)
 
 
 def fill(scene: Scene, container: str, shelves: dict[int, str]) -> None:
-    """Stands things side by side on the shelves of a container."""
+    """Places items side by side on the shelves of a container."""
     for level, names in shelves.items():
-        row(scene, scene.things[container], level, [KINDS[name] for name in names.split()])
+        row(scene, scene.bodies[container], level, [BODY_TYPES[name] for name in names.split()])
 
 
-def row(scene: Scene, container: Thing, level: int, kinds: list[Kind]) -> None:
-    """Stands things side by side with equal gaps.
+def row(scene: Scene, container: Body, level: int, body_types: list[BodyType]) -> None:
+    """Places items side by side with equal gaps.
 
     Raises:
         ValueError: they do not fit.
     """
-    room = container.kind.size[1] - 2 * WALL
-    gap = (room - sum(kind.size[1] for kind in kinds)) // (len(kinds) + 1)
+    width = container.body_type.size[1] - 2 * WALL
+    gap = (width - sum(body_type.size[1] for body_type in body_types)) // (len(body_types) + 1)
     if gap < 4:
-        raise ValueError(f"what is to stand at {level} mm in {container.id!r} needs {4 - gap} mm more between things")
-    left = WALL + gap - container.kind.size[1] / 2
-    for kind in kinds:
-        scene.put(kind, container, 0, left + kind.size[1] / 2, level=level)
-        left += kind.size[1] + gap
+        raise ValueError(f"the items at {level} mm in {container.id!r} need {4 - gap} mm more between them")
+    left = WALL + gap - container.body_type.size[1] / 2
+    for body_type in body_types:
+        scene.put(body_type, container, 0, left + body_type.size[1] / 2, level=level)
+        left += body_type.size[1] + gap

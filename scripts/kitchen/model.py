@@ -1,7 +1,7 @@
-"""What a kitchen is made of before it becomes a map: kinds with a size, things with a place, joints between them.
+"""Scene model of the kitchen: body types with a size, bodies with a pose, and joints between them.
 
-All lengths are millimetres. Things stand square to the room: a direction is a number of quarter turns to the left,
-0 looks along the room's x axis. A thing's own x axis points out of its front, y to its left, z up.
+All lengths are in millimeters. Bodies are aligned with the room: an orientation is a number of quarter turns to the
+left, where 0 faces along the room's x axis. A body's own x axis points out of its front, y to its left, z up.
 """
 
 from __future__ import annotations
@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum
 
-__all__ = ["Frame", "Joint", "Kind", "Mobility", "Motion", "Scene", "Thing"]
+__all__ = ["Body", "BodyType", "Frame", "Joint", "Mobility", "Motion", "Scene"]
 
 
 class Mobility(Enum):
-    """Who may move a thing, in the words of a map."""
+    """Mobility values of a map."""
 
     STATIC = "static"
     KINEMATIC = "kinematic"
@@ -21,76 +21,76 @@ class Mobility(Enum):
 
 
 class Motion(Enum):
-    """What a joint lets its part do."""
+    """Degree of freedom of a joint."""
 
     SLIDE = "slide"
-    """Along x."""
+    """Translation along x."""
     SWING = "swing"
-    """About z, like a cupboard door."""
+    """Rotation about z, as of a cupboard door."""
     TILT = "tilt"
-    """About y, like an oven door."""
+    """Rotation about y, as of an oven door."""
 
 
 @dataclass(frozen=True)
-class Kind:
-    """A class of things that are all of one size."""
+class BodyType:
+    """A class of bodies of one size."""
 
     name: str
     base: str
-    """The class of the ontology that it belongs to, with its prefix."""
+    """Superclass in the ontology, with its prefix."""
     size: tuple[int, int, int]
     """Depth, width, height."""
     mass_kg: float = 0.0
-    """0 for what never moves."""
+    """0 for static bodies."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A place on the floor and a direction."""
+    """A position on the floor and an orientation."""
 
     x: float
     y: float
     turns: int = 0
 
     def at(self, forward: float, left: float) -> tuple[float, float]:
-        """The room's x and y of a point before and beside this place."""
+        """Returns x and y in the room of a point given in this frame."""
         cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[self.turns % 4]
         return self.x + cos * forward - sin * left, self.y + sin * forward + cos * left
 
 
 @dataclass(frozen=True)
-class Thing:
-    """One individual; x, y, z is its middle."""
+class Body:
+    """A body; x, y, z is its center."""
 
     id: str
-    kind: Kind
+    body_type: BodyType
     x: float
     y: float
     z: float
     turns: int = 0
     mobility: Mobility = Mobility.DYNAMIC
     parent: str | None = None
-    """What it is attached to."""
+    """The body that it is attached to."""
 
     @property
     def bottom(self) -> float:
-        """The height of its underside."""
-        return self.z - self.kind.size[2] / 2
+        """Height of its lower side."""
+        return self.z - self.body_type.size[2] / 2
 
     @property
     def top(self) -> float:
-        """The height of its upper side."""
-        return self.z + self.kind.size[2] / 2
+        """Height of its upper side."""
+        return self.z + self.body_type.size[2] / 2
 
     @property
     def frame(self) -> Frame:
-        """Its middle, seen from above."""
+        """Its center and orientation in the plane."""
         return Frame(self.x, self.y, self.turns)
 
 
 @dataclass(frozen=True)
 class Joint:
-    """Holds a part on a case; its x axis points out of the case, its z axis up."""
+    """A joint between a case and a part; its x axis points out of the case, its z axis up."""
 
     id: str
     case: str
@@ -101,65 +101,67 @@ class Joint:
     turns: int
     motion: Motion
     limit: float
-    """[m] or [rad], either way."""
-    upside_down: bool = False
-    """Whether the map calls the part the parent, as some maps do."""
+    """Limit in both directions [m or rad]."""
+    swapped_roles: bool = False
+    """Whether the part is the parent in the map, as in some real maps."""
 
 
 @dataclass
 class Scene:
-    """All of a kitchen, in the order in which it was built."""
+    """All bodies and joints, in the order of their creation."""
 
-    things: dict[str, Thing] = field(default_factory=dict)
+    bodies: dict[str, Body] = field(default_factory=dict)
     joints: list[Joint] = field(default_factory=list)
 
-    def kinds(self) -> list[Kind]:
-        """Every kind in use, in the order of its first use.
+    def body_types(self) -> list[BodyType]:
+        """Returns every body type in use, in the order of its first use.
 
         Raises:
-            ValueError: two different kinds have one name.
+            ValueError: two different types have the same name.
         """
-        kinds: dict[str, Kind] = {}
-        for thing in self.things.values():
-            if kinds.setdefault(thing.kind.name, thing.kind) != thing.kind:
-                raise ValueError(f"two kinds are called {thing.kind.name!r}; give {thing.id!r} another one")
-        return list(kinds.values())
+        body_types: dict[str, BodyType] = {}
+        for body in self.bodies.values():
+            if body_types.setdefault(body.body_type.name, body.body_type) != body.body_type:
+                raise ValueError(
+                    f"two body types have the name {body.body_type.name!r}; rename the type of {body.id!r}"
+                )
+        return list(body_types.values())
 
-    def add(self, thing: Thing) -> Thing:
-        """Puts a thing where it says.
+    def add(self, body: Body) -> Body:
+        """Adds a body.
 
         Raises:
             ValueError: its id is taken.
         """
-        if thing.id in self.things:
-            raise ValueError(f"there are two things called {thing.id!r}; number them")
-        self.things[thing.id] = thing
-        return thing
+        if body.id in self.bodies:
+            raise ValueError(f"two bodies have the id {body.id!r}")
+        self.bodies[body.id] = body
+        return body
 
-    def build(self, id: str, kind: Kind, place: Frame, bottom: float, *, parent: str | None = None) -> Thing:
-        """A static thing whose middle, seen from above, is at a place."""
+    def build(self, id: str, body_type: BodyType, place: Frame, bottom: float, *, parent: str | None = None) -> Body:
+        """Adds a static body with its center above a position on the floor."""
         return self.add(
-            Thing(id, kind, place.x, place.y, bottom + kind.size[2] / 2, place.turns, Mobility.STATIC, parent)
+            Body(id, body_type, place.x, place.y, bottom + body_type.size[2] / 2, place.turns, Mobility.STATIC, parent)
         )
 
-    def fix(self, id: str, kind: Kind, parent: Thing, forward: float, left: float, height: float) -> Thing:
-        """A thing on the front of another that goes where that one goes; it touches it at the given point.
+    def fix(self, id: str, body_type: BodyType, parent: Body, forward: float, left: float, height: float) -> Body:
+        """Attaches a body to the front of another one, so that it touches the given point.
 
         Args:
-            id: its name.
-            kind: its kind.
-            parent: what it is fixed to.
-            forward: how far in front of the parent's middle its own back is.
-            left: how far to the left of the parent's middle its middle is.
-            height: of its middle, above the floor.
+            id: its id.
+            body_type: its type.
+            parent: the body that it is attached to.
+            forward: distance of its back from the parent's center, to the front.
+            left: distance of its center from the parent's center, to the left.
+            height: height of its center above the floor.
         """
-        x, y = parent.frame.at(forward + kind.size[0] / 2, left)
-        return self.add(Thing(id, kind, x, y, height, parent.turns, Mobility.KINEMATIC, parent.id))
+        x, y = parent.frame.at(forward + body_type.size[0] / 2, left)
+        return self.add(Body(id, body_type, x, y, height, parent.turns, Mobility.KINEMATIC, parent.id))
 
-    def put(self, kind: Kind, on: Thing, forward: float, left: float, *, level: float | None = None) -> Thing:
-        """A loose thing on top of another, or, with a level above its bottom, inside it; ids are counted up."""
-        stem = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in kind.name).lstrip("_")
-        number = 1 + sum(thing.kind.name == kind.name for thing in self.things.values())
+    def put(self, body_type: BodyType, on: Body, forward: float, left: float, *, level: float | None = None) -> Body:
+        """Places a dynamic body on another one, or inside it at a level above its bottom; ids are numbered."""
+        stem = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in body_type.name).lstrip("_")
+        number = 1 + sum(body.body_type.name == body_type.name for body in self.bodies.values())
         x, y = on.frame.at(forward, left)
-        z = (on.top if level is None else on.bottom + level) + kind.size[2] / 2
-        return self.add(Thing(f"{stem}_{number}", kind, x, y, z, on.turns))
+        z = (on.top if level is None else on.bottom + level) + body_type.size[2] / 2
+        return self.add(Body(f"{stem}_{number}", body_type, x, y, z, on.turns))

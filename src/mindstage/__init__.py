@@ -1,10 +1,16 @@
-"""Mindstage runs OWL semantic maps as physics worlds: questions are answered, doors open, and maps are written again.
+"""Simulates OWL semantic maps as physics worlds that answer questions and can be written back to maps.
 
-import mindstage as ms
+    import mindstage as ms
 
-with ms.open("kitchen.owl") as sim:
-for answer in sim.ask("storage_place", item="CowsMilk"):
-sim.highlight(answer.individual, color="green")
+    with ms.open("kitchen.owl") as sim:
+        sim.step(1.0)
+        for answer in sim.ask("storage_place", item="CowsMilk"):
+            sim.highlight(answer.individual, color="green")
+        sim.joint("fridge_door").open()
+        sim.save("now.owl")
+    print(ms.diff("kitchen.owl", "now.owl"))
+
+Submodules are imported when one of their names is first used.
 """
 
 from importlib import import_module
@@ -55,7 +61,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
-    # A module loads when one of its names is first used, so that importing the package alone costs nothing.
     if name in _MODULES:
         return getattr(import_module(_MODULES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

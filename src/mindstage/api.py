@@ -1,11 +1,11 @@
-"""The functions of `import mindstage as ms`: maps become worlds and simulations, which are shown, saved and compared.
+"""The functions of `import mindstage as ms`: open, load, save, compare and view maps, worlds and simulations.
 
     with ms.open("kitchen.owl") as sim:
         sim.step(1.0)
         sim.save("now.owl")
     print(ms.diff("kitchen.owl", "now.owl"))
 
-The `mindstage` command calls the same functions. Nothing heavy is imported before one of them needs it.
+The `mindstage` command calls the same functions. Other packages are imported when a function first needs them.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ __all__ = ["connect", "diff", "load", "load_knowledge", "make_simulation", "open
 StrPath = str | os.PathLike[str]
 
 _POLL_S = 0.2
-"""How often a blocking `view` checks whether its time is up [s]."""
+"""Interval at which a blocking `view` checks its deadline [s]."""
 
 
 def open(
@@ -49,39 +49,40 @@ def open(
     plain_shapes: bool = False,
     timeout_s: float = 10.0,
 ) -> Simulation:
-    """Opens semantic maps as a simulation: a knowledge base, their worlds, and an engine that they are spawned in.
+    """Opens semantic maps as a simulation: loads a knowledge base, makes an engine and spawns the maps in it.
 
-    Time stands still until `step` or `play`. What could not be spawned, and what was assumed, is in `reports`. Closing
-    the simulation (or leaving its `with` block) closes the engine and the knowledge base.
+    The simulation is paused until `step` or `play`. `Simulation.reports` lists what could not be spawned and what was
+    assumed. Closing the simulation (or leaving its `with` block) closes the engine and the knowledge base.
 
     Args:
         maps: files of semantic maps (OWL in RDF/XML or Turtle) or robot descriptions (URDF, xacro); "bundled:kitchen"
-            is the kitchen that comes with Mindstage. Without any, the simulation is empty.
-        map_name: the IRI or local name of the map to spawn; by default every map that the files hold.
+            is the kitchen included in Mindstage. Without maps, the simulation is empty.
+        map_name: the IRI or local name of the map to spawn; by default all maps in the files.
         engine: "mujoco", "godot", "godot:window", "null" (no physics), the address of a remote engine
             (`ros://HOST:PORT/NAMESPACE`), or an engine, which the simulation then owns.
-        ontologies: more files of classes, or folders of ROS packages in which `package://` names are looked up.
+        ontologies: further ontology files, or folders of ROS packages in which `package://` URLs are resolved.
         bundled_ontology: whether the bundled household ontology is loaded.
-        robots: robot descriptions with the geometry and joints of maps that only name links.
-        conventions: units, frame and quaternion order of the maps, where they do not say: one for all, or one per map.
-        store: a folder in which the knowledge base is kept.
-        endpoint: a SPARQL endpoint, whose statements are joined with those of the maps.
-        assets: folders of mesh files, besides what the maps refer to.
-        plain_shapes: whether every body is only the primitive of the map (box, sphere, cylinder) in its size.
-        timeout_s: how long a call into the simulation may take [s]; spawning has more, by the number of bodies.
+        robots: robot descriptions (URDF, xacro) that define the links which the maps refer to.
+        conventions: units, frame and quaternion order of the maps, which are otherwise inferred: one for all maps, or
+            one per map.
+        store: the folder of a persistent knowledge base.
+        endpoint: a SPARQL endpoint whose statements are queried together with those of the maps.
+        assets: folders of mesh files, in addition to the files that the maps refer to.
+        plain_shapes: whether each body has only the primitive shape of the map (box, sphere, cylinder).
+        timeout_s: timeout of a call into the simulation [s]; for spawning it grows with the number of bodies.
 
     Raises:
-        EngineUnavailableError: there is no such engine, or it cannot be loaded, started or reached.
+        EngineUnavailableError: the engine is unknown, or cannot be loaded, started or reached.
         SourceParseError: a file cannot be read, or a folder does not exist.
-        MapNotFoundError: the files hold no map, or none of that name.
-        InvalidArgumentError: arguments exclude one another.
+        MapNotFoundError: the files contain no map, or none of that name.
+        InvalidArgumentError: the arguments are mutually exclusive.
     """
     from mindstage.engines import make_engine
 
     with ExitStack() as on_error:
-        running = make_engine(engine) if isinstance(engine, str) else engine  # first: a wrong name fails at once
+        running = make_engine(engine) if isinstance(engine, str) else engine  # first: a wrong name fails early
         on_error.callback(running.close)
-        listed = _listed(maps)
+        listed = _as_list(maps)
         knowledge = load_knowledge(
             listed,
             ontologies=ontologies,
@@ -110,31 +111,31 @@ def connect(
     *,
     ontologies: StrPath | Iterable[StrPath] = (),
     robots: StrPath | Iterable[StrPath] = (),
-    holds_time: bool = False,
+    control_time: bool = False,
     timeout_s: float = 10.0,
 ) -> Simulation:
-    """Connects to a world that runs elsewhere (`mindstage serve`, or Unreal with its plugin), as a simulation here.
+    """Connects to a remote simulation (`mindstage serve`, or Unreal with its plugin).
 
-    Nothing is spawned: bodies are those that are there already, and closing the connection leaves them there. To spawn
-    a map in a remote engine use `open(map, engine=url)`.
+    Nothing is spawned: the bodies are those of the remote world, and closing the connection does not remove them. To
+    spawn a map in a remote engine use `open(map, engine=url)`.
 
     Args:
         url: `ros://HOST:PORT/NAMESPACE`.
-        maps: the maps of that world, for questions about their individuals; only read.
+        maps: the maps of that world, for questions about their individuals; they are loaded, not spawned.
         ontologies: see `open`.
         robots: see `open`.
-        holds_time: whether time there passes by `step` only, until the connection is closed. By default the world goes
-            on by itself.
-        timeout_s: how long a call may take [s].
+        control_time: whether the remote time advances only by `step` until the connection is closed. By default the
+            remote simulation keeps running.
+        timeout_s: timeout of a call [s].
 
     Raises:
-        EngineUnavailableError: nothing answers there, or no engine.
+        EngineUnavailableError: there is no response from the URL, or it does not serve an engine.
         SourceParseError: a file cannot be read.
     """
     from mindstage.engines import connect as connect_engine
 
     with ExitStack() as on_error:
-        engine = connect_engine(url, timeout_s=timeout_s, control_time=holds_time)
+        engine = connect_engine(url, timeout_s=timeout_s, control_time=control_time)
         on_error.callback(engine.close)
         knowledge = load_knowledge(maps, ontologies=ontologies, robots=robots)
         on_error.callback(knowledge.close)
@@ -153,7 +154,7 @@ def load(
     robots: StrPath | Iterable[StrPath] = (),
     conventions: UnitConventions | Sequence[UnitConventions] | None = None,
 ) -> World:
-    """Reads one map as plain data: bodies, joints, lights and every other statement.
+    """Loads one map as a world: bodies, joints, lights, and all other statements of the map as facts.
 
     Args:
         maps: see `open`.
@@ -165,8 +166,8 @@ def load(
 
     Raises:
         SourceParseError: a file cannot be read.
-        MapNotFoundError: the files hold no map, or none of that name.
-        AmbiguousMapError: they hold several, and no name is given.
+        MapNotFoundError: the files contain no map, or none of that name.
+        AmbiguousMapError: the files contain several maps, and `map_name` is not given.
     """
     with load_knowledge(
         maps, ontologies=ontologies, bundled_ontology=bundled_ontology, robots=robots, conventions=conventions
@@ -185,27 +186,26 @@ def save(
     plain_shapes: bool = False,
     godot: StrPath | None = None,
 ) -> tuple[str, ...]:
-    """Writes a world, or a simulation as it is now, to a file.
+    """Writes a world, or the current state of a simulation, to a file.
 
     Args:
         what: the world or the simulation.
         path: the file. The suffix determines the format: .owl or .rdf (RDF/XML), .ttl (Turtle), .mjcf or .xml
             (MuJoCo), .glb (glTF), .tscn (Godot).
         knowledge: the knowledge base that the world was read from; by default the simulation's.
-        format: instead of the one of the suffix: owl, ttl, mjcf, glb, tscn.
-        dialect: of a semantic map: semlog (the default), soma, same (that of the map that was read), given (that of the
-            map from which this one was converted).
+        format: owl, ttl, mjcf, glb or tscn; by default the format of the suffix.
+        dialect: the vocabulary of a semantic map: semlog (the default), soma, same (that of the map that was read),
+            given (that of the map from which this one was converted).
         assets: folders of mesh files, for MJCF, glTF and Godot scenes.
-        plain_shapes: whether these formats get each body's primitive shape only.
-        godot: the Godot program that makes a Godot scene.
+        plain_shapes: whether MJCF, glTF and Godot scenes get only the primitive shape of each body.
+        godot: path of the Godot executable, for Godot scenes.
 
     Returns:
-        Notes, one sentence each, on what the file cannot hold.
+        Notes, one sentence each, on what the format cannot express.
 
     Raises:
-        MapWriteError: no format has this suffix, the world holds something that the format cannot, or the file cannot
-            be written.
-        InvalidArgumentError: there is no such format or dialect.
+        MapWriteError: the suffix is unknown, the format cannot express the world, or the file cannot be written.
+        InvalidArgumentError: the format or the dialect is unknown.
         EngineUnavailableError: Godot is not installed.
     """
     from mindstage.saving import save_world
@@ -232,18 +232,18 @@ def diff(
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
 ) -> WorldDiff:
-    """Compares two worlds in everything that they hold; `print` it for a summary.
+    """Compares two worlds: bodies, joints, attachments, lights and facts. `print` the result for a summary.
 
     Args:
-        a: a map's path, a world, or a simulation, which is compared as it is now.
+        a: the path of a map, a world, or a simulation, whose current state is compared.
         b: the same.
-        ontologies: for the maps that are read here; see `open`.
+        ontologies: for maps given by path; see `open`.
         bundled_ontology: see `open`.
 
     Raises:
         SourceParseError: a file cannot be read.
-        MapNotFoundError: a file holds no map.
-        AmbiguousMapError: a file holds several maps; load the one that is meant.
+        MapNotFoundError: a file contains no map.
+        AmbiguousMapError: a file contains several maps; `load` one of them by name instead.
     """
     from mindstage.scene import World
     from mindstage.scene import diff as compare
@@ -269,27 +269,29 @@ def view(
     block: bool = False,
     duration_s: float | None = None,
 ) -> Viewer:
-    """Serves the page on which a simulation is seen and edited in a browser, at the `url` of what is returned.
+    """Serves a web page that displays and edits a simulation, at `Viewer.url`.
 
-    The page follows the simulation until either is closed; closing the simulation closes its pages.
+    The page is updated until the viewer or the simulation is closed; closing the simulation closes its viewers.
 
     Args:
         sim: the simulation.
-        port: where that one is taken, the next free one is used; 0 lets the system choose.
-        host: the address to listen on. The default is this machine only; any other needs a token.
-        token: what visitors must know.
-        origins: further addresses under which the page may be opened, such as `https://robot.example`.
-        block: whether to play in real time until Ctrl-C, until the simulation is closed or until the duration is over,
-            and to close the page then. By default the function returns at once, as notebooks need it.
-        duration_s: how long to block, in real time [s].
+        port: the TCP port; if it is in use, the next free one. 0 lets the operating system choose.
+        host: the address to listen on. The default is the loopback interface; any other needs a token.
+        token: the token that clients must present.
+        origins: further origins from which the page may be opened, such as `https://robot.example`.
+        block: whether to play in real time until Ctrl-C, until the simulation is closed or until `duration_s`, and to
+            close the page then. By default the function returns at once.
+        duration_s: how long to block, in wall time [s].
 
     Raises:
-        AuthenticationError: others could reach the page, and there is no token.
-        ViewerUnavailableError: nothing can be served there.
+        AuthenticationError: the host is not a loopback address, and there is no token.
+        ViewerUnavailableError: the server cannot listen at that address.
     """
+    from mindstage.prolog import is_installed, solve_query
     from mindstage.viewer import Viewer
 
-    page = Viewer(sim, host=host, port=port, token=token, origins=origins)
+    prolog = solve_query if is_installed() else None
+    page = Viewer(sim, host=host, port=port, token=token, origins=origins, prolog=prolog)
     sim.on_close(page.close)
     if block:
         with page:
@@ -308,7 +310,7 @@ def load_knowledge(
     endpoint: SparqlEndpoint | str | None = None,
     closure: bool = False,
 ) -> KnowledgeBase:
-    """Makes a knowledge base that has loaded maps; `open` and `load` use it.
+    """Creates a knowledge base and loads maps into it; used by `open` and `load`.
 
     Args:
         maps: see `open`.
@@ -318,21 +320,21 @@ def load_knowledge(
         conventions: see `open`.
         store: see `open`.
         endpoint: see `open`.
-        closure: whether everything that follows by OWL 2 RL is derived at once.
+        closure: whether the OWL 2 RL closure is derived after loading.
 
     Raises:
         SourceParseError: one of the files cannot be read.
-        StoreError: the folder cannot be used.
-        InvalidArgumentError: the endpoint's address is none, store and endpoint are both given, there are not as many
-            conventions as maps, or a closure would be derived into a store that others use.
+        StoreError: the store folder cannot be used.
+        InvalidArgumentError: the endpoint is not a URL, `store` is combined with `endpoint` or `closure`, or the number
+            of conventions differs from the number of maps.
         ReasonerUnavailableError: the extra "closure" is not installed.
     """
     from mindstage.knowledge import KnowledgeBase, UnitConventions
 
     if closure and store is not None:
-        cause = "what it derives would be written into what others use"
-        raise InvalidArgumentError("the closure", cause=cause, remedy="load the files themselves, without a store")
-    listed = _listed(maps)
+        cause = "it would write derived statements into a store that is shared"
+        raise InvalidArgumentError("the closure", cause=cause, remedy="load the files without a store")
+    listed = _as_list(maps)
     if conventions is None or isinstance(conventions, UnitConventions):
         each = [conventions or UnitConventions()] * len(listed)
     else:
@@ -342,7 +344,7 @@ def load_knowledge(
             raise InvalidArgumentError("the conventions", cause=cause, remedy="give one for each map, or one for all")
     knowledge = KnowledgeBase(bundled_ontology=bundled_ontology, store=store, endpoint=endpoint)
     try:
-        if len(set(each)) <= 1:  # at once, so that the maps may share what they import
+        if len(set(each)) <= 1:  # in one call, so that imports shared by the maps are read once
             knowledge.load(
                 listed, ontologies=ontologies, urdf_files=robots, conventions=each[0] if each else UnitConventions()
             )
@@ -365,11 +367,11 @@ def make_simulation(
     plain_shapes: bool = False,
     timeout_s: float = 10.0,
 ) -> Simulation:
-    """Makes an empty simulation of a knowledge base and an engine, which it owns; bodies get their meshes and shapes.
+    """Creates an empty simulation that owns the engine, with geometry from meshes and from shape rules of classes.
 
     Args:
-        knowledge: the knowledge base; not closed together with the simulation.
-        engine: the engine.
+        knowledge: the knowledge base; it is not closed with the simulation.
+        engine: the engine; it is closed with the simulation.
         assets: see `open`.
         plain_shapes: see `open`.
         timeout_s: see `open`.
@@ -398,5 +400,5 @@ def _play(sim: Simulation, duration_s: float | None) -> None:
             sim.pause()
 
 
-def _listed(paths: StrPath | Iterable[StrPath]) -> list[StrPath]:
+def _as_list(paths: StrPath | Iterable[StrPath]) -> list[StrPath]:
     return [paths] if isinstance(paths, str | os.PathLike) else list(paths)

@@ -1,62 +1,62 @@
 """Every error Mindstage raises, one class for each condition that a caller can act on.
 
     MindstageError
-    ├── WorldError              valid request that the world cannot fulfill (exit code 1)
-    │   ├── BodyUnknown         no body has that id
-    │   ├── BodyExists          the id is in use
-    │   ├── PoseUnreachable     a joint or attachment does not allow the pose
-    │   ├── SpotMissing         no free placement for the object
-    │   ├── ReturnRefused       a deleted body cannot be restored
-    │   ├── NothingToUndo       the undo or redo stack is empty
-    │   └── AttachmentRefused   a cycle, or the child already has a parent
-    ├── KnowledgeError          a source of knowledge or a query cannot be used (exit code 2)
-    │   ├── SourceUnreadable    missing file, or content that does not follow its format
-    │   ├── MapMissing          no semantic map of that name, or none at all
-    │   ├── MapAmbiguous        several maps are loaded and none was selected
-    │   ├── MapRefused          a map has findings and strict mode is on
-    │   ├── MapUnwritable       a world that the map format cannot express, or a file that cannot be written
-    │   ├── NameUnknown         no entity of that kind has the name
-    │   ├── NameAmbiguous       several entities have the name
-    │   ├── QuestionUnknown     no question has that name
-    │   ├── QuestionTimedOut    a question was not answered before its timeout
-    │   ├── TooManyQuestions    the limit of concurrent questions is reached
-    │   ├── ArgumentRefused     an invalid argument of a question or an assertion
-    │   ├── QueryRefused        not a SPARQL query, or one that is not supported
-    │   ├── QueryTimedOut       a SPARQL query did not finish before its timeout
-    │   ├── ReasonerUnavailable the OWL 2 RL reasoner is not installed
-    │   ├── StoreUnusable       a store folder cannot be opened or written
-    │   ├── ShapeUnknown        no shape has that name
-    │   ├── ShapeRefused        an invalid size or parameter of a shape
-    │   ├── EndpointUnreachable a SPARQL endpoint does not respond, or not in time
-    │   └── EndpointRefused     a SPARQL endpoint returned an error or an invalid reply
-    ├── EngineError             failure of the physics engine (exit code 2)
-    │   ├── EngineUnavailable   not installed, or not reachable
-    │   ├── EngineTimedOut      no reply in time; the command may or may not have been executed
-    │   ├── EngineUnable        a capability that the engine does not have
-    │   ├── EngineClosed        called after `close`
-    │   └── SimulationUnstable  positions, velocities or accelerations are not finite
-    ├── StageError              failure of the simulation thread (exit code 2)
-    │   └── StageTimedOut       a call into the simulation thread did not finish in time
-    ├── BridgeError             failure of a bridge, its peer or the connection (exit code 2)
-    │   ├── BridgeUnavailable   the server cannot listen at that address
-    │   ├── AccessRefused       missing or invalid token
-    │   ├── ConnectionLost      no connection, or a closed one
-    │   ├── ServiceUnknown      no service or action of that name is advertised
-    │   ├── ServiceTimedOut     a service or action did not return in time
-    │   ├── ServiceFailed       a service or action returned an error
-    │   ├── OfferRefused        a service, action or topic cannot be advertised
-    │   ├── MessageRefused      a message that does not match its type, or is too large
-    │   └── TypeUnknown         no ROS message, service or action type of that name
-    ├── ColorUnknown           neither a color name nor a color value (exit code 2)
-    ├── PrologError             failure of the Prolog console (exit code 2)
-    │   ├── PrologUnavailable   SWI-Prolog or pyswip is not installed, or in use
-    │   ├── GoalRefused         a syntax error, or an exception in the goal
-    │   └── GoalTimedOut        a goal did not finish in time
-    ├── BrowserError            failure of the browser that renders pictures (exit code 2)
-    │   ├── BrowserUnavailable  not installed, or it does not start
-    │   └── BrowserBroken       it exited, returned an error or did not reply in time
-    ├── RequestRefused          invalid request from the page (exit code 2)
-    └── ViewportUnavailable     the page's server cannot listen at that address (exit code 2)
+    ├── WorldError                      valid request that the world cannot fulfill (exit code 1)
+    │   ├── BodyNotFoundError           no body has that id
+    │   ├── BodyExistsError             the id is in use
+    │   ├── PoseUnreachableError        a joint or attachment does not allow the pose
+    │   ├── NoFreePlacementError        no free placement for the object
+    │   ├── RestoreError                a deleted body cannot be restored
+    │   ├── NothingToUndoError          the undo or redo stack is empty
+    │   └── AttachmentError             a cycle, or the child already has a parent
+    ├── KnowledgeError                  a source of knowledge or a query cannot be used (exit code 2)
+    │   ├── SourceParseError            missing file, or content that does not follow its format
+    │   ├── MapNotFoundError            no semantic map of that name, or none at all
+    │   ├── AmbiguousMapError           several maps are loaded and none was selected
+    │   ├── MapRejectedError            a map has findings and strict mode is on
+    │   ├── MapWriteError               a world that the map format cannot express, or a file that cannot be written
+    │   ├── NameNotFoundError           no entity of that kind has the name
+    │   ├── AmbiguousNameError          several entities have the name
+    │   ├── QuestionNotFoundError       no question has that name
+    │   ├── QuestionTimeoutError        a question was not answered before its timeout
+    │   ├── QueryLimitError             the limit of concurrent questions is reached
+    │   ├── InvalidArgumentError        an invalid argument of a question or an assertion
+    │   ├── SparqlSyntaxError           not a SPARQL query, or one that is not supported
+    │   ├── SparqlTimeoutError          a SPARQL query did not finish before its timeout
+    │   ├── ReasonerUnavailableError    the OWL 2 RL reasoner is not installed
+    │   ├── StoreError                  a store folder cannot be opened or written
+    │   ├── ShapeNotFoundError          no shape has that name
+    │   ├── InvalidShapeError           an invalid size or parameter of a shape
+    │   ├── EndpointUnreachableError    a SPARQL endpoint does not respond, or not in time
+    │   └── EndpointError               a SPARQL endpoint returned an error or an invalid reply
+    ├── EngineError                     failure of the physics engine (exit code 2)
+    │   ├── EngineUnavailableError      not installed, or not reachable
+    │   ├── EngineTimeoutError          no reply in time; the command may or may not have been executed
+    │   ├── UnsupportedByEngineError    a capability that the engine does not have
+    │   ├── EngineClosedError           called after `close`
+    │   └── SimulationDivergedError     positions, velocities or accelerations are not finite
+    ├── SimulationError                 failure of the simulation thread (exit code 2)
+    │   └── SimulationTimeoutError      a call into the simulation thread did not finish in time
+    ├── BridgeError                     failure of a bridge, its peer or the connection (exit code 2)
+    │   ├── BridgeUnavailableError      the server cannot listen at that address
+    │   ├── AuthenticationError         missing or invalid token
+    │   ├── ConnectionLostError         no connection, or a closed one
+    │   ├── ServiceNotFoundError        no service or action of that name is advertised
+    │   ├── ServiceTimeoutError         a service or action did not return in time
+    │   ├── ServiceCallError            a service or action returned an error
+    │   ├── AdvertiseError              a service, action or topic cannot be advertised
+    │   ├── MessageValidationError      a message that does not match its type, or is too large
+    │   └── TypeNotFoundError           no ROS message, service or action type of that name
+    ├── InvalidColorError               neither a color name nor a color value (exit code 2)
+    ├── PrologError                     failure of the Prolog console (exit code 2)
+    │   ├── PrologUnavailableError      SWI-Prolog or pyswip is not installed, or in use
+    │   ├── PrologGoalError             a syntax error, or an exception in the goal
+    │   └── PrologTimeoutError          a goal did not finish in time
+    ├── BrowserError                    failure of the browser that renders pictures (exit code 2)
+    │   ├── BrowserNotFoundError        not installed, or it does not start
+    │   └── BrowserCrashedError         it exited, returned an error or did not reply in time
+    ├── InvalidRequestError             invalid request from the page (exit code 2)
+    └── ViewerUnavailableError          the page's server cannot listen at that address (exit code 2)
 
 Each class is a dataclass whose fields are the facts and whose `template` is the message, which ends with the existing
 alternatives or with what to try. Errors can be pickled and copied.
@@ -177,12 +177,12 @@ def _restore(cls: type[MindstageError], args: tuple[object, ...], state: dict[st
 
 
 class MindstageError(Exception):
-    """The root: catch it to catch everything that Mindstage itself raises."""
+    """Base class of all errors that Mindstage raises."""
 
     code: ClassVar[str] = "MindstageError"
-    """A name of the class that does not change: what ROS, Prolog and diagnostics messages contain."""
+    """A stable name of the class, used in JSON, ROS, Prolog and diagnostics messages; class names may change."""
     template: ClassVar[str] = ""
-    """The message; names in braces are attributes of the error. Without one, the message is what was passed."""
+    """The message, with attribute names in braces. If empty, the message is the argument."""
 
     def __init_subclass__(cls, **options: object) -> None:
         super().__init_subclass__(**options)
@@ -270,7 +270,7 @@ class NoFreePlacementError(WorldError):
     """There is no support surface for the object, or no free space on it."""
 
     code = "SpotMissing"
-    template = "{item} cannot be put {location}: {reason}"
+    template = "{item} cannot be placed {location}: {reason}"
     item: str
     location: str
     _: KW_ONLY
@@ -290,7 +290,7 @@ class RestoreError(WorldError):
 
 @dataclass(eq=False)
 class NothingToUndoError(WorldError):
-    """There is no edit to undo or, with `again`, to redo."""
+    """There is no edit to undo or, with `redo`, to redo."""
 
     code = "NothingToUndo"
     template = "there is nothing to {action}"
@@ -378,7 +378,7 @@ class MapRejectedError(KnowledgeError):
     def __str__(self) -> str:
         number = f"{len(self.findings):,} finding{'' if len(self.findings) == 1 else 's'}"
         first = " | ".join(self.findings[:3]) + (" | …" if len(self.findings) > 3 else "")
-        return f"{self.map} is refused for {number}: {first}; fix them, or leave out --strict"
+        return f"{self.map} is rejected for {number}: {first}; fix them, or leave out --strict"
 
 
 @dataclass(eq=False)
@@ -456,7 +456,7 @@ class QuestionTimeoutError(KnowledgeError):
     """A question was not answered before its timeout; the simulation continues."""
 
     code = "QuestionTimedOut"
-    template = "{question} was not answered within {timeout_s:g} s; ask about less, or try again later"
+    template = "{question} was not answered within {timeout_s:g} s; narrow its arguments, or try again later"
     question: str
     _: KW_ONLY
     timeout_s: float
@@ -501,7 +501,7 @@ class SparqlTimeoutError(KnowledgeError):
     """A SPARQL query did not finish before its timeout."""
 
     code = "QueryTimedOut"
-    template = "the query did not end within {timeout_s:g} s; ask for less (LIMIT), or increase the timeout"
+    template = "the query did not end within {timeout_s:g} s; limit the result (LIMIT), or increase the timeout"
     _: KW_ONLY
     timeout_s: float
 
@@ -511,7 +511,7 @@ class ReasonerUnavailableError(KnowledgeError):
     """The OWL 2 RL reasoner is not installed."""
 
     code = "ReasonerUnavailable"
-    template = "nothing can be derived: {cause}; install it with: pip install 'mindstage[closure]'"
+    template = "the closure cannot be derived: {cause}; install it with: pip install 'mindstage[closure]'"
     _: KW_ONLY
     cause: str
 
@@ -753,7 +753,7 @@ class AdvertiseError(BridgeError):
     """A service, action or topic cannot be advertised under that name."""
 
     code = "OfferRefused"
-    template = "{name!r} cannot be offered: {cause}"
+    template = "{name!r} cannot be advertised: {cause}"
     name: str
     _: KW_ONLY
     cause: str
@@ -768,7 +768,7 @@ class MessageValidationError(BridgeError):
     subject: str
     _: KW_ONLY
     path: str = ""
-    """The place in the message, such as `models[3].pose.qpos_address.x`."""
+    """The place in the message, such as `models[3].pose.position.x`."""
     cause: str
     remedy: str = ""
     id: str | int | None = None
@@ -854,7 +854,7 @@ class PrologTimeoutError(PrologError):
     """A goal did not finish in time."""
 
     code = "GoalTimedOut"
-    template = "the goal {goal!r} did not end within {timeout_s:g} s; increase the timeout, or ask for less"
+    template = "the goal {goal!r} did not end within {timeout_s:g} s; increase the timeout, or limit the goal"
     goal: str
     _: KW_ONLY
     timeout_s: float

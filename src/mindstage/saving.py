@@ -1,7 +1,9 @@
-"""Saving: a world as a file, in any format and dialect that Mindstage writes.
+"""Writes worlds to files, in all formats and dialects that Mindstage supports.
 
-save_world(world, "kitchen.ttl")                 # a semantic map; nothing is lost
-save_world(world, "kitchen.glb", knowledge=kb)   # a scene for viewers; returns notes on what glTF cannot hold
+    save_world(world, "kitchen.ttl")                 # a semantic map, without loss
+    save_world(world, "kitchen.glb", knowledge=kb)   # a glTF scene; returns notes on what glTF cannot express
+
+A file is written completely or not at all.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ class FileFormat(StrEnum):
 
     @property
     def is_map(self) -> bool:
-        """Whether the format is a semantic map, which holds everything and has a dialect."""
+        """Whether the format is a semantic map, which is lossless and has a dialect."""
         return self in (FileFormat.OWL, FileFormat.TURTLE)
 
 
@@ -52,11 +54,11 @@ class FileDialect(StrEnum):
     SAME = "same"
     """The dialect of the map that the world was read from."""
     GIVEN = "given"
-    """The dialect of the map from which that map was once converted."""
+    """The dialect of the map from which that map was converted."""
     SEMLOG = "semlog"
-    """SemLog's of 2019, with physics."""
+    """The SemLog vocabulary of 2019, which includes physics."""
     SOMA = "soma"
-    """That of KnowRob 2."""
+    """The SOMA vocabulary of KnowRob 2."""
 
 
 _SUFFIXES = {
@@ -73,17 +75,17 @@ _SUFFIXES = {
 def file_format(
     path: StrPath, format: FileFormat | str | None = None, *, dialect: FileDialect | str | None = None
 ) -> FileFormat:
-    """The format given, or else the one of the path's suffix.
+    """The given format, or else the format of the path's suffix.
 
     Raises:
-        MapWriteError: no format has this suffix.
-        InvalidArgumentError: there is no such format or dialect, or the format has no dialects and one is given.
+        MapWriteError: the suffix is unknown.
+        InvalidArgumentError: the format or the dialect is unknown, or a dialect is given for a format without dialects.
     """
     suffix = Path(path).suffix
     chosen = _SUFFIXES.get(suffix.lower()) if format is None else _choice(FileFormat, format)
     if chosen is None:
         remedy = f"use one of {', '.join(_SUFFIXES)}, or give the format"
-        raise MapWriteError(str(path), cause=f"the suffix {suffix!r} stands for no format", remedy=remedy)
+        raise MapWriteError(str(path), cause=f"the suffix {suffix!r} belongs to no format", remedy=remedy)
     if dialect is not None and not chosen.is_map:
         remedy = "leave it out, or write .owl or .ttl"
         name = _choice(FileDialect, dialect).value
@@ -92,7 +94,7 @@ def file_format(
 
 
 def dialect_name(world: World, knowledge: KnowledgeBase, format: FileFormat, dialect: FileDialect) -> str | None:
-    """The name of the dialect that a world is written in; None for formats that have none."""
+    """The name of the dialect in which a world is written; None for formats without dialects."""
     if not format.is_map:
         return None
     own = dialect in (FileDialect.SAME, FileDialect.GIVEN)
@@ -110,28 +112,26 @@ def save_world(
     plain_shapes: bool = False,
     godot: StrPath | None = None,
 ) -> tuple[str, ...]:
-    """Writes a world to a file, which is there as a whole or not at all.
+    """Writes a world to a file, completely or not at all.
 
     Args:
         world: the world.
         path: the file; its suffix determines the format (.owl, .rdf, .ttl, .mjcf, .xml, .glb, .tscn).
         knowledge: the knowledge base that the world was read from. The dialects `same` and `given` need it; MJCF, glTF
-            and Godot scenes take the shapes of classes and the files of meshes from it, by default from the bundled
-            ontology alone.
-        format: instead of the one of the suffix.
-        dialect: the vocabulary of a semantic map; SemLog's by default.
+            and Godot scenes use its shape rules and mesh paths, by default those of the bundled ontology.
+        format: by default the format of the suffix.
+        dialect: the vocabulary of a semantic map, SemLog by default.
         assets: folders of mesh files, for MJCF, glTF and Godot scenes.
-        plain_shapes: whether these formats get each body's primitive shape only (box, sphere, cylinder).
-        godot: the Godot program that makes a Godot scene; by default the one on PATH, or in a usual place.
+        plain_shapes: whether MJCF, glTF and Godot scenes get only the primitive shape of each body.
+        godot: path of the Godot executable, for Godot scenes; by default searched on PATH and in the usual places.
 
     Returns:
-        Notes, one sentence each, on what the file cannot hold or holds in other words.
+        Notes, one sentence each, on what the format cannot express or approximates.
 
     Raises:
-        MapWriteError: no format has this suffix, the world holds something that the format cannot, or the file cannot
-            be written.
-        InvalidArgumentError: there is no such format or dialect; the dialect needs a knowledge base that has read the map,
-            or the map was not converted.
+        MapWriteError: the suffix is unknown, the format cannot express the world, or the file cannot be written.
+        InvalidArgumentError: the format or the dialect is unknown, `same` or `given` was requested without the
+            knowledge base that read the map, or `given` for a map that was not converted.
         SourceParseError: one of the asset folders does not exist.
         EngineUnavailableError: Godot is not installed.
     """
@@ -139,8 +139,8 @@ def save_world(
 
     out, kind = Path(path), file_format(path, format, dialect=dialect)
     if kind.is_map:
-        words = FileDialect.SEMLOG if dialect is None else _choice(FileDialect, dialect)
-        return _save_map(world, out, kind, words, knowledge)
+        chosen = FileDialect.SEMLOG if dialect is None else _choice(FileDialect, dialect)
+        return _save_map(world, out, kind, chosen, knowledge)
     if knowledge is None:
         with KnowledgeBase() as bundled:
             return _save_scene(world, out, kind, bundled, assets=assets, plain_shapes=plain_shapes, godot=godot)
@@ -148,7 +148,7 @@ def save_world(
 
 
 def mesh_assets(folders: StrPath | Iterable[StrPath], knowledge: KnowledgeBase) -> MeshLibrary:
-    """The meshes in some folders and those that maps refer to.
+    """The meshes in the folders, and those that maps refer to.
 
     Raises:
         SourceParseError: one of the folders does not exist.
@@ -181,25 +181,25 @@ def _save_map(
     if dialect not in (FileDialect.SAME, FileDialect.GIVEN):
         return save_map(world, path, format=syntax, dialect=MapDialect(dialect.value))
     if knowledge is None:
-        cause = "it takes the knowledge base that the map was read with"
+        cause = "it needs the knowledge base that the map was read with"
         raise InvalidArgumentError(
-            f"the dialect {dialect.value}", cause=cause, remedy="give knowledge, or use semlog, soma"
+            f"the dialect {dialect.value}", cause=cause, remedy="pass `knowledge`, or use semlog or soma"
         )
     return save_map(world, path, format=syntax, source_view=_origin_of(world, knowledge, dialect))
 
 
 def _origin_of(world: World, knowledge: KnowledgeBase, dialect: FileDialect) -> SourceMapView:
-    """The map that a world was read from, or the one from which that was converted.
+    """The map that a world was read from or, for `given`, the map from which that one was converted.
 
     Raises:
-        InvalidArgumentError: it was not converted.
+        InvalidArgumentError: the map was not converted.
     """
     origin = knowledge.source_view(world.iri)
     if dialect is FileDialect.SAME:
         return origin
     given = origin.before_conversion()
     if given is None:
-        cause, remedy = "the map does not say that it was converted", "use same, semlog or soma"
+        cause, remedy = "the map was not converted from another one", "use same, semlog or soma"
         raise InvalidArgumentError(f"the dialect {dialect.value}", cause=cause, remedy=remedy)
     return given
 
@@ -214,10 +214,16 @@ def _save_scene(
     plain_shapes: bool,
     godot: StrPath | None,
 ) -> tuple[str, ...]:
-    """Writes what a world looks like, or how it moves."""
+    """Writes a MuJoCo model, a glTF scene or a Godot scene."""
+    from mindstage.geometry import FittedGeometry, fit_geometry
     from mindstage.knowledge.io.write import save_file
+    from mindstage.scene import NO_GEOMETRY
 
-    fitted = _fitted(world, knowledge, assets=assets, plain_shapes=plain_shapes)
+    fitted = (
+        FittedGeometry(NO_GEOMETRY)
+        if plain_shapes
+        else fit_geometry(world, knowledge, meshes=mesh_assets(assets, knowledge))
+    )
     if format is FileFormat.MJCF:
         from mindstage.engines.mujoco import world_to_mjcf
 
@@ -233,21 +239,8 @@ def _save_scene(
     return (*(note.text for note in fitted.notes), *notes)
 
 
-def _fitted(
-    world: World, knowledge: KnowledgeBase, *, assets: StrPath | Iterable[StrPath], plain_shapes: bool
-) -> FittedGeometry:
-    from mindstage.geometry import FittedGeometry, fit_geometry
-    from mindstage.scene import NO_GEOMETRY
-
-    return (
-        FittedGeometry(NO_GEOMETRY)
-        if plain_shapes
-        else fit_geometry(world, knowledge, meshes=mesh_assets(assets, knowledge))
-    )
-
-
 def _save_godot_scene(world: World, path: Path, fitted: FittedGeometry, *, godot: StrPath | None) -> tuple[str, ...]:
-    """Spawns the world in a Godot process, which writes the scene."""
+    """Spawns the world in a Godot process, which saves it as a scene."""
     from tempfile import TemporaryDirectory
 
     from mindstage.engines import GodotEngine
@@ -263,4 +256,4 @@ def _save_godot_scene(world: World, path: Path, fitted: FittedGeometry, *, godot
     finally:
         engine.close()
     failed = (*report.failed_bodies, *report.failed_joints, *report.failed_attachments)
-    return tuple(f"{each.id} is not in it: {each.reason}" for each in failed)
+    return tuple(f"{each.id} is not in the scene: {each.reason}" for each in failed)

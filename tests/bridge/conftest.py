@@ -1,4 +1,4 @@
-"""A hub with a server on a free port, and clients for it; all are closed afterwards."""
+"""A local node with a server on a free port, and clients for it; all are closed after the test."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ from typing import Any
 import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
-from tests.bridge.talking import TIMEOUT_S, RawClient
+from tests.bridge.raw_client import TIMEOUT_S, RawClient
 
 
 @pytest.fixture
-def hub() -> Iterator[LocalNode]:
-    with LocalNode() as hub:
-        yield hub
+def local_node() -> Iterator[LocalNode]:
+    with LocalNode() as local_node:
+        yield local_node
 
 
 @pytest.fixture
-def server(hub: LocalNode) -> Iterator[RosbridgeServer]:
-    with RosbridgeServer(hub, port=0) as server:
+def server(local_node: LocalNode) -> Iterator[RosbridgeServer]:
+    with RosbridgeServer(local_node, port=0) as server:
         yield server
 
 
 @pytest.fixture
-def talker(server: RosbridgeServer) -> Iterator[Callable[..., RawClient]]:
-    """Makes bare clients."""
+def make_raw_client(server: RosbridgeServer) -> Iterator[Callable[..., RawClient]]:
+    """Creates raw clients."""
     with ExitStack() as stack:
         yield lambda url=None, **options: stack.enter_context(closing(RawClient(url or server.url, **options)))
 
 
 @pytest.fixture
 def client(server: RosbridgeServer) -> Iterator[Callable[..., RosbridgeClient]]:
-    """Makes our own clients."""
+    """Creates clients."""
     with ExitStack() as stack:
 
         def make(url: str | None = None, **options: Any) -> RosbridgeClient:

@@ -1,4 +1,4 @@
-"""Actions at a hub: goals with feedback and results, given up by will, by loss, or not at all."""
+"""Actions: goals with feedback and results, which succeed, are canceled, or lose their client or provider."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from mindstage.bridge import (
 )
 from mindstage.bridge.node import MAX_GOALS
 from mindstage.errors import ServiceCallError, ServiceNotFoundError, ServiceTimeoutError
-from tests.bridge.talking import RawClient, eventually
+from tests.bridge.raw_client import RawClient, eventually
 
-Talkers = Callable[..., RawClient]
+RawClientFactory = Callable[..., RawClient]
 Clients = Callable[..., RosbridgeClient]
 
 
 @pytest.fixture(autouse=True)
-def settling(hub: LocalNode) -> None:
+def settling(local_node: LocalNode) -> None:
     async def settle(_: object) -> None:
         pass
 
-    hub.create_service("/settle", "std_srvs/Empty", settle)
+    local_node.create_service("/settle", "std_srvs/Empty", settle)
 
 
 def count_down(goal: ServerGoalHandle) -> GoalResult | dict[str, Any]:
-    """Counts to the goal's number unless it is told to stop; from 1000 on it waits for just that."""
+    """Counts to the number in the goal; from 1000 on it waits for cancellation."""
     for number in range(goal.args["to"]):
         goal.feedback({"at": number})
         if number >= 5 and goal.wait_for_cancel(20.0):
@@ -43,31 +43,31 @@ def count_down(goal: ServerGoalHandle) -> GoalResult | dict[str, Any]:
     return {"reached": goal.args["to"]}
 
 
-def test_a_goal_tells_how_it_goes_and_how_it_ended(hub: LocalNode) -> None:
-    hub.create_action_server("/count", "x/Count", count_down)
-    told: list[Any] = []
-    goal = hub.send_goal("/count", "x/Count", {"to": 3}, on_feedback=told.append)
+def test_a_goal_sends_feedback_and_a_result(local_node: LocalNode) -> None:
+    local_node.create_action_server("/count", "x/Count", count_down)
+    feedback_values: list[Any] = []
+    goal = local_node.send_goal("/count", "x/Count", {"to": 3}, on_feedback=feedback_values.append)
     assert goal.wait(20.0) == GoalResult(GoalStatus.SUCCEEDED, {"reached": 3})
-    assert told == [{"at": 0}, {"at": 1}, {"at": 2}]
+    assert feedback_values == [{"at": 0}, {"at": 1}, {"at": 2}]
     assert goal.done
 
 
-def test_a_coroutine_function_reaches_goals_too(hub: LocalNode) -> None:
+def test_a_coroutine_function_can_handle_goals(local_node: LocalNode) -> None:
     async def hurry(goal: ServerGoalHandle) -> Any:
         for number in range(3):
             goal.feedback({"at": number})
             await asyncio.sleep(0)
         return goal.aborted({"reached": 3})
 
-    hub.create_action_server("/hurry", "x/Count", hurry)
-    assert hub.send_goal("/hurry", "x/Count").wait(20.0) == GoalResult(GoalStatus.ABORTED, {"reached": 3})
+    local_node.create_action_server("/hurry", "x/Count", hurry)
+    assert local_node.send_goal("/hurry", "x/Count").wait(20.0) == GoalResult(GoalStatus.ABORTED, {"reached": 3})
 
 
-def test_a_goal_can_be_given_up(hub: LocalNode) -> None:
-    hub.create_action_server("/count", "x/Count", count_down)
-    told: list[Any] = []
-    goal = hub.send_goal("/count", "x/Count", {"to": 1000}, on_feedback=told.append)
-    eventually(lambda: {"at": 5} in told)
+def test_a_goal_can_be_canceled(local_node: LocalNode) -> None:
+    local_node.create_action_server("/count", "x/Count", count_down)
+    feedback_values: list[Any] = []
+    goal = local_node.send_goal("/count", "x/Count", {"to": 1000}, on_feedback=feedback_values.append)
+    eventually(lambda: {"at": 5} in feedback_values)
     with pytest.raises(ServiceTimeoutError):
         goal.wait(0.01)
     goal.cancel()
@@ -75,25 +75,27 @@ def test_a_goal_can_be_given_up(hub: LocalNode) -> None:
     goal.cancel()
 
 
-def test_each_way_to_fail_has_its_error(hub: LocalNode) -> None:
+def test_each_failure_raises_its_error(local_node: LocalNode) -> None:
     def broken(_: ServerGoalHandle) -> None:
         raise ZeroDivisionError("by naught")
 
-    hub.create_action_server("/broken", "x/X", broken)
+    local_node.create_action_server("/broken", "x/X", broken)
     with pytest.raises(ServiceCallError, match="by naught"):
-        hub.send_goal("/broken", "x/X").wait(20.0)
+        local_node.send_goal("/broken", "x/X").wait(20.0)
     with pytest.raises(ServiceNotFoundError, match="/nobody does not exist"):
-        hub.send_goal("/nobody", "x/X").wait(20.0)
-    hub.destroy_action_server("/broken")
+        local_node.send_goal("/nobody", "x/X").wait(20.0)
+    local_node.destroy_action_server("/broken")
     with pytest.raises(ServiceNotFoundError):
-        hub.send_goal("/broken", "x/X").wait(20.0)
+        local_node.send_goal("/broken", "x/X").wait(20.0)
 
 
-def test_goals_run_beside_each_other_and_hold_up_no_service(hub: LocalNode, talker: Talkers) -> None:
+def test_goals_run_concurrently_and_do_not_block_services(
+    local_node: LocalNode, make_raw_client: RawClientFactory
+) -> None:
     together = threading.Barrier(3)
-    hub.create_action_server("/meet", "x/Meet", lambda _: together.wait(20.0) and None)
-    hub.create_service("/quick", "x/X", lambda _: {"quick": True})
-    client = talker()
+    local_node.create_action_server("/meet", "x/Meet", lambda _: together.wait(20.0) and None)
+    local_node.create_service("/quick", "x/X", lambda _: {"quick": True})
+    client = make_raw_client()
     for id in range(2):
         client.send_operation(op="send_action_goal", id=id, action="/meet", action_type="x/Meet")
     assert client.call_service("/quick")["values"] == {"quick": True}
@@ -101,24 +103,26 @@ def test_goals_run_beside_each_other_and_hold_up_no_service(hub: LocalNode, talk
     assert {client.receive("action_result")["id"] for _ in range(2)} == {0, 1}
 
 
-def test_goals_without_end_keep_no_call_waiting_and_there_are_only_so_many(hub: LocalNode, talker: Talkers) -> None:
-    hub.create_action_server("/count", "x/Count", count_down)
-    hub.create_service("/quick", "x/X", lambda _: {"quick": True})
-    greedy, other = talker(), talker()
+def test_endless_goals_do_not_block_calls_and_their_number_is_limited(
+    local_node: LocalNode, make_raw_client: RawClientFactory
+) -> None:
+    local_node.create_action_server("/count", "x/Count", count_down)
+    local_node.create_service("/quick", "x/X", lambda _: {"quick": True})
+    greedy, other = make_raw_client(), make_raw_client()
     for id in range(MAX_GOALS + 1):
         greedy.send_operation(op="send_action_goal", id=id, action="/count", action_type="x/Count", args={"to": 1000})
     refused = greedy.receive("action_result")
     assert refused["id"] == MAX_GOALS
-    assert "goals are under way already; wait" in refused["values"]
+    assert "goals are active already; wait" in refused["values"]
     assert other.call_service("/quick")["values"] == {"quick": True}
     greedy.kill()
-    eventually(lambda: hub.broker.actions.providers.pending_count() == 0)
-    assert hub.send_goal("/count", "x/Count", {"to": 1}).wait(20.0).status is GoalStatus.SUCCEEDED
+    eventually(lambda: local_node.broker.actions.providers.pending_count() == 0)
+    assert local_node.send_goal("/count", "x/Count", {"to": 1}).wait(20.0).status is GoalStatus.SUCCEEDED
 
 
-def test_a_clients_goal_speaks_the_protocol(hub: LocalNode, talker: Talkers) -> None:
-    hub.create_action_server("/count", "x/Count", count_down)
-    client = talker()
+def test_a_goal_of_a_client_follows_the_protocol(local_node: LocalNode, make_raw_client: RawClientFactory) -> None:
+    local_node.create_action_server("/count", "x/Count", count_down)
+    client = make_raw_client()
     order = {"op": "send_action_goal", "action": "/count", "action_type": "x/Count"}
     client.send_operation(**order, id="g", args={"to": 1}, feedback=True)
     assert client.receive("action_feedback") == {
@@ -133,22 +137,22 @@ def test_a_clients_goal_speaks_the_protocol(hub: LocalNode, talker: Talkers) -> 
     client.send_operation(**order, id="long", args={"to": 1000}, feedback=True)
     client.receive("action_feedback", id="long", values={"at": 5})
     client.send_operation(**order, id="long", args={"to": 1})
-    assert "under way already" in client.receive("action_result", id="long")["values"]
+    assert "active already" in client.receive("action_result", id="long")["values"]
     client.send_operation(op="cancel_action_goal", id="long", action="/count")
     ended = client.receive("action_result", id="long")
     assert (ended["status"], ended["result"], ended["values"]) == (5, True, {"reached": 5})
     client.send_operation(op="set_level", level="warning")
     client.send_operation(op="cancel_action_goal", id="long", action="/count")
-    assert "no goal 'long' of yours" in client.receive("status", id="long")["msg"]
+    assert "you have no active goal 'long'" in client.receive("status", id="long")["msg"]
     client.send_operation(op="send_action_goal", id="u", action="/nobody", action_type="x/X")
     refused = client.receive("action_result", id="u")
     assert (refused["status"], refused["result"]) == (6, False)
     assert refused["values"] == "Action /nobody does not exist"
 
 
-def test_nobody_cancels_another_ones_goal(hub: LocalNode, talker: Talkers) -> None:
-    hub.create_action_server("/count", "x/Count", count_down)
-    owner, thief = talker(), talker()
+def test_a_client_cannot_cancel_the_goal_of_another(local_node: LocalNode, make_raw_client: RawClientFactory) -> None:
+    local_node.create_action_server("/count", "x/Count", count_down)
+    owner, thief = make_raw_client(), make_raw_client()
     owner.send_operation(
         op="send_action_goal", id="g", action="/count", action_type="x/C", args={"to": 1000}, feedback=True
     )
@@ -159,7 +163,7 @@ def test_nobody_cancels_another_ones_goal(hub: LocalNode, talker: Talkers) -> No
     assert not [each for each in owner.received if each["op"] == "action_result"]
 
 
-def test_a_goal_whose_sender_is_gone_is_cancelled(hub: LocalNode, talker: Talkers) -> None:
+def test_a_goal_whose_client_disconnected_is_canceled(local_node: LocalNode, make_raw_client: RawClientFactory) -> None:
     ended = threading.Event()
     begun = threading.Event()
 
@@ -169,53 +173,55 @@ def test_a_goal_whose_sender_is_gone_is_cancelled(hub: LocalNode, talker: Talker
             ended.set()
         return goal.canceled()
 
-    hub.create_action_server("/wait", "x/Wait", wait)
-    client = talker()
+    local_node.create_action_server("/wait", "x/Wait", wait)
+    client = make_raw_client()
     client.send_operation(op="send_action_goal", id="g", action="/wait", action_type="x/Wait")
     assert begun.wait(20.0)
     client.kill()
     assert ended.wait(20.0)
 
 
-def test_a_goal_whose_provider_dies_ends_as_aborted(hub: LocalNode, talker: Talkers) -> None:
-    provider, caller = talker(), talker()
+def test_a_goal_whose_provider_disconnected_is_aborted(
+    local_node: LocalNode, make_raw_client: RawClientFactory
+) -> None:
+    provider, caller = make_raw_client(), make_raw_client()
     provider.send_operation(op="advertise_action", action="/far", type="x/Far")
     provider.flush()
     caller.send_operation(op="send_action_goal", id="g", action="/far", action_type="x/Far", feedback=True)
     order = provider.receive("send_action_goal")
     provider.send_operation(op="action_feedback", id=order["id"], action="/far", values={"half": 1})
     assert caller.receive("action_feedback")["values"] == {"half": 1}
-    mine = hub.send_goal("/far", "x/Far")
+    mine = local_node.send_goal("/far", "x/Far")
     provider.receive("send_action_goal")
     provider.kill()
     ended = caller.receive("action_result", id="g")
-    assert (ended["status"], ended["result"], ended["values"]) == (6, False, "the provider of /far is gone")
-    with pytest.raises(ServiceCallError, match="is gone"):
+    assert (ended["status"], ended["result"], ended["values"]) == (6, False, "the provider of /far disconnected")
+    with pytest.raises(ServiceCallError, match="disconnected"):
         mine.wait(20.0)
 
 
-def test_late_and_foreign_words_about_a_goal_are_dropped_with_a_remark(talker: Talkers) -> None:
-    provider, caller, stranger = talker(), talker(), talker()
-    for each in (provider, stranger):
+def test_late_and_foreign_messages_about_a_goal_are_dropped_with_a_status(make_raw_client: RawClientFactory) -> None:
+    provider, caller, other_client = make_raw_client(), make_raw_client(), make_raw_client()
+    for each in (provider, other_client):
         each.send_operation(op="set_level", level="warning")
     provider.send_operation(op="advertise_action", action="/far", type="x/Far")
     provider.flush()
     caller.send_operation(op="send_action_goal", id="g", action="/far", action_type="x/Far", feedback=True)
     id = provider.receive("send_action_goal")["id"]
-    stranger.send_operation(op="action_result", id=id, action="/far", values={}, status=4, result=True)
-    assert "waits" in stranger.receive("status", id=id)["msg"]
+    other_client.send_operation(op="action_result", id=id, action="/far", values={}, status=4, result=True)
+    assert "no pending action request" in other_client.receive("status", id=id)["msg"]
     provider.send_operation(op="action_result", id=id, action="/far", values={"fine": 1}, status=4, result=True)
     assert caller.receive("action_result", id="g")["values"] == {"fine": 1}
     provider.send_operation(op="action_feedback", id=id, action="/far", values={"late": 1})
-    assert "waits" in provider.receive("status", id=id)["msg"]
+    assert "no pending action request" in provider.receive("status", id=id)["msg"]
     provider.send_operation(op="action_result", id=id, action="/far", status=4, result=True)
-    assert "waits" in provider.receive("status", id=id)["msg"]
+    assert "no pending action request" in provider.receive("status", id=id)["msg"]
     caller.flush()
     assert caller.received == []
 
 
-def test_a_clients_action_serves_the_hub_and_ends_with_the_connection(
-    hub: LocalNode, server: RosbridgeServer, client: Clients
+def test_a_client_provides_an_action_until_it_disconnects(
+    local_node: LocalNode, server: RosbridgeServer, client: Clients
 ) -> None:
     provider = client()
     cancelled = threading.Event()
@@ -227,33 +233,33 @@ def test_a_clients_action_serves_the_hub_and_ends_with_the_connection(
         return goal.canceled({"given": "up"})
 
     provider.create_action_server("/work", "x/Work", work)
-    eventually(lambda: hub.graph_info().actions)
-    told: list[Any] = []
-    goal = hub.send_goal("/work", "x/Work", on_feedback=told.append)
-    eventually(lambda: told)
+    eventually(lambda: local_node.graph_info().actions)
+    feedback_values: list[Any] = []
+    goal = local_node.send_goal("/work", "x/Work", on_feedback=feedback_values.append)
+    eventually(lambda: feedback_values)
     goal.cancel()
     assert goal.wait(20.0) == GoalResult(GoalStatus.CANCELED, {"given": "up"})
     cancelled.clear()
-    goal = hub.send_goal("/work", "x/Work", on_feedback=told.append)
-    eventually(lambda: len(told) == 2)
+    goal = local_node.send_goal("/work", "x/Work", on_feedback=feedback_values.append)
+    eventually(lambda: len(feedback_values) == 2)
     server.close()
-    with pytest.raises(ServiceCallError, match="is gone"):
+    with pytest.raises(ServiceCallError, match="disconnected"):
         goal.wait(20.0)
     assert cancelled.wait(20.0)
 
 
-def test_one_client_may_only_have_so_many_goals_and_gone_ones_are_forgotten(talker: Talkers) -> None:
+def test_goals_of_a_client_are_limited_and_orphaned_goals_expire(make_raw_client: RawClientFactory) -> None:
     with (
-        LocalNode(limits=BridgeLimits(goals=2, orphaned_goal_timeout_s=0.05)) as hub,
-        RosbridgeServer(hub, port=0) as server,
+        LocalNode(limits=BridgeLimits(goals=2, orphaned_goal_timeout_s=0.05)) as local_node,
+        RosbridgeServer(local_node, port=0) as server,
     ):
-        provider, caller = talker(server.url), talker(server.url)
+        provider, caller = make_raw_client(server.url), make_raw_client(server.url)
         provider.send_operation(op="advertise_action", action="/far", type="x/Far")
-        eventually(lambda: hub.graph_info().actions)
+        eventually(lambda: local_node.graph_info().actions)
         for id in range(3):
             caller.send_operation(op="send_action_goal", id=id, action="/far", action_type="x/Far")
-        assert "2 of your goals are under way already" in caller.receive("action_result", id=2)["values"]
+        assert "you have 2 active goals already" in caller.receive("action_result", id=2)["values"]
         caller.close()
         for _ in range(2):
-            provider.receive("cancel_action_goal")  # and never ends what it was told to cancel
-        eventually(lambda: hub.broker.actions.providers.pending_count() == 0)
+            provider.receive("cancel_action_goal")  # and never returns a result
+        eventually(lambda: local_node.broker.actions.providers.pending_count() == 0)

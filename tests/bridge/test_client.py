@@ -1,4 +1,4 @@
-"""The client: at somebody else's hub, through losses, and with the right error at once."""
+"""Client: services, topics and actions at a server, reconnection, and errors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mindstage.errors import (
     ServiceNotFoundError,
     ServiceTimeoutError,
 )
-from tests.bridge.talking import TIMEOUT_S, eventually
+from tests.bridge.raw_client import TIMEOUT_S, eventually
 
 Clients = Callable[..., RosbridgeClient]
 
@@ -28,50 +28,50 @@ def add(args: dict[str, int]) -> dict[str, int]:
     return {"sum": args["a"] + args["b"]}
 
 
-def test_hub_and_client_take_part_in_the_same_way(hub: LocalNode, client: Clients) -> None:
-    far = client()
-    heard: list[Any] = []
+def test_a_local_node_and_a_client_have_the_same_methods(local_node: LocalNode, client: Clients) -> None:
+    remote = client()
+    received: list[Any] = []
 
     def take_part(one: Node, other: Node, name: str) -> None:
         one.create_service(f"/{name}/add", "x/Add", add)
-        one.subscribe(f"/{name}/words", heard.append)
-        eventually(lambda: any(each.name == f"/{name}/add" for each in hub.graph_info().services))
-        eventually(lambda: any(each.name == f"/{name}/words" for each in hub.graph_info().topics))
+        one.subscribe(f"/{name}/words", received.append)
+        eventually(lambda: any(each.name == f"/{name}/add" for each in local_node.graph_info().services))
+        eventually(lambda: any(each.name == f"/{name}/words" for each in local_node.graph_info().topics))
         assert other.call_service(f"/{name}/add", {"a": 1, "b": 2}) == {"sum": 3}
         other.publish(f"/{name}/words", "x/Words", {"from": name})
-        eventually(lambda: {"from": name} in heard)
+        eventually(lambda: {"from": name} in received)
 
-    take_part(hub, far, "here")
-    take_part(far, hub, "there")
+    take_part(local_node, remote, "here")
+    take_part(remote, local_node, "there")
 
 
-def test_each_way_to_fail_has_its_error(hub: LocalNode, client: Clients) -> None:
+def test_each_failure_raises_its_error(local_node: LocalNode, client: Clients) -> None:
     def refuse(_: object) -> None:
         raise BridgeError("not today")
 
-    hub.create_service("/refuse", "x/X", refuse)
-    hub.create_service("/never", "x/X", lambda _: threading.Event().wait(1.0))
-    far = client()
+    local_node.create_service("/refuse", "x/X", refuse)
+    local_node.create_service("/never", "x/X", lambda _: threading.Event().wait(1.0))
+    remote = client()
     with pytest.raises(ServiceCallError, match="/refuse failed: not today"):
-        far.call_service("/refuse")
+        remote.call_service("/refuse")
     with pytest.raises(ServiceNotFoundError, match="/nobody"):
-        far.call_service("/nobody")
+        remote.call_service("/nobody")
     with pytest.raises(ServiceTimeoutError):
-        far.call_service("/never", timeout_s=0.05)
-    assert far.connected
+        remote.call_service("/never", timeout_s=0.05)
+    assert remote.connected
 
 
 @pytest.mark.parametrize("compression", Compression)
-def test_messages_come_in_every_form(hub: LocalNode, client: Clients, compression: Compression) -> None:
-    heard: list[Any] = []
-    client().subscribe("/map", heard.append, compression=compression)
-    eventually(lambda: hub.has_subscribers("/map"))
+def test_messages_arrive_in_every_encoding(local_node: LocalNode, client: Clients, compression: Compression) -> None:
+    received: list[Any] = []
+    client().subscribe("/map", received.append, compression=compression)
+    eventually(lambda: local_node.has_subscribers("/map"))
     message = {"cells": [0.0, 0.5, 1.0] * 100, "name": "küche"}
-    hub.publish("/map", "x/Map", message)
-    eventually(lambda: heard == [message])
+    local_node.publish("/map", "x/Map", message)
+    eventually(lambda: received == [message])
 
 
-def test_a_client_waits_for_nobody_who_is_not_there() -> None:
+def test_a_call_without_a_connection_fails_at_once() -> None:
     with RosbridgeClient(f"ws://127.0.0.1:{free_port()}") as client:
         with pytest.raises(ConnectionLostError, match="Connect call failed"):
             eventually_raises(client)
@@ -92,18 +92,20 @@ def eventually_raises(client: RosbridgeClient) -> None:
 
 
 @pytest.mark.parametrize("url", ["", "127.0.0.1:9090", "http://127.0.0.1:9090"])
-def test_an_address_that_is_none_is_refused_at_once(url: str) -> None:
+def test_an_invalid_url_is_rejected_at_once(url: str) -> None:
     with pytest.raises(ConnectionLostError, match="must begin with ws://"):
         RosbridgeClient(url)
 
 
 @pytest.mark.parametrize("url", ["ws://", "ws://127.0.0.1:99999"])
-def test_an_address_that_nobody_can_have_ends_the_wait(url: str) -> None:
+def test_an_unreachable_url_ends_the_wait(url: str) -> None:
     with RosbridgeClient(url) as client, pytest.raises(ConnectionLostError):
         client.wait_connected(0.2)
 
 
-def test_a_loss_ends_what_waits_and_is_told_at_once(hub: LocalNode, server: RosbridgeServer, client: Clients) -> None:
+def test_a_lost_connection_fails_pending_calls_and_is_reported_at_once(
+    local_node: LocalNode, server: RosbridgeServer, client: Clients
+) -> None:
     states: list[ConnectionState] = []
     called = threading.Event()
 
@@ -111,11 +113,11 @@ def test_a_loss_ends_what_waits_and_is_told_at_once(hub: LocalNode, server: Rosb
         called.set()
         threading.Event().wait(2.0)
 
-    hub.create_service("/never", "x/X", never)
-    hub.create_action_server("/never", "x/X", lambda goal: goal.wait_for_cancel(TIMEOUT_S))
-    far = client(on_state=states.append)
-    call = far.call_service_async("/never", timeout_s=600.0)
-    goal = far.send_goal("/never", "x/X")
+    local_node.create_service("/never", "x/X", never)
+    local_node.create_action_server("/never", "x/X", lambda goal: goal.wait_for_cancel(TIMEOUT_S))
+    remote = client(on_state=states.append)
+    call = remote.call_service_async("/never", timeout_s=600.0)
+    goal = remote.send_goal("/never", "x/X")
     assert called.wait(TIMEOUT_S)
     server.close()
     with pytest.raises(ConnectionLostError, match="the server is closing"):
@@ -124,94 +126,96 @@ def test_a_loss_ends_what_waits_and_is_told_at_once(hub: LocalNode, server: Rosb
         goal.wait(TIMEOUT_S)
     assert states[:2] == [ConnectionState.CONNECTED, ConnectionState.LOST]
     with pytest.raises(ConnectionLostError):
-        far.call_service("/never", timeout_s=600.0)
+        remote.call_service("/never", timeout_s=600.0)
 
 
-def test_a_client_comes_back_with_all_that_it_offered(hub: LocalNode, server: RosbridgeServer, client: Clients) -> None:
-    far = client()
-    heard: list[Any] = []
-    far.create_service("/far/add", "x/Add", add)
-    far.create_service("/far/gone", "x/Add", add)
-    far.create_action_server("/far/go", "x/Go", lambda goal: {"got": goal.args})
-    far.advertise("/far/words", "x/Words")
-    subscription = far.subscribe("/here/words", heard.append)
-    far.subscribe("/here/silence", heard.append).close()
-    far.destroy_service("/far/gone")
+def test_a_client_reconnects_and_advertises_again(
+    local_node: LocalNode, server: RosbridgeServer, client: Clients
+) -> None:
+    remote = client()
+    received: list[Any] = []
+    remote.create_service("/far/add", "x/Add", add)
+    remote.create_service("/far/gone", "x/Add", add)
+    remote.create_action_server("/far/go", "x/Go", lambda goal: {"got": goal.args})
+    remote.advertise("/far/words", "x/Words")
+    subscription = remote.subscribe("/here/words", received.append)
+    remote.subscribe("/here/silence", received.append).close()
+    remote.destroy_service("/far/gone")
     server.close()
-    eventually(lambda: not hub.graph_info().services)
+    eventually(lambda: not local_node.graph_info().services)
     server.start()
-    far.wait_connected(TIMEOUT_S)
-    eventually(lambda: len(hub.graph_info().topics) == 2)
-    told = hub.graph_info()
-    assert [each.name for each in told.services] == ["/far/add"]
-    assert [each.name for each in told.actions] == ["/far/go"]
-    assert [each.name for each in told.topics] == ["/far/words", "/here/words"]
-    assert hub.call_service("/far/add", {"a": 1, "b": 2}) == {"sum": 3}
-    assert hub.send_goal("/far/go", "x/Go", {"to": 1}).wait(TIMEOUT_S).values == {"got": {"to": 1}}
-    hub.publish("/here/words", "x/Words", {"data": "again"})
-    eventually(lambda: heard == [{"data": "again"}])
+    remote.wait_connected(TIMEOUT_S)
+    eventually(lambda: len(local_node.graph_info().topics) == 2)
+    graph = local_node.graph_info()
+    assert [each.name for each in graph.services] == ["/far/add"]
+    assert [each.name for each in graph.actions] == ["/far/go"]
+    assert [each.name for each in graph.topics] == ["/far/words", "/here/words"]
+    assert local_node.call_service("/far/add", {"a": 1, "b": 2}) == {"sum": 3}
+    assert local_node.send_goal("/far/go", "x/Go", {"to": 1}).wait(TIMEOUT_S).values == {"got": {"to": 1}}
+    local_node.publish("/here/words", "x/Words", {"data": "again"})
+    eventually(lambda: received == [{"data": "again"}])
     subscription.close()
 
 
-def test_it_tries_again_until_someone_is_there(hub: LocalNode) -> None:
+def test_a_client_retries_until_there_is_a_server(local_node: LocalNode) -> None:
     port = free_port()
     with RosbridgeClient(f"ws://127.0.0.1:{port}") as client:
         client.create_service("/far/add", "x/Add", add)
-        with RosbridgeServer(hub, port=port):
+        with RosbridgeServer(local_node, port=port):
             client.wait_connected(TIMEOUT_S)
-            eventually(lambda: hub.graph_info().services)
-            assert hub.call_service("/far/add", {"a": 1, "b": 2}) == {"sum": 3}
+            eventually(lambda: local_node.graph_info().services)
+            assert local_node.call_service("/far/add", {"a": 1, "b": 2}) == {"sum": 3}
 
 
-def test_the_stage_of_one_hub_can_serve_the_callers_of_another(hub: LocalNode, server: RosbridgeServer) -> None:
+def test_a_node_can_serve_the_clients_of_another_server(local_node: LocalNode, server: RosbridgeServer) -> None:
     with LocalNode() as other, RosbridgeServer(other, port=0) as others, RosbridgeClient(others.url) as bridge:
         bridge.wait_connected(TIMEOUT_S)
-        hub.create_service("/here/add", "x/Add", add)
-        bridge.create_service("/here/add", "x/Add", lambda args: hub.call_service("/here/add", args))
+        local_node.create_service("/here/add", "x/Add", add)
+        bridge.create_service("/here/add", "x/Add", lambda args: local_node.call_service("/here/add", args))
         eventually(lambda: other.graph_info().services)
         with RosbridgeClient(others.url) as caller:
             caller.wait_connected(TIMEOUT_S)
             assert caller.call_service("/here/add", {"a": 1, "b": 2}) == {"sum": 3}
 
 
-def test_what_the_hub_remarks_is_heard(hub: LocalNode, client: Clients) -> None:
-    remarks: list[Status] = []
-    hub.create_service("/ours", "x/X", add)
-    far = client(on_status=remarks.append)
-    far.create_service("/ours", "x/X", add)
-    eventually(lambda: remarks)
-    assert "is the hub's own" in remarks[0].msg
+def test_status_messages_of_the_server_are_reported(local_node: LocalNode, client: Clients) -> None:
+    notes: list[Status] = []
+    local_node.create_service("/ours", "x/X", add)
+    remote = client(on_status=notes.append)
+    remote.create_service("/ours", "x/X", add)
+    eventually(lambda: notes)
+    assert "belongs to the local node" in notes[0].msg
 
 
-def test_a_handler_that_breaks_breaks_no_connection(
-    hub: LocalNode, server: RosbridgeServer, caplog: pytest.LogCaptureFixture
+def test_a_failing_handler_does_not_end_the_connection(
+    local_node: LocalNode, server: RosbridgeServer, caplog: pytest.LogCaptureFixture
 ) -> None:
     def broken(*_: object) -> None:
         raise ZeroDivisionError
 
-    hub.create_service("/add", "x/Add", add)
-    hub.create_action_server("/go", "x/Go", lambda goal: goal.feedback({}))
+    local_node.create_service("/add", "x/Add", add)
+    local_node.create_action_server("/go", "x/Go", lambda goal: goal.feedback({}))
     with RosbridgeClient(server.url, on_state=broken, on_status=broken) as client:
         client.wait_connected(TIMEOUT_S)
-        client.create_service("/add", "x/Add", add)  # which makes the hub remark something
+        client.create_service("/add", "x/Add", add)  # which the server rejects with a status
         client.send_goal("/go", "x/Go", on_feedback=broken).wait(TIMEOUT_S)
         assert client.call_service("/add", {"a": 1, "b": 2}) == {"sum": 3}
     for what in ("state", "status", "feedback"):
         assert f"the {what} handler" in caplog.text
 
 
-def test_the_right_token_opens_and_another_does_not(hub: LocalNode) -> None:
-    with RosbridgeServer(hub, port=0, token="öpen sesame") as server:
+def test_only_the_right_token_is_accepted(local_node: LocalNode) -> None:
+    with RosbridgeServer(local_node, port=0, token="öpen sesame") as server:
         with RosbridgeClient(server.url, token="öpen sesame") as client:
-            hub.create_service("/add", "x/Add", add)
+            local_node.create_service("/add", "x/Add", add)
             assert client.wait_connected(TIMEOUT_S).call_service("/add", {"a": 1, "b": 2}) == {"sum": 3}
-        with RosbridgeClient(server.url) as client, pytest.raises(AuthenticationError, match="a token is needed"):
+        with RosbridgeClient(server.url) as client, pytest.raises(AuthenticationError, match="a token is required"):
             client.wait_connected(TIMEOUT_S)
         with RosbridgeClient(f"{server.url}/?token=%C3%B6pen%20sesame") as client:
             client.wait_connected(TIMEOUT_S)
         with (
             RosbridgeClient(server.url, token="close sesame") as client,
-            pytest.raises(AuthenticationError, match="not the token"),
+            pytest.raises(AuthenticationError, match="invalid token"),
         ):
             client.wait_connected(TIMEOUT_S)
 
@@ -220,8 +224,8 @@ def test_the_right_token_opens_and_another_does_not(hub: LocalNode) -> None:
 
 
 @pytest.fixture
-def odd_hub() -> Iterator[Callable[[Callable[[ServerConnection], None]], str]]:
-    """Makes servers of one function; gives their address."""
+def fake_server() -> Iterator[Callable[[Callable[[ServerConnection], None]], str]]:
+    """Starts a server with one function as its handler, and returns its URL."""
     servers = []
 
     def make(behave: Callable[[ServerConnection], None]) -> str:
@@ -235,7 +239,7 @@ def odd_hub() -> Iterator[Callable[[Callable[[ServerConnection], None]], str]]:
         server.shutdown()
 
 
-def test_garbage_late_and_double_answers_do_no_harm(odd_hub: Callable[..., str]) -> None:
+def test_invalid_late_and_duplicate_responses_are_harmless(fake_server: Callable[..., str]) -> None:
     def behave(connection: ServerConnection) -> None:
         import json
 
@@ -252,7 +256,7 @@ def test_garbage_late_and_double_answers_do_no_harm(odd_hub: Callable[..., str])
             for number in range(3):
                 connection.send(json.dumps({**answer, "values": {"answer": number}}))
 
-    with RosbridgeClient(odd_hub(behave)) as client:
+    with RosbridgeClient(fake_server(behave)) as client:
         client.wait_connected(TIMEOUT_S)
         assert client.call_service("/double") == {"answer": 0}
         with pytest.raises(ServiceTimeoutError):
@@ -262,14 +266,14 @@ def test_garbage_late_and_double_answers_do_no_harm(odd_hub: Callable[..., str])
         assert client.call_service("/double") == {"answer": 0}
 
 
-def test_a_hub_that_hangs_up_in_the_middle_is_a_loss(odd_hub: Callable[..., str]) -> None:
+def test_a_server_that_closes_the_socket_is_a_lost_connection(fake_server: Callable[..., str]) -> None:
     def behave(connection: ServerConnection) -> None:
         connection.recv()
         connection.socket.shutdown(socket.SHUT_RDWR)
 
-    with RosbridgeClient(odd_hub(behave)) as client:
+    with RosbridgeClient(fake_server(behave)) as client:
         client.wait_connected(TIMEOUT_S)
-        with pytest.raises(ConnectionLostError, match="broke off"):
+        with pytest.raises(ConnectionLostError, match="the connection was lost"):
             client.call_service("/add", timeout_s=TIMEOUT_S)
 
 

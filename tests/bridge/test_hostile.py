@@ -1,4 +1,4 @@
-"""Ten thousand messages that mean harm, or nothing: the hub stays up, its memory flat, its other clients unaffected."""
+"""Ten thousand random messages: the server keeps running, its memory stays constant, other clients are not affected."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.bridge.protocol import Compression, MessageEncoder, Publish
-from tests.bridge.talking import RawClient, eventually, raw_subscriber
+from tests.bridge.raw_client import RawClient, eventually, raw_subscriber
 
-Talkers = Callable[..., RawClient]
+RawClientFactory = Callable[..., RawClient]
 
 MESSAGES = 10_000
 OPS = (
@@ -33,70 +33,70 @@ KEYS = (
 NAMES = ("/a", "b", "/settle", "/add", "/../x", "", "/" * 50, "x" * 2000, "\x00", "é")
 
 
-def harm(dice: random.Random) -> str | bytes:
-    """One message: noise, a piece of something right, or something right that means nothing."""
-    kind = dice.randrange(8)
+def random_frame(rng: random.Random) -> str | bytes:
+    """Returns a random frame: noise, a part of a valid message, or a valid message with random values."""
+    kind = rng.randrange(8)
     if kind == 0:
-        return dice.randbytes(dice.randrange(200))
+        return rng.randbytes(rng.randrange(200))
     if kind == 1:
-        return "".join(dice.choices('{}[]",:\\ntrue0.1e-é\u2028\x00', k=dice.randrange(200)))
+        return "".join(rng.choices('{}[]",:\\ntrue0.1e-é\u2028\x00', k=rng.randrange(200)))
     if kind == 2:
-        return '{"op":"publish","topic":"/a","msg":' + dice.choice("[{") * dice.randrange(70, 5000)
-    text = msgspec.json.encode(anything_said(dice)).decode()
+        return '{"op":"publish","topic":"/a","msg":' + rng.choice("[{") * rng.randrange(70, 5000)
+    text = msgspec.json.encode(random_operation(rng)).decode()
     if kind == 3:
-        cut = dice.randrange(len(text))
-        return text[:cut] + chr(dice.randrange(32, 300)) + text[cut + dice.randrange(3) :]
+        cut = rng.randrange(len(text))
+        return text[:cut] + chr(rng.randrange(32, 300)) + text[cut + rng.randrange(3) :]
     if kind == 4:
         operation = Publish(topic="/a", msg=msgspec.Raw(text.encode()))
         frame = bytearray(MessageEncoder(operation).frames(Compression.CBOR)[0])  # type: ignore[arg-type]  # it is bytes
-        frame[dice.randrange(len(frame))] = dice.randrange(256)
+        frame[rng.randrange(len(frame))] = rng.randrange(256)
         return bytes(frame)
     return text
 
 
-def anything_said(dice: random.Random) -> dict[str, Any]:
-    return {"op": dice.choice(OPS)} | {key: anything(dice) for key in dice.sample(KEYS, dice.randrange(12))}
+def random_operation(rng: random.Random) -> dict[str, Any]:
+    return {"op": rng.choice(OPS)} | {key: random_value(rng) for key in rng.sample(KEYS, rng.randrange(12))}
 
 
-def anything(dice: random.Random, depth: int = 0) -> Any:
-    kind = dice.randrange(9 if depth < 3 else 7)
+def random_value(rng: random.Random, depth: int = 0) -> Any:
+    kind = rng.randrange(9 if depth < 3 else 7)
     if kind < 3:
-        return dice.choice(NAMES)
+        return rng.choice(NAMES)
     if kind == 7:
-        return [anything(dice, depth + 1) for _ in range(dice.randrange(4))]
+        return [random_value(rng, depth + 1) for _ in range(rng.randrange(4))]
     if kind == 8:
-        return {dice.choice(KEYS): anything(dice, depth + 1) for _ in range(dice.randrange(4))}
-    return (None, dice.random() < 0.5, dice.randrange(-3, 10), 10.0 ** dice.randrange(-300, 300))[kind - 3]
+        return {rng.choice(KEYS): random_value(rng, depth + 1) for _ in range(rng.randrange(4))}
+    return (None, rng.random() < 0.5, rng.randrange(-3, 10), 10.0 ** rng.randrange(-300, 300))[kind - 3]
 
 
-def attack(talker: Talkers, seed: int, messages: int) -> int:
-    """Sends, and comes back whenever it is thrown out; tells how often that was."""
-    dice = random.Random(seed)
-    client = talker(max_queue=None)
-    thrown_out = 0
+def attack(make_raw_client: RawClientFactory, seed: int, messages: int) -> int:
+    """Sends random messages, reconnects when it is disconnected, and returns how often it was."""
+    rng = random.Random(seed)
+    client = make_raw_client(max_queue=None)
+    disconnected = 0
     for number in range(messages):
         if number % 500 != 499:
-            client.send(harm(dice))
+            client.send(random_frame(rng))
             continue
         client.socket.send(b"\xff\xfe no UTF-8", text=True)
-        assert client.wait_closed()[0] == 1007  # for it, nothing else is left
-        client = talker(max_queue=None)
-        thrown_out += 1
+        assert client.wait_closed()[0] == 1007  # invalid UTF-8
+        client = make_raw_client(max_queue=None)
+        disconnected += 1
     client.close()
-    return thrown_out
+    return disconnected
 
 
-def test_the_hub_survives_and_nobody_else_notices(
-    hub: LocalNode, server: RosbridgeServer, talker: Talkers, caplog: pytest.LogCaptureFixture
+def test_random_messages_do_not_affect_other_clients(
+    local_node: LocalNode, server: RosbridgeServer, make_raw_client: RawClientFactory, caplog: pytest.LogCaptureFixture
 ) -> None:
-    hub.create_service("/add", "x/Add", lambda args: {"sum": args["a"] + args["b"]})
-    good = talker()
+    local_node.create_service("/add", "x/Add", lambda args: {"sum": args["a"] + args["b"]})
+    good = make_raw_client()
     good.send_operation(op="subscribe", topic="/good", type="x/Good")
     good.send_operation(op="advertise", topic="/good", type="x/Good")
     good.call_service("/add", {"a": 0, "b": 0})
-    expected = hub_at_rest(hub)
+    expected = graph_when_idle(local_node)
     with ThreadPoolExecutor(4) as pool:
-        attacks = [pool.submit(attack, talker, seed, MESSAGES // 4) for seed in range(4)]
+        attacks = [pool.submit(attack, make_raw_client, seed, MESSAGES // 4) for seed in range(4)]
         rounds = 0
         while rounds < 20 or not all(each.done() for each in attacks):
             assert good.call_service("/add", {"a": rounds, "b": 1})["values"] == {"sum": rounds + 1}
@@ -105,35 +105,37 @@ def test_the_hub_survives_and_nobody_else_notices(
             rounds += 1
     assert [each.result() for each in attacks] == [5, 5, 5, 5]
     eventually(lambda: server.client_count == 1)
-    assert hub_at_rest(hub) == expected
+    assert graph_when_idle(local_node) == expected
     assert good.received == []
-    assert not [each for each in caplog.records if each.levelname == "ERROR"], "a defect, however harmless"
+    assert not [each for each in caplog.records if each.levelname == "ERROR"], "an internal error was logged"
 
 
-def test_harm_leaves_nothing_in_the_memory(hub: LocalNode, server: RosbridgeServer, talker: Talkers) -> None:
-    attack(talker, 0, 500)  # whatever is made but once is made
+def test_random_messages_leak_no_memory(
+    local_node: LocalNode, server: RosbridgeServer, make_raw_client: RawClientFactory
+) -> None:
+    attack(make_raw_client, 0, 500)  # fills the caches
     eventually(lambda: server.client_count == 0)
     tracemalloc.start()
     try:
         for seed in (1, 2):
-            attack(talker, seed, 500)
+            attack(make_raw_client, seed, 500)
             eventually(lambda: server.client_count == 0)
             gc.collect()
-        left, most = tracemalloc.get_traced_memory()
+        current, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert left < 1_000_000
-    assert most < 50_000_000
+    assert current < 1_000_000
+    assert peak < 50_000_000
 
 
-def hub_at_rest(hub: LocalNode) -> tuple[Any, ...]:
-    """What the hub knows; it must know nothing of those who are gone."""
-    told = hub.graph_info()
-    waiting = hub.broker.services.providers.pending_count() + hub.broker.actions.providers.pending_count()
-    return told.services, told.actions, [each.name for each in told.topics], len(told.peers), waiting
+def graph_when_idle(local_node: LocalNode) -> tuple[Any, ...]:
+    """Returns the graph and the pending requests, which must not contain disconnected clients."""
+    graph = local_node.graph_info()
+    waiting = local_node.broker.services.providers.pending_count() + local_node.broker.actions.providers.pending_count()
+    return graph.services, graph.actions, [each.name for each in graph.topics], len(graph.peers), waiting
 
 
-def test_a_flood_of_remarks_drops_the_one_who_caused_it_and_does_not_read(server: RosbridgeServer) -> None:
+def test_a_client_that_causes_errors_and_does_not_read_is_disconnected(server: RosbridgeServer) -> None:
     flooder = raw_subscriber(server.port)
     wrong = b"\x81\x82" + bytes(4) + b"[]"
     with pytest.raises((ConnectionResetError, BrokenPipeError)):
@@ -142,10 +144,12 @@ def test_a_flood_of_remarks_drops_the_one_who_caused_it_and_does_not_read(server
     eventually(lambda: server.client_count == 0)
 
 
-def test_noise_before_a_handshake_harms_nobody(hub: LocalNode, server: RosbridgeServer, talker: Talkers) -> None:
-    hub.create_service("/settle", "x/X", lambda _: None)
-    dice = random.Random(1)
+def test_invalid_handshakes_do_not_affect_other_clients(
+    local_node: LocalNode, server: RosbridgeServer, make_raw_client: RawClientFactory
+) -> None:
+    local_node.create_service("/settle", "x/X", lambda _: None)
+    rng = random.Random(1)
     for _ in range(50):
-        with socket.create_connection(("127.0.0.1", server.port)) as stranger:
-            stranger.sendall(dice.choice([b"", b"GET / HTTP/1.1\r\n\r\n", dice.randbytes(500)]))
-    assert talker().call_service("/settle")["result"]
+        with socket.create_connection(("127.0.0.1", server.port)) as other_client:
+            other_client.sendall(rng.choice([b"", b"GET / HTTP/1.1\r\n\r\n", rng.randbytes(500)]))
+    assert make_raw_client().call_service("/settle")["result"]

@@ -1,4 +1,4 @@
-"""The protocol without I/O: what each text means, and what is said to one that means nothing."""
+"""The protocol without I/O: decoding, encoding and errors."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mindstage.errors import MessageValidationError
 
 Raw = msgspec.Raw
 
-# One of each, as the protocol's document, roslibpy and roslibjs write them, and what we understand.
+# One of each operation, as the protocol document, roslibpy and roslibjs write them.
 GOLDEN: list[tuple[str, Operation]] = [
     ('{"op":"advertise","id":"a:1","topic":"/clock","type":"rosgraph_msgs/Clock"}',
      protocol.Advertise(id="a:1", topic="/clock", type="rosgraph_msgs/Clock")),
@@ -63,9 +63,9 @@ REFUSED = [
     ('{"op":"cancel_action_goal","action":"/go"}', "cancel_action_goal", "", "`id`"),
     ('{"op":"service_response","id":"q","service":"/a","values":{}}', "service_response", "", "`result`"),
     ('{"op":"publish","topic":"/a","msg":{"a":"\ud800"}}', "message", "", "surrogates"),
-    ('{"op":"png","id":"q","data":"no base64"}', "png", "", "no PNG"),
-    (b"\xff\xfe\x00garbage", "binary frame", "", "no CBOR"),
-    (b"", "binary frame", "", "no CBOR"),
+    ('{"op":"png","id":"q","data":"no base64"}', "png", "", "not a PNG"),
+    (b"\xff\xfe\x00garbage", "binary frame", "", "not CBOR"),
+    (b"", "binary frame", "", "not CBOR"),
     (b"\x80", "message", "", "Expected `object`, got `array`"),
 ]
 
@@ -75,25 +75,25 @@ def reader(**limits: float) -> MessageDecoder:
 
 
 def contents(operation: Operation | None) -> object:
-    """An operation as plain values, for texts that mean the same."""
+    """Returns an operation as plain values, for comparison."""
     return msgspec.json.decode(msgspec.json.encode(operation))
 
 
 @pytest.mark.parametrize(("text", "operation"), GOLDEN, ids=lambda value: value[:30] if isinstance(value, str) else "")
-def test_each_operation_is_understood_and_written(text: str, operation: Operation) -> None:
+def test_each_operation_is_decoded_and_encoded(text: str, operation: Operation) -> None:
     assert type(reader().decode(text, 0.0)) is type(operation)
     assert contents(reader().decode(text, 0.0)) == contents(operation)
     (frame,) = MessageEncoder(operation).frames()
     assert msgspec.json.decode(frame) == msgspec.json.decode(text)
 
 
-def test_every_operation_has_its_golden_text() -> None:
+def test_every_operation_has_a_golden_text() -> None:
     wrappings = {protocol.Fragment, protocol.Png}
     assert {type(operation) for _, operation in GOLDEN} == set(Operation.__args__) - wrappings  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(("frame", "what", "path", "cause"), REFUSED)
-def test_what_is_wrong_is_named(frame: str | bytes, what: str, path: str, cause: str) -> None:
+def test_errors_name_the_operation_and_the_path(frame: str | bytes, what: str, path: str, cause: str) -> None:
     with pytest.raises(MessageValidationError) as refused:
         reader().decode(frame, 0.0)
     assert refused.value.subject == what
@@ -102,12 +102,12 @@ def test_what_is_wrong_is_named(frame: str | bytes, what: str, path: str, cause:
     assert refused.value.id == ("q" if isinstance(frame, str) and '"id":"q"' in frame else None)
 
 
-def test_fields_that_nobody_knows_are_ignored() -> None:
+def test_unknown_fields_are_ignored() -> None:
     text = '{"op":"advertise","topic":"/a","type":"x/A","latch":false,"queue_size":100,"qos":{"depth":1}}'
     assert contents(reader().decode(text, 0.0)) == contents(protocol.Advertise(topic="/a", type="x/A"))
 
 
-def test_null_means_that_nothing_was_said() -> None:
+def test_null_means_that_a_field_is_missing() -> None:
     text = '{"op":"subscribe","id":null,"topic":"/a","type":null,"throttle_rate":null,"compression":null}'
     assert reader().decode(text, 0.0) == protocol.Subscribe(topic="/a")
     call = reader().decode('{"op":"call_service","service":"/a","args":null}', 0.0)
@@ -115,14 +115,14 @@ def test_null_means_that_nothing_was_said() -> None:
     assert bytes(protocol.content(call.args)) == b"{}"
 
 
-def test_what_a_message_carries_keeps_its_digits() -> None:
+def test_the_payload_keeps_its_digits() -> None:
     carried = b'{"a": 1.50, "b": 1e2, "c": 123456789012345678901234567890, "d": "\\u00e9"}'
     message = reader().decode('{"op":"publish","topic":"/a","msg":' + carried.decode() + "}", 0.0)
     assert isinstance(message, protocol.Publish)
     assert bytes(message.msg) == carried
 
 
-def test_a_text_that_nests_too_deep_is_refused_and_one_that_does_not_is_read() -> None:
+def test_the_nesting_depth_is_limited() -> None:
     def nested(depth: int) -> str:
         return '{"op":"publish","topic":"/a","msg":' + "[" * depth + "]" * depth + "}"
 
@@ -132,13 +132,13 @@ def test_a_text_that_nests_too_deep_is_refused_and_one_that_does_not_is_read() -
             reader(depth=10).decode(nested(depth), 0.0)
 
 
-def test_brackets_in_strings_are_no_nesting() -> None:
+def test_brackets_in_strings_do_not_count_as_nesting() -> None:
     carried = msgspec.json.encode(["[[{{" * 50, '"[\\"[' * 50, "\\"]).decode()
     assert reader(depth=3).decode('{"op":"publish","topic":"/a","msg":' + carried + "}", 0.0)
 
 
-def test_a_frame_that_is_too_large_is_refused_before_it_is_read() -> None:
-    with pytest.raises(MessageValidationError, match="101 bytes are too many; at most 100"):
+def test_a_frame_that_is_too_large_is_rejected_without_decoding() -> None:
+    with pytest.raises(MessageValidationError, match="it has 101 bytes; at most 100"):
         reader(message_bytes=100).decode("x" * 101, 0.0)
 
 
@@ -155,7 +155,7 @@ json_values = st.recursive(
     compression=st.sampled_from(Compression),
     fragment_size=st.none() | st.integers(1, 200),
 )
-def test_what_is_written_in_any_way_is_read_as_it_was(
+def test_every_encoding_survives_a_round_trip(
     message: dict[str, object], compression: Compression, fragment_size: int | None
 ) -> None:
     operation = protocol.Publish(topic="/ä", msg=Raw(msgspec.json.encode(message)))
@@ -169,7 +169,7 @@ def test_what_is_written_in_any_way_is_read_as_it_was(
 
 
 @given(st.text() | st.binary() | json_values.map(lambda value: msgspec.json.encode(value).decode()))
-def test_whatever_comes_is_understood_or_refused(frame: str | bytes) -> None:
+def test_any_frame_is_decoded_or_rejected(frame: str | bytes) -> None:
     try:
         operation = reader().decode(frame, 0.0)
     except MessageValidationError:
@@ -177,7 +177,7 @@ def test_whatever_comes_is_understood_or_refused(frame: str | bytes) -> None:
     assert operation is None or isinstance(operation, Operation)
 
 
-def test_one_encoding_serves_everyone_who_wants_it() -> None:
+def test_each_encoding_is_computed_once() -> None:
     outgoing = MessageEncoder(protocol.Publish(topic="/a", msg=Raw(b"{}")))
     assert outgoing.frames() is outgoing.frames()
     assert outgoing.frames(Compression.CBOR) is outgoing.frames(Compression.CBOR)

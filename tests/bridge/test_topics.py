@@ -1,4 +1,4 @@
-"""Topics at a hub: who hears what, in which order, how often and in which form."""
+"""Topics: routing, order, throttling and encoding of messages."""
 
 from __future__ import annotations
 
@@ -14,76 +14,76 @@ from mindstage.bridge import BridgeLimits, Compression, LocalNode, RosbridgeServ
 from mindstage.bridge.broker import PLAIN_FORMAT, Peer, ReplyFormat, ThrottledQueue
 from mindstage.bridge.protocol import MessageDecoder, MessageEncoder, Publish, Subscribe
 from mindstage.errors import AdvertiseError, MessageValidationError
-from tests.bridge.talking import RawClient, eventually
+from tests.bridge.raw_client import RawClient, eventually
 
-Talkers = Callable[..., RawClient]
+RawClientFactory = Callable[..., RawClient]
 
 
 @pytest.fixture(autouse=True)
-def settling(hub: LocalNode) -> None:
+def settling(local_node: LocalNode) -> None:
     async def settle(_: object) -> None:
         pass
 
-    hub.create_service("/settle", "std_srvs/Empty", settle)
+    local_node.create_service("/settle", "std_srvs/Empty", settle)
 
 
-def listen(client: RawClient, topic: str = "/words", **wishes: Any) -> None:
-    client.send_operation(op="subscribe", topic=topic, **wishes)
+def subscribed_messages(client: RawClient, topic: str = "/words", **options: Any) -> None:
+    client.send_operation(op="subscribe", topic=topic, **options)
     client.flush()
 
 
-def test_a_message_reaches_all_who_listen_and_nobody_else(hub: LocalNode, talker: Talkers) -> None:
-    speaker, near, far, deaf = (talker() for _ in range(4))
-    listen(near, id="s", type="std_msgs/String")
-    listen(far, "words")  # as it spells the topic, so it hears it
-    heard: list[Any] = []
-    hub.subscribe("/words", heard.append)
-    speaker.send_operation(op="advertise", topic="/words", type="std_msgs/msg/String")
-    speaker.send_operation(op="publish", id="p", topic="/words", msg={"data": "hello"})
+def test_a_message_is_sent_to_its_subscribers_only(local_node: LocalNode, make_raw_client: RawClientFactory) -> None:
+    publisher, near, relative, idle_subscriber = (make_raw_client() for _ in range(4))
+    subscribed_messages(near, id="s", type="std_msgs/String")
+    subscribed_messages(relative, "words")  # messages have the name of the subscription
+    messages: list[Any] = []
+    local_node.subscribe("/words", messages.append)
+    publisher.send_operation(op="advertise", topic="/words", type="std_msgs/msg/String")
+    publisher.send_operation(op="publish", id="p", topic="/words", msg={"data": "hello"})
     assert near.receive("publish") == {"op": "publish", "topic": "/words", "msg": {"data": "hello"}}
-    assert far.receive("publish") == {"op": "publish", "topic": "words", "msg": {"data": "hello"}}
-    eventually(lambda: heard == [{"data": "hello"}])
-    deaf.flush()
-    assert deaf.received == []
+    assert relative.receive("publish") == {"op": "publish", "topic": "words", "msg": {"data": "hello"}}
+    eventually(lambda: messages == [{"data": "hello"}])
+    idle_subscriber.flush()
+    assert idle_subscriber.received == []
 
 
-def test_this_process_publishes_to_its_clients_and_to_itself(hub: LocalNode, talker: Talkers) -> None:
+def test_a_local_node_publishes_to_clients_and_itself(local_node: LocalNode, make_raw_client: RawClientFactory) -> None:
     class Words(msgspec.Struct):
         data: str
 
-    client = talker()
-    heard: list[Any] = []
-    assert not hub.has_subscribers("/words")
-    listen(client)
-    assert hub.has_subscribers("words")
-    subscription = hub.subscribe("/words", heard.append)
-    hub.publish("/words", "std_msgs/String", Words("hello"))
+    client = make_raw_client()
+    messages: list[Any] = []
+    assert not local_node.has_subscribers("/words")
+    subscribed_messages(client)
+    assert local_node.has_subscribers("words")
+    subscription = local_node.subscribe("/words", messages.append)
+    local_node.publish("/words", "std_msgs/String", Words("hello"))
     assert client.receive("publish")["msg"] == {"data": "hello"}
-    eventually(lambda: heard == [{"data": "hello"}])
+    eventually(lambda: messages == [{"data": "hello"}])
     subscription.close()
     subscription.close()
-    hub.publish("/words", "std_msgs/String", Words("again"))
+    local_node.publish("/words", "std_msgs/String", Words("again"))
     assert client.receive("publish")["msg"] == {"data": "again"}
-    assert heard == [{"data": "hello"}]
+    assert messages == [{"data": "hello"}]
 
 
-def test_messages_keep_their_order_and_none_is_lost(hub: LocalNode, talker: Talkers) -> None:
-    clients = [talker() for _ in range(3)]
-    heard: list[int] = []
-    hub.subscribe("/count", lambda message: heard.append(message["n"]))
+def test_messages_arrive_in_order_without_loss(local_node: LocalNode, make_raw_client: RawClientFactory) -> None:
+    clients = [make_raw_client() for _ in range(3)]
+    messages: list[int] = []
+    local_node.subscribe("/count", lambda message: messages.append(message["n"]))
     for client in clients:
-        listen(client, "/count")
+        subscribed_messages(client, "/count")
     for n in range(1000):
-        hub.publish("/count", "x/Count", {"n": n})
+        local_node.publish("/count", "x/Count", {"n": n})
     for client in clients:
         assert [client.receive("publish")["msg"]["n"] for _ in range(1000)] == list(range(1000))
-    eventually(lambda: heard == list(range(1000)))
+    eventually(lambda: messages == list(range(1000)))
 
 
-def test_several_subscriptions_of_one_client_hear_a_message_once(talker: Talkers) -> None:
-    client = talker()
-    listen(client, id=1)
-    listen(client, id=2)
+def test_several_subscriptions_of_one_client_receive_a_message_once(make_raw_client: RawClientFactory) -> None:
+    client = make_raw_client()
+    subscribed_messages(client, id=1)
+    subscribed_messages(client, id=2)
     client.send_operation(op="advertise", topic="/words", type="x/Words")
     client.send_operation(op="publish", topic="/words", msg={"n": 1})
     client.send_operation(op="unsubscribe", id=1, topic="/words")
@@ -94,36 +94,38 @@ def test_several_subscriptions_of_one_client_hear_a_message_once(talker: Talkers
     assert [each["msg"]["n"] for each in client.received] == [1, 2]
 
 
-def test_the_last_message_of_a_latched_topic_greets_newcomers(hub: LocalNode, talker: Talkers) -> None:
-    hub.advertise("/map", "x/Map", latch=True)
-    hub.publish("/map", "x/Map", {"edition": 1})
-    hub.publish("/map", "x/Map", {"edition": 2})
-    late = talker()
-    listen(late, "/map")
+def test_a_new_subscriber_receives_the_latched_message(
+    local_node: LocalNode, make_raw_client: RawClientFactory
+) -> None:
+    local_node.advertise("/map", "x/Map", latch=True)
+    local_node.publish("/map", "x/Map", {"edition": 1})
+    local_node.publish("/map", "x/Map", {"edition": 2})
+    late = make_raw_client()
+    subscribed_messages(late, "/map")
     assert [each["msg"]["edition"] for each in late.received] == [2]
-    hub.unadvertise("/map")
-    later = talker()
-    listen(later, "/map")
+    local_node.unadvertise("/map")
+    later = make_raw_client()
+    subscribed_messages(later, "/map")
     assert later.received == []
 
 
-def test_a_topic_has_one_type(hub: LocalNode, talker: Talkers) -> None:
-    hub.advertise("/words", "std_msgs/String")
-    client = talker()
+def test_a_topic_has_one_type(local_node: LocalNode, make_raw_client: RawClientFactory) -> None:
+    local_node.advertise("/words", "std_msgs/String")
+    client = make_raw_client()
     client.send_operation(op="advertise", id="a", topic="/words", type="std_msgs/Bool")
-    assert "of the type std_msgs/String, not std_msgs/Bool" in client.receive("status", id="a")["msg"]
+    assert "is std_msgs/String, not std_msgs/Bool" in client.receive("status", id="a")["msg"]
     client.send_operation(op="subscribe", id="s", topic="/words", type="std_msgs/Bool")
-    assert "of the type std_msgs/String, not std_msgs/Bool" in client.receive("status", id="s")["msg"]
-    with pytest.raises(AdvertiseError, match="of the type std_msgs/String"):
-        hub.publish("/words", "std_msgs/Bool", {})
-    with pytest.raises(MessageValidationError, match="of the type std_msgs/String"):
-        hub.subscribe("/words", print, type="std_msgs/Bool")
+    assert "is std_msgs/String, not std_msgs/Bool" in client.receive("status", id="s")["msg"]
+    with pytest.raises(AdvertiseError, match="its type is std_msgs/String"):
+        local_node.publish("/words", "std_msgs/Bool", {})
+    with pytest.raises(MessageValidationError, match="the type of /words is std_msgs/String"):
+        local_node.subscribe("/words", print, type="std_msgs/Bool")
     client.send_operation(op="publish", id="p", topic="/unheard_of", msg={})
-    assert "/unheard_of is not known; advertise it first" in client.receive("status", id="p")["msg"]
+    assert "/unheard_of is not advertised; advertise it first" in client.receive("status", id="p")["msg"]
 
 
-def test_remarks_come_as_gravely_as_they_were_wished_for(talker: Talkers) -> None:
-    client = talker()
+def test_status_messages_are_filtered_by_level(make_raw_client: RawClientFactory) -> None:
+    client = make_raw_client()
     client.send_operation(op="unsubscribe", id=1, topic="/words")
     client.flush()
     assert client.received == []
@@ -138,42 +140,43 @@ def test_remarks_come_as_gravely_as_they_were_wished_for(talker: Talkers) -> Non
     assert client.received == []
 
 
-def test_a_topic_is_forgotten_with_the_last_who_cares(hub: LocalNode, talker: Talkers) -> None:
-    speaker, listener = talker(), talker()
-    speaker.send_operation(op="advertise", topic="/words", type="x/Words")
-    speaker.flush()
-    listen(listener)
-    (topic,) = hub.graph_info().topics
+def test_a_topic_is_removed_with_its_last_subscriber(local_node: LocalNode, make_raw_client: RawClientFactory) -> None:
+    publisher, subscriber = make_raw_client(), make_raw_client()
+    publisher.send_operation(op="advertise", topic="/words", type="x/Words")
+    publisher.flush()
+    subscribed_messages(subscriber)
+    (topic,) = local_node.graph_info().topics
     assert (topic.name, topic.type, len(topic.publishers), len(topic.subscribers)) == ("/words", "x/Words", 1, 1)
-    speaker.close()
-    eventually(lambda: not hub.graph_info().topics[0].publishers)
-    listener.close()
-    eventually(lambda: not hub.graph_info().topics)
+    publisher.close()
+    eventually(lambda: not local_node.graph_info().topics[0].publishers)
+    subscriber.close()
+    eventually(lambda: not local_node.graph_info().topics)
 
 
-def test_each_listener_gets_the_form_it_wants(hub: LocalNode, talker: Talkers) -> None:
+def test_each_subscriber_receives_its_encoding(local_node: LocalNode, make_raw_client: RawClientFactory) -> None:
     message = {"ranges": [1.0, 2.0, 3.0], "text": "é" * 100}
-    plain, image, binary, pieces = (talker() for _ in range(4))
-    listen(plain)
-    listen(image, compression="png")
-    listen(binary, compression="cbor")
-    listen(pieces, fragment_size=50)
-    hub.publish("/words", "x/Words", message)
+    plain, image, binary, fragmented = (make_raw_client() for _ in range(4))
+    subscribed_messages(plain)
+    subscribed_messages(image, compression="png")
+    subscribed_messages(binary, compression="cbor")
+    subscribed_messages(fragmented, fragment_size=50)
+    local_node.publish("/words", "x/Words", message)
     assert plain.receive("publish")["msg"] == message
     assert read(image.receive("png")) == message
     frame = binary.socket.recv(20.0)
     assert isinstance(frame, bytes)
-    told = cbor2.loads(frame)
-    assert told["topic"] == "/words"
-    assert told["msg"]["ranges"].tag == 86
-    first = pieces.receive("fragment")
+    decoded = cbor2.loads(frame)
+    assert decoded["topic"] == "/words"
+    assert decoded["msg"]["ranges"].tag == 86
+    first = fragmented.receive("fragment")
     reader = MessageDecoder(BridgeLimits())
     reader.decode(msgspec.json.encode(first).decode(), 0.0)
-    whole = [
-        reader.decode(msgspec.json.encode(pieces.receive("fragment")).decode(), 0.0) for _ in range(first["total"] - 1)
+    messages = [
+        reader.decode(msgspec.json.encode(fragmented.receive("fragment")).decode(), 0.0)
+        for _ in range(first["total"] - 1)
     ]
-    assert isinstance(whole[-1], Publish)
-    assert msgspec.json.decode(whole[-1].msg) == message
+    assert isinstance(messages[-1], Publish)
+    assert msgspec.json.decode(messages[-1].msg) == message
 
 
 def read(message: dict[str, Any]) -> Any:
@@ -182,61 +185,61 @@ def read(message: dict[str, Any]) -> Any:
     return msgspec.json.decode(operation.msg)
 
 
-def test_a_handler_that_breaks_hears_the_next_message(hub: LocalNode, caplog: pytest.LogCaptureFixture) -> None:
-    heard = []
+def test_a_failing_handler_receives_the_next_message(local_node: LocalNode, caplog: pytest.LogCaptureFixture) -> None:
+    messages = []
 
     def fragile(message: dict[str, int]) -> None:
-        heard.append(message["n"])
+        messages.append(message["n"])
         if message["n"] == 1:
             raise ZeroDivisionError
 
     async def also(message: dict[str, int]) -> None:
         fragile(message)
 
-    hub.subscribe("/count", fragile)
-    hub.subscribe("/count", also)
+    local_node.subscribe("/count", fragile)
+    local_node.subscribe("/count", also)
     for n in range(3):
-        hub.publish("/count", "x/Count", {"n": n})
-    eventually(lambda: len(heard) == 6)
-    assert sorted(heard) == [0, 0, 1, 1, 2, 2]
-    assert caplog.text.count("the handler of messages on /count broke") == 2
+        local_node.publish("/count", "x/Count", {"n": n})
+    eventually(lambda: len(messages) == 6)
+    assert sorted(messages) == [0, 0, 1, 1, 2, 2]
+    assert caplog.text.count("the handler of messages on /count failed") == 2
 
 
-def test_a_slow_handler_misses_the_oldest_and_hears_the_last(hub: LocalNode) -> None:
-    heard: list[int] = []
+def test_a_slow_handler_misses_the_oldest_messages(local_node: LocalNode) -> None:
+    messages: list[int] = []
     release = threading.Event()
 
     def slow(message: dict[str, int]) -> None:
         release.wait(20.0)
-        heard.append(message["n"])
+        messages.append(message["n"])
 
-    hub.subscribe("/count", slow)
+    local_node.subscribe("/count", slow)
     for n in range(3000):
-        hub.publish("/count", "x/Count", {"n": n})
-    hub.graph_info()  # all of them were passed on
+        local_node.publish("/count", "x/Count", {"n": n})
+    local_node.graph_info()  # waits until all were forwarded
     release.set()
-    eventually(lambda: heard and heard[-1] == 2999)
-    assert len(heard) <= 1100
-    assert heard == sorted(heard)
+    eventually(lambda: messages and messages[-1] == 2999)
+    assert len(messages) <= 1100
+    assert messages == sorted(messages)
 
 
-def test_one_client_may_only_have_so_many_subscriptions(talker: Talkers) -> None:
-    with LocalNode(limits=BridgeLimits(subscriptions=2)) as hub, RosbridgeServer(hub, port=0) as server:
-        hub.create_service("/settle", "x/X", lambda _: None)
-        client = talker(server.url)
+def test_subscriptions_of_a_client_are_limited(make_raw_client: RawClientFactory) -> None:
+    with LocalNode(limits=BridgeLimits(subscriptions=2)) as local_node, RosbridgeServer(local_node, port=0) as server:
+        local_node.create_service("/settle", "x/X", lambda _: None)
+        client = make_raw_client(server.url)
         for number in range(3):
             client.send_operation(op="subscribe", id=number, topic=f"/t{number}")
-        assert "2 subscriptions of one client are enough" in client.receive("status", id=2)["msg"]
+        assert "a client has at most 2 subscriptions" in client.receive("status", id=2)["msg"]
         client.send_operation(op="unsubscribe", topic="/t0")
-        listen(client, "/t2")
-        assert [each.name for each in hub.graph_info().topics] == ["/t1", "/t2"]
+        subscribed_messages(client, "/t2")
+        assert [each.name for each in local_node.graph_info().topics] == ["/t1", "/t2"]
 
 
 # -- feeds, on a clock that the test turns -----------------------------------------------------------------------------
 
 
 class Turned:
-    """A loop's clock, by hand."""
+    """A loop whose clock is advanced by the test."""
 
     def __init__(self) -> None:
         self.now_s = 0.0
@@ -268,103 +271,105 @@ class Ear(Peer):
 
     def __init__(self) -> None:
         super().__init__("/ear")
-        self.heard: list[int] = []
+        self.received: list[int] = []
         self.routes: list[ReplyFormat] = []
 
     def deliver(
-        self, outgoing: MessageEncoder, route: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
+        self, outgoing: MessageEncoder, reply_format: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
     ) -> None:
         assert isinstance(outgoing.operation, Publish)
-        self.heard.append(msgspec.json.decode(outgoing.operation.msg))
-        self.routes.append(route)
+        self.received.append(msgspec.json.decode(outgoing.operation.msg))
+        self.routes.append(reply_format)
 
 
 def fed(*requests: Subscribe) -> tuple[ThrottledQueue, Ear, Turned]:
-    clock, ear = Turned(), Ear()
-    feed = ThrottledQueue(clock, ear)  # type: ignore[arg-type]  # all it needs of a loop
+    clock, peer = Turned(), Ear()
+    queue = ThrottledQueue(clock, peer)  # type: ignore[arg-type]  # a part of the interface of a loop
     for request in requests:
-        feed.add(request)
-    return feed, ear, clock
+        queue.add(request)
+    return queue, peer, clock
 
 
 def message(number: int) -> MessageEncoder:
     return MessageEncoder(Publish(topic="/t", msg=msgspec.Raw(b"%d" % number)))
 
 
-def test_a_throttled_feed_sends_the_newest_when_it_is_time() -> None:
-    feed, ear, clock = fed(Subscribe(topic="/t", throttle_rate=100))
+def test_a_throttled_queue_sends_the_newest_message() -> None:
+    queue, peer, clock = fed(Subscribe(topic="/t", throttle_rate=100))
     for number in range(10):  # one each 30 ms
-        feed.push(message(number), ear)
+        queue.push(message(number), peer)
         clock.turn(0.03)
-    assert ear.heard == [0, 3, 6, 9]
+    assert peer.received == [0, 3, 6, 9]
     clock.turn(1.0)
     for number in (10, 11, 12):
-        feed.push(message(number), ear)
-    assert ear.heard == [0, 3, 6, 9, 10]
+        queue.push(message(number), peer)
+    assert peer.received == [0, 3, 6, 9, 10]
     clock.turn(0.1)
-    assert ear.heard == [0, 3, 6, 9, 10, 12]
+    assert peer.received == [0, 3, 6, 9, 10, 12]
 
 
-def test_a_throttled_feed_with_a_queue_drops_the_oldest() -> None:
-    feed, ear, clock = fed(Subscribe(topic="/t", throttle_rate=100, queue_length=3))
+def test_a_throttled_queue_with_a_length_drops_the_oldest() -> None:
+    queue, peer, clock = fed(Subscribe(topic="/t", throttle_rate=100, queue_length=3))
     for number in range(10):
-        feed.push(message(number), ear)
+        queue.push(message(number), peer)
     clock.turn(1.0)
-    assert ear.heard == [0, 7, 8, 9]
+    assert peer.received == [0, 7, 8, 9]
 
 
-def test_a_feed_with_a_queue_waits_for_a_peer_that_cannot_follow() -> None:
-    feed, ear, clock = fed(Subscribe(topic="/t", queue_length=2))
-    ear.congested = True
+def test_a_queue_waits_for_a_congested_peer() -> None:
+    queue, peer, clock = fed(Subscribe(topic="/t", queue_length=2))
+    peer.congested = True
     for number in range(5):
-        feed.push(message(number), ear)
+        queue.push(message(number), peer)
     clock.turn(1.0)
-    assert ear.heard == []
-    ear.congested = False
+    assert peer.received == []
+    peer.congested = False
     clock.turn(0.1)
-    assert ear.heard == [3, 4]
+    assert peer.received == [3, 4]
 
 
-def test_a_feed_without_a_queue_waits_for_nobody() -> None:
-    feed, ear, _ = fed(Subscribe(topic="/t"))
-    ear.congested = True
+def test_without_a_queue_length_messages_are_sent_to_a_congested_peer() -> None:
+    queue, peer, _ = fed(Subscribe(topic="/t"))
+    peer.congested = True
     for number in range(3):
-        feed.push(message(number), ear)
-    assert ear.heard == [0, 1, 2]
+        queue.push(message(number), peer)
+    assert peer.received == [0, 1, 2]
 
 
-def test_subscriptions_of_one_peer_agree_on_the_most_demanding() -> None:
+def test_the_options_of_several_subscriptions_are_combined() -> None:
     slow = Subscribe(id="slow", topic="/t", throttle_rate=1000, fragment_size=500, compression=Compression.PNG)
     fast = Subscribe(id="fast", topic="/t", throttle_rate=100, fragment_size=900)
-    feed, ear, clock = fed(slow, fast)
+    queue, peer, clock = fed(slow, fast)
     for number in range(4):
-        feed.push(message(number), ear)
+        queue.push(message(number), peer)
         clock.turn(0.1)
-    assert ear.heard == [0, 1, 2, 3]
-    assert ear.routes[0] == ReplyFormat(Compression.PNG, 500)
-    assert feed.remove("fast")
-    assert not feed.remove("fast")
+    assert peer.received == [0, 1, 2, 3]
+    assert peer.routes[0] == ReplyFormat(Compression.PNG, 500)
+    assert queue.remove("fast")
+    assert not queue.remove("fast")
     clock.turn(5.0)
-    ear.heard.clear()
+    peer.received.clear()
     for number in range(4):
-        feed.push(message(number), ear)
+        queue.push(message(number), peer)
         clock.turn(0.1)
-    assert ear.heard == [0]
+    assert peer.received == [0]
 
 
-def test_a_stopped_feed_sends_nothing_more() -> None:
-    feed, ear, clock = fed(Subscribe(topic="/t", throttle_rate=100))
-    feed.push(message(0), ear)
-    feed.push(message(1), ear)
-    feed.remove(None)
+def test_a_stopped_queue_sends_nothing_more() -> None:
+    queue, peer, clock = fed(Subscribe(topic="/t", throttle_rate=100))
+    queue.push(message(0), peer)
+    queue.push(message(1), peer)
+    queue.remove(None)
     clock.turn(1.0)
-    assert ear.heard == [0]
+    assert peer.received == [0]
 
 
-def test_a_throttled_client_hears_one_message_in_its_time(hub: LocalNode, talker: Talkers) -> None:
-    client = talker()
-    listen(client, "/count", throttle_rate=3_600_000)
+def test_a_throttled_client_receives_one_message_per_interval(
+    local_node: LocalNode, make_raw_client: RawClientFactory
+) -> None:
+    client = make_raw_client()
+    subscribed_messages(client, "/count", throttle_rate=3_600_000)
     for n in range(100):
-        hub.publish("/count", "x/Count", {"n": n})
+        local_node.publish("/count", "x/Count", {"n": n})
     client.flush()
     assert [each["msg"] for each in client.received] == [{"n": 0}]

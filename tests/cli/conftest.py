@@ -1,4 +1,4 @@
-"""Small maps, and a way to type commands."""
+"""Fixtures that write small maps and run commands."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from mindstage.cli.app import app
-from tests.cli.typed import Run, WriteMap, map_text
+from tests.cli.runner import Run, WriteMap, map_text
 
 
 @pytest.fixture
 def write_map(tmp_path: Path) -> WriteMap:
-    """Writes a map of two mugs, or of those given; a mug at None has no pose."""
+    """Writes a map of two mugs, or of the given ones; a mug at None has no pose."""
 
     def write(
         name: str = "room.owl", *, mugs: dict[str, str | None] | None = None, maps: Iterable[str] = ("Room",)
     ) -> Path:
         path = tmp_path / name
-        places = {"Mug1": "1.0 2.0 0.0", "Mug2": "3.0 2.0 0.0"} if mugs is None else mugs
-        path.write_text(map_text(list(maps), places), encoding="utf-8")
+        positions = {"Mug1": "1.0 2.0 0.0", "Mug2": "3.0 2.0 0.0"} if mugs is None else mugs
+        path.write_text(map_text(list(maps), positions), encoding="utf-8")
         return path
 
     return write
@@ -29,7 +29,7 @@ def write_map(tmp_path: Path) -> WriteMap:
 
 @pytest.fixture
 def run(monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Types a command, in this process."""
+    """Runs a command in this process."""
     monkeypatch.delenv("ROS_PACKAGE_PATH", raising=False)
     monkeypatch.delenv("MINDSTAGE_DEMO_SECONDS", raising=False)
 

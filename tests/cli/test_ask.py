@@ -1,4 +1,4 @@
-"""Questions and queries, typed."""
+"""The verbs `ask`, `questions` and `sparql`."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from mindstage.knowledge.queries import list_questions
-from tests.cli.typed import Run, WriteMap, json_output
+from tests.cli.runner import Run, WriteMap, json_output
 
 KITCHEN = ("--map", "bundled:kitchen")
 
 
-def test_the_json_that_other_programs_read(run: Run) -> None:
+def test_the_fields_of_the_json_output(run: Run) -> None:
     result = run("ask", "storage_place_in_environment", "CowsMilk", *KITCHEN, "--json", "--why")
     assert result.exit_code == 0
     answer = json_output(result)
@@ -24,7 +24,7 @@ def test_the_json_that_other_programs_read(run: Run) -> None:
     assert place["why"][0].startswith("CowsMilk is a ")
 
 
-def test_people_get_a_table_with_short_names(run: Run) -> None:
+def test_the_default_output_is_a_table_with_short_names(run: Run) -> None:
     result = run("ask", "storage-place", "CowsMilk")
     assert result.exit_code == 0
     assert "Refrigerator" in result.stdout
@@ -33,7 +33,7 @@ def test_people_get_a_table_with_short_names(run: Run) -> None:
     assert "every Refrigerator" in run("ask", "storage-place", "CowsMilk", "--why").stdout
 
 
-def test_reasons_stand_below_their_answer_a_line_each(run: Run) -> None:
+def test_why_prints_an_explanation_below_each_answer(run: Run) -> None:
     shown = run("ask", "storage_place", "Bread", "--why").stdout
     lines = [line.split(maxsplit=1) for line in shown.splitlines()]
     at = lines.index(["place", "Refrigerator"])
@@ -43,15 +43,15 @@ def test_reasons_stand_below_their_answer_a_line_each(run: Run) -> None:
     assert " ".join(lines[why + 1]).startswith("every Refrigerator: ")
 
 
-def test_what_fits_in_no_table_has_a_line_for_each_field(run: Run) -> None:
+def test_an_answer_too_wide_for_a_table_is_printed_as_records(run: Run) -> None:
     shown = run("ask", "what_is", "fridge_door_hinge", *KITCHEN).stdout
     fields = dict(line.split(maxsplit=1) for line in shown.splitlines())
     assert fields["joint"].startswith("fridge to fridge_door, swing1 limited ")
     assert fields["classes"].strip() == "Constraint"
-    assert "size" not in fields, "what is not told is not shown"
+    assert "size" not in fields, "an unknown field is omitted"
 
 
-def test_what_was_asked_for_is_shown_with_its_class(run: Run) -> None:
+def test_individuals_are_printed_with_their_class(run: Run) -> None:
     shown = run("ask", "handle_of", "fridge_door", *KITCHEN).stdout
     assert "class of handle" in shown
     assert "BarHandle" in shown
@@ -61,27 +61,27 @@ def test_what_was_asked_for_is_shown_with_its_class(run: Run) -> None:
 @pytest.mark.parametrize(
     "args", [("_", "fridge_door_handle"), ("handle=fridge_door_handle",), ("fridge_door",), ("_", "_", "kitchen")]
 )
-def test_arguments_go_by_place_or_by_name(args: tuple[str, ...], run: Run) -> None:
+def test_arguments_are_positional_or_named(args: tuple[str, ...], run: Run) -> None:
     answers = json_output(run("ask", "handle_of", *args, *KITCHEN, "--json"))["answers"]
     assert any(answer["handle"].endswith("#fridge_door_handle") for answer in answers)
 
 
-def test_without_an_answer_it_says_what_is_missing_and_ends_with_1(run: Run) -> None:
+def test_without_an_answer_the_missing_knowledge_is_printed(run: Run) -> None:
     result = run("ask", "storage_place", "Robot", "--json")
     assert result.exit_code == 1
-    (lack,) = json_output(result)["missing"]
-    assert list(lack) == ["class", "property", "why"]
-    assert lack["why"].startswith("Robot has no container")
+    (missing,) = json_output(result)["missing"]
+    assert list(missing) == ["class", "property", "why"]
+    assert missing["why"].startswith("Robot has no container")
     assert "missing: Robot has no container" in run("ask", "storage_place", "Robot").stdout
 
 
-def test_what_nobody_can_tell_is_no_answer(run: Run) -> None:
+def test_a_question_without_data_has_no_answer(run: Run) -> None:
     result = run("ask", "openings")
     assert result.exit_code == 1
     assert result.stdout == "no answer\n"
 
 
-def test_maps_and_ontologies_are_given_as_elsewhere(run: Run, write_map: WriteMap) -> None:
+def test_maps_and_ontologies_are_options(run: Run, write_map: WriteMap) -> None:
     first, second = write_map("a.owl", maps=["A"], mugs={"X": "0 0 0"}), write_map("b.owl", maps=["B"], mugs={})
     answers = json_output(run("ask", "maps", "--map", first, "--map", second, "--json"))["answers"]
     assert [(answer["id"], answer["individuals"]) for answer in answers] == [("A", 1), ("B", 0)]
@@ -101,7 +101,7 @@ def test_maps_and_ontologies_are_given_as_elsewhere(run: Run, write_map: WriteMa
         (("maps", "--map", "nowhere.owl"), "nowhere.owl"),
     ],
 )
-def test_what_cannot_be_asked_ends_with_2_and_says_what_can(args: tuple[str, ...], message: str, run: Run) -> None:
+def test_invalid_questions_exit_2_with_alternatives(args: tuple[str, ...], message: str, run: Run) -> None:
     result = run("ask", *args)
     assert result.exit_code == 2
     assert message in result.stderr
@@ -112,7 +112,7 @@ def test_the_questions_are_listed(run: Run) -> None:
     table = run("questions")
     assert table.exit_code == 0
     listed = json_output(run("questions", "--json"))
-    assert [each["question"] for each in listed] == [asked.name for asked in list_questions()]
+    assert [each["question"] for each in listed] == [question.name for question in list_questions()]
     assert all(each["question"] in table.stdout for each in listed)
     (storage,) = [each for each in listed if each["question"] == "storage_place"]
     assert storage["arguments"] == [{"name": "item", "kind": "class"}, {"name": "place", "kind": "class"}]
@@ -126,13 +126,13 @@ def test_a_query_gives_a_table_or_json(run: Run) -> None:
     assert {"x": {"kind": "iri", "value": "http://knowrob.org/kb/knowrob.owl#Baked"}} in answer["rows"]
 
 
-@pytest.mark.parametrize(("asked", "said", "code"), [("Perishable", "yes\n", 0), ("Tool", "no\n", 1)])
-def test_a_yes_or_no_question_answers_in_the_exit_code_too(asked: str, said: str, code: int, run: Run) -> None:
-    result = run("sparql", f"ASK {{ knowrob:Bread rdfs:subClassOf+ knowrob:{asked} }}")
-    assert (result.stdout, result.exit_code) == (said, code)
+@pytest.mark.parametrize(("cls", "printed", "code"), [("Perishable", "yes\n", 0), ("Tool", "no\n", 1)])
+def test_the_answer_of_an_ask_query_is_the_exit_code(cls: str, printed: str, code: int, run: Run) -> None:
+    result = run("sparql", f"ASK {{ knowrob:Bread rdfs:subClassOf+ knowrob:{cls} }}")
+    assert (result.stdout, result.exit_code) == (printed, code)
 
 
-def test_queries_see_the_maps(run: Run, shared_data: Path) -> None:
+def test_queries_include_the_maps(run: Run, shared_data: Path) -> None:
     query = "SELECT (COUNT(?x) AS ?n) { ?x knowrob:describedInMap ?map }"
     answer = json_output(run("sparql", query, "--map", shared_data / "maps" / "iai-kitchen-original.owl", "--json"))
     assert answer["rows"] == [
@@ -145,10 +145,10 @@ def test_queries_see_the_maps(run: Run, shared_data: Path) -> None:
     [
         (("SELEC",), "the query cannot be answered: error at 1:"),
         (("SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f }", "--timeout", "0.05"), "did not end within 0.05 s"),
-        (("ASK {}", "--timeout", "nan"), "nan is no finite number"),
+        (("ASK {}", "--timeout", "nan"), "nan is not a finite number"),
     ],
 )
-def test_a_query_that_cannot_be_answered_ends_with_2(args: tuple[str, ...], message: str, run: Run) -> None:
+def test_invalid_queries_exit_2(args: tuple[str, ...], message: str, run: Run) -> None:
     result = run("sparql", *args)
     assert result.exit_code == 2
     assert message in result.stderr

@@ -1,4 +1,4 @@
-"""Convert: from any dialect to any other, and to files for other programs."""
+"""The verb `convert`: between dialects, and to other formats."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import mujoco
 import pytest
 
 from mindstage.knowledge.io.files import BUNDLED_KITCHEN
-from tests.cli.typed import Run, WriteMap, json_output
+from tests.cli.runner import Run, WriteMap, json_output
 
 SAMPLES = ("ameva-task-two", "iai-kitchen-original", "knowrob1-ccrl", "soma-iai-room")
 
 
 @pytest.mark.parametrize("suffix", [".owl", ".rdf", ".ttl"])
-def test_a_converted_map_is_the_same_map(suffix: str, run: Run, tmp_path: Path) -> None:
+def test_conversion_between_serializations_is_lossless(suffix: str, run: Run, tmp_path: Path) -> None:
     out = tmp_path / f"out{suffix}"
     result = run("convert", BUNDLED_KITCHEN, out, "--json")
     assert result.exit_code == 0
@@ -26,7 +26,7 @@ def test_a_converted_map_is_the_same_map(suffix: str, run: Run, tmp_path: Path) 
 
 @pytest.mark.parametrize("dialect", ["same", "semlog", "soma"])
 @pytest.mark.parametrize("name", SAMPLES)
-def test_every_dialect_goes_to_every_other(
+def test_conversion_between_dialects_is_lossless(
     name: str, dialect: str, run: Run, shared_data: Path, tmp_path: Path
 ) -> None:
     source, out = shared_data / "maps" / f"{name}.owl", tmp_path / "out.owl"
@@ -36,14 +36,14 @@ def test_every_dialect_goes_to_every_other(
     assert json_output(run("compare", source, out, "--json"))["identical"] is True
 
 
-def test_a_map_stays_in_its_dialect_unless_told_otherwise(run: Run, shared_data: Path, tmp_path: Path) -> None:
+def test_the_dialect_is_kept_by_default(run: Run, shared_data: Path, tmp_path: Path) -> None:
     source = shared_data / "maps" / "knowrob1-ccrl.owl"
     result = run("convert", source, tmp_path / "out.ttl")
     assert result.stdout.rstrip().endswith("out.ttl (ttl, KnowRob 1)")
     assert "mindstage.org" not in (tmp_path / "out.ttl").read_text(encoding="utf-8")
 
 
-def test_a_converted_map_goes_back_to_what_it_was_converted_from(run: Run, shared_data: Path, tmp_path: Path) -> None:
+def test_a_converted_map_can_be_converted_back(run: Run, shared_data: Path, tmp_path: Path) -> None:
     source, si, back = shared_data / "maps" / "ameva-task-two.owl", tmp_path / "si.owl", tmp_path / "back.owl"
     assert run("convert", source, si, "--dialect", "semlog").exit_code == 0
     assert json_output(run("convert", si, back, "--dialect", "given", "--json"))["dialect"] == "AMEVA"
@@ -51,17 +51,17 @@ def test_a_converted_map_goes_back_to_what_it_was_converted_from(run: Run, share
     assert run("check", si, "--engine", "null").exit_code == 0
     refused = run("convert", source, tmp_path / "out.owl", "--dialect", "given")
     assert refused.exit_code == 2
-    assert "does not say that it was converted" in refused.stderr
+    assert "was not converted from another one" in refused.stderr
 
 
-def test_what_a_dialect_has_no_words_for_is_said(run: Run, tmp_path: Path) -> None:
+def test_a_note_lists_what_a_dialect_cannot_express(run: Run, tmp_path: Path) -> None:
     result = run("convert", BUNDLED_KITCHEN, tmp_path / "out.owl", "--dialect", "soma")
     assert result.exit_code == 0
-    assert "for which SOMA has no words" in result.stderr
+    assert "which SOMA cannot express" in result.stderr
 
 
 @pytest.mark.parametrize("suffix", [".xml", ".mjcf"])
-def test_a_map_becomes_a_model_of_mujoco(suffix: str, run: Run, write_map: WriteMap, tmp_path: Path) -> None:
+def test_a_map_is_converted_to_a_mujoco_model(suffix: str, run: Run, write_map: WriteMap, tmp_path: Path) -> None:
     out = tmp_path / f"out{suffix}"
     result = run("convert", write_map(), out, "--json")
     assert (result.exit_code, json_output(result)["dialect"]) == (0, None)
@@ -69,19 +69,19 @@ def test_a_map_becomes_a_model_of_mujoco(suffix: str, run: Run, write_map: Write
     assert {model.body(number).name for number in range(model.nbody)} == {"world", "Mug1", "Mug2"}
 
 
-def test_a_map_becomes_a_scene_for_viewers(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
+def test_a_map_is_converted_to_a_gltf_scene(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
     out = tmp_path / "out.glb"
     assert run("convert", write_map(), out).exit_code == 0
     assert out.read_bytes()[:4] == b"glTF"
 
 
-def test_the_format_can_be_told(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
+def test_the_format_can_be_given(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
     out = tmp_path / "out.xml"
     assert run("convert", write_map(), out, "--format", "owl").exit_code == 0
     assert run("compare", write_map(), out).exit_code == 0
 
 
-def test_an_unknown_suffix_is_refused(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
+def test_an_unknown_suffix_is_rejected(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
     result = run("convert", write_map(), tmp_path / "out.docx")
     assert result.exit_code == 2
     assert "Traceback" not in result.output
@@ -89,7 +89,7 @@ def test_an_unknown_suffix_is_refused(run: Run, write_map: WriteMap, tmp_path: P
     assert not (tmp_path / "out.docx").exists()
 
 
-def test_a_dialect_of_a_format_that_has_none_is_refused(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
+def test_a_dialect_is_rejected_for_formats_without_dialects(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
     result = run("convert", write_map(), tmp_path / "out.glb", "--dialect", "soma")
     assert result.exit_code == 2
     assert "glb has no dialects" in result.stderr

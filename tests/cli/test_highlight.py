@@ -1,4 +1,4 @@
-"""Answers that light up, typed."""
+"""The verb `ask` with `--highlight`."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from urllib.request import urlopen
 
 import pytest
 
-from tests.cli.typed import Run, WriteMap, json_output
+from tests.cli.runner import Run, WriteMap, json_output
 
 KITCHEN = ("--map", "bundled:kitchen", "--engine", "null")
 MINDSTAGE = [sys.executable, "-m", "mindstage"]
 
 
-def test_the_json_says_what_is_lit_and_what_is_not(run: Run) -> None:
-    asked = ("ask", "handle_of", "fridge_door", *KITCHEN, "--highlight", "red", "--no-viewport", "--json")
-    result = run(*asked)
+def test_the_json_lists_highlighted_bodies_and_items_without_a_body(run: Run) -> None:
+    command = ("ask", "handle_of", "fridge_door", *KITCHEN, "--highlight", "red", "--no-viewport", "--json")
+    result = run(*command)
     assert result.exit_code == 0
     answer = json_output(result)
     assert (answer["colour"], answer["lit"], answer["not_lit"]) == ("red", ["fridge_door_handle"], [])
@@ -30,28 +30,28 @@ def test_the_json_says_what_is_lit_and_what_is_not(run: Run) -> None:
     assert answer["not_lit"] == [{"id": "Refrigerator", "reason": "it is a class, which has no body"}]
 
 
-def test_people_are_told_what_could_not_be_lit(run: Run) -> None:
+def test_items_without_a_body_are_printed(run: Run) -> None:
     result = run("ask", "storage_place", "CowsMilk", *KITCHEN, "--highlight", "blue", "--no-viewport")
     assert result.exit_code == 0
     assert "Refrigerator" in result.stdout
-    assert "not lit: Refrigerator: it is a class" in result.stderr
+    assert "not highlighted: Refrigerator: it is a class" in result.stderr
 
 
-def test_the_running_engine_is_asked(run: Run) -> None:
-    asked = ("ask", "where_is", "plate_3", "on", "--map", "bundled:kitchen", "--highlight", "green", "--no-viewport")
-    (answer,) = json_output(run(*asked, "--json", "--why"))["answers"]
+def test_the_question_is_about_the_running_simulation(run: Run) -> None:
+    command = ("ask", "where_is", "plate_3", "on", "--map", "bundled:kitchen", "--highlight", "green", "--no-viewport")
+    (answer,) = json_output(run(*command, "--json", "--why"))["answers"]
     assert (answer["id"], answer["source"]) == ("table", "mujoco")
     assert answer["why"][-1] == "as mujoco has it now"
 
 
-def test_no_color_lights_nothing(run: Run) -> None:
+def test_no_color_highlights_nothing(run: Run) -> None:
     answer = json_output(
         run("ask", "handle_of", "fridge_door", *KITCHEN, "--highlight", "none", "--no-viewport", "--json")
     )
     assert (answer["colour"], answer["lit"]) == ("none", [])
 
 
-def test_without_an_answer_there_is_no_page_and_it_ends_with_1(run: Run) -> None:
+def test_without_an_answer_no_page_is_served_and_the_exit_code_is_1(run: Run) -> None:
     result = run("ask", "handle_of", "fridge_door_handle", *KITCHEN, "--highlight", "red", "--json")
     assert result.exit_code == 1
     answer = json_output(result)
@@ -60,7 +60,7 @@ def test_without_an_answer_there_is_no_page_and_it_ends_with_1(run: Run) -> None
     assert "url" not in answer
 
 
-def test_of_several_maps_the_one_that_is_asked_about_is_spawned(run: Run, write_map: WriteMap) -> None:
+def test_of_several_maps_the_one_in_the_arguments_is_spawned(run: Run, write_map: WriteMap) -> None:
     first, second = write_map("a.owl", maps=["A"], mugs={"X": "0 0 0"}), write_map("b.owl", maps=["B"])
     both = ("--map", first, "--map", second, "--engine", "null", "--highlight", "red", "--no-viewport", "--json")
     assert json_output(run("ask", "everything_in_map", "map=A", *both))["lit"] == ["X"]
@@ -76,21 +76,21 @@ def test_of_several_maps_the_one_that_is_asked_about_is_spawned(run: Run, write_
         (("--highlight", "purple"), "no color 'purple'; there is black, red, blue, green, yellow, none, #rrggbb"),
         (("--highlight", "yelow"), "near: 'yellow'"),
         (("--highlight", "red", "--engine", "foo"), "there is no engine of that name"),
-        (("--port", "0"), "--port: it says how answers are shown; give --highlight COLOUR too"),
-        (("--engine", "null"), "--engine: it says how answers are shown"),
-        (("--for", "1"), "--for: it says how answers are shown"),
-        (("--no-viewport",), "--no-viewport: it says how answers are shown"),
-        (("--map-name", "kitchen"), "--map-name: it says how answers are shown"),
+        (("--port", "0"), "--port: it requires --highlight; give --highlight COLOR too"),
+        (("--engine", "null"), "--engine: it requires --highlight"),
+        (("--for", "1"), "--for: it requires --highlight"),
+        (("--no-viewport",), "--no-viewport: it requires --highlight"),
+        (("--map-name", "kitchen"), "--map-name: it requires --highlight"),
     ],
 )
-def test_what_cannot_be_shown_ends_with_2_before_a_map_is_read(args: tuple[str, ...], message: str, run: Run) -> None:
+def test_invalid_options_exit_2_before_the_map_is_read(args: tuple[str, ...], message: str, run: Run) -> None:
     result = run("ask", "handle_of", "--map", "nowhere.owl", *args)
     assert result.exit_code == 2
     assert message in result.stderr
     assert message in json_output(run("ask", "handle_of", "--map", "nowhere.owl", *args, "--json"))["error"]["message"]
 
 
-def test_the_page_shows_the_answers_as_long_as_it_was_told(write_map: WriteMap) -> None:
+def test_the_page_is_served_for_the_given_duration(write_map: WriteMap) -> None:
     map = ("--map", str(write_map()), "--engine", "null", "--port", "0", "--highlight", "red", "--for")
     result = subprocess.run(
         [*MINDSTAGE, "ask", "everything_in_map", *map, "0.5", "--json"],
@@ -106,7 +106,7 @@ def test_the_page_shows_the_answers_as_long_as_it_was_told(write_map: WriteMap) 
     command = [*MINDSTAGE, "ask", "everything_in_map", *map, "20"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         assert process.stdout is not None
-        url = next(line.split()[-1] for line in process.stdout if line.startswith("2 lit at http"))
+        url = next(line.split()[-1] for line in process.stdout if line.startswith("2 highlighted at http"))
         with urlopen(url, timeout=30) as page:
             assert b"<html" in page.read().lower()
         process.terminate()

@@ -1,4 +1,4 @@
-"""`mindstage serve`: a stage that programs reach, told where, and ended cleanly."""
+"""The verb `serve`."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ import pytest
 
 from mindstage.bridge import RosbridgeClient
 from mindstage.knowledge.io.files import BUNDLED_KITCHEN
-from tests.bridge.talking import TIMEOUT_S, eventually
-from tests.cli.typed import Run, WriteMap
+from tests.bridge.raw_client import TIMEOUT_S, eventually
+from tests.cli.runner import Run, WriteMap
 
 MINDSTAGE = [sys.executable, "-m", "mindstage"]
 
 
 @contextmanager
 def serving(*args: object) -> Iterator[tuple[subprocess.Popen[str], dict[str, Any]]]:
-    """A process that serves, and what it told when it was ready."""
+    """Runs `mindstage serve`; yields the process and its JSON output."""
     command = [*MINDSTAGE, "serve", "--json", *map(str, args)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
@@ -39,28 +39,28 @@ def serving(*args: object) -> Iterator[tuple[subprocess.Popen[str], dict[str, An
         process.communicate(timeout=TIMEOUT_S)
 
 
-def test_a_map_is_served_and_ctrl_c_ends_it(tmp_path: Path) -> None:
-    with serving(BUNDLED_KITCHEN, "--port", 0, "--namespace", "lab") as (process, told):
-        assert told["namespace"] == "lab"
-        assert told["spawn"]["ok"] is True
-        with RosbridgeClient(told["url"]) as client:
+def test_a_map_is_served_until_ctrl_c(tmp_path: Path) -> None:
+    with serving(BUNDLED_KITCHEN, "--port", 0, "--namespace", "lab") as (process, output):
+        assert output["namespace"] == "lab"
+        assert output["spawn"]["ok"] is True
+        with RosbridgeClient(output["url"]) as client:
             client.wait_connected(TIMEOUT_S)
             assert client.call_service("/lab/get_model_pose", {"id": "fridge"})["success"]
-            heard: list[Any] = []
-            client.subscribe("/clock", heard.append)
-            eventually(lambda: len(heard) >= 3)
+            messages: list[Any] = []
+            client.subscribe("/clock", messages.append)
+            eventually(lambda: len(messages) >= 3)
             process.send_signal(signal.SIGINT)
             out, error = process.communicate(timeout=TIMEOUT_S)
         assert process.returncode == 130
         assert (out, error) == ("", "")
 
 
-def test_it_joins_a_hub_and_is_ended_by_a_caller() -> None:
+def test_it_connects_to_a_rosbridge_and_a_client_ends_it() -> None:
     with (
         serving("--port", 0, "--engine", "null", "--namespace", "first", "--token", "secret") as (_, first),
-        serving("--connect", first["url"], "--engine", "null", "--paused", "--token", "secret") as (second, told),
+        serving("--connect", first["url"], "--engine", "null", "--paused", "--token", "secret") as (second, output),
     ):
-        assert told["url"] == first["url"]
+        assert output["url"] == first["url"]
         with RosbridgeClient(first["url"], token="secret") as client:
             client.wait_connected(TIMEOUT_S)
             model = {"id": "cup", "name": "Cup"}
@@ -72,7 +72,7 @@ def test_it_joins_a_hub_and_is_ended_by_a_caller() -> None:
         assert second.returncode == 0
 
 
-def test_it_ends_by_itself_and_says_where_it_is(run: Run, write_map: WriteMap) -> None:
+def test_it_prints_its_url_and_exits_after_the_duration(run: Run, write_map: WriteMap) -> None:
     result = run("serve", write_map(), "--port", "0", "--engine", "null", "--for", "0.1")
     assert result.exit_code == 0
     assert "Listening at ws://127.0.0.1:" in result.stdout
@@ -85,25 +85,23 @@ def test_it_ends_by_itself_and_says_where_it_is(run: Run, write_map: WriteMap) -
         (["--engine", "no-engine"], "there is no engine of that name"),
         (["--connect", "ws://127.0.0.1:1"], "no connection to ws://127.0.0.1:1"),
         (["--connect", "http://127.0.0.1:1"], "must begin with ws://"),
-        (["--connect", "ws://127.0.0.1:1", "--port", "9091"], "with --connect nothing is served here"),
-        (["--connect", "ws://127.0.0.1:1", "--origin", "http://robot"], "with --connect nothing is served here"),
+        (["--connect", "ws://127.0.0.1:1", "--port", "9091"], "with --connect no server is started"),
+        (["--connect", "ws://127.0.0.1:1", "--origin", "http://robot"], "with --connect no server is started"),
         (["--host", "0.0.0.0", "--port", "0"], "give a token"),
         (["--port", "99999"], "99999"),
-        (["--namespace", "no name"], "is no name in ROS"),
-        (["--worlds", "/nowhere/at/all"], "is no folder"),
+        (["--namespace", "no name"], "is not a valid ROS name"),
+        (["--worlds", "/nowhere/at/all"], "is not a folder"),
         (["nothing.owl"], "nothing.owl"),
     ],
 )
-def test_what_cannot_be_served_ends_with_words(
-    run: Run, args: list[str], text: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_errors_exit_2_with_a_message(run: Run, args: list[str], text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mindstage.cli.serve._CONNECT_TIMEOUT_S", 0.5)
     result = run("serve", *args)
     assert result.exit_code == 2
     assert text in result.output.replace("\n", " ")
 
 
-def test_a_port_that_is_taken_is_told(run: Run) -> None:
+def test_a_port_in_use_is_an_error(run: Run) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         result = run("serve", "--port", taken.getsockname()[1], "--engine", "null")
     assert result.exit_code == 2

@@ -1,4 +1,4 @@
-"""Pictures of maps, typed."""
+"""The verb `shot`: pictures of maps."""
 
 from __future__ import annotations
 
@@ -12,26 +12,24 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.cli.typed import Run, WriteMap, json_output
+from tests.cli.runner import Run, WriteMap, json_output
 from tests.viewer.waiting import TIMEOUT_S, wait_until
 
 
-def test_a_map_is_photographed_with_its_answers_lit(
-    run: Run, write_map: WriteMap, tmp_path: Path, chromium: Path
-) -> None:
+def test_a_picture_shows_highlighted_answers(run: Run, write_map: WriteMap, tmp_path: Path, chromium: Path) -> None:
     picture = tmp_path / "new" / "mugs.png"
-    typed = ("shot", write_map("mugs.owl", mugs={"X": "0 0 0", "Y": "0.3 0 0"}), "-o", picture, "--size", "240x160")
-    typed += (
+    command = ("shot", write_map("mugs.owl", mugs={"X": "0 0 0", "Y": "0.3 0 0"}), "-o", picture, "--size", "240x160")
+    command += (
         "--highlight",
         "individual_of_class cls=Mug",
         "--highlight",
         "Y",
-        "--colour",
+        "--color",
         "#00ff00",
         "--colour",
         "red",
     )
-    result = run(*typed, "--engine", "null", "--browser", chromium, "--timeout", 300, "--json")
+    result = run(*command, "--engine", "null", "--browser", chromium, "--timeout", 300, "--json")
     assert result.exit_code == 0, result.output
     answer = json_output(result)
     assert (answer["picture"], answer["size"], answer["spawn"]["ok"]) == (str(picture), [240, 160], True)
@@ -44,54 +42,52 @@ def test_a_map_is_photographed_with_its_answers_lit(
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("options", "message"),
     [
-        (("--size", "big"), "'big' is no size; give width and height, such as 1280x800"),
+        (("--size", "big"), "'big' is not a size; give width and height, such as 1280x800"),
         (("--size", "0x100"), "0 x 100 cannot be drawn"),
-        (("--from", "1,2"), "'1,2' is no point; give three numbers"),
-        (("--from", "1,2,nan"), "is no point"),
-        (("--from", "1,2,3", "--to", "fridge"), "'fridge' is no point"),
+        (("--from", "1,2"), "'1,2' is not a point; give three numbers"),
+        (("--from", "1,2,nan"), "is not a point"),
+        (("--from", "1,2,3", "--to", "fridge"), "'fridge' is not a point"),
         (("--from", "1,2,3", "--to", "1,2,3"), "from and to one point"),
-        (("--top", "--to", "1,2,3"), "it says by itself where the eye is"),
+        (("--top", "--to", "1,2,3"), "it defines the camera"),
         (("--labels", "some"), "there is none, selected, class, all"),
-        (("--colour", "red"), "there are 1 for 0 --highlight"),
-        (("--highlight", "Mug", "--colour", "redd"), "no color 'redd'; near: 'red'"),
+        (("--color", "red"), "there are 1 for 0 --highlight"),
+        (("--highlight", "Mug", "--color", "redd"), "no color 'redd'; near: 'red'"),
         (("--highlight", "'Mug"), "cannot be read: No closing quotation"),
-        (("--highlight", " "), "it says nothing"),
+        (("--highlight", " "), "it is empty"),
         (("--browser", "netscape"), "there is no program 'netscape'"),
     ],
 )
-def test_what_makes_no_sense_is_told_before_anything_is_read(
-    run: Run, tmp_path: Path, wrong: tuple[str, ...], said: str
+def test_invalid_options_exit_2_before_the_map_is_read(
+    run: Run, tmp_path: Path, options: tuple[str, ...], message: str
 ) -> None:
-    result = run("shot", tmp_path / "none.owl", "-o", tmp_path / "x.png", *wrong)
+    result = run("shot", tmp_path / "none.owl", "-o", tmp_path / "x.png", *options)
     assert result.exit_code == 2
-    assert said in result.stderr
+    assert message in result.stderr
     assert not (tmp_path / "x.png").exists()
 
 
-def test_what_is_not_there_cannot_be_lit_or_opened(
+def test_unknown_bodies_cannot_be_highlighted_or_opened(
     run: Run, write_map: WriteMap, tmp_path: Path, chromium: Path
 ) -> None:
-    typed = ("shot", write_map("mugs.owl", mugs={"X": "0 0 0"}), "-o", tmp_path / "x.png", "--engine", "null")
-    result = run(*typed, "--highlight", "Mugg")
+    command = ("shot", write_map("mugs.owl", mugs={"X": "0 0 0"}), "-o", tmp_path / "x.png", "--engine", "null")
+    result = run(*command, "--highlight", "Mugg")
     assert result.exit_code == 2
     assert "no question, body or class 'Mugg' is known; near: 'Mug'" in result.stderr
-    result = run(*typed, "--open", "Door")
+    result = run(*command, "--open", "Door")
     assert result.exit_code == 1
     assert "no body 'Door'" in result.stderr
 
 
-def test_a_folder_of_meshes_that_is_not_there_is_told(
-    run: Run, write_map: WriteMap, tmp_path: Path, chromium: Path
-) -> None:
-    typed = ("shot", write_map("mugs.owl", mugs={"X": "0 0 0"}), "-o", tmp_path / "x.png", "--browser", chromium)
-    result = run(*typed, "--engine", "null", "--assets", tmp_path / "meshes")
+def test_a_missing_folder_of_meshes_is_an_error(run: Run, write_map: WriteMap, tmp_path: Path, chromium: Path) -> None:
+    command = ("shot", write_map("mugs.owl", mugs={"X": "0 0 0"}), "-o", tmp_path / "x.png", "--browser", chromium)
+    result = run(*command, "--engine", "null", "--assets", tmp_path / "meshes")
     assert result.exit_code == 2
     assert "there is no such folder; --assets takes folders of mesh files" in " ".join(result.stderr.split())
 
 
-def test_who_is_told_to_end_leaves_no_browser_behind(write_map: WriteMap, tmp_path: Path, chromium: Path) -> None:
+def test_sigterm_closes_the_browser(write_map: WriteMap, tmp_path: Path, chromium: Path) -> None:
     folder = tmp_path / "temporary"
     folder.mkdir()
     map_file = write_map("mugs.owl", mugs={"X": "0 0 0"})

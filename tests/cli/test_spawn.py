@@ -1,4 +1,4 @@
-"""A map as a world that lives; and the demo, which is the same with a page."""
+"""The verbs `spawn` and `demo`."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from urllib.request import urlopen
 import pytest
 
 from mindstage.knowledge.io.files import BUNDLED_KITCHEN
-from tests.cli.typed import Run, WriteMap, json_output
+from tests.cli.runner import Run, WriteMap, json_output
 
 MINDSTAGE = [sys.executable, "-m", "mindstage"]
 
 
-def test_spawning_the_kitchen_reports_everything(run: Run) -> None:
+def test_spawning_the_kitchen_prints_a_report(run: Run) -> None:
     result = run("spawn", BUNDLED_KITCHEN, "--no-viewport", "--for", "0.1", "--json")
     assert result.exit_code == 0
     report = json_output(result)
@@ -29,20 +29,20 @@ def test_spawning_the_kitchen_reports_everything(run: Run) -> None:
     assert report["real_time_factor"] > 0.0
 
 
-def test_people_see_kinds_of_assumptions_and_each_one_when_verbose(run: Run) -> None:
+def test_verbose_lists_each_assumption(run: Run) -> None:
     short = run("spawn", BUNDLED_KITCHEN, "--no-viewport")
     long = run("spawn", BUNDLED_KITCHEN, "--no-viewport", "--verbose")
     assert "--verbose" in short.stdout
     assert len(long.stdout.splitlines()) > len(short.stdout.splitlines())
 
 
-def test_time_that_passes_is_told(run: Run, write_map: WriteMap) -> None:
+def test_the_simulated_time_is_printed(run: Run, write_map: WriteMap) -> None:
     result = run("spawn", write_map(), "--no-viewport", "--engine", "null", "--for", "2")
     assert "2 s simulated" in result.stdout
     assert "times real time" in result.stdout
 
 
-def test_an_individual_without_a_pose_is_left_out_and_named(run: Run, write_map: WriteMap) -> None:
+def test_an_individual_without_a_pose_is_skipped_with_a_finding(run: Run, write_map: WriteMap) -> None:
     result = run("spawn", write_map(mugs={"Here": "1 2 3", "Lost": None}), "--no-viewport", "--engine", "null")
     assert result.exit_code == 1
     assert "Lost" in result.stderr
@@ -52,31 +52,31 @@ def test_an_individual_without_a_pose_is_left_out_and_named(run: Run, write_map:
     assert "Lost" in str(report["findings"])
 
 
-def test_a_map_of_which_nothing_is_understood_is_not_silently_empty(run: Run, write_map: WriteMap) -> None:
+def test_an_empty_world_is_a_finding(run: Run, write_map: WriteMap) -> None:
     result = run("spawn", write_map(mugs={}), "--no-viewport", "--engine", "null")
     assert "the world is empty" in result.stderr
     assert "the world is empty" in str(json_output(run("check", write_map(mugs={}), "--json"))["findings"])
 
 
-def test_what_cannot_be_spawned_ends_with_one(run: Run, write_map: WriteMap, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_body_exits_1(run: Run, write_map: WriteMap, monkeypatch: pytest.MonkeyPatch) -> None:
     import msgspec
 
     from mindstage.engines import NullEngine, SpawnFailure, SpawnReport
     from mindstage.scene import NO_GEOMETRY, GeometryMap, World
 
-    class Picky(NullEngine):
+    class FailingEngine(NullEngine):
         def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
             report = super().spawn(world, geometry=geometry)
             return msgspec.structs.replace(report, failed_bodies=(SpawnFailure("Mug1", "no room left"),))
 
-    monkeypatch.setattr("mindstage.engines.NullEngine", Picky)
+    monkeypatch.setattr("mindstage.engines.NullEngine", FailingEngine)
     result = run("spawn", write_map(), "--no-viewport", "--engine", "null")
     assert result.exit_code == 1
     assert "Mug1: no room left" in result.stderr
 
 
 @pytest.mark.parametrize("ended_by", ["flag", "environment"])
-def test_the_demo_serves_its_page_until_its_time_is_up(ended_by: str) -> None:
+def test_the_demo_serves_its_page_for_the_duration(ended_by: str) -> None:
     command = [*MINDSTAGE, "demo", "--port", "0", "--no-open", *(["--for", "2"] if ended_by == "flag" else [])]
     environment = os.environ | ({"MINDSTAGE_DEMO_SECONDS": "2"} if ended_by == "environment" else {})
     with subprocess.Popen(
@@ -84,14 +84,14 @@ def test_the_demo_serves_its_page_until_its_time_is_up(ended_by: str) -> None:
     ) as process:
         assert process.stdout is not None
         lines = iter(process.stdout.readline, "")
-        url = next(found[1] for line in lines if (found := re.search(r"open at (http://\S+)", line)))
+        url = next(found[1] for line in lines if (found := re.search(r"served at (http://\S+)", line)))
         with urlopen(url, timeout=30) as page:
             assert b"<html" in page.read().lower()
         process.communicate(timeout=60)
     assert process.returncode == 0
 
 
-def test_a_spawned_world_tells_its_page_in_json(write_map: WriteMap) -> None:
+def test_the_json_contains_the_url_of_the_page(write_map: WriteMap) -> None:
     command = [*MINDSTAGE, "spawn", str(write_map()), "--engine", "null", "--port", "0", "--for", "0.5", "--json"]
     result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     assert result.returncode == 0, result.stderr

@@ -17,7 +17,7 @@ from mindstage.knowledge.io.files import BUNDLED_KITCHEN
 from mindstage.scene import AxisMotion, BodyId, GeometryMap, Joint, World, diff
 from mindstage.scene.transforms import normalize, pose_inverse, quat_angle, quat_rotate
 from tests.cli.conftest import run  # noqa: F401 - a fixture
-from tests.cli.typed import Run, json_output
+from tests.cli.runner import Run, json_output
 from tests.engines.contract import current_pose
 
 SAME_M, SAME_RAD = 0.002, np.radians(0.5)

@@ -31,7 +31,7 @@ from mindstage.scene import (
     World,
     diff,
 )
-from tests.bridge.talking import eventually
+from tests.bridge.raw_client import eventually
 from tests.engines.far_side import ServedSimulation
 from tests.engines.scenes import BASE, FLOOR, body, prismatic_joint, room, world
 from tests.worlds import worlds

@@ -28,7 +28,7 @@ from mindstage.errors import (
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, diff
 from mindstage.simulation import Simulation
-from tests.bridge.talking import TIMEOUT_S, eventually
+from tests.bridge.raw_client import TIMEOUT_S, eventually
 from tests.engines.far_side import ServedSimulation
 from tests.engines.odd_far_side import (
     DESCRIBE_VALUES,

@@ -30,7 +30,7 @@ from mindstage.errors import (
 )
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, World, diff
-from tests.bridge.talking import TIMEOUT_S
+from tests.bridge.raw_client import TIMEOUT_S
 from tests.engines.contract import DescriptionContract, current_pose, displacement
 from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, room, world
 from tests.engines.unreal_peer import FakeUnrealPlugin
@@ -288,7 +288,7 @@ def test_a_plugin_that_leaves_in_the_middle_of_a_spawn_is_gone_and_later_the_sam
         spawning = other.submit(engine.spawn, room())
         assert peer.stopped.wait(TIMEOUT_S)
         peer.close()
-        with pytest.raises(EngineError, match="the provider of /unreal/spawn_semantic_map is gone"):
+        with pytest.raises(EngineError, match="the provider of /unreal/spawn_semantic_map disconnected"):
             spawning.result(TIMEOUT_S)
     with pytest.raises(EngineUnavailableError, match="does not exist"):
         engine.ping()

@@ -197,7 +197,7 @@ def test_a_material_in_the_class_name_overrides_that_of_the_shape(load_turtle: L
 
 def test_an_unknown_class_is_a_box_in_its_own_color(bundled_knowledge: KnowledgeBase) -> None:
     one, other = rule(bundled_knowledge, MY + "Gizmo"), rule(bundled_knowledge, MY + "Qwertz")
-    assert (one.shape_type, one.source, one.reason) == ("box", GeometrySource.MAP, "nobody says how it is shaped")
+    assert (one.shape_type, one.source, one.reason) == ("box", GeometrySource.MAP, "no annotation for its shape")
     assert one.default_material.pbr_material.color != other.default_material.pbr_material.color
     assert one.default_material.pbr_material == rule(KnowledgeBase(), MY + "Gizmo").default_material.pbr_material
 
@@ -217,10 +217,10 @@ def test_without_the_bundled_ontology_only_user_statements_apply(load_turtle: Lo
     ("line", "issue"),
     [
         ('ms:inColour "greenish"', "inColour cannot be"),
-        ('ms:typicalSize "1 2"', 'typicalSize cannot be "1 2"; it is depth, width and height in metres'),
+        ('ms:typicalSize "1 2"', 'typicalSize cannot be "1 2"; it is depth, width and height in meters'),
         ('ms:givesLight "yes"', 'givesLight cannot be "yes"; it is one of none, point, spot, directional'),
         ("ms:density -3", 'density cannot be "-3"; it is a number from 0'),
-        ('ms:madeOf "wood"', 'madeOf cannot be "wood"; it leads to things that have a name'),
+        ('ms:madeOf "wood"', 'madeOf cannot be "wood"; it is an IRI'),
     ],
 )
 def test_invalid_statements_are_reported_and_the_rest_applies(load_turtle: LoadTurtle, line: str, issue: str) -> None:
@@ -232,7 +232,7 @@ def test_invalid_statements_are_reported_and_the_rest_applies(load_turtle: LoadT
 def test_circular_shape_statements_give_a_box_with_an_issue(load_turtle: LoadTurtle) -> None:
     knowledge = load_turtle("my:Hen ms:shapedAs my:Egg . my:Egg ms:shapedAs my:Hen .")
     assert rule(knowledge, MY + "Hen").shape_type == "box"
-    assert "nobody says how" in rule(knowledge, MY + "Hen").reason
+    assert "no annotation for its shape" in rule(knowledge, MY + "Hen").reason
     assert rule(knowledge, MY + "Hen").issues
 
 

@@ -1,4 +1,4 @@
-"""Classes and what they say of one another, by plain closure over what the files state; no reasoner of ours helps."""
+"""Classes of the bundled ontology and their restrictions, computed independently of Mindstage's reasoner."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Node = NamedNode | BlankNode
 
 @dataclass(frozen=True)
 class Restriction:
-    """A class says that its members have something to do with other classes (a union names several)."""
+    """A restriction of a class to one or several (a union) other classes."""
 
     subject: str
     restriction_type: str
@@ -54,11 +54,11 @@ class OntologyClasses:
         return found
 
     def class_and_ancestors(self, cls: str) -> set[str]:
-        """A class and all above it."""
+        """The class and its ancestors."""
         return {cls} | self.ancestors(cls)
 
     def instances(self, cls: str, map: str | None = None) -> set[str]:
-        """Individuals described in a map (any map) whose class is that class or one below it."""
+        """Individuals of a map, or of any map, whose class is that class or a subclass."""
         described = NamedNode(KNOWROB + "describedInMap")
         within = None if map is None else NamedNode(map)
         return {
@@ -102,7 +102,7 @@ class OntologyClasses:
         return [cls for cls in list(self.parents) if cls in self.ancestors(cls)]
 
     def storage_classes_for(self, item: str) -> dict[str, int]:
-        """Classes that are there to store such an item, and how general the reason is: 0 names its very class."""
+        """Classes for storing an item, with the distance of the restriction's class from the item's class."""
         above = self.nearest_first(item)
         found: dict[str, int] = {}
         for restriction in self.restrictions("typePrimaryFunction-containerFor"):
@@ -123,7 +123,7 @@ class OntologyClasses:
 
 
 def short_name(node: Node) -> str:
-    """`knowrob_iri:Door` is just Door; other names keep a prefix."""
+    """Returns the local name of a KnowRob IRI; other IRIs keep a prefix."""
     value = str(node.value)
     for namespace, prefix in ((KNOWROB, ""), (MS, "ms:"), (OWL, "owl:")):
         if value.startswith(namespace):

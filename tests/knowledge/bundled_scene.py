@@ -1,4 +1,4 @@
-"""The bundled kitchen as plain boxes, read from its file by other means than the ones under test."""
+"""The bundled kitchen as boxes, read from its file independently of Mindstage."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Box:
 
     @cached_property
     def extent(self) -> Array:
-        """Lower and upper corner in the world; exact for what stands square to it."""
+        """Lower and upper corner in the world frame; exact for boxes aligned with it."""
         half = np.abs(self.rotation) @ self.size / 2
         return np.array([self.center - half, self.center + half])
 
@@ -89,7 +89,7 @@ class Scene:
 
     @cached_property
     def movable_boxes(self) -> list[Box]:
-        """What can be carried away."""
+        """Dynamic bodies without a joint."""
         return [
             box for box in self.boxes.values() if box.mobility == "dynamic" and box.id not in self.fronts_with_joints
         ]

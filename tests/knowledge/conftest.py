@@ -12,20 +12,20 @@ from tests.knowledge.maps import MakeKnowledgeBase, ReadMap, knowledge_base_from
 
 
 @pytest.fixture
-def told(tmp_path: Path) -> MakeKnowledgeBase:
-    """A knowledge base that was told just that."""
+def make_knowledge_base(tmp_path: Path) -> MakeKnowledgeBase:
+    """Makes a knowledge base with a map of these statements only."""
 
-    def tell(*statements: str) -> KnowledgeBase:
+    def make(*statements: str) -> KnowledgeBase:
         path = tmp_path / "map.ttl"
         path.write_text(room_map(*statements), encoding="utf-8")
         return knowledge_base_from(path)
 
-    return tell
+    return make
 
 
 @pytest.fixture
 def read(tmp_path: Path) -> ReadMap:
-    """Reads a map from its text, alone in a knowledge base."""
+    """Reads a map from its text in a knowledge base without other sources."""
 
     def read_text(text: str, *, suffix: str = ".ttl", map: str | None = None) -> tuple[World, tuple[Finding, ...]]:
         path = tmp_path / f"map{suffix}"

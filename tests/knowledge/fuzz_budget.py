@@ -1,4 +1,4 @@
-"""How long fuzzing lasts, what it begins with, and where a file goes that it found."""
+"""Time budget and seeds of fuzzing, and storage of the files that fail."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ __all__ = ["FINDINGS_FOLDER", "fuzz_seeds", "save_case"]
 
 FINDINGS_FOLDER = ROOT / "build" / "fuzz"
 _TEST_COUNT = 16
-"""Tests that share the time."""
+"""Number of tests that share the time."""
 _MIN_ROUNDS = 3
-"""Rounds of each, however slow the machine is."""
+"""Minimum number of rounds of each test."""
 
 
 def fuzz_seeds() -> Iterator[int]:
-    """Numbers to make inputs from, the same ones every time, until this test's share of the time is over.
+    """Yields consecutive seeds until this test's share of the time is used up.
 
-    `MINDSTAGE_FUZZ_S` is the time of all tests together [s]; `MINDSTAGE_FUZZ_SEED` begins with another number.
+    `MINDSTAGE_FUZZ_S` is the total time of all tests [s], `MINDSTAGE_FUZZ_SEED` the first seed.
     """
     share = float(os.environ.get("MINDSTAGE_FUZZ_S", "110")) / _TEST_COUNT
     first = int(os.environ.get("MINDSTAGE_FUZZ_SEED", "1"))
@@ -34,7 +34,7 @@ def fuzz_seeds() -> Iterator[int]:
 
 
 def save_case(file: Path, *, name: str) -> Path:
-    """Keeps what was found, under a name that says how it was made."""
+    """Saves a failing input under a name that describes how it was made."""
     FINDINGS_FOLDER.mkdir(parents=True, exist_ok=True)
     kept = FINDINGS_FOLDER / f"{''.join(letter if letter.isalnum() else '-' for letter in name)}{file.suffix}"
     kept.write_bytes(file.read_bytes())

@@ -1,4 +1,4 @@
-"""Small good maps, one of each dialect, and what hypothesis may do to their statements and to a robot's elements."""
+"""Small valid maps, one of each dialect, and Hypothesis strategies that mutate maps and robot descriptions."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import pyoxigraph as ox
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
-from tests.knowledge.mangling import INVALID_TEXTS
+from tests.knowledge.corruption import INVALID_TEXTS
+from tests.knowledge.dialect_maps import knowrob1_map, matrix_turtle, perception, soma_map
 from tests.knowledge.maps import XSD, body_turtle, room_map, slide_joint
-from tests.knowledge.other_maps import knowrob1_map, matrix_turtle, perception, soma_map
-from tests.knowledge.small_robot import KITCHEN_URDF
+from tests.knowledge.small_urdf import KITCHEN_URDF
 
 __all__ = ["LINKED_MAP", "MAPS_BY_DIALECT", "MutatedMap", "mutated_maps", "mutated_urdfs"]
 
@@ -96,7 +96,7 @@ LINKED_MAP = soma_map(
     ':grip a owl:NamedIndividual, soma:DesignedHandle ; urdf:hasEndLinkName "counter_drawer_handle" .',
     ':cooler a soma:Refrigerator ; urdf:hasBaseLinkName "fridge" ; urdf:hasEndLinkName "fridge_door_link" .',
 )
-"""What leaves its places to `small_robot.KITCHEN_URDF`."""
+"""A map that takes its poses from `small_urdf.KITCHEN_URDF`."""
 
 MAPS_BY_DIALECT = {
     "SemLog": _SEMLOG,
@@ -119,7 +119,7 @@ _LITERALS = st.sampled_from(INVALID_TEXTS).flatmap(
 
 
 class MutatedMap(NamedTuple):
-    """A map, and what was done to it, which is all that is shown of it."""
+    """A mutated map; its repr lists the changes only."""
 
     quads: list[ox.Quad]
     changes: list[str]
@@ -130,14 +130,14 @@ class MutatedMap(NamedTuple):
 
 @st.composite
 def mutated_maps(draw: st.DrawFn, dialect: str) -> MutatedMap:
-    """A good map with statements taken away, put in, told of others, or told with values that make no sense."""
+    """A valid map with statements removed, added or repeated, or with other subjects, properties or values."""
     quads, changes = list(_QUADS[dialect]), []
     nodes = sorted({quad.subject for quad in quads} | {quad.object for quad in quads if _is_node(quad)}, key=str)
     ghosts = [ox.NamedNode("http://example.org/old.owl#ghost"), ox.BlankNode("ghost")]
-    things = st.sampled_from([*nodes, *ghosts])
+    subjects = st.sampled_from([*nodes, *ghosts])
     properties = st.sampled_from(_PROPERTIES)
     values = (
-        things
+        subjects
         | _LITERALS
         | st.sampled_from([quad.object for quad in _ALL_QUADS if not isinstance(quad.object, ox.BlankNode)])
     )
@@ -145,7 +145,7 @@ def mutated_maps(draw: st.DrawFn, dialect: str) -> MutatedMap:
         at = draw(st.integers(0, len(quads) - 1))
         old = quads[at]
         how = draw(st.sampled_from(["drop", "value", "value", "subject", "property", "more", "again"]))
-        subject = draw(things) if how in ("subject", "more") else old.subject
+        subject = draw(subjects) if how in ("subject", "more") else old.subject
         property = draw(properties) if how in ("property", "more") else old.predicate
         value = draw(values) if how in ("value", "more", "again") else old.object
         new = None if how == "drop" else ox.Quad(subject, property, value)
@@ -159,7 +159,7 @@ def _is_node(quad: ox.Quad) -> bool:
 
 
 def mutated_urdfs() -> SearchStrategy[str]:
-    """A good description with elements moved, repeated or gone, and attributes that make no sense."""
+    """A valid robot description with elements moved, repeated or removed, and invalid attributes."""
     return _robot_trees().map(lambda root: ElementTree.tostring(root, encoding="unicode"))
 
 
@@ -184,7 +184,7 @@ def _robot_trees(draw: st.DrawFn) -> Any:
                 element.tag = draw(st.sampled_from(["link", "joint", "mesh", "box", "origin", "limit", "robot", "x"]))
             case _:
                 key = draw(st.sampled_from([*element.keys(), "name", "link", "filename", "scale"]))
-                names = [told.get(key) or "" for told in root.iter() if told.get(key)]
+                names = [other.get(key) or "" for other in root.iter() if other.get(key)]
                 element.set(key, draw(st.sampled_from([*names, *filter(_is_valid_xml_text, INVALID_TEXTS)])))
     return root
 

@@ -1,8 +1,8 @@
-"""The process in which maps are read that may be made of anything: guarded, and told by lines of JSON what to read.
+"""Worker process that reads untrusted maps in a sandbox; each job is a line of JSON.
 
-`python -m tests.knowledge.fuzz_worker FOLDER` answers every job on stdin with one line on stdout. It may have 1 GB, no
-network and no other program, and whatever tries is told, even if the error is swallowed. How long a job may take is
-not for the process itself to say (see `fuzz_watch`).
+`python -m tests.knowledge.fuzz_worker FOLDER` answers every job on stdin with one line on stdout. It has a memory limit
+of 1 GB and no access to the network and other programs; attempts are reported even if the error is suppressed. Time
+limits are enforced by `fuzz_supervisor`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from mindstage.scene import World, diff
 __all__ = ["MEMORY_LIMIT"]
 
 MEMORY_LIMIT = 10**9
-"""Bytes of address space, of which what is really used is a part."""
+"""Limit of the address space [bytes], which exceeds the memory in use."""
 
 _NETWORK_EVENTS = (
     "socket.",
@@ -42,7 +42,7 @@ _PROTECTED_PATHS = ("/etc/passwd", "/etc/shadow", "/dev/zero", "/proc/kcore", "/
 
 
 class SandboxAudit:
-    """Forbids the way outside, and remembers who tried."""
+    """Audit hook that forbids network access and subprocesses, and records attempts."""
 
     def __init__(self) -> None:
         self.attempts: list[str] = []
@@ -59,27 +59,27 @@ class SandboxAudit:
 
 def main(folder: Path) -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # what anybody prints is no answer
+    os.dup2(2, 1)  # stdout is reserved for answers
     os.environ.pop("ROS_PACKAGE_PATH", None)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
-    guard = SandboxAudit()
+    audit = SandboxAudit()
     for line in sys.stdin:
         job = json.loads(line)
-        guard.attempts.clear()
-        guard.opened_files.clear()
+        audit.attempts.clear()
+        audit.opened_files.clear()
         try:
-            told = round_trip(Path(job["path"]), job["robots"], job["ontologies"], folder)
-            told |= {"typed": run_command(job["path"], job["robots"], job["ontologies"], job["verb"], folder)}
+            result = round_trip(Path(job["path"]), job["robots"], job["ontologies"], folder)
+            result |= {"exit_code": run_command(job["path"], job["robots"], job["ontologies"], job["verb"], folder)}
         except BaseException:
-            told = {"defect": traceback.format_exc()}
-        told |= {"tries": guard.attempts, "opened": guard.opened_files}
-        told |= {"memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6}
-        print(json.dumps(told), file=answers, flush=True)
+            result = {"defect": traceback.format_exc()}
+        result |= {"network_attempts": audit.attempts, "opened_files": audit.opened_files}
+        result |= {"memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6}
+        print(json.dumps(result), file=answers, flush=True)
 
 
 def round_trip(path: Path, robots: Sequence[str], ontologies: Sequence[str], folder: Path) -> dict[str, Any]:
-    """Loads, reads, analyzes, writes and reads again; what Mindstage says where it refuses."""
-    told: dict[str, Any] = {"refused": "", "maps": 0, "bodies": 0, "findings": []}
+    """Loads, reads, analyzes, writes and reads again; returns counts, or the error if Mindstage refuses the file."""
+    result: dict[str, Any] = {"error": "", "maps": 0, "bodies": 0, "findings": []}
     try:
         knowledge = KnowledgeBase(bundled_ontology=False)
         knowledge.load(path, urdf_files=robots, ontologies=ontologies)
@@ -89,18 +89,18 @@ def round_trip(path: Path, robots: Sequence[str], ontologies: Sequence[str], fol
             for out in write_all_formats(world, folder):
                 again = KnowledgeBase(bundled_ontology=False)
                 again.load(out)
-                if not map.startswith("_:"):  # a map without a name may well come back under another label
+                if not map.startswith("_:"):  # the label of a blank node may change
                     _assert_equal(world, again.world(map))
-            told["maps"] += 1
-            told["bodies"] += len(world.bodies)
-        told["findings"] = [str(each) for each in (*knowledge.findings(), *knowledge.assumptions())]
+            result["maps"] += 1
+            result["bodies"] += len(world.bodies)
+        result["findings"] = [str(each) for each in (*knowledge.findings(), *knowledge.assumptions())]
     except MindstageError as error:
-        told["refused"] = f"{type(error).__name__}: {error}"
-    return told
+        result["error"] = f"{type(error).__name__}: {error}"
+    return result
 
 
 def write_all_formats(world: World, folder: Path) -> Iterator[Path]:
-    """The map's file in each format that has a way to write it."""
+    """Yields the map file in each format that can represent it."""
     for suffix in (".owl", ".ttl"):
         out = folder / f"written{suffix}"
         try:
@@ -112,27 +112,27 @@ def write_all_formats(world: World, folder: Path) -> Iterator[Path]:
 
 def _assert_equal(world: World, reread: World) -> None:
     found = diff(world, reread)
-    told = (found.only_in_a, found.only_in_b, found.changed, found.lost, found.gained)
-    if any(told):
-        raise AssertionError(f"what was written is not what was read: {told!r}"[:4000])
+    differences = (found.only_in_a, found.only_in_b, found.changed, found.lost, found.gained)
+    if any(differences):
+        raise AssertionError(f"the written world differs from the one read: {differences!r}"[:4000])
 
 
 def run_command(path: str, robots: Sequence[str], ontologies: Sequence[str], verb: str, folder: Path) -> int:
-    """What a user would type about the file; the exit code."""
+    """Runs a CLI command on the file and returns its exit code."""
     options = [option for robot in robots for option in ("--urdf", robot)]
     options += [option for each in ontologies for option in ("--ontology", each)]
-    words = {
+    arguments = {
         "validate": ["validate", path],
         "validate --json": ["validate", path, "--json"],
         "analyse": ["analyse", path],
         "convert": ["convert", path, str(folder / "converted.ttl")],
     }[verb]
-    result = CliRunner().invoke(app, [*words, *options, "--no-bundled-ontology"], prog_name="mindstage")
+    result = CliRunner().invoke(app, [*arguments, *options, "--no-bundled-ontology"], prog_name="mindstage")
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     if result.exit_code not in (0, 1, 2) or "Traceback" in result.output:
         raise AssertionError(f"`mindstage {verb}` ends with {result.exit_code}: {result.output[-2000:]}")
-    if "--json" in words:
+    if "--json" in arguments:
         json.loads(result.stdout)
     return result.exit_code
 

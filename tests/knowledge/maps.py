@@ -1,4 +1,4 @@
-"""Small maps of dialect 1 in Turtle, said in few words, and what tests do with them."""
+"""Small maps of dialect 1 in Turtle, and helpers of tests that read them."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ RDFS = "http://www.w3.org/2000/01/rdf-schema#"
 XSD = "http://www.w3.org/2001/XMLSchema#"
 
 ReadMap = Callable[..., tuple[World, tuple[Finding, ...]]]
-"""Reads the text of a map; gives its world, and the findings that were made."""
+"""Reads the text of a map and returns its world and the findings."""
 
 MakeKnowledgeBase = Callable[..., KnowledgeBase]
-"""Makes a knowledge base that was told some statements, and nothing else."""
+"""Creates a knowledge base with some statements, and nothing else."""
 
 _PREFIXES = f"""
 @prefix : <{ROOM_NAMESPACE}> .
@@ -48,31 +48,31 @@ _PREFIXES = f"""
 
 
 def individual(name: str) -> Iri:
-    """An individual of the room."""
+    """Returns the IRI of an individual of the room."""
     return Iri(ROOM_NAMESPACE + name)
 
 
 def knowrob_iri(name: str) -> Iri:
-    """A name of the community's."""
+    """Returns an IRI in KnowRob's namespace."""
     return Iri(KNOWROB + name)
 
 
 def room_map(*statements: str, map: str = "room") -> str:
-    """A map with these statements; they may use the prefixes k, owl, rdfs, xsd, ms, e, and none for what is in it."""
+    """Returns a map with these statements, which may use the prefixes k, owl, rdfs, xsd, ms, e and `:`."""
     return "\n".join((_PREFIXES, f":{map} a owl:NamedIndividual, k:SemanticEnvironmentMap .", *statements))
 
 
 def body_turtle(
     name: str, *facts: str, cls: str = "k:Cup", position: str = "1.0 2.0 3.0", quaternion: str = "1.0 0.0 0.0 0.0"
 ) -> str:
-    """An individual with a pose."""
+    """Returns an individual with a pose."""
     more = "".join(f" ; {fact}" for fact in facts)
     return f""":{name} a owl:NamedIndividual, {cls} ; k:describedInMap :room ; k:pose :{name}-pose{more} .
 :{name}-pose a owl:NamedIndividual, k:Pose ; k:translation "{position}" ; k:quaternion "{quaternion}" ."""
 
 
 def slide_joint(name: str, parent: str, child: str, *facts: str) -> str:
-    """A drawer's slide."""
+    """Returns a prismatic joint, as of a drawer."""
     return f"""{body_turtle(name, f"k:parent :{parent}", f"k:child :{child}", *facts, cls="k:Constraint")}
 :{name} k:linearConstraint :{name}-linear ; k:angularConstraint :{name}-angular .
 :{name}-linear a owl:NamedIndividual, k:LinearConstraint ; k:xMotion 1 ; k:yMotion 2 ; k:zMotion 2 ;
@@ -85,7 +85,7 @@ def slide_joint(name: str, parent: str, child: str, *facts: str) -> str:
 
 
 def assert_worlds_equal(a: World, b: World) -> None:
-    """Fails with all that two worlds do not agree on."""
+    """Asserts that two worlds are equal."""
     found = diff(a, b)
     assert (found.only_in_a, found.only_in_b, found.changed, found.lost, found.gained) == ((), (), (), (), ())
     assert (a.iri, a.name, len(a.resources)) == (b.iri, b.name, len(b.resources))
@@ -94,7 +94,7 @@ def assert_worlds_equal(a: World, b: World) -> None:
 def knowledge_base_from(
     *paths: object, ontologies: tuple[object, ...] = (), bundled_ontology: bool = False
 ) -> KnowledgeBase:
-    """A knowledge base that has loaded these files."""
+    """Returns a knowledge base that has loaded these files."""
     knowledge = KnowledgeBase(bundled_ontology=bundled_ontology)
     knowledge.load([str(path) for path in paths], ontologies=[str(path) for path in ontologies])
     return knowledge

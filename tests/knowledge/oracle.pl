@@ -1,12 +1,12 @@
-% The same rules as Mindstage's index and questions, in plain Prolog over SWI's own store.
-% Prints one answer a line; run as: swipl oracle.pl FILE...
+% The same rules as Mindstage's reasoner and questions, in plain Prolog over SWI-Prolog's own store.
+% Prints one answer per line; run as: swipl oracle.pl FILE...
 
 :- use_module(library(semweb/rdf11)).
 :- use_module(library(semweb/turtle)).
 :- rdf_register_prefix(knowrob, 'http://knowrob.org/kb/knowrob.owl#').
 :- rdf_register_prefix(dul, 'http://www.ontologydesignpatterns.org/ont/dul/DUL.owl#').
 :- rdf_meta told(r, r, o), sub_property(r, r), kind_of(r, r), part_property(r), whole_property(r).
-:- dynamic up/2.  % every edge, written down once after loading
+:- dynamic up/2.  % every edge, asserted once after loading
 :- table sub_class/2, sub_property/2, part/2, tight_part/2, restricted/3, storage_place/2, device_for_action/2.
 
 told(S, P, O) :- rdf(S, P, O).
@@ -19,22 +19,22 @@ list_item(List, Item) :- told(List, rdf:rest, Rest), list_item(Rest, Item).
 equal(A, B) :- told(A, owl:equivalentClass, B).
 equal(A, B) :- told(B, owl:equivalentClass, A).
 
-% said(Class, Expression): every member of the class falls under the expression.
-said(Class, X) :- told(Class, rdfs:subClassOf, Y), named(Class), within(Y, X).
-said(Class, X) :- equal(Class, Y), named(Class), within(Y, X).
-said(Class, X) :- told(Class, owl:intersectionOf, List), named(Class), list_item(List, Y), within(Y, X).
+% superclass_expression(Class, Expression): every member of the class is an instance of the expression.
+superclass_expression(Class, X) :- told(Class, rdfs:subClassOf, Y), named(Class), within(Y, X).
+superclass_expression(Class, X) :- equal(Class, Y), named(Class), within(Y, X).
+superclass_expression(Class, X) :- told(Class, owl:intersectionOf, List), named(Class), list_item(List, Y), within(Y, X).
 
 within(X, X).
 within(Y, X) :- \+ named(Y), told(Y, owl:intersectionOf, List), list_item(List, Z), within(Z, X).
 
-% falls(Expression, Class): everything named that falls under the expression.
-falls(Class, Class) :- named(Class).
-falls(X, Class) :- \+ named(X), told(X, owl:unionOf, List), list_item(List, Y), falls(Y, Class).
+% subsumed(Expression, Class): the named classes that the expression subsumes.
+subsumed(Class, Class) :- named(Class).
+subsumed(X, Class) :- \+ named(X), told(X, owl:unionOf, List), list_item(List, Y), subsumed(Y, Class).
 
-edge(A, B) :- said(A, B), named(B).
-edge(A, B) :- told(X, rdfs:subClassOf, B), named(B), falls(X, A).
-edge(A, B) :- equal(X, B), named(B), falls(X, A).
-edge(A, B) :- told(B, owl:unionOf, List), named(B), list_item(List, X), falls(X, A).
+edge(A, B) :- superclass_expression(A, B), named(B).
+edge(A, B) :- told(X, rdfs:subClassOf, B), named(B), subsumed(X, A).
+edge(A, B) :- equal(X, B), named(B), subsumed(X, A).
+edge(A, B) :- told(B, owl:unionOf, List), named(B), list_item(List, X), subsumed(X, A).
 
 sub_class(A, B) :- up(A, B).
 sub_class(A, B) :- sub_class(A, C), up(C, B).
@@ -49,7 +49,7 @@ sub_property(P, Q) :- sub_property(P, R), told(Q, owl:equivalentProperty, R).
 
 % needs(Class, Property, Filler): each member has such a value; implied properties count.
 needs(Class, Property, Filler) :-
-    said(Class, R), told(R, owl:onProperty, P), named(P), promised(R, Filler),
+    superclass_expression(Class, R), told(R, owl:onProperty, P), named(P), promised(R, Filler),
     sub_property(P, Property).
 
 promised(R, Filler) :- told(R, owl:someValuesFrom, Filler).
@@ -69,7 +69,7 @@ mentioned(Filler, Class) :-
 
 class(C) :- up(C, _).
 class(C) :- up(_, C).
-class(C) :- said(_, R), promised(R, F), mentioned(F, C).
+class(C) :- superclass_expression(_, R), promised(R, F), mentioned(F, C).
 
 storage_place(Item, Place) :-
     rdf_equal(knowrob:'typePrimaryFunction-containerFor', For),
@@ -108,7 +108,7 @@ individual_of_class(Class, Individual) :-
     here(Individual, _), told(Individual, rdf:type, Own),
     \+ sub_atom(Own, 0, _, _, 'http://www.w3.org/'), is_a(Own, Class).
 
-% A constraint names what it joins with the words for wholes and parts, and joins no part to a whole.
+% A joint uses the part-of properties for the two bodies that it connects, which makes neither a part of the other.
 tight_step(Whole, Part) :- part_property(P), told(Whole, P, Part), \+ kind_of(Whole, knowrob:'Constraint').
 tight_step(Whole, Part) :- whole_property(P), told(Part, P, Whole), \+ kind_of(Part, knowrob:'Constraint').
 tight_part(Whole, Part) :- tight_step(Whole, Part).
@@ -116,14 +116,14 @@ tight_part(Whole, Part) :- tight_part(Whole, Between), tight_step(Between, Part)
 
 part_of(Part, Whole) :- tight_part(Whole, Part), Part \== Whole, here(Whole, _).
 
-% What a class says of its members: the property, the class that says so, OWL's word, and the value where it has a name.
+% The restrictions of a class: the property, the class that has it, the OWL term, and the filler if it is named.
 class_properties(Class, Told) :-
     setof(C, class_or_sayer(C), Classes), member(Class, Classes), is_a(Class, Owner),
     restricted(Owner, R, Property), word(R, Kind, Value),
     format(atom(Told), "~w ~w ~w ~w", [Property, Owner, Kind, Value]).
 class_or_sayer(C) :- up(C, _).
 class_or_sayer(C) :- restricted(C, _, _).
-restricted(Class, R, Property) :- said(Class, R), told(R, owl:onProperty, P), line(P, Property).
+restricted(Class, R, Property) :- superclass_expression(Class, R), told(R, owl:onProperty, P), line(P, Property).
 line(P, P) :- named(P).
 line(P, Q) :- \+ named(P), told(P, owl:inverseOf, Q), named(Q).
 

@@ -1,4 +1,4 @@
-"""AMEVA's maps: their centimetres, their mirrored frame, their scalar at the end, and joints that tell nothing."""
+"""AMEVA maps: centimeters, left-handed frames, quaternions x y z w, and joints without axes and limits."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def sized(cls: str, size: tuple[float, ...]) -> str:
     return f"{cls} a owl:Class ; rdfs:subClassOf {restrictions} ."
 
 
-def thing(name: str, cls: str, at: str, *facts: str, turned: str = "0.0 0.0 0.0 1.0") -> str:
+def placed_body(name: str, cls: str, at: str, *facts: str, turned: str = "0.0 0.0 0.0 1.0") -> str:
     more = "".join(f" ; {fact}" for fact in facts)
     return f""":{name} a owl:NamedIndividual, {cls} ; k:describedInMap :room ; k:pose :{name}-p{more} .
 :{name}-p a owl:NamedIndividual, k:Pose ; k:translation "{at}" ; k:quaternion "{turned}" ."""
@@ -55,11 +55,11 @@ def thing(name: str, cls: str, at: str, *facts: str, turned: str = "0.0 0.0 0.0 
 
 CLASSES = [sized(cls, size) for cls, size in SIZES.items()]
 FRIDGE = [
-    thing("fridge", "k:IAIFridgeArea", "100.0 200.0 75.0", "k:child :door, :drawer", 'k:maskColor "FD1ACDFF"'),
-    thing("door", "k:IAIDoor", "126.0 200.0 96.0", "k:parent :fridge", 'k:mobility "dynamic"'),
-    thing("drawer", "k:IAIDrawer", "104.0 200.0 35.0", "k:parent :fridge", 'k:mobility "dynamic"'),
-    thing("hinge", "k:RevoluteJoint", "126.0 172.0 97.0", "k:parent :door", 'k:mobility "kinematic"'),
-    thing("slide", "k:LinearJoint", "130.0 200.0 36.0", "k:parent :drawer"),
+    placed_body("fridge", "k:IAIFridgeArea", "100.0 200.0 75.0", "k:child :door, :drawer", 'k:maskColor "FD1ACDFF"'),
+    placed_body("door", "k:IAIDoor", "126.0 200.0 96.0", "k:parent :fridge", 'k:mobility "dynamic"'),
+    placed_body("drawer", "k:IAIDrawer", "104.0 200.0 35.0", "k:parent :fridge", 'k:mobility "dynamic"'),
+    placed_body("hinge", "k:RevoluteJoint", "126.0 172.0 97.0", "k:parent :door", 'k:mobility "kinematic"'),
+    placed_body("slide", "k:LinearJoint", "130.0 200.0 36.0", "k:parent :drawer"),
 ]
 
 
@@ -73,48 +73,48 @@ def at(world: World, id: str) -> Body:
 
 def test_centimeters_in_a_mirrored_frame_become_meters_in_ros(read: ReadMap) -> None:
     half = math.sqrt(0.5)
-    cup = thing("cup", "k:Cup", "10.0 20.0 30.0", turned=f"0.0 0.0 {half} {half}")
+    cup = placed_body("cup", "k:Cup", "10.0 20.0 30.0", turned=f"0.0 0.0 {half} {half}")
     world, _ = read(fridge(cup))
     assert at(world, "fridge").pose == Pose((1.0, -2.0, 0.75), (1.0, 0.0, 0.0, 0.0))
     assert at(world, "fridge").size == (0.58, 0.6, 1.5)
     assert at(world, "cup").pose == Pose((0.1, -0.2, 0.3), (half, 0.0, 0.0, -half))
 
 
-def test_what_was_assumed_is_told_with_its_evidence(tmp_path: Path) -> None:
+def test_assumptions_are_reported_with_evidence(tmp_path: Path) -> None:
     (tmp_path / "map.ttl").write_text(fridge(), encoding="utf-8")
     knowledge = knowledge_base_from(tmp_path / "map.ttl")
     assert knowledge.assumptions() == ()
     knowledge.world()
-    told = {assumption.topic: assumption for assumption in knowledge.assumptions()}
-    assert {about: told[about].value for about in ("units", "frame", "quaternion")} == {
+    assumptions = {assumption.topic: assumption for assumption in knowledge.assumptions()}
+    assert {about: assumptions[about].value for about in ("units", "frame", "quaternion")} == {
         "units": "cm",
         "frame": "unreal",
         "quaternion": "xyzw",
     }
-    assert "0.86 m large" in told["units"].evidence
-    assert "heights go from 0.35 to 0.97 m" in told["frame"].evidence
-    assert "as xyzw 5 of 5 stand upright and 5 are not turned" in told["quaternion"].evidence
-    assert not any(assumption.overridden for assumption in told.values())
-    assert all(assumption.map == individual("room") for assumption in told.values())
+    assert "0.86 m large" in assumptions["units"].evidence
+    assert "heights go from 0.35 to 0.97 m" in assumptions["frame"].evidence
+    assert "as xyzw 5 of 5 are upright and 5 are not rotated" in assumptions["quaternion"].evidence
+    assert not any(assumption.overridden for assumption in assumptions.values())
+    assert all(assumption.map == individual("room") for assumption in assumptions.values())
 
 
-def test_the_user_decides_what_numbers_mean(tmp_path: Path) -> None:
+def test_conventions_of_the_user_take_precedence(tmp_path: Path) -> None:
     (tmp_path / "map.ttl").write_text(fridge(), encoding="utf-8")
     knowledge = KnowledgeBase(bundled_ontology=False)
-    told = UnitConventions(units=LengthUnit.MILLIMETERS, frame=Handedness.ROS, quaternion=QuaternionOrder.WXYZ)
-    knowledge.load(tmp_path / "map.ttl", conventions=told)
+    chosen = UnitConventions(units=LengthUnit.MILLIMETERS, frame=Handedness.ROS, quaternion=QuaternionOrder.WXYZ)
+    knowledge.load(tmp_path / "map.ttl", conventions=chosen)
     world = knowledge.world()
     assert world.body("fridge").pose == Pose((0.1, 0.2, 0.075), (0.0, 0.0, 0.0, 1.0))
     assumptions = {assumption.topic: assumption for assumption in knowledge.assumptions()}
     assert assumptions["units"].overridden
-    assert "by evidence it would be cm" in assumptions["units"].evidence
+    assert "the evidence indicates cm" in assumptions["units"].evidence
     assert not assumptions["joints"].overridden
 
 
-def test_meters_are_meters_in_this_dialect_too(read: ReadMap) -> None:
-    """A logger that converted before it wrote."""
+def test_maps_in_meters_are_recognized(read: ReadMap) -> None:
+    """As written by a logger that converts units."""
     small = [sized("k:IAIFridgeArea", (0.58, 0.6, 1.5))]
-    box = thing("fridge", "k:IAIFridgeArea", "1.0 2.0 0.75", 'k:maskColor "FD1ACDFF"', turned="1.0 0.0 0.0 0.0")
+    box = placed_body("fridge", "k:IAIFridgeArea", "1.0 2.0 0.75", 'k:maskColor "FD1ACDFF"', turned="1.0 0.0 0.0 0.0")
     world, _ = read(room_map(*small, box))
     assert at(world, "fridge").pose == Pose((1.0, 2.0, 0.75), (1.0, 0.0, 0.0, 0.0))
     assert not any("given" in fact.property for fact in world.facts)
@@ -123,7 +123,7 @@ def test_meters_are_meters_in_this_dialect_too(read: ReadMap) -> None:
 # -- joints ------------------------------------------------------------------------------------------------------------
 
 
-def test_a_joint_joins_what_it_hangs_on_to_what_that_hangs_on(read: ReadMap) -> None:
+def test_a_joint_connects_its_parent_to_the_parent_of_that(read: ReadMap) -> None:
     world, findings = read(fridge())
     joints = {constraint.id: constraint for constraint in world.joints}
     assert {id: (joint.parent, joint.child) for id, joint in joints.items()} == {
@@ -131,11 +131,11 @@ def test_a_joint_joins_what_it_hangs_on_to_what_that_hangs_on(read: ReadMap) -> 
         "slide": ("fridge", "drawer"),
     }
     assert world.attachments == (), "what a joint moves does not go where its parent goes"
-    told = [finding for finding in findings if "neither an axis nor limits" in finding.problem]
-    assert {finding.individual for finding in told} == {individual("hinge"), individual("slide")}
+    reported = [finding for finding in findings if "neither an axis nor limits" in finding.problem]
+    assert {finding.individual for finding in reported} == {individual("hinge"), individual("slide")}
 
 
-def test_a_door_turns_about_the_edge_that_its_joint_is_at(read: ReadMap) -> None:
+def test_a_door_turns_about_the_edge_at_its_joint(read: ReadMap) -> None:
     world, _ = read(fridge())
     hinge = next(joint for joint in world.joints if joint.id == "hinge")
     assert (hinge.angular.swing1, hinge.angular.swing2, hinge.angular.twist) == (
@@ -144,21 +144,21 @@ def test_a_door_turns_about_the_edge_that_its_joint_is_at(read: ReadMap) -> None
         AxisMotion.LOCKED,
     )
     assert hinge.angular.swing1_limit == math.pi / 2
-    below = thing("hinge", "k:RevoluteJoint", "126.0 199.0 54.0", "k:parent :door")
+    below = placed_body("hinge", "k:RevoluteJoint", "126.0 199.0 54.0", "k:parent :door")
     world, _ = read(room_map(*CLASSES, *FRIDGE[:3], below))
     assert world.joints[0].angular.swing2 is AxisMotion.LIMITED
 
 
-def test_a_knob_turns_about_its_axis_without_end(read: ReadMap) -> None:
-    knob = thing("knob", "k:Knob", "131.0 200.0 140.0", "k:parent :fridge", 'k:mobility "dynamic"')
-    joint = thing("turn", "k:RevoluteJoint", "131.0 200.0 140.0", "k:parent :knob")
+def test_a_knob_turns_about_its_axis_without_limits(read: ReadMap) -> None:
+    knob = placed_body("knob", "k:Knob", "131.0 200.0 140.0", "k:parent :fridge", 'k:mobility "dynamic"')
+    joint = placed_body("turn", "k:RevoluteJoint", "131.0 200.0 140.0", "k:parent :knob")
     world, _ = read(fridge(sized("k:Knob", (2.5, 4.0, 4.0)), knob, joint))
     turn = next(joint for joint in world.joints if joint.id == "turn")
     assert turn.angular.twist is AxisMotion.FREE
     assert turn.angular.swing1 is turn.angular.swing2 is AxisMotion.LOCKED
 
 
-def test_a_drawer_comes_out_by_its_own_depth(read: ReadMap) -> None:
+def test_a_drawer_slides_by_its_own_depth(read: ReadMap) -> None:
     world, _ = read(fridge())
     slide = next(joint for joint in world.joints if joint.id == "slide")
     assert (slide.linear.x, slide.linear.y, slide.linear.z) == (
@@ -169,22 +169,22 @@ def test_a_drawer_comes_out_by_its_own_depth(read: ReadMap) -> None:
     assert slide.linear.limit == pytest.approx(0.51)
 
 
-def test_a_joint_that_hangs_on_nothing_is_left_out_and_named(read: ReadMap) -> None:
-    world, findings = read(fridge(thing("lost", "k:LinearJoint", "1.0 2.0 3.0")))
+def test_a_joint_without_a_parent_is_omitted_and_reported(read: ReadMap) -> None:
+    world, findings = read(fridge(placed_body("lost", "k:LinearJoint", "1.0 2.0 3.0")))
     assert all(joint.id != "lost" for joint in world.joints)
     assert any(finding.individual == individual("lost") and finding.severity is Severity.ERROR for finding in findings)
     assert any(resource.iri == individual("lost") for resource in world.resources)
 
 
-def test_of_two_joints_between_two_things_one_leaves_the_other_free(read: ReadMap) -> None:
-    second = thing("second", "k:LinearJoint", "126.0 228.0 97.0", "k:parent :door")
+def test_a_second_joint_between_two_bodies_is_free(read: ReadMap) -> None:
+    second = placed_body("second", "k:LinearJoint", "126.0 228.0 97.0", "k:parent :door")
     world, findings = read(fridge(second))
     joint = next(joint for joint in world.joints if joint.id == "second")
     assert {joint.linear.x, joint.linear.y, joint.angular.twist} == {AxisMotion.FREE}
     assert any(finding.individual == individual("second") and "another joint" in finding.action for finding in findings)
 
 
-# -- what classes say --------------------------------------------------------------------------------------------------
+# -- values of classes -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -197,9 +197,9 @@ def test_of_two_joints_between_two_things_one_leaves_the_other_free(read: ReadMa
     ],
     ids=["plainly", "by restrictions"],
 )
-def test_what_a_class_says_of_mass_and_mesh_counts_for_its_members(of_class: str, read: ReadMap) -> None:
-    own = thing("own", "k:Cup", "1.0 2.0 3.0", 'k:mass "0.5"^^xsd:float')
-    text = room_map(of_class, thing("cup", "k:Cup", "10.0 20.0 30.0"), own)
+def test_mass_and_mesh_of_a_class_apply_to_its_members(of_class: str, read: ReadMap) -> None:
+    own = placed_body("own", "k:Cup", "1.0 2.0 3.0", 'k:mass "0.5"^^xsd:float')
+    text = room_map(of_class, placed_body("cup", "k:Cup", "10.0 20.0 30.0"), own)
     world, _ = read(text)
     assert (at(world, "cup").physics.mass_kg, at(world, "cup").mesh) == (0.25, "package://cups/cup.dae")
     assert at(world, "own").physics.mass_kg == 0.5
@@ -207,17 +207,17 @@ def test_what_a_class_says_of_mass_and_mesh_counts_for_its_members(of_class: str
     assert_worlds_equal(world, again)
 
 
-def test_members_of_a_map_that_is_nowhere_are_in_it_all_the_same(read: ReadMap) -> None:
+def test_members_of_a_map_without_a_declaration_are_read(read: ReadMap) -> None:
     text = fridge().replace(":room a owl:NamedIndividual, k:SemanticEnvironmentMap .", "")
     world, findings = read(text)
     assert len(world.bodies) == 3
-    assert any("nothing calls it a map" in finding.problem for finding in findings)
+    assert any("it has no map class" in finding.problem for finding in findings)
 
 
-# -- the way back ------------------------------------------------------------------------------------------------------
+# -- writing -----------------------------------------------------------------------------------------------------------
 
 
-def test_what_was_given_is_kept_beside_what_it_means(read: ReadMap) -> None:
+def test_original_values_are_kept_beside_converted_ones(read: ReadMap) -> None:
     world, _ = read(fridge())
     kept = {fact.property.removeprefix(MS): getattr(fact.value, "text", "") for fact in world.facts}
     assert kept == {
@@ -238,7 +238,7 @@ def task_two(shared_data: Path) -> tuple[World, KnowledgeBase]:
     return knowledge.world(), knowledge
 
 
-def test_a_real_map_becomes_a_kitchen_of_its_size(task_two: tuple[World, KnowledgeBase]) -> None:
+def test_a_real_map_has_the_size_of_its_kitchen(task_two: tuple[World, KnowledgeBase]) -> None:
     world, knowledge = task_two
     assert (len(world.bodies), len(world.joints), len(world.attachments)) == (78, 31, 36)
     extent = world_bounds(world)
@@ -249,7 +249,7 @@ def test_a_real_map_becomes_a_kitchen_of_its_size(task_two: tuple[World, Knowled
     assert not [finding for finding in knowledge.findings() if finding.severity is Severity.ERROR]
 
 
-def test_a_real_map_is_no_mirror_image_of_its_kitchen(task_two: tuple[World, KnowledgeBase], shared_data: Path) -> None:
+def test_a_real_map_is_not_mirrored(task_two: tuple[World, KnowledgeBase], shared_data: Path) -> None:
     """The same kitchen was logged twice: once with the frame converted, once without."""
     other = knowledge_base_from(shared_data / "maps" / "iai-kitchen-original.owl").world()
 
@@ -274,27 +274,27 @@ def test_every_statement_of_a_real_map_is_kept(
 
 
 def statements(path: Path) -> set[tuple[str, Iri, str]]:
-    """What a file says of things with names; what a restriction says, it says of the class that it restricts."""
+    """The statements of a file about named resources; those of a restriction count for the class that it restricts."""
     quads = list(ox.parse(path=str(path), format=ox.RdfFormat.RDF_XML, base_iri=path.as_uri()))
     owners = {quad.object: str(quad.subject) for quad in quads if isinstance(quad.object, ox.BlankNode)}
     properties = {quad.subject: quad.object for quad in quads if quad.predicate.value.endswith("#onProperty")}
-    said = set()
+    found = set()
     for quad in quads:
         owner = f"{owners[quad.subject]} {properties[quad.subject]}" if quad.subject in owners else str(quad.subject)
         if not isinstance(quad.object, ox.BlankNode):
-            said.add((owner, Iri(quad.predicate.value), as_value(quad.object)))
-    return said
+            found.add((owner, Iri(quad.predicate.value), as_value(quad.object)))
+    return found
 
 
 def as_value(term: ox.NamedNode | ox.Literal | ox.BlankNode | ox.Triple) -> str:
-    """Numbers by their value, all else as it stands."""
+    """Numbers by value, everything else as text."""
     try:
         return " ".join(repr(float(number)) for number in term.value.split())  # type: ignore[union-attr]
     except ValueError:
         return str(term)
 
 
-def test_a_real_map_survives_ten_seconds(task_two: tuple[World, KnowledgeBase]) -> None:
+def test_a_real_map_is_stable_for_ten_seconds(task_two: tuple[World, KnowledgeBase]) -> None:
     world, _ = task_two
     engine = MujocoEngine()
     assert engine.spawn(world).ok

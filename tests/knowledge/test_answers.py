@@ -1,4 +1,4 @@
-"""Answers are a sequence of rows that know what was asked for, as plain values and as tables."""
+"""Answers: rows with a subject, conversion to plain values, tables for notebooks."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def kb() -> KnowledgeBase:
         ("where_is", {"thing": "milk_carton_1", "relation": "inside"}, "fridge"),
     ],
 )
-def test_an_answer_names_the_individual_that_was_asked_for(
+def test_a_row_has_the_individual_that_was_asked_for(
     kb: KnowledgeBase, question: str, args: dict[str, str], individual: str
 ) -> None:
     answers = kb.ask(question, **args)
@@ -45,7 +45,7 @@ def test_the_subject_of_a_handle_is_the_handle(kb: KnowledgeBase) -> None:
     assert (row.subject, row.individual) == (f"{KITCHEN}fridge_door_handle", f"{KITCHEN}fridge_door")
 
 
-def test_a_class_stands_for_its_members(kb: KnowledgeBase) -> None:
+def test_a_row_about_a_class_has_its_members_as_instances(kb: KnowledgeBase) -> None:
     (row,) = kb.ask("individual_of_class", cls="Refrigerator")[:1]
     assert row.individual == f"{KITCHEN}fridge"
     several = kb.ask("subclass_of", superclass="Cupboard")
@@ -57,10 +57,10 @@ def test_a_class_stands_for_its_members(kb: KnowledgeBase) -> None:
         none.individual  # noqa: B018
 
 
-def test_a_row_of_no_question_has_no_subject(kb: KnowledgeBase) -> None:
-    made = StoragePlace(item=Iri("a"), place=Iri("b"), because_of=Iri("c"), generality=0)
+def test_a_row_without_a_question_has_no_subject(kb: KnowledgeBase) -> None:
+    row = StoragePlace(item=Iri("a"), place=Iri("b"), because_of=Iri("c"), generality=0)
     with pytest.raises(AttributeError, match="not returned by a question"):
-        made.subject  # noqa: B018
+        row.subject  # noqa: B018
     with pytest.raises(AttributeError, match="is a map"):
         kb.ask("maps")[0].individual  # noqa: B018
     with pytest.raises(AttributeError, match="is a property"):
@@ -68,7 +68,7 @@ def test_a_row_of_no_question_has_no_subject(kb: KnowledgeBase) -> None:
 
 
 @pytest.mark.parametrize("question", list_questions(), ids=lambda each: each.name)
-def test_every_question_s_answers_are_plain_values_and_tables(kb: KnowledgeBase, question: object) -> None:
+def test_answers_to_every_question_convert_to_dicts_and_tables(kb: KnowledgeBase, question: object) -> None:
     answers = kb.ask(question)  # type: ignore[call-overload]
     dicts = answers.to_dicts()
     assert dicts == [msgspec.to_builtins(row) for row in answers]
@@ -78,16 +78,16 @@ def test_every_question_s_answers_are_plain_values_and_tables(kb: KnowledgeBase,
     assert "\n" not in repr(answers)
     for row in answers[:3]:
         assert repr(row).startswith(f"{type(row).__name__}(")
-        assert msgspec.convert(msgspec.to_builtins(row), type(row)) == row, "what was asked is no part of a row"
+        assert msgspec.convert(msgspec.to_builtins(row), type(row)) == row, "the question is not part of a row"
         assert hash(row) == hash(msgspec.structs.replace(row))
 
 
-def test_a_knowledge_base_says_what_it_holds(kb: KnowledgeBase, tmp_path: Path) -> None:
+def test_the_repr_of_a_knowledge_base_lists_its_maps(kb: KnowledgeBase, tmp_path: Path) -> None:
     assert repr(kb) == "<KnowledgeBase: 1 map (kitchen), 2 sources>"
     assert repr(KnowledgeBase(bundled_ontology=False)) == "<KnowledgeBase: 0 maps, 0 sources>"
 
 
-def test_members_end_with_their_knowledge_base() -> None:
+def test_answers_have_no_members_without_their_knowledge_base() -> None:
     knowledge = KnowledgeBase()
     knowledge.load("bundled:kitchen")
     (row,) = knowledge.ask("storage_place", item="CowsMilk")

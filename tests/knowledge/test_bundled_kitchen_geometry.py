@@ -1,4 +1,4 @@
-"""The bundled kitchen obeys the rules that let it be simulated as boxes: nothing is stuck, nothing hangs in the air."""
+"""Geometry of the bundled kitchen: it can be simulated as boxes without penetrations and unsupported bodies."""
 
 from __future__ import annotations
 
@@ -24,41 +24,41 @@ def kitchen() -> Scene:
 
 @pytest.fixture(scope="module")
 def containers(kitchen: Scene) -> dict[str, list[Box]]:
-    """All that each loose thing is in, the innermost first."""
+    """The containers of each loose item, innermost first."""
     boxes = list(kitchen.boxes.values())
     inside = {}
-    for thing in kitchen.movable_boxes:
-        near = [box for box, gap in zip(boxes, separation(thing, boxes), strict=True) if gap < -TOUCHING]
-        near = [box for box in near if np.prod(box.size) > np.prod(thing.size)]
-        inside[thing.id] = sorted(near, key=lambda box: float(np.prod(box.size)))
+    for item in kitchen.movable_boxes:
+        near = [box for box, gap in zip(boxes, separation(item, boxes), strict=True) if gap < -TOUCHING]
+        near = [box for box in near if np.prod(box.size) > np.prod(item.size)]
+        inside[item.id] = sorted(near, key=lambda box: float(np.prod(box.size)))
     return inside
 
 
 @pytest.fixture(scope="module")
 def supports(kitchen: Scene, containers: dict[str, list[Box]]) -> dict[str, Box]:
-    """What each loose thing that is in nothing stands on."""
+    """The support of each loose item that is in no container."""
     return {
-        thing.id: support
-        for thing in kitchen.movable_boxes
-        if not containers[thing.id]
+        item.id: support
+        for item in kitchen.movable_boxes
+        if not containers[item.id]
         for support in kitchen.boxes.values()
-        if abs(support.top - thing.bottom) <= TOUCHING and footprint_inside(thing, support)
+        if abs(support.top - item.bottom) <= TOUCHING and footprint_inside(item, support)
     }
 
 
-def footprint_inside(thing: Box, support: Box) -> bool:
-    (low, high), (floor, ceiling) = thing.extent[:, :2], support.extent[:, :2]
+def footprint_inside(item: Box, support: Box) -> bool:
+    (low, high), (floor, ceiling) = item.extent[:, :2], support.extent[:, :2]
     return bool((low >= floor - TOUCHING).all() and (high <= ceiling + TOUCHING).all())
 
 
-def test_everything_stands_square_to_the_room(kitchen: Scene) -> None:
+def test_everything_is_aligned_with_the_room(kitchen: Scene) -> None:
     for box in kitchen.boxes.values():
         assert np.allclose(np.abs(box.rotation).max(axis=0), 1, atol=1e-12), box.id
         assert np.allclose(box.rotation[2], UP), f"{box.id} is not upright"
 
 
-def test_nothing_overlaps_but_contents_and_drawers_with_what_they_are_in(kitchen: Scene) -> None:
-    loose = {thing.id for thing in kitchen.movable_boxes}
+def test_only_contents_and_drawers_overlap_with_their_containers(kitchen: Scene) -> None:
+    loose = {item.id for item in kitchen.movable_boxes}
     boxes = list(kitchen.boxes.values())
     wrong = []
     for index, box in enumerate(boxes[:-1]):
@@ -73,7 +73,7 @@ def test_nothing_overlaps_but_contents_and_drawers_with_what_they_are_in(kitchen
     assert not wrong
 
 
-def test_contents_keep_15_mm_from_every_wall_of_all_that_they_are_in(
+def test_contents_keep_15_mm_from_the_walls_of_their_containers(
     kitchen: Scene, containers: dict[str, list[Box]]
 ) -> None:
     assert sum(bool(outer) for outer in containers.values()) >= 50
@@ -85,15 +85,15 @@ def test_contents_keep_15_mm_from_every_wall_of_all_that_they_are_in(
             assert margin >= WALL - 1e-9, f"{id} is {margin * 1000:.1f} mm from a wall of {container.id}"
 
 
-def test_contents_stand_on_at_most_three_shelves_with_room_for_boards(
+def test_contents_are_on_at_most_three_shelves_with_space_for_boards(
     kitchen: Scene, containers: dict[str, list[Box]]
 ) -> None:
     shelves: dict[str, dict[float, float]] = defaultdict(dict)
     for id, outer in containers.items():
         if outer:
-            thing, levels = kitchen.boxes[id], shelves[outer[0].id]
-            level = round(thing.bottom, 6)
-            levels[level] = max(levels.get(level, 0), thing.top)
+            item, levels = kitchen.boxes[id], shelves[outer[0].id]
+            level = round(item.bottom, 6)
+            levels[level] = max(levels.get(level, 0), item.top)
     assert len(shelves) >= 20
     for container, levels in shelves.items():
         assert len(levels) <= 3, container
@@ -101,32 +101,32 @@ def test_contents_stand_on_at_most_three_shelves_with_room_for_boards(
             assert upper - levels[lower] >= 0.02, f"no room for a board at {upper} m in {container}"
 
 
-def test_loose_things_are_in_something_or_stand_on_something(
+def test_loose_items_are_contained_or_supported(
     kitchen: Scene, containers: dict[str, list[Box]], supports: dict[str, Box]
 ) -> None:
-    assert [thing.id for thing in kitchen.movable_boxes if not containers[thing.id] and thing.id not in supports] == []
+    assert [item.id for item in kitchen.movable_boxes if not containers[item.id] and item.id not in supports] == []
 
 
-def test_nothing_is_stacked_higher_than_two(kitchen: Scene, supports: dict[str, Box]) -> None:
+def test_at_most_two_items_are_stacked(kitchen: Scene, supports: dict[str, Box]) -> None:
     stacked = {id for id, support in supports.items() if support.id in supports}
     assert stacked
     assert not [id for id in stacked if supports[supports[id].id].id in supports]
 
 
-def test_loose_things_keep_their_distance(
+def test_loose_items_keep_their_distance(
     kitchen: Scene, containers: dict[str, list[Box]], supports: dict[str, Box]
 ) -> None:
-    for thing in kitchen.movable_boxes:
-        apart = 0.003 if containers[thing.id] else 0.01
-        about = {box.id for box in containers[thing.id]} | {thing.id}
-        about |= {supports[thing.id].id} if thing.id in supports else set()
-        about |= {id for id, support in supports.items() if support.id == thing.id}
-        about |= {id for id, outer in containers.items() if thing.id in {box.id for box in outer}}
-        about |= {child.id for child in kitchen.attached_to_root[thing.id]}
+    for item in kitchen.movable_boxes:
+        apart = 0.003 if containers[item.id] else 0.01
+        about = {box.id for box in containers[item.id]} | {item.id}
+        about |= {supports[item.id].id} if item.id in supports else set()
+        about |= {id for id, support in supports.items() if support.id == item.id}
+        about |= {id for id, outer in containers.items() if item.id in {box.id for box in outer}}
+        about |= {child.id for child in kitchen.attached_to_root[item.id]}
         others = [box for box in kitchen.boxes.values() if box.id not in about]
-        gaps = separation(thing, others)
+        gaps = separation(item, others)
         near = others[int(gaps.argmin())].id
-        assert gaps.min() >= apart - 1e-9, f"{thing.id} is {gaps.min() * 1000:.1f} mm from {near}"
+        assert gaps.min() >= apart - 1e-9, f"{item.id} is {gaps.min() * 1000:.1f} mm from {near}"
 
 
 def test_everything_is_inside_the_walls(kitchen: Scene) -> None:
@@ -137,7 +137,7 @@ def test_everything_is_inside_the_walls(kitchen: Scene) -> None:
             assert (high <= np.array([2.25, 1.8, 2.5]) + TOUCHING).all(), box.id
 
 
-def test_heights_are_those_of_a_real_kitchen(kitchen: Scene) -> None:
+def test_heights_are_realistic(kitchen: Scene) -> None:
     for id in ("counter_left", "counter_right", "counter_west", "sink"):
         assert kitchen.boxes[id].top == pytest.approx(0.9)
     for id in ("spice_cupboard", "crockery_cupboard", "glass_cupboard"):
@@ -145,7 +145,7 @@ def test_heights_are_those_of_a_real_kitchen(kitchen: Scene) -> None:
     assert kitchen.boxes["table"].top == pytest.approx(0.75)
 
 
-def test_fronts_keep_clear_of_their_case_and_of_each_other(kitchen: Scene) -> None:
+def test_fronts_keep_a_gap_to_their_case_and_to_each_other(kitchen: Scene) -> None:
     fronts = [kitchen.boxes[id] for id in kitchen.fronts_with_joints]
     for index, front in enumerate(fronts[:-1]):
         gaps = separation(front, fronts[index + 1 :])
@@ -156,7 +156,7 @@ def test_fronts_keep_clear_of_their_case_and_of_each_other(kitchen: Scene) -> No
             assert 0.001 <= gap <= 0.003 + 1e-9, f"{part} is {gap * 1000:.1f} mm from {joint.parent}"
 
 
-def test_drawers_are_in_their_own_case_but_for_the_front(kitchen: Scene) -> None:
+def test_drawers_are_in_their_case_except_for_the_front(kitchen: Scene) -> None:
     for part, joint in kitchen.fronts_with_joints.items():
         if slides(joint):
             forward = joint.rotation[:, 0]
@@ -167,7 +167,7 @@ def test_drawers_are_in_their_own_case_but_for_the_front(kitchen: Scene) -> None
             assert min((low - floor).min(), (ceiling - high).min()) >= -TOUCHING, part
 
 
-def test_handles_sit_on_the_front_of_what_they_open(kitchen: Scene) -> None:
+def test_handles_are_on_the_front_of_their_part(kitchen: Scene) -> None:
     for part, joint in kitchen.fronts_with_joints.items():
         (handle,) = [child for child in kitchen.attached_to_root[part] if child.id.endswith("_handle")]
         front, forward = kitchen.boxes[part], joint.rotation[:, 0]
@@ -181,7 +181,7 @@ def test_handles_sit_on_the_front_of_what_they_open(kitchen: Scene) -> None:
         assert min((low - floor).min(), (ceiling - high).min()) >= -TOUCHING, handle.id
 
 
-def test_joint_frames_look_out_of_the_case(kitchen: Scene) -> None:
+def test_joint_frames_point_out_of_the_case(kitchen: Scene) -> None:
     for part, joint in kitchen.fronts_with_joints.items():
         (handle,) = [child for child in kitchen.attached_to_root[part] if child.id.endswith("_handle")]
         box, forward = kitchen.boxes[part], joint.rotation[:, 0]
@@ -193,7 +193,7 @@ def test_joint_frames_look_out_of_the_case(kitchen: Scene) -> None:
         )
 
 
-def test_each_joint_moves_in_one_way_only(kitchen: Scene) -> None:
+def test_each_joint_has_one_degree_of_freedom(kitchen: Scene) -> None:
     for joint in kitchen.joints:
         (moving,) = [axis for axis, motion in joint.motions.items() if motion != 2]
         assert joint.motions[moving] == 1
@@ -213,7 +213,7 @@ def test_hinges_are_at_the_edge_of_their_door(kitchen: Scene) -> None:
             assert offset[2] == pytest.approx(-height / 2, abs=TOUCHING), joint.id
 
 
-def test_gravity_leaves_doors_that_tilt_where_they_are(kitchen: Scene) -> None:
+def test_tilting_doors_are_balanced_under_gravity(kitchen: Scene) -> None:
     tilting = [joint for joint in kitchen.joints if joint.motions["swing2"] == 1]
     assert len(tilting) == 2
     for joint in tilting:
@@ -228,7 +228,7 @@ def slides(joint: Joint) -> bool:
 
 
 def opening(kitchen: Scene, joint: Joint) -> Iterator[tuple[Array, Array]]:
-    """The way out, from shut to wide open: rotations about the joint, and shifts."""
+    """Yields the rotations about the joint and the translations from closed to fully open."""
     if slides(joint):
         for way in np.linspace(0, joint.limits["linear"], 16):
             yield np.eye(3), way * joint.rotation[:, 0]
@@ -246,11 +246,9 @@ def turn(about: Array, angle: float) -> Array:
     return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
 
 
-def test_every_door_and_drawer_opens_all_the_way_without_hitting_anything(
-    kitchen: Scene, containers: dict[str, list[Box]]
-) -> None:
+def test_every_door_and_drawer_opens_fully_without_collisions(kitchen: Scene, containers: dict[str, list[Box]]) -> None:
     for part, joint in kitchen.fronts_with_joints.items():
-        contents = [thing for thing in kitchen.movable_boxes if part in {box.id for box in containers[thing.id]}]
+        contents = [item for item in kitchen.movable_boxes if part in {box.id for box in containers[item.id]}]
         moving = [kitchen.boxes[part], *kitchen.attached_to_root[part], *contents]
         # A drawer slides inside its case; a door has to clear it.
         own = {box.id for box in moving} | ({joint.parent} if slides(joint) else set())

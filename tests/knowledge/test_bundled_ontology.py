@@ -1,4 +1,4 @@
-"""The bundled household ontology is sound by itself and agrees with the ontologies whose names it shares."""
+"""The bundled household ontology is consistent, and agrees with the ontologies whose IRIs it uses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.knowledge.bundled_scene import HOUSEHOLD, KNOWROB, OWL, RDFS
 TOPS = {"SpatialThing", "TemporalThing", "Agent-Generic"}
 IAI_MAP = "iai-kitchen-original.owl"
 ADDED = {"HeatSource"}
-"""What we say of classes that the community's ontologies already have a place for: which of them give heat."""
+"""Superclasses that the bundled ontology adds to classes of KnowRob: devices that produce heat."""
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def laboratory(shared_data: Path) -> OntologyClasses:
 
 
 @pytest.fixture(scope="module")
-def community(shared_data: Path) -> OntologyClasses:
+def knowrob(shared_data: Path) -> OntologyClasses:
     return OntologyClasses(*ontologies(shared_data))
 
 
@@ -36,7 +36,7 @@ def ontologies(shared_data: Path) -> list[Path]:
     return sorted((shared_data / "ontology").rglob("*.owl"))
 
 
-def test_it_is_one_ontology_with_a_name() -> None:
+def test_it_is_one_ontology_with_an_iri() -> None:
     (name,) = OntologyClasses(HOUSEHOLD).individuals_of_type(OWL + "Ontology")
     assert name == "http://mindstage.org/ontology/household.ttl"
 
@@ -45,17 +45,17 @@ def test_it_stays_small_because_it_is_loaded_on_every_start() -> None:
     assert HOUSEHOLD.stat().st_size < 300_000
 
 
-def test_it_knows_what_a_household_is_made_of(household: OntologyClasses) -> None:
+def test_it_contains_the_classes_of_a_household(household: OntologyClasses) -> None:
     assert len(household.declared) >= 600
     assert sum(name.startswith("ms:") for name in household.declared) >= 100
 
 
-def test_every_class_leads_up_to_a_known_top(household: OntologyClasses) -> None:
+def test_every_class_has_a_known_top_class(household: OntologyClasses) -> None:
     assert {cls for cls in household.declared if not household.parents[cls]} == TOPS
     assert [cls for cls in household.declared if not household.class_and_ancestors(cls) & TOPS] == []
 
 
-def test_no_class_is_above_itself(household: OntologyClasses) -> None:
+def test_the_class_hierarchy_is_acyclic(household: OntologyClasses) -> None:
     assert household.in_cycles() == []
 
 
@@ -72,7 +72,7 @@ def test_every_name_is_declared(household: OntologyClasses) -> None:
     assert named - known == set()
 
 
-def test_every_class_but_the_laboratory_s_own_is_labeled_in_words(household: OntologyClasses) -> None:
+def test_every_class_except_those_of_the_laboratory_has_a_label(household: OntologyClasses) -> None:
     label = NamedNode(RDFS + "label")
     labeled = {short_name(quad.subject) for quad in household.store.quads_for_pattern(None, label, None)}
     parents = {parent for above in household.parents.values() for parent in above}
@@ -100,7 +100,7 @@ def test_containers_are_containers_and_actions_are_actions(household: OntologyCl
         assert all("HumanScaleObject" in household.class_and_ancestors(filler) for filler in each.fillers), each
     for each in actions:
         assert "ActionOnObject" in household.ancestors(each.subject), each
-        # The community has sinks among the furniture, and uses them all the same.
+        # KnowRob classifies sinks as furniture and not as devices.
         assert all({"PhysicalDevice", "Sink"} & household.class_and_ancestors(filler) for filler in each.fillers), each
 
 
@@ -124,7 +124,7 @@ def test_the_dishwasher_takes_a_union_of_things(household: OntologyClasses) -> N
     assert "Dishwasher" in household.storage_classes_for("Skillet")
 
 
-def test_vessels_hold_drinks_without_being_a_place_to_keep_them(household: OntologyClasses) -> None:
+def test_drinking_vessels_contain_drinks_but_do_not_store_them(household: OntologyClasses) -> None:
     kinds = {
         each.restriction_type
         for each in household.restrictions("typePrimaryFunction-containerFor")
@@ -136,9 +136,7 @@ def test_vessels_hold_drinks_without_being_a_place_to_keep_them(household: Ontol
 @pytest.mark.parametrize(
     ("cls", "count"), [("Handle", 18), ("Door", 13), ("StorageConstruct", 18), ("ElectricalDevice", 14)]
 )
-def test_the_laboratory_kitchen_holds_as_many_as_the_thesis_counted(
-    laboratory: OntologyClasses, cls: str, count: int
-) -> None:
+def test_the_laboratory_kitchen_has_the_counts_of_the_thesis(laboratory: OntologyClasses, cls: str, count: int) -> None:
     assert len(laboratory.instances(cls)) == count
 
 
@@ -184,21 +182,19 @@ def classes_of(classes: OntologyClasses, individuals: list[str]) -> list[str]:
     )
 
 
-def test_shared_names_stand_where_the_community_has_them(
-    household: OntologyClasses, community: OntologyClasses
-) -> None:
-    theirs = community.declared | set(community.parents)
-    shared = household.declared & (theirs | {parent for parents in community.parents.values() for parent in parents})
+def test_shared_classes_have_the_superclasses_of_knowrob(household: OntologyClasses, knowrob: OntologyClasses) -> None:
+    theirs = knowrob.declared | set(knowrob.parents)
+    shared = household.declared & (theirs | {parent for parents in knowrob.parents.values() for parent in parents})
     assert len(shared) >= 500
     for cls in shared:
-        ours, known = household.ancestors(cls) & shared, community.ancestors(cls) & shared
+        ours, known = household.ancestors(cls) & shared, knowrob.ancestors(cls) & shared
         assert known <= ours, f"{cls} is not under {known - ours}"
         placed = "SpatialThing" in known or "TemporalThing" in known
         extra = ours - known - ADDED
         assert not (placed and extra), f"{cls} is not known to be under {extra}"
 
 
-def test_it_lives_beside_the_community_s_ontologies(shared_data: Path, laboratory: OntologyClasses) -> None:
+def test_it_can_be_loaded_with_knowrob_s_ontologies(shared_data: Path, laboratory: OntologyClasses) -> None:
     both = OntologyClasses(HOUSEHOLD, shared_data / "maps" / IAI_MAP, *ontologies(shared_data))
     assert [cls for cls in both.in_cycles() if cls in laboratory.declared] == []
     for one, other in OntologyClasses(HOUSEHOLD).disjoint():

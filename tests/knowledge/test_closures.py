@@ -1,4 +1,4 @@
-"""What follows from chains of statements, against the plainest closure there is."""
+"""Transitive closures and property chains, compared with a naive closure."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ property_pairs = st.lists(st.tuples(st.sampled_from(PROPERTIES), st.sampled_from
 
 
 def closed(pairs: set[tuple[Iri, Iri]]) -> set[tuple[Iri, Iri]]:
-    """Adds what follows until nothing more does."""
+    """Adds all consequences until nothing changes."""
     while more := {(a, d) for (a, b), (c, d) in product(pairs, pairs) if b == c} - pairs:
         pairs = pairs | more
     return pairs
@@ -38,7 +38,7 @@ def test_above_and_below_are_the_transitive_closure(pairs: list[tuple[Iri, Iri]]
 
 
 @given(node_pairs)
-def test_a_path_goes_by_told_steps_and_none_is_shorter(pairs: list[tuple[Iri, Iri]]) -> None:
+def test_a_path_consists_of_asserted_steps_and_is_shortest(pairs: list[tuple[Iri, Iri]]) -> None:
     closure = TransitiveClosure(pairs)
     for lower, upper in product(NODES, NODES):
         path = closure.path(lower, upper)
@@ -51,7 +51,7 @@ def test_a_path_goes_by_told_steps_and_none_is_shorter(pairs: list[tuple[Iri, Ir
 
 
 @given(node_pairs)
-def test_the_more_special_reason_has_fewer_things_between(pairs: list[tuple[Iri, Iri]]) -> None:
+def test_the_more_specific_class_has_fewer_classes_between(pairs: list[tuple[Iri, Iri]]) -> None:
     closure = TransitiveClosure(pairs)
     for item, special, general in product(NODES, NODES, NODES):
         if special in closure.above(item) and general in closure.above(special):
@@ -62,15 +62,15 @@ def test_the_more_special_reason_has_fewer_things_between(pairs: list[tuple[Iri,
 
 
 def naive_values(
-    told: list[tuple[Iri, Iri, Iri]],
+    asserted: list[tuple[Iri, Iri, Iri]],
     below: list[tuple[Iri, Iri]],
     inverses: list[tuple[Iri, Iri]],
     equal: list[tuple[Iri, Iri]],
     symmetric: set[Iri],
     transitive: set[Iri],
 ) -> set[tuple[Iri, Iri, Iri]]:
-    """Every rule, over and over, until nothing new follows."""
-    known = set(told)
+    """Applies every rule repeatedly until nothing new follows."""
+    known = set(asserted)
     while True:
         new = {(s, q, o) for s, p, o in known for lower, q in below if p == lower}
         new |= {
@@ -100,8 +100,8 @@ def naive_values(
     st.sets(st.sampled_from(PROPERTIES), max_size=1),
     st.sets(st.sampled_from(PROPERTIES), max_size=2),
 )
-def test_values_are_all_that_follows(
-    told: list[tuple[Iri, Iri, Iri]],
+def test_values_equal_the_naive_closure(
+    asserted: list[tuple[Iri, Iri, Iri]],
     below: list[tuple[Iri, Iri]],
     inverses: list[tuple[Iri, Iri]],
     equal: list[tuple[Iri, Iri]],
@@ -109,7 +109,7 @@ def test_values_are_all_that_follows(
     transitive: set[Iri],
 ) -> None:
     triples = [
-        *told,
+        *asserted,
         *((lower, RDFS + "subPropertyOf", upper) for lower, upper in below),
         *((one, OWL + "inverseOf", other) for one, other in inverses),
         *((one, OWL + "equivalentProperty", other) for one, other in equal),
@@ -119,14 +119,14 @@ def test_values_are_all_that_follows(
     store = ox.Store()
     store.extend([ox.Quad(*map(ox.NamedNode, triple)) for triple in triples])
     index = PropertyHierarchy(store)
-    expected = naive_values(told, below, inverses, equal, symmetric, transitive)
+    expected = naive_values(asserted, below, inverses, equal, symmetric, transitive)
     for property, node in product(PROPERTIES, NODES[:4]):
         assert set(index.values(property, node)) == {o for s, p, o in expected if (s, p) == (node, property)}
         found = set(index.values(property, node, backwards=True))
         assert found == {s for s, p, o in expected if (p, o) == (property, node)}
 
 
-def test_nothing_is_known_of_what_nobody_named() -> None:
+def test_unknown_resources_have_no_values() -> None:
     closure: TransitiveClosure[Iri] = TransitiveClosure([])
     assert closure.path(NODES[0], NODES[1]) == ()
     assert dict(closure.above(NODES[0])) == {NODES[0]: 0}
@@ -134,7 +134,7 @@ def test_nothing_is_known_of_what_nobody_named() -> None:
 
 
 @pytest.mark.parametrize("length", [2, 3000])
-def test_long_chains_and_circles_are_no_trouble(length: int) -> None:
+def test_long_chains_and_cycles_are_handled(length: int) -> None:
     ring = [Iri(f"http://example.org/{number}") for number in range(length)]
     closure = TransitiveClosure(zip(ring, [*ring[1:], ring[0]], strict=True))
     assert set(closure.above(ring[0])) == set(closure.below(ring[0])) == set(ring)

@@ -1,4 +1,4 @@
-"""Knowledge at an endpoint: the same answers as from the files, and clear words for all that can go wrong there."""
+"""Knowledge bases at a SPARQL endpoint: the same answers as from files, and errors for all faults."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from mindstage.errors import (
 from mindstage.knowledge import KnowledgeBase, SparqlEndpoint, bundled_kitchen, bundled_ontology
 from mindstage.knowledge.queries import list_questions
 from mindstage.knowledge.rdf import local_name
-from tests.knowledge.misbehaving import FaultyServerStarter, misbehaving
-from tests.knowledge.serving import SparqlServer
+from tests.knowledge.faulty_server import FaultyServerStarter, start_faulty_server
+from tests.knowledge.sparql_server import SparqlServer
 
-__all__ = ["misbehaving"]
+__all__ = ["start_faulty_server"]
 
 CONTAINER_FOR = "typePrimaryFunction-containerFor"
 ENDLESS = "SELECT (COUNT(*) AS ?n) WHERE { GRAPH ?x { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i } }"
@@ -31,7 +31,7 @@ ENDLESS = "SELECT (COUNT(*) AS ?n) WHERE { GRAPH ?x { ?a ?b ?c . ?d ?e ?f . ?g ?
 
 @pytest.fixture(scope="module")
 def server(oxigraph: Path) -> Iterator[SparqlServer]:
-    """A server that has the bundled kitchen and ontology."""
+    """A server with the bundled kitchen and ontology."""
     server = SparqlServer(oxigraph)
     try:
         server.load_files(bundled_kitchen(), bundled_ontology())
@@ -46,22 +46,22 @@ def at_server(server: SparqlServer) -> KnowledgeBase:
 
 
 @pytest.fixture(scope="module")
-def here() -> KnowledgeBase:
+def local() -> KnowledgeBase:
     kb = KnowledgeBase()
     kb.load(bundled_kitchen())
     return kb
 
 
-def assert_same_answers(there: KnowledgeBase, here: KnowledgeBase) -> None:
-    """A server may write numbers its own way (177.512833 as a float becomes 177.51283), and has its own order."""
+def assert_same_answers(remote: KnowledgeBase, local: KnowledgeBase) -> None:
+    """Compares all answers, regardless of order and of the number format (177.512833 may become 177.51283)."""
     for question in list_questions():
-        told, expected = there.ask(question), here.ask(question)
-        assert sorted(map(rounded, told)) == sorted(map(rounded, expected)), question.name
-        assert told.missing == expected.missing
+        found, expected = remote.ask(question), local.ask(question)
+        assert sorted(map(rounded, found)) == sorted(map(rounded, expected)), question.name
+        assert found.missing == expected.missing
 
 
 def rounded(value: object) -> str:
-    """A value without the order of its facts and the last digits of its numbers."""
+    """A value with sorted facts and rounded numbers."""
     fields = getattr(value, "__struct_fields__", None)
     if fields:
         return f"{type(value).__name__}({', '.join(rounded(getattr(value, name)) for name in fields)})"
@@ -73,46 +73,46 @@ def rounded(value: object) -> str:
         return str(value)
 
 
-def test_every_question_has_the_answers_of_the_bundled_kitchen(at_server: KnowledgeBase, here: KnowledgeBase) -> None:
-    assert_same_answers(at_server, here)
+def test_every_question_has_the_answers_of_the_bundled_kitchen(at_server: KnowledgeBase, local: KnowledgeBase) -> None:
+    assert_same_answers(at_server, local)
 
 
 @pytest.mark.parametrize("options", [(), ("--union-default-graph",)], ids=["graphs", "union"])
-def test_every_question_has_the_answers_of_the_thesis_s_map(
+def test_every_question_has_the_answers_of_the_thesis_map(
     options: tuple[str, ...], oxigraph: Path, shared_data: Path
 ) -> None:
     map = shared_data / "maps" / "iai-kitchen-original.owl"
     ontologies = sorted((shared_data / "ontology").glob("*/owl/*.owl"))
-    here = KnowledgeBase(bundled_ontology=False)
-    here.load(map, ontologies=ontologies)
+    local = KnowledgeBase(bundled_ontology=False)
+    local.load(map, ontologies=ontologies)
     server = SparqlServer(oxigraph, *options)
     try:
         server.load_files(map, *ontologies)
-        assert_same_answers(KnowledgeBase(endpoint=server.url, bundled_ontology=False), here)
+        assert_same_answers(KnowledgeBase(endpoint=server.url, bundled_ontology=False), local)
     finally:
         server.stop()
 
 
-def test_a_map_in_the_default_graph_is_one_too(oxigraph: Path, here: KnowledgeBase) -> None:
+def test_a_map_can_be_in_the_default_graph(oxigraph: Path, local: KnowledgeBase) -> None:
     server = SparqlServer(oxigraph)
     try:
         server.load_files(bundled_kitchen(), default=True)
-        there = KnowledgeBase(endpoint=server.url)
-        assert there.maps() == here.maps()
-        assert len(there.world().bodies) == len(here.world().bodies)
-        assert {row.individual for row in there.ask("storage_place_in_environment", item="CowsMilk")}
+        remote = KnowledgeBase(endpoint=server.url)
+        assert remote.maps() == local.maps()
+        assert len(remote.world().bodies) == len(local.world().bodies)
+        assert {row.individual for row in remote.ask("storage_place_in_environment", item="CowsMilk")}
     finally:
         server.stop()
 
 
-def test_the_bundled_ontology_and_files_of_this_side_are_joined(oxigraph: Path, shared_data: Path) -> None:
+def test_the_bundled_ontology_and_local_files_are_joined(oxigraph: Path, shared_data: Path) -> None:
     server = SparqlServer(oxigraph)
     try:
-        with KnowledgeBase(endpoint=server.url) as there:
-            there.load(shared_data / "maps" / "iai-kitchen-original.owl")
-            assert there.ask("storage_place_in_environment", item="CowsMilk")
-        with KnowledgeBase(endpoint=server.url, bundled_ontology=False) as there:
-            assert there.maps() == ()
+        with KnowledgeBase(endpoint=server.url) as remote:
+            remote.load(shared_data / "maps" / "iai-kitchen-original.owl")
+            assert remote.ask("storage_place_in_environment", item="CowsMilk")
+        with KnowledgeBase(endpoint=server.url, bundled_ontology=False) as remote:
+            assert remote.maps() == ()
     finally:
         server.stop()
 
@@ -126,11 +126,11 @@ def test_few_requests_are_made(server: SparqlServer) -> None:
         assert endpoint.requests < 30, "for 300 individuals and 18 questions"
 
 
-def test_all_that_it_knows_comes_with_one_request(server: SparqlServer, here: KnowledgeBase) -> None:
+def test_all_triples_come_with_one_request(server: SparqlServer, local: KnowledgeBase) -> None:
     endpoint = Counting(server.url)
     kb = KnowledgeBase(endpoint=endpoint, bundled_ontology=False)
-    told = {quad.triple for quad in kb.store.quads_for_pattern(None, None, None) if not has_blank(quad)}
-    assert told == {quad.triple for quad in here.store.quads_for_pattern(None, None, None) if not has_blank(quad)}
+    found = {quad.triple for quad in kb.store.quads_for_pattern(None, None, None) if not has_blank(quad)}
+    assert found == {quad.triple for quad in local.store.quads_for_pattern(None, None, None) if not has_blank(quad)}
     assert endpoint.requests == 1
 
 
@@ -139,7 +139,7 @@ def has_blank(quad: ox.Quad) -> bool:
 
 
 class Counting(SparqlEndpoint):
-    """Counts what is asked."""
+    """Counts the queries."""
 
     requests = 0
 
@@ -148,10 +148,10 @@ class Counting(SparqlEndpoint):
         return super().query(*args, **kwargs)  # type: ignore[arg-type]
 
 
-# -- what is told there ------------------------------------------------------------------------------------------------
+# -- assertions --------------------------------------------------------------------------------------------------------
 
 
-def test_what_is_told_stays_there_and_can_be_taken_back_by_others(server: SparqlServer) -> None:
+def test_assertions_persist_at_the_endpoint_and_others_can_retract_them(server: SparqlServer) -> None:
     with KnowledgeBase(endpoint=server.url) as one:
         assert not one.ask("storage_place", item="Robot")
         assert one.tell("Cupboard", CONTAINER_FOR, "Robot")
@@ -171,7 +171,7 @@ def test_what_is_told_stays_there_and_can_be_taken_back_by_others(server: Sparql
         assert third.retract("cup_of_joe", "type", "Cup")
 
 
-def test_only_the_very_restriction_is_taken_back(server: SparqlServer) -> None:
+def test_only_the_given_restriction_is_retracted(server: SparqlServer) -> None:
     with KnowledgeBase(endpoint=server.url) as one:
         one.tell("Cupboard", CONTAINER_FOR, "Robot")
         one.tell("Cupboard", CONTAINER_FOR, "Wine")
@@ -182,19 +182,21 @@ def test_only_the_very_restriction_is_taken_back(server: SparqlServer) -> None:
         assert other.retract("Cupboard", CONTAINER_FOR, "Wine")
 
 
-def test_what_only_this_side_says_cannot_be_taken_back_there(oxigraph: Path) -> None:
+def test_local_statements_cannot_be_retracted_at_the_endpoint(oxigraph: Path) -> None:
     server = SparqlServer(oxigraph)
     try:
         with (
             KnowledgeBase(endpoint=server.url) as kb,
-            pytest.raises(InvalidArgumentError, match=r"a source of this side says it, .* and not the endpoint"),
+            pytest.raises(
+                InvalidArgumentError, match=r"it is in a source that is loaded here, .* and not at the endpoint"
+            ),
         ):
             kb.retract("Refrigerator", CONTAINER_FOR, "Perishable")
     finally:
         server.stop()
 
 
-def test_what_is_derived_stays_on_this_side(server: SparqlServer) -> None:
+def test_derived_statements_stay_local(server: SparqlServer) -> None:
     everything = "SELECT (COUNT(*) AS ?n) { GRAPH ?g { ?s ?p ?o } }"
     with KnowledgeBase(endpoint=server.url, bundled_ontology=False) as kb:
         before = kb.sparql(everything)
@@ -210,7 +212,7 @@ def test_what_is_derived_stays_on_this_side(server: SparqlServer) -> None:
 # -- queries -----------------------------------------------------------------------------------------------------------
 
 
-def test_queries_go_to_the_server_as_they_are(at_server: KnowledgeBase) -> None:
+def test_queries_are_sent_unchanged(at_server: KnowledgeBase) -> None:
     table = at_server.sparql("SELECT ?super ?no { GRAPH ?g { knowrob:Bread rdfs:subClassOf ?super } }")
     assert table.columns == ("super", "no")
     assert any(super and super.value.endswith("#Baked") for super, _ in table.rows)
@@ -219,8 +221,10 @@ def test_queries_go_to_the_server_as_they_are(at_server: KnowledgeBase) -> None:
     assert at_server.sparql("ASK { GRAPH ?g { knowrob:Bread a owl:Class } }").boolean
 
 
-def test_what_is_no_query_is_refused_in_the_server_s_words(at_server: KnowledgeBase) -> None:
-    with pytest.raises(SparqlSyntaxError, match=r"400 Bad Request: .*; so says http://127\.0\.0\.1:\d+/query"):
+def test_a_syntax_error_has_the_message_of_the_server(at_server: KnowledgeBase) -> None:
+    with pytest.raises(
+        SparqlSyntaxError, match=r"400 Bad Request: .*; the error was reported by http://127\.0\.0\.1:\d+/query"
+    ):
         at_server.sparql("SELEC")
     with pytest.raises(SparqlSyntaxError, match="it is an update"):
         at_server.sparql("CLEAR ALL")
@@ -228,7 +232,7 @@ def test_what_is_no_query_is_refused_in_the_server_s_words(at_server: KnowledgeB
         at_server.sparql("ASK { SERVICE <http://127.0.0.1:9/> { } }")
 
 
-def test_a_query_that_takes_too_long_is_given_up(oxigraph: Path) -> None:
+def test_a_query_with_too_long_a_response_times_out(oxigraph: Path) -> None:
     server = SparqlServer(oxigraph)
     try:
         server.load_files(bundled_ontology())
@@ -238,65 +242,75 @@ def test_a_query_that_takes_too_long_is_given_up(oxigraph: Path) -> None:
         server.stop()
 
 
-# -- what can go wrong -------------------------------------------------------------------------------------------------
+# -- errors ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("url", ["", "kitchen", "ftp://h/q", "http://", "http://h:0/", "http://h:99999/", "http://[/"])
-def test_what_is_no_address_is_refused_at_once(url: str) -> None:
+def test_an_invalid_url_is_refused_at_once(url: str) -> None:
     with pytest.raises(InvalidArgumentError, match="give one such as http://localhost:7878/query"):
         KnowledgeBase(endpoint=url)
 
 
-def test_nobody_there_is_said_with_the_address_and_without_its_password() -> None:
+def test_an_unreachable_server_is_reported_without_the_password() -> None:
     with socket.socket() as closed:
-        closed.bind(("127.0.0.1", 0))  # nobody listens
+        closed.bind(("127.0.0.1", 0))  # a free port without a server
         kb = KnowledgeBase(endpoint=f"http://me:secret@127.0.0.1:{closed.getsockname()[1]}/query")
-        with pytest.raises(EndpointUnreachableError, match=r"127\.0\.0\.1:\d+/query does not answer: .*refused") as no:
+        with pytest.raises(
+            EndpointUnreachableError, match=r"127\.0\.0\.1:\d+/query does not answer: .*refused"
+        ) as error:
             kb.maps()
-        assert "secret" not in str(no.value)
+        assert "secret" not in str(error.value)
         with pytest.raises(EndpointUnreachableError):
             kb.ask("storage_place", item="CowsMilk")
 
 
 @pytest.mark.parametrize(
-    ("how", "error", "message"),
+    ("fault", "error", "message"),
     [
         ("silent", EndpointUnreachableError, r"no answer within 0\.5 s"),
         ("trickling", EndpointUnreachableError, r"no answer within 0\.5 s"),
         ("hanging up", EndpointUnreachableError, "does not answer"),
         ("cut off", EndpointUnreachableError, "the connection ended in the middle of the reply"),
         ("no HTTP", EndpointUnreachableError, "it does not speak HTTP"),
-        ("a page", EndpointError, "its reply is none of SPARQL's: .*; is that the address where it takes SPARQL?"),
+        (
+            "a page",
+            EndpointError,
+            "its reply is not in a SPARQL format: .*; is that the address where it takes SPARQL?",
+        ),
         ("moved", EndpointError, "301 .*; it points to http://elsewhere.example/; give that address, if"),
         ("locked", EndpointError, "401 .*; give a name and password in the address"),
         ("broken", EndpointError, "500 .*: out of luck"),
         ("endless", EndpointError, "the reply is larger than 256 MiB; ask for less"),
     ],
 )
-def test_a_server_that_misbehaves_is_described(
-    how: str, error: type[Exception], message: str, misbehaving: FaultyServerStarter, monkeypatch: pytest.MonkeyPatch
+def test_a_faulty_server_is_reported(
+    fault: str,
+    error: type[Exception],
+    message: str,
+    start_faulty_server: FaultyServerStarter,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("mindstage.knowledge.sparql_worker.REPLY_LIMIT", 256 * 1024**2 if how != "endless" else 1024**2)
+    monkeypatch.setattr("mindstage.knowledge.endpoint.REPLY_LIMIT", 256 * 1024**2 if fault != "endless" else 1024**2)
     message = message.replace("256 MiB", "1 MiB")
-    url = misbehaving(how)
-    kb = KnowledgeBase(endpoint=SparqlEndpoint(url, timeout_s=0.5 if how in {"silent", "trickling"} else 30.0))
+    url = start_faulty_server(fault)
+    kb = KnowledgeBase(endpoint=SparqlEndpoint(url, timeout_s=0.5 if fault in {"silent", "trickling"} else 30.0))
     with pytest.raises(error, match=message):
         kb.maps()
 
 
-def test_name_and_password_of_the_address_are_given_to_the_server(misbehaving: FaultyServerStarter) -> None:
-    url = misbehaving("asking").replace("://", "://me:s%20ecret@")
+def test_name_and_password_of_the_url_are_sent_to_the_server(start_faulty_server: FaultyServerStarter) -> None:
+    url = start_faulty_server("protected").replace("://", "://me:s%20ecret@")
     assert KnowledgeBase(endpoint=url).sparql("ASK {}").boolean
 
 
-def test_a_server_that_takes_no_changes_is_named(misbehaving: FaultyServerStarter) -> None:
-    endpoint = SparqlEndpoint(misbehaving("reading only"))
+def test_a_server_that_refuses_updates_is_reported(start_faulty_server: FaultyServerStarter) -> None:
+    endpoint = SparqlEndpoint(start_faulty_server("read-only"))
     with pytest.raises(EndpointError, match=r"405 .*; is that the address .*, and does it allow that\?"):
         endpoint.update("INSERT DATA { <a:a> <a:b> <a:c> }")
 
 
-def test_changes_go_beside_the_queries_or_where_they_are_told_to(misbehaving: FaultyServerStarter) -> None:
-    url = misbehaving("telling where")
+def test_updates_go_to_the_derived_or_the_given_url(start_faulty_server: FaultyServerStarter) -> None:
+    url = start_faulty_server("echoing the path")
     for endpoint, where in (
         (SparqlEndpoint(f"{url}/query"), "/update"),
         (SparqlEndpoint(f"{url}/sparql"), "/update"),

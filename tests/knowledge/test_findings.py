@@ -1,4 +1,4 @@
-"""What cannot be taken as it is told is named, and none of it is lost."""
+"""Invalid statements are reported and none of them is lost."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def float_fact(property: str, text: str) -> PropertyAssertion:
         ("1 2 3", "one 0 0 0"),
     ],
 )
-def test_a_pose_that_is_none_leaves_its_body_out_and_names_it(at: str, turned: str, read: ReadMap) -> None:
+def test_an_invalid_pose_omits_the_body_with_a_finding(at: str, turned: str, read: ReadMap) -> None:
     world, findings = read(
         room_map(body_turtle("cup", position=at, quaternion=turned), body_turtle("mug", "k:parent :cup"))
     )
-    assert [thing.id for thing in world.bodies] == ["mug"]
+    assert [body.id for body in world.bodies] == ["mug"]
     assert {resource.iri for resource in world.resources} == {individual("cup"), individual("cup-pose")}
     (error,) = (finding for finding in findings if finding.severity is Severity.ERROR)
     assert error.individual == individual("cup")
@@ -42,14 +42,14 @@ def test_a_pose_that_is_none_leaves_its_body_out_and_names_it(at: str, turned: s
 
 
 @pytest.mark.parametrize("pose", ["", "k:pose :nowhere ;", 'k:pose "1 2 3" ;', "k:pose :cup ;", "k:pose :room ;"])
-def test_no_pose_leaves_its_body_out_and_names_it(pose: str, read: ReadMap) -> None:
+def test_a_missing_pose_omits_the_body_with_a_finding(pose: str, read: ReadMap) -> None:
     world, findings = read(room_map(f':cup a k:Cup ; {pose} k:describedInMap :room ; k:translation "1 2 3" .'))
     assert world.bodies == ()
     assert world.resources[0].iri == individual("cup")
     assert [finding.individual for finding in findings if finding.severity is Severity.ERROR] == [individual("cup")]
 
 
-def test_of_two_poses_the_first_counts(read: ReadMap) -> None:
+def test_the_first_of_two_poses_is_used(read: ReadMap) -> None:
     world, (finding,) = read(
         room_map(body_turtle("cup"), ':cup k:pose :other . :other k:translation "4 5 6" ; k:quaternion "1 0 0 0" .')
     )
@@ -62,7 +62,7 @@ def test_of_two_poses_the_first_counts(read: ReadMap) -> None:
     assert finding.individual == individual("cup")
 
 
-def test_a_pose_that_is_one_counts_before_a_pose_that_is_none(read: ReadMap) -> None:
+def test_a_valid_pose_is_used_before_an_invalid_one(read: ReadMap) -> None:
     world, _ = read(
         room_map(
             ":cup a k:Cup ; k:describedInMap :room ; k:pose :bad, :good .",
@@ -71,7 +71,7 @@ def test_a_pose_that_is_one_counts_before_a_pose_that_is_none(read: ReadMap) -> 
     )
     (cup,) = world.bodies
     assert cup.pose.position == (4.0, 5.0, 6.0)
-    # The one that counts comes first, so that the writer gives its name to it.
+    # The pose that is used comes first, so that the writer uses its name.
     assert cup.facts == tuple(
         PropertyAssertion(knowrob_iri("pose"), IriRef(individual(name))) for name in ("good", "bad")
     )
@@ -89,7 +89,7 @@ def test_a_pose_that_is_one_counts_before_a_pose_that_is_none(read: ReadMap) -> 
         ("heightOfObject", "inf"),
     ],
 )
-def test_a_value_that_cannot_be_understood_is_a_fact_and_named(property: str, text: str, read: ReadMap) -> None:
+def test_an_invalid_value_remains_a_fact_with_a_finding(property: str, text: str, read: ReadMap) -> None:
     world, (finding,) = read(room_map(body_turtle("cup", f'k:{property} "{text}"')))
     (cup,) = world.bodies
     assert (cup.physics, cup.size) == (BodyPhysics(), None)
@@ -98,26 +98,26 @@ def test_a_value_that_cannot_be_understood_is_a_fact_and_named(property: str, te
     assert text in finding.problem
 
 
-def test_of_two_masses_the_first_counts(read: ReadMap) -> None:
+def test_the_first_of_two_masses_is_used(read: ReadMap) -> None:
     world, (finding,) = read(room_map(body_turtle("cup", 'k:mass "2.0"^^xsd:float, "3.0"^^xsd:float')))
     assert world.bodies[0].physics.mass_kg == 2.0
     assert world.bodies[0].facts == (float_fact("mass", "3.0"),)
     assert finding.property == knowrob_iri("mass")
 
 
-def test_materials_that_are_not_whole_stay_facts(read: ReadMap) -> None:
+def test_incomplete_materials_remain_facts(read: ReadMap) -> None:
     world, (finding,) = read(room_map(body_turtle("cup", "ms:material [ ms:index 0 ]")))
     assert world.bodies[0].materials == ()
     assert len(world.bodies[0].facts) == 1
     assert finding.individual == individual("cup")
 
 
-def test_a_map_that_nobody_calls_one_is_a_map_and_that_is_said(read: ReadMap) -> None:
+def test_an_undeclared_map_is_read_with_a_finding(read: ReadMap) -> None:
     text = room_map(body_turtle("cup")).replace(
         "a owl:NamedIndividual, k:SemanticEnvironmentMap", "a owl:NamedIndividual"
     )
     world, (finding,) = read(text)
-    assert [thing.id for thing in world.bodies] == ["cup"]
+    assert [body.id for body in world.bodies] == ["cup"]
     assert finding.individual == individual("room")
 
 
@@ -125,19 +125,19 @@ def test_a_finding_is_a_sentence(read: ReadMap) -> None:
     _, (finding,) = read(room_map(body_turtle("cup", 'k:mass "heavy"')))
     assert str(finding) == (
         f"warning: {individual('cup')}, {knowrob_iri('mass')}: 'heavy' is not a finite number of 0 or more; "
-        "it stays a fact without meaning"
+        "it stays a fact and is not used"
     )
 
 
 @pytest.mark.parametrize("tags", ['"{"', '"[1]"', f'"{"[" * 10_000}"', "e:Jo"])
-def test_tags_of_ours_that_are_no_json_are_a_fact_and_named(tags: str, read: ReadMap) -> None:
+def test_invalid_json_tags_remain_a_fact_with_a_finding(tags: str, read: ReadMap) -> None:
     world, (finding,) = read(room_map(body_turtle("cup", f"ms:tags {tags}")))
     assert (world.bodies[0].tags, len(world.bodies[0].facts)) == ((), 1)
     assert finding.individual == individual("cup")
 
 
 @pytest.mark.parametrize("material", ["e:Steel", '"steel"', '[ ms:index 0 ; ms:name "a" ; e:shiny true ]'])
-def test_materials_that_are_something_else_stay_facts(material: str, read: ReadMap) -> None:
+def test_materials_of_another_form_remain_facts(material: str, read: ReadMap) -> None:
     world, (finding,) = read(room_map(body_turtle("cup", f"ms:material {material}")))
     assert (world.bodies[0].materials, len(world.bodies[0].facts)) == ((), 1)
     assert finding.individual == individual("cup")

@@ -1,4 +1,4 @@
-"""Real files with random damage: each is read or refused, in time, within its memory, and without a traceback.
+"""Corrupted real files: each is read or refused within its time and memory limits, and without a traceback.
 
 The damage comes from the number of a round, so a finding can be made again; its file is kept under `build/fuzz`.
 """
@@ -12,31 +12,31 @@ from pathlib import Path
 import pytest
 
 from mindstage.knowledge import bundled_kitchen
+from tests.knowledge.corruption import corrupted
 from tests.knowledge.fuzz_budget import fuzz_seeds, save_case
 from tests.knowledge.fuzz_maps import LINKED_MAP
-from tests.knowledge.fuzz_watch import VERBS, WorkerSupervisor
-from tests.knowledge.mangling import corrupted
-from tests.knowledge.small_robot import KITCHEN_URDF
+from tests.knowledge.fuzz_supervisor import VERBS, WorkerSupervisor
+from tests.knowledge.small_urdf import KITCHEN_URDF
 
 SAMPLES = ("ameva-task-two", "iai-kitchen-original", "iai-kitchen-spawned", "knowrob1-ccrl", "soma-iai-room")
 
 
 @pytest.fixture(scope="module")
-def watch(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WorkerSupervisor]:
-    with WorkerSupervisor(tmp_path_factory.mktemp("worker")) as watch:
-        yield watch
+def supervisor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WorkerSupervisor]:
+    with WorkerSupervisor(tmp_path_factory.mktemp("worker")) as supervisor:
+        yield supervisor
 
 
-def fuzz(name: str, data: bytes, file: Path, watch: WorkerSupervisor, *, robots: tuple[Path, ...] = ()) -> None:
-    """Reads a file whole, and then with one damage after the other."""
+def fuzz(name: str, data: bytes, file: Path, supervisor: WorkerSupervisor, *, robots: tuple[Path, ...] = ()) -> None:
+    """Reads a file unchanged, then with one corruption after the other."""
     file.write_bytes(data)
-    whole = watch.read(file, robots=robots)
+    whole = supervisor.read(file, robots=robots)
     assert (whole.defect, whole.error) == ("", ""), f"the undamaged {name}"
     assert whole.bodies
     outcomes: Counter[bool] = Counter()
     for number in fuzz_seeds():
         file.write_bytes(corrupted(data, number))
-        answer = watch.read(file, robots=robots, verb=VERBS[number % len(VERBS)])
+        answer = supervisor.read(file, robots=robots, verb=VERBS[number % len(VERBS)])
         if answer.defect:
             pytest.fail(f"{save_case(file, name=f'{name} {number}')}: {answer.defect}")
         outcomes[bool(answer.maps)] += 1
@@ -44,27 +44,29 @@ def fuzz(name: str, data: bytes, file: Path, watch: WorkerSupervisor, *, robots:
 
 
 @pytest.mark.parametrize("name", SAMPLES)
-def test_a_damaged_sample_is_read_or_refused(
-    name: str, shared_data: Path, tmp_path: Path, watch: WorkerSupervisor
+def test_a_corrupted_sample_is_read_or_refused(
+    name: str, shared_data: Path, tmp_path: Path, supervisor: WorkerSupervisor
 ) -> None:
-    fuzz(name, (shared_data / "maps" / f"{name}.owl").read_bytes(), tmp_path / "map.owl", watch)
+    fuzz(name, (shared_data / "maps" / f"{name}.owl").read_bytes(), tmp_path / "map.owl", supervisor)
 
 
-def test_a_damaged_bundled_kitchen_is_read_or_refused(tmp_path: Path, watch: WorkerSupervisor) -> None:
-    fuzz("kitchen", bundled_kitchen().read_bytes(), tmp_path / "map.owl", watch)
+def test_a_corrupted_bundled_kitchen_is_read_or_refused(tmp_path: Path, supervisor: WorkerSupervisor) -> None:
+    fuzz("kitchen", bundled_kitchen().read_bytes(), tmp_path / "map.owl", supervisor)
 
 
-def test_a_damaged_description_of_a_robot_is_read_or_refused(tmp_path: Path, watch: WorkerSupervisor) -> None:
-    fuzz("robot", KITCHEN_URDF.encode(), tmp_path / "kitchen.urdf", watch)
+def test_a_corrupted_robot_description_is_read_or_refused(tmp_path: Path, supervisor: WorkerSupervisor) -> None:
+    fuzz("robot", KITCHEN_URDF.encode(), tmp_path / "kitchen.urdf", supervisor)
 
 
-def test_a_map_beside_a_robot_is_read_or_refused_when_damaged(tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_a_corrupted_map_with_a_robot_description_is_read_or_refused(
+    tmp_path: Path, supervisor: WorkerSupervisor
+) -> None:
     robot = tmp_path / "kitchen.urdf"
     robot.write_text(KITCHEN_URDF, encoding="utf-8")
-    fuzz("linked", LINKED_MAP.encode(), tmp_path / "linked.ttl", watch, robots=(robot,))
+    fuzz("linked", LINKED_MAP.encode(), tmp_path / "linked.ttl", supervisor, robots=(robot,))
 
 
-def test_the_same_number_makes_the_same_damage() -> None:
+def test_the_same_seed_gives_the_same_corruption() -> None:
     data = KITCHEN_URDF.encode()
     assert [corrupted(data, number) for number in range(20)] == [corrupted(data, number) for number in range(20)]
     assert corrupted(data, 0) == data

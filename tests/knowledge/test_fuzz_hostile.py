@@ -1,4 +1,4 @@
-"""Files that somebody made to do harm: refused or read, in time, and nothing outside is opened or asked for."""
+"""Malicious files: each is refused or read within its limits, without network access or reading of other files."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from pathlib import Path
 
 import pytest
 
-from tests.knowledge.fuzz_watch import WorkerSupervisor
+from tests.knowledge.dialect_maps import soma_map
+from tests.knowledge.fuzz_supervisor import WorkerSupervisor
 from tests.knowledge.maps import body_turtle, room_map, slide_joint
-from tests.knowledge.other_maps import soma_map
-from tests.knowledge.small_robot import box_urdf, joint_urdf, link_urdf, robot_urdf
+from tests.knowledge.small_urdf import box_urdf, joint_urdf, link_urdf, robot_urdf
 
 MANY = 1500
-"""Enough that whoever looks at each pair of them, or goes each of their ways, does not end in time."""
+"""So many that an algorithm of quadratic or exponential time exceeds the limit."""
 
 
 @pytest.fixture(scope="module")
-def watch(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WorkerSupervisor]:
-    with WorkerSupervisor(tmp_path_factory.mktemp("worker")) as watch:
-        yield watch
+def supervisor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WorkerSupervisor]:
+    with WorkerSupervisor(tmp_path_factory.mktemp("worker")) as supervisor:
+        yield supervisor
 
 
 @pytest.fixture
-def trap() -> Iterator[tuple[str, list[str]]]:
-    """A server, and who came."""
-    came: list[str] = []
+def tcp_server() -> Iterator[tuple[str, list[str]]]:
+    """A TCP server and the clients that have connected to it."""
+    connections: list[str] = []
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(0.1)
         over = threading.Event()
@@ -41,18 +41,18 @@ def trap() -> Iterator[tuple[str, list[str]]]:
                     connection, address = server.accept()
                 except TimeoutError:
                     continue
-                came.append(str(address))
+                connections.append(str(address))
                 connection.close()
 
         thread = threading.Thread(target=serve)
         thread.start()
-        yield f"127.0.0.1:{server.getsockname()[1]}", came
+        yield f"127.0.0.1:{server.getsockname()[1]}", connections
         over.set()
         thread.join(timeout=30)
 
 
 def owl(doctype: str = "", *elements: str, label: str = "x") -> str:
-    """RDF/XML with a map and one individual."""
+    """Returns RDF/XML with a map and one individual."""
     return f"""<?xml version="1.0"?>
 <!DOCTYPE rdf:RDF {doctype}>
 <rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#" xmlns:owl="http://www.w3.org/2002/07/owl#"
@@ -63,17 +63,17 @@ def owl(doctype: str = "", *elements: str, label: str = "x") -> str:
 
 
 def imports(iri: str) -> str:
-    """A map that imports something."""
+    """Returns a map that imports an IRI."""
     return owl(
         "", f'<owl:Ontology rdf:about="http://example.org/m.owl"><owl:imports rdf:resource="{iri}"/></owl:Ontology>'
     )
 
 
-# -- the way outside ---------------------------------------------------------------------------------------------------
+# -- network and files -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    "made",
+    "create_map",
     [
         lambda at: owl(f'[<!ENTITY a SYSTEM "http://{at}/a">]', label="&a;"),
         lambda at: owl(f'[<!ENTITY a PUBLIC "a" "http://{at}/a">]', label="&a;"),
@@ -94,49 +94,51 @@ def imports(iri: str) -> str:
         *("import", "import of a file elsewhere", "import by ftp", "import of a package", "names", "Turtle"),
     ],
 )
-def test_nothing_is_ever_fetched(
-    made: Callable[[str], str], tmp_path: Path, watch: WorkerSupervisor, trap: tuple[str, list[str]]
+def test_nothing_is_downloaded(
+    create_map: Callable[[str], str], tmp_path: Path, supervisor: WorkerSupervisor, tcp_server: tuple[str, list[str]]
 ) -> None:
-    at, came = trap
-    text = made(at)
+    at, connections = tcp_server
+    text = create_map(at)
     file = tmp_path / ("map.owl" if text.startswith("<") else "map.ttl")
     file.write_text(text, encoding="utf-8")
-    assert watch.read(file, ontologies=[tmp_path]).defect == ""
-    assert came == []
+    assert supervisor.read(file, ontologies=[tmp_path]).defect == ""
+    assert connections == []
 
 
-def test_a_robot_fetches_no_mesh(tmp_path: Path, watch: WorkerSupervisor, trap: tuple[str, list[str]]) -> None:
-    at, came = trap
+def test_meshes_of_robot_descriptions_are_not_downloaded(
+    tmp_path: Path, supervisor: WorkerSupervisor, tcp_server: tuple[str, list[str]]
+) -> None:
+    at, connections = tcp_server
     meshes = (
         f'<visual><geometry><mesh filename="{scheme}://{at}/a.stl"/></geometry></visual>' for scheme in ("http", "file")
     )
     file = tmp_path / "kitchen.urdf"
     file.write_text(robot_urdf(link_urdf("a", *meshes)), encoding="utf-8")
-    assert watch.read(file).defect == ""
-    assert came == []
+    assert supervisor.read(file).defect == ""
+    assert connections == []
 
 
-def test_whoever_does_go_outside_is_noticed(
-    tmp_path: Path, watch: WorkerSupervisor, trap: tuple[str, list[str]]
+def test_the_sandbox_detects_network_and_file_access(
+    tmp_path: Path, supervisor: WorkerSupervisor, tcp_server: tuple[str, list[str]]
 ) -> None:
-    at, came = trap
+    at, connections = tcp_server
     code = f"""
 import sys
 from pathlib import Path
-from tests.knowledge.fuzz_worker import Guard
-guard = Guard()
+from tests.knowledge.fuzz_worker import SandboxAudit
+audit = SandboxAudit()
 import socket
 try:
     socket.create_connection(("127.0.0.1", {at.partition(":")[2]}), timeout=10)
 except PermissionError:
     pass
 open("/etc/passwd").close()
-print(len(guard.tries), guard.opened)
+print(len(audit.attempts), audit.opened_files)
 """
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
-    assert told.stdout.split()[0] != "0"
-    assert "/etc/passwd" in told.stdout
-    assert came == []
+    completed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
+    assert completed.stdout.split()[0] != "0"
+    assert "/etc/passwd" in completed.stdout
+    assert connections == []
 
 
 @pytest.mark.parametrize(
@@ -148,34 +150,34 @@ print(len(guard.tries), guard.opened)
         *("file:../../../../../../../../etc/passwd", "data:text/turtle,a", "file:%00"),
     ],
 )
-def test_an_import_that_leads_out_or_to_no_file_is_told_and_left(
-    iri: str, tmp_path: Path, watch: WorkerSupervisor
+def test_an_import_outside_of_packages_or_of_a_special_file_is_reported_and_skipped(
+    iri: str, tmp_path: Path, supervisor: WorkerSupervisor
 ) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     os.mkfifo(tmp_path / "pipe")
     file = tmp_path / "map.owl"
     file.write_text(imports(iri), encoding="utf-8")
-    answer = watch.read(file, ontologies=[tmp_path])
+    answer = supervisor.read(file, ontologies=[tmp_path])
     assert (answer.defect, answer.error, answer.maps) == ("", "", 1)
     assert answer.exit_code == 1
-    assert any("it imports" in finding and "went on without it" in finding for finding in answer.findings)
+    assert any("it imports" in finding and "it is skipped" in finding for finding in answer.findings)
 
 
 @pytest.mark.parametrize(
     "name", ["/dev/zero", "file:///dev/zero", "pipe.stl", "/proc/kcore", "loop.obj", "package://../a.stl"]
 )
-def test_a_mesh_that_is_no_file_has_no_size(name: str, tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_a_mesh_that_is_not_a_regular_file_has_no_size(name: str, tmp_path: Path, supervisor: WorkerSupervisor) -> None:
     (tmp_path / "loop.obj").symlink_to(tmp_path / "loop.obj")
     os.mkfifo(tmp_path / "pipe.stl")
     file = tmp_path / "kitchen.urdf"
     file.write_text(
         robot_urdf(link_urdf("a", f'<visual><geometry><mesh filename="{name}"/></geometry></visual>')), encoding="utf-8"
     )
-    answer = watch.read(file)
+    answer = supervisor.read(file)
     assert (answer.defect, answer.bodies) == ("", 1)
 
 
-# -- more than fits ----------------------------------------------------------------------------------------------------
+# -- exhaustion --------------------------------------------------------------------------------------------------------
 
 LAUGHS = "".join(f'<!ENTITY a{n} "{f"&a{n - 1};" * 10}">' for n in range(1, 12))
 
@@ -193,19 +195,19 @@ LAUGHS = "".join(f'<!ENTITY a{n} "{f"&a{n - 1};" * 10}">' for n in range(1, 12))
     ids=["many times ten", "in small letters", "one long one", "a circle", "not well-formed", "in an attribute"],
 )
 @pytest.mark.parametrize("suffix", [".owl", ".xml", ".urdf"])
-def test_entities_that_grow_without_end_are_refused(
-    text: str, suffix: str, tmp_path: Path, watch: WorkerSupervisor
+def test_entities_that_expand_exponentially_are_refused(
+    text: str, suffix: str, tmp_path: Path, supervisor: WorkerSupervisor
 ) -> None:
     file = tmp_path / f"map{suffix}"
     file.write_text(text.replace("rdf:RDF", "robot") if suffix == ".urdf" else text, encoding="utf-8")
-    answer = watch.read(file)
+    answer = supervisor.read(file)
     assert answer.defect == ""
-    assert "SourceUnreadable" in answer.error
+    assert "SourceParseError" in answer.error
     assert answer.exit_code == 2
 
 
 def web(levels: int = 6, width: int = 60) -> str:
-    """Things below a thing that have more ways between them than anyone could go."""
+    """Nested individuals with exponentially many paths between them."""
     lines = [f":cup soma:hasLocalization {', '.join(f':n0-{n}' for n in range(width))} ; soma:hasShape :n0-1 ."]
     for level in range(levels):
         below = ", ".join(f":n{level + 1}-{n}" for n in range(width))
@@ -218,38 +220,38 @@ def relative_frames() -> str:
     return soma_map(*(f":c{n} a soma:Cup ; soma:hasLocalization {pose.format((n + 1) % MANY)} ." for n in range(MANY)))
 
 
-def nested_things() -> str:
+def nested_individuals() -> str:
     return room_map(body_turtle("cup", f"k:child {'[ k:child ' * MANY}[]{']' * MANY}"))
 
 
 LARGE: dict[str, Callable[[], str]] = {
     "a web of ways": web,
     "poses relative to one another in a circle": relative_frames,
-    "things inside things": nested_things,
+    "nested individuals": nested_individuals,
     "parents in a circle": lambda: room_map(
         *(body_turtle(f"b{n}", f"k:child :b{(n + 1) % MANY}") for n in range(MANY))
     ),
-    "a thing with all as its children": lambda: room_map(
+    "an individual with all others as children": lambda: room_map(
         body_turtle("b0", f"k:child {', '.join(f':b{n}' for n in range(MANY))}"),
         *(body_turtle(f"b{n}") for n in range(1, MANY)),
     ),
-    "joints between two things": lambda: room_map(
+    "joints between two bodies": lambda: room_map(
         body_turtle("a"), body_turtle("b"), *(slide_joint(f"j{n}", "a", "b") for n in range(MANY // 3))
     ),
-    "things with one id": lambda: room_map(*(body_turtle(f"b{n}", 'ms:id "b"') for n in range(MANY))),
-    "things with one local name": lambda: room_map(
+    "bodies with one id": lambda: room_map(*(body_turtle(f"b{n}", 'ms:id "b"') for n in range(MANY))),
+    "bodies with one local name": lambda: room_map(
         *(
             body_turtle("b").replace(":b ", f"<http://example.org/{n}#b> ").replace(":b-p", f":b{n}-p")
             for n in range(MANY)
         )
     ),
-    "poses of one thing": lambda: room_map(
+    "poses of one individual": lambda: room_map(
         body_turtle("a"), *(body_turtle("a").replace(":a-pose", f":p{n}") for n in range(MANY))
     ),
     "classes above one another": lambda: room_map(
         body_turtle("cup", cls="e:c0"), *(f"e:c{n} rdfs:subClassOf e:c{n + 1} ." for n in range(MANY))
     ),
-    "classes of one thing": lambda: room_map(body_turtle("cup", f"a {', '.join(f'e:c{n}' for n in range(MANY))}")),
+    "classes of one individual": lambda: room_map(body_turtle("cup", f"a {', '.join(f'e:c{n}' for n in range(MANY))}")),
     "maps": lambda: room_map(*(f":m{n} a k:SemanticEnvironmentMap ." for n in range(20))),
     "a list": lambda: room_map(body_turtle("cup", f"e:list ({' '.join(map(str, range(MANY)))})")),
     "a long text": lambda: room_map(body_turtle("cup", f'rdfs:label "{"x" * 10_000_000}"')),
@@ -260,18 +262,18 @@ LARGE: dict[str, Callable[[], str]] = {
 
 
 @pytest.mark.parametrize("name", LARGE)
-def test_many_of_one_kind_end_in_time(name: str, tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_large_numbers_of_statements_are_read_in_time(name: str, tmp_path: Path, supervisor: WorkerSupervisor) -> None:
     file = tmp_path / "map.ttl"
     file.write_text(LARGE[name](), encoding="utf-8")
-    answer = watch.read(file)
+    answer = supervisor.read(file)
     assert (answer.defect, answer.error) == ("", "")
     assert answer.maps
 
 
-def test_a_text_that_no_parser_holds_is_refused(tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_a_literal_that_exceeds_the_memory_is_refused(tmp_path: Path, supervisor: WorkerSupervisor) -> None:
     file = tmp_path / "map.ttl"
     file.write_text(room_map(body_turtle("cup", f'rdfs:label "{"x" * 20_000_000}"')), encoding="utf-8")
-    answer = watch.read(file)
+    answer = supervisor.read(file)
     assert (answer.defect, answer.exit_code) == ("", 2)
     assert "too long to be held in memory" in answer.error
 
@@ -300,13 +302,15 @@ def test_a_text_that_no_parser_holds_is_refused(tmp_path: Path, watch: WorkerSup
     ids=range(17),
 )
 @pytest.mark.parametrize("suffix", [".owl", ".ttl", ".urdf"])
-def test_a_flood_of_signs_ends_in_time(text: str, suffix: str, tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_repeated_characters_are_read_in_time(
+    text: str, suffix: str, tmp_path: Path, supervisor: WorkerSupervisor
+) -> None:
     file = tmp_path / f"map{suffix}"
     file.write_text(text, encoding="utf-8")
-    assert watch.read(file).defect == ""
+    assert supervisor.read(file).defect == ""
 
 
-def test_a_robot_of_many_links_ends_in_time(tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_a_robot_with_many_links_is_read_in_time(tmp_path: Path, supervisor: WorkerSupervisor) -> None:
     many = MANY // 3
     links = [link_urdf(f"l{n}", box_urdf("1 1 1")) for n in range(many)]
     joints = [
@@ -314,27 +318,25 @@ def test_a_robot_of_many_links_ends_in_time(tmp_path: Path, watch: WorkerSupervi
     ]
     file = tmp_path / "kitchen.urdf"
     file.write_text(robot_urdf(*links, *joints), encoding="utf-8")
-    answer = watch.read(file)
+    answer = supervisor.read(file)
     assert (answer.defect, answer.bodies) == ("", many)
 
 
-# -- whoever watches ---------------------------------------------------------------------------------------------------
+# -- supervisor --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("trouble", "said"), [("while True: pass", "it hangs"), ("os._exit(7)", "ended with 7")])
-def test_a_worker_in_trouble_is_ended_and_the_next_one_works(
-    trouble: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("tests.knowledge.fuzz_watch.CPU_LIMIT_S", 1.0)
+@pytest.mark.parametrize(("code", "message"), [("while True: pass", "it hangs"), ("os._exit(7)", "ended with 7")])
+def test_a_failed_worker_is_replaced(code: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tests.knowledge.fuzz_supervisor.CPU_LIMIT_S", 1.0)
     good = tmp_path / "map.ttl"
     good.write_text(room_map(body_turtle("cup")), encoding="utf-8")
-    with WorkerSupervisor(tmp_path) as watch:
+    with WorkerSupervisor(tmp_path) as supervisor:
         monkeypatch.setattr(
-            watch, "_command", [sys.executable, "-c", f"import os, sys\nsys.stdin.readline()\n{trouble}"]
+            supervisor, "_command", [sys.executable, "-c", f"import os, sys\nsys.stdin.readline()\n{code}"]
         )
-        assert said in watch.read(good).defect
+        assert message in supervisor.read(good).defect
         monkeypatch.undo()
-        assert watch.read(good).defect == ""
+        assert supervisor.read(good).defect == ""
 
 
 def test_the_command_line_ends_without_a_traceback(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Small maps of each dialect with statements that make no sense: read and written in time, and nothing is made up.
+"""Mutated small maps of each dialect: each is read and written, or refused, within its limits.
 
 Hypothesis makes them in rounds of a few, each from its number, and cuts a finding down to the statements that matter.
 """
@@ -17,21 +17,21 @@ from hypothesis.strategies import SearchStrategy
 
 from tests.knowledge.fuzz_budget import fuzz_seeds, save_case
 from tests.knowledge.fuzz_maps import LINKED_MAP, MAPS_BY_DIALECT, MutatedMap, mutated_maps, mutated_urdfs
-from tests.knowledge.fuzz_watch import VERBS, WorkerSupervisor
-from tests.knowledge.small_robot import KITCHEN_URDF
+from tests.knowledge.fuzz_supervisor import VERBS, WorkerSupervisor
+from tests.knowledge.small_urdf import KITCHEN_URDF
 
 EXAMPLES = 10
-"""Of one round."""
+"""Number of examples per round."""
 
 
 @pytest.fixture(scope="module")
-def watch(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WorkerSupervisor]:
-    with WorkerSupervisor(tmp_path_factory.mktemp("worker")) as watch:
-        yield watch
+def supervisor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WorkerSupervisor]:
+    with WorkerSupervisor(tmp_path_factory.mktemp("worker")) as supervisor:
+        yield supervisor
 
 
 def fuzz(inputs: SearchStrategy[Any], check: Callable[[Any, str], None]) -> None:
-    """Checks as many inputs as there is time for."""
+    """Checks inputs until the time is used up."""
     few = settings(
         max_examples=EXAMPLES,
         database=None,
@@ -48,14 +48,14 @@ def fuzz(inputs: SearchStrategy[Any], check: Callable[[Any, str], None]) -> None
         seed(number)(few(given(made=inputs, verb=st.sampled_from(VERBS))(once)))()
 
 
-def read(watch: WorkerSupervisor, file: Path, verb: str, called: str, robots: Sequence[Path] = ()) -> None:
-    answer = watch.read(file, robots=robots, verb=verb)
+def read(supervisor: WorkerSupervisor, file: Path, verb: str, called: str, robots: Sequence[Path] = ()) -> None:
+    answer = supervisor.read(file, robots=robots, verb=verb)
     if answer.defect:
         raise AssertionError(f"{save_case(file, name=called)}: {answer.defect}")
 
 
 @pytest.mark.parametrize("dialect", MAPS_BY_DIALECT)
-def test_a_map_of_any_statements_is_read_or_refused(dialect: str, tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_a_mutated_map_is_read_or_refused(dialect: str, tmp_path: Path, supervisor: WorkerSupervisor) -> None:
     robots = []
     if MAPS_BY_DIALECT[dialect] is LINKED_MAP:
         robots = [tmp_path / "kitchen.urdf"]
@@ -64,28 +64,30 @@ def test_a_map_of_any_statements_is_read_or_refused(dialect: str, tmp_path: Path
 
     def check(made: MutatedMap, verb: str) -> None:
         ox.serialize(made.quads, file, ox.RdfFormat.TURTLE)
-        read(watch, file, verb, f"any {dialect}", robots)
+        read(supervisor, file, verb, f"any {dialect}", robots)
 
     fuzz(mutated_maps(dialect), check)
 
 
-def test_a_description_of_any_elements_is_read_or_refused(tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_a_mutated_robot_description_is_read_or_refused(tmp_path: Path, supervisor: WorkerSupervisor) -> None:
     file = tmp_path / "kitchen.urdf"
 
     def check(text: str, verb: str) -> None:
         file.write_text(text, encoding="utf-8")
-        read(watch, file, verb, "any robot")
+        read(supervisor, file, verb, "any robot")
 
     fuzz(mutated_urdfs(), check)
 
 
-def test_a_map_finds_any_description_beside_it(tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_a_map_with_a_mutated_robot_description_is_read_or_refused(
+    tmp_path: Path, supervisor: WorkerSupervisor
+) -> None:
     file, robot = tmp_path / "linked.ttl", tmp_path / "kitchen.urdf"
     file.write_text(LINKED_MAP, encoding="utf-8")
 
     def check(text: str, verb: str) -> None:
         robot.write_text(text, encoding="utf-8")
-        answer = watch.read(file, robots=[robot], verb=verb)
+        answer = supervisor.read(file, robots=[robot], verb=verb)
         if answer.defect:
             raise AssertionError(f"{save_case(robot, name='any robot beside a map')}: {answer.defect}")
 
@@ -93,10 +95,10 @@ def test_a_map_finds_any_description_beside_it(tmp_path: Path, watch: WorkerSupe
 
 
 @pytest.mark.parametrize("dialect", MAPS_BY_DIALECT)
-def test_what_is_spoilt_here_was_good(dialect: str, tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_the_maps_are_valid_before_mutation(dialect: str, tmp_path: Path, supervisor: WorkerSupervisor) -> None:
     robot, file = tmp_path / "kitchen.urdf", tmp_path / "map.ttl"
     robot.write_text(KITCHEN_URDF, encoding="utf-8")
     file.write_text(MAPS_BY_DIALECT[dialect], encoding="utf-8")
-    answer = watch.read(file, robots=[robot] if MAPS_BY_DIALECT[dialect] is LINKED_MAP else [])
+    answer = supervisor.read(file, robots=[robot] if MAPS_BY_DIALECT[dialect] is LINKED_MAP else [])
     assert (answer.defect, answer.error, answer.maps) == ("", "", 1)
     assert answer.bodies >= 2

@@ -1,4 +1,4 @@
-"""Graphs keep texts exactly, and give things without a name the place that they have."""
+"""Graphs keep the text of literals, and nest blank nodes."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def e(name: str) -> Iri:
     return Iri(f"http://e#{name}")
 
 
-def only_value(told: Graph, subject: Iri) -> FactValue:
-    (fact,) = told[subject]
+def only_value(statements: Graph, subject: Iri) -> FactValue:
+    (fact,) = statements[subject]
     return fact.value
 
 
@@ -32,42 +32,42 @@ def test_numbers_keep_their_text(text: str) -> None:
     assert only_value(graph(f'e:a e:b "{text}"^^xsd:float .'), e("a")) == Literal(text, Iri(XSD + "float"))
 
 
-def test_a_text_has_no_datatype_and_a_language_has_none_either() -> None:
+def test_strings_with_and_without_language_have_no_datatype() -> None:
     assert only_value(graph('e:a e:b "x"^^xsd:string .'), e("a")) == Literal("x")
     assert only_value(graph('e:a e:b "x"@de .'), e("a")) == Literal("x", None, "de")
 
 
-def test_what_is_told_twice_is_told_once() -> None:
+def test_duplicate_statements_are_merged() -> None:
     assert len(graph("e:a e:b e:c . e:a e:b e:c .")[e("a")]) == 1
 
 
-def test_a_node_that_is_mentioned_once_goes_inside() -> None:
-    told = graph("e:a e:b [ e:d 1 ; e:c [ e:e e:f ] ] .")
+def test_a_blank_node_with_one_reference_is_nested() -> None:
+    statements = graph("e:a e:b [ e:d 1 ; e:c [ e:e e:f ] ] .")
     inner = BlankNode((PropertyAssertion(e("e"), IriRef(e("f"))),))
     one = Literal("1", Iri(XSD + "integer"))
-    assert told == {
+    assert statements == {
         e("a"): [
             PropertyAssertion(e("b"), BlankNode((PropertyAssertion(e("c"), inner), PropertyAssertion(e("d"), one))))
         ]
     }
 
 
-def test_so_does_one_that_has_a_label_and_one_of_which_nothing_is_said() -> None:
+def test_labeled_and_empty_blank_nodes_are_nested() -> None:
     assert graph("e:a e:b _:x . _:x e:c e:d .") == graph("e:a e:b [ e:c e:d ] .")
     assert only_value(graph("e:a e:b _:x ."), e("a")) == BlankNode()
 
 
-def test_equal_nodes_stay_two() -> None:
+def test_equal_blank_nodes_are_kept_apart() -> None:
     assert len(graph("e:a e:b [ e:c e:d ], [ e:c e:d ] .")[e("a")]) == 2
 
 
-def test_a_node_that_is_mentioned_twice_keeps_its_label() -> None:
-    told = graph("e:a e:b _:x ; e:c _:x . _:x e:d e:e .")
-    assert list(told) == [e("a"), "_:x"]
-    assert [fact.value for fact in told[e("a")]] == [IriRef(Iri("_:x"))] * 2
+def test_a_blank_node_with_two_references_keeps_its_label() -> None:
+    statements = graph("e:a e:b _:x ; e:c _:x . _:x e:d e:e .")
+    assert list(statements) == [e("a"), "_:x"]
+    assert [fact.value for fact in statements[e("a")]] == [IriRef(Iri("_:x"))] * 2
 
 
-def test_a_node_that_nothing_mentions_gets_a_label() -> None:
+def test_a_blank_node_without_references_gets_a_label() -> None:
     assert list(graph("[] e:a e:b . [] e:a e:c . _:b1 e:a e:d .")) == ["_:b2", "_:b3", "_:b1"]
 
 
@@ -75,17 +75,17 @@ def test_a_node_that_nothing_mentions_gets_a_label() -> None:
     ("circle", "labels"),
     [("_:x e:a _:x .", {"_:x"}), ("_:x e:a _:y . _:y e:a _:z . _:z e:a _:x .", {"_:x", "_:y", "_:z"})],
 )
-def test_nodes_in_a_circle_keep_their_labels(circle: str, labels: set[str]) -> None:
+def test_blank_nodes_in_a_cycle_keep_their_labels(circle: str, labels: set[str]) -> None:
     assert set(graph(circle)) == labels
 
 
-def test_what_hangs_on_a_circle_goes_inside() -> None:
-    told = graph("_:x e:a _:y . _:y e:a _:x ; e:b [ e:c e:d ] .")
-    assert set(told) == {"_:x", "_:y"}
-    assert told[Iri("_:y")][1].value == BlankNode((PropertyAssertion(e("c"), IriRef(e("d"))),))
+def test_a_blank_node_below_a_cycle_is_nested() -> None:
+    statements = graph("_:x e:a _:y . _:y e:a _:x ; e:b [ e:c e:d ] .")
+    assert set(statements) == {"_:x", "_:y"}
+    assert statements[Iri("_:y")][1].value == BlankNode((PropertyAssertion(e("c"), IriRef(e("d"))),))
 
 
-def test_a_label_stands_for_one_thing_in_all_graphs() -> None:
+def test_labels_are_unique_across_graphs() -> None:
     taken: set[str] = set()
     first = graph("_:x e:a e:b .", taken)
     second = graph("_:x e:a e:c . e:d e:e _:x .", taken)
@@ -95,11 +95,11 @@ def test_a_label_stands_for_one_thing_in_all_graphs() -> None:
     assert list(third) == ["_:x-3"]
 
 
-def test_a_long_list_is_cut_into_pieces_that_nothing_chokes_on() -> None:
+def test_a_long_list_is_split_at_the_maximum_nesting() -> None:
     items = " ".join(str(number) for number in range(3 * MAX_NESTING))
-    told = graph(f"e:a e:b ({items}) .")
-    assert len(told) == 4
-    assert sum(_count(fact) for facts in told.values() for fact in facts) == 6 * MAX_NESTING + 1
+    statements = graph(f"e:a e:b ({items}) .")
+    assert len(statements) == 4
+    assert sum(_count(fact) for facts in statements.values() for fact in facts) == 6 * MAX_NESTING + 1
 
 
 def _count(fact: PropertyAssertion) -> int:

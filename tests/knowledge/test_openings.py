@@ -1,4 +1,4 @@
-"""What is open: by the engine's joints, or as the map has it."""
+"""Open containers: from the joints of an engine, or as in the map."""
 
 from __future__ import annotations
 
@@ -28,60 +28,60 @@ def kitchen() -> KnowledgeBase:
 
 
 @pytest.fixture
-def stage(kitchen: KnowledgeBase) -> Iterator[Simulation]:
-    with Simulation(kitchen, MujocoEngine()) as stage:
-        stage.spawn()
-        yield stage
+def sim(kitchen: KnowledgeBase) -> Iterator[Simulation]:
+    with Simulation(kitchen, MujocoEngine()) as sim:
+        sim.spawn()
+        yield sim
 
 
-def pull(stage: Simulation, handle: str, by: tuple[float, float, float]) -> None:
-    """As a hand would, for three seconds."""
-    at = stage.state.poses[stage.state.ids.index(BodyId(handle))][:3]
+def pull(sim: Simulation, handle: str, by: tuple[float, float, float]) -> None:
+    """Pulls a body by a spring for three seconds."""
+    at = sim.state.poses[sim.state.ids.index(BodyId(handle))][:3]
     x, y, z = np.add(at, by).tolist()
-    stage.pull(BodyId(handle), point=(0.0, 0.0, 0.0), target=(x, y, z))
-    stage.step(3.0)
-    stage.release()
+    sim.pull(BodyId(handle), point=(0.0, 0.0, 0.0), target=(x, y, z))
+    sim.step(3.0)
+    sim.release()
 
 
-def test_a_fridge_is_open_once_its_handle_was_pulled_and_closed_after_a_reset(stage: Simulation) -> None:
-    (closed,) = stage.ask(openings, thing="fridge")
+def test_a_fridge_is_open_after_pulling_its_handle_and_closed_after_a_reset(sim: Simulation) -> None:
+    (closed,) = sim.ask(openings, thing="fridge")
     assert (closed.state, closed.source, closed.unit) == (OpenState.CLOSED, "mujoco", "rad")
-    nothing = stage.ask(openings, state="open")
+    nothing = sim.ask(openings, state="open")
     assert (list(nothing), nothing.missing) == ([], ()), "it was measured, and nothing is open"
-    pull(stage, "fridge_door_handle", (0.1, -0.55, 0.0))
-    (row,) = stage.ask(openings, state="open")
+    pull(sim, "fridge_door_handle", (0.1, -0.55, 0.0))
+    (row,) = sim.ask(openings, state="open")
     assert (local_name(row.thing), local_name(row.front)) == ("fridge", "fridge_door")
     assert row.share is not None
     assert 0.5 < row.share <= 1.0
     assert row.way == pytest.approx(row.share * np.pi / 4, abs=1e-5)
-    turned, source = stage.knowledge.explain(openings, row)
+    turned, source = sim.knowledge.explain(openings, row)
     assert turned.startswith("fridge_door of fridge has turned by 0.")
     assert source == "as mujoco has it now"
-    (told,) = stage.knowledge.ask(openings, thing="fridge")
-    assert (told.state, told.way, told.source) == (OpenState.CLOSED, 0.0, "map")
-    assert stage.knowledge.explain(openings, told)[1] == "as the map tells; no engine was asked"
-    stage.reset()
-    assert not stage.ask(openings, state="open")
+    (row,) = sim.knowledge.ask(openings, thing="fridge")
+    assert (row.state, row.way, row.source) == (OpenState.CLOSED, 0.0, "map")
+    assert sim.knowledge.explain(openings, row)[1] == "as the map has it; no simulation is running"
+    sim.reset()
+    assert not sim.ask(openings, state="open")
 
 
-def test_a_drawer_is_open_by_as_much_as_it_slid(stage: Simulation) -> None:
-    pull(stage, "drawer_left_1_handle", (0.0, -0.3, 0.0))
-    (row,) = stage.ask(openings, thing="drawer_unit_left", state="open")
+def test_a_drawer_is_open_by_as_much_as_it_slid(sim: Simulation) -> None:
+    pull(sim, "drawer_left_1_handle", (0.0, -0.3, 0.0))
+    (row,) = sim.ask(openings, thing="drawer_unit_left", state="open")
     assert local_name(row.front) == "drawer_left_1"
     assert (row.unit, row.way) == ("m", pytest.approx(0.3, abs=0.03))
     assert row.share == pytest.approx(row.way / 0.45, abs=1e-5)
-    assert len(stage.ask(openings, thing="drawer_unit_left", state="closed")) == 3
+    assert len(sim.ask(openings, thing="drawer_unit_left", state="closed")) == 3
 
 
-def test_an_engine_without_joints_leaves_the_map_s_word(kitchen: KnowledgeBase) -> None:
-    with Simulation(kitchen, NullEngine()) as stage:
-        stage.spawn()
-        assert {(row.state, row.source) for row in stage.ask(openings)} == {(OpenState.CLOSED, "map")}
-        (lack,) = stage.ask(openings, state="open").missing
-        assert lack.reason.startswith("nobody measured what is open")
+def test_an_engine_without_joint_positions_uses_the_map(kitchen: KnowledgeBase) -> None:
+    with Simulation(kitchen, NullEngine()) as sim:
+        sim.spawn()
+        assert {(row.state, row.source) for row in sim.ask(openings)} == {(OpenState.CLOSED, "map")}
+        (missing,) = sim.ask(openings, state="open").missing
+        assert missing.reason.startswith("joint positions are unknown")
 
 
-def test_every_front_of_the_kitchen_has_one_answer_whatever_the_roles(kitchen: KnowledgeBase) -> None:
+def test_every_front_has_one_answer_for_any_joint_roles(kitchen: KnowledgeBase) -> None:
     rows = kitchen.ask(openings)
     assert len(rows) == len(kitchen.world().joints)
     of = {local_name(row.front): local_name(row.thing) for row in rows}
@@ -110,11 +110,11 @@ def test_a_door_belongs_to_the_container_that_it_closes(community: bool, shared_
 # -- limits ------------------------------------------------------------------------------------------------------------
 
 
-def asked(scene: World, **joints: tuple[float, ...]) -> list[JointOpenness]:
-    """The answers for a place in which constraints are where they are said to be."""
+def openings_of(scene: World, **joints: tuple[float, ...]) -> list[JointOpenness]:
+    """The answers for a scene with these joint positions."""
     kb = KnowledgeBase()
-    moment = WorldState(world=scene, spawned=(scene,), joint_positions=joints, source="hand")  # type: ignore[arg-type]
-    return list(openings.ask(kb, {}, present=StateAccess(kb, lambda: moment)))
+    state = WorldState(world=scene, spawned=(scene,), joint_positions=joints, source="hand")  # type: ignore[arg-type]
+    return list(openings.ask(kb, {}, present=StateAccess(kb, lambda: state)))
 
 
 def cabinet(joint: Joint, cls: str = KNOWROB + "Drawer") -> World:
@@ -142,12 +142,12 @@ TURNS_FREE = replace(TURNS, angular=replace(TURNS.angular, swing1=AxisMotion.FRE
         (TURNS_FREE, 5, 0.1001, OpenState.OPEN, None),
     ],
 )
-def test_it_is_open_from_the_stated_limit_on(
+def test_a_joint_is_open_from_the_stated_limit(
     joint: Joint, axis: int, way: float, state: OpenState, share: float | None
 ) -> None:
     positions = [0.0] * 6
     positions[axis] = way
-    (row,) = asked(cabinet(joint), joint=tuple(positions))
+    (row,) = openings_of(cabinet(joint), joint=tuple(positions))
     assert (row.state, row.way, row.source) == (state, pytest.approx(abs(way)), "hand")
     assert row.share == (None if share is None else pytest.approx(share))
 
@@ -164,19 +164,19 @@ def test_it_is_open_from_the_stated_limit_on(
     ],
 )
 def test_doors_drawers_and_lids_open_something_and_knobs_do_not(cls: str, count: int) -> None:
-    assert len(asked(cabinet(SLIDE, cls), joint=(0.1, 0, 0, 0, 0, 0))) == count
+    assert len(openings_of(cabinet(SLIDE, cls), joint=(0.1, 0, 0, 0, 0, 0))) == count
 
 
-def test_a_joint_that_the_engine_does_not_know_is_as_the_map_told_it() -> None:
-    (row,) = asked(cabinet(SLIDE), other=(0.1, 0, 0, 0, 0, 0))
+def test_a_joint_that_the_engine_does_not_measure_is_as_in_the_map() -> None:
+    (row,) = openings_of(cabinet(SLIDE), other=(0.1, 0, 0, 0, 0, 0))
     assert (row.state, row.source) == (OpenState.CLOSED, "map")
 
 
-def test_what_is_locked_is_no_opening() -> None:
-    assert asked(cabinet(replace(SLIDE, linear=replace(SLIDE.linear, limit=0.0)))) == []
+def test_a_locked_joint_has_no_answer() -> None:
+    assert openings_of(cabinet(replace(SLIDE, linear=replace(SLIDE.linear, limit=0.0)))) == []
 
 
-def test_a_door_that_stands_open_still_belongs_to_what_it_closes_when_shut() -> None:
+def test_an_open_door_belongs_to_the_container_it_closes() -> None:
     shut = world(
         body("block", (0, 0, 1), (0.6, 0.6, 2)),
         replace(body("casing", (0.02, 0, 1.4), (0.56, 0.58, 1.1)), cls=Iri(KNOWROB + "Refrigerator")),
@@ -187,17 +187,17 @@ def test_a_door_that_stands_open_still_belongs_to_what_it_closes_when_shut() -> 
     away = replace(shut.body("front").pose, position=(0.6, 0.3, 1.4))
     now = replace(shut, bodies=tuple(replace(each, pose=away) if each.id == "front" else each for each in shut.bodies))
     kb = KnowledgeBase()
-    moment = WorldState(
+    state = WorldState(
         world=now, spawned=(shut,), joint_positions={BodyId("joint"): (0, 0, 0, 0, 0, 0.7)}, source="hand"
     )
-    (row,) = openings.ask(kb, {}, present=StateAccess(kb, lambda: moment))
+    (row,) = openings.ask(kb, {}, present=StateAccess(kb, lambda: state))
     assert (local_name(row.thing), row.state) == ("casing", OpenState.OPEN)
 
 
-def test_a_world_that_no_map_tells_of_is_answered_for_too() -> None:
-    with Simulation(KnowledgeBase(), MujocoEngine()) as stage:
-        stage.spawn(kitchenette())
-        pull(stage, "DrawerHandle", (-0.3, 0.0, 0.0))
-        (row,) = stage.ask(openings, thing="Cupboard")
+def test_a_world_without_a_map_has_answers() -> None:
+    with Simulation(KnowledgeBase(), MujocoEngine()) as sim:
+        sim.spawn(kitchenette())
+        pull(sim, "DrawerHandle", (-0.3, 0.0, 0.0))
+        (row,) = sim.ask(openings, thing="Cupboard")
         assert (local_name(row.front), row.state) == ("Drawer", OpenState.OPEN)
         assert row.map == kitchenette().iri

@@ -1,4 +1,4 @@
-"""An oracle: the same rules in plain Prolog, over SWI's own store, give the same answers for every class there is."""
+"""The same rules in plain Prolog, over SWI-Prolog's own store, give the same answers for every class."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ENDS = {
     "part_of": ("part", "whole"),
     "siblings": ("cls", "sibling"),
 }
-"""The two ends of each question."""
+"""The two columns of each question."""
 
 Answers = dict[str, set[tuple[str, str]]]
 
@@ -60,7 +60,7 @@ def laboratory(shared_data: Path) -> KnowledgeBase:
     return kb
 
 
-def test_the_laboratory_with_the_community_s_ontologies(swipl: Path, laboratory: KnowledgeBase) -> None:
+def test_the_laboratory_kitchen_with_the_community_ontologies(swipl: Path, laboratory: KnowledgeBase) -> None:
     files = laboratory.sources()
     least = {"subclass_of": 10_000, "storage_place": 100, "device_for_action": 10, "handle_of": 20}
     least |= {"part_of": 20, "class_properties": 1000, "siblings": 5000}

@@ -1,7 +1,9 @@
-"""The questions: what they answer, in the thesis's laboratory and in the bundled kitchen, and how they explain it."""
+"""The answers and explanations of all questions, for the thesis's laboratory and the bundled kitchen."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from itertools import chain, combinations
 from pathlib import Path
@@ -37,7 +39,7 @@ def kitchen() -> KnowledgeBase:
 
 @pytest.fixture(scope="module", params=["community", "bundled"])
 def laboratory(request: pytest.FixtureRequest, shared_data: Path) -> KnowledgeBase:
-    """The thesis's kitchen, with the ontologies of its time, and with the bundled one alone."""
+    """The thesis's kitchen, with the ontologies of its time, or with the bundled ontology only."""
     community = request.param == "community"
     kb = KnowledgeBase(bundled_ontology=not community)
     kb.load(shared_data / "maps" / IAI, ontologies=[shared_data / "ontology"] if community else [])
@@ -54,11 +56,13 @@ def classes(kb: KnowledgeBase, individuals: list[Iri]) -> list[str]:
 @pytest.mark.parametrize(
     ("cls", "count"), [("Handle", 18), ("Door", 13), ("StorageConstruct", 18), ("ElectricalDevice", 14)]
 )
-def test_there_are_as_many_of_a_class_as_the_thesis_counted(laboratory: KnowledgeBase, cls: str, count: int) -> None:
+def test_the_number_of_individuals_of_a_class_equals_the_thesis(
+    laboratory: KnowledgeBase, cls: str, count: int
+) -> None:
     assert len({row.individual for row in laboratory.ask("individual_of_class", cls=cls)}) == count
 
 
-def test_milk_is_stored_in_the_refrigerator_which_is_here_the_fridge_s_casing(laboratory: KnowledgeBase) -> None:
+def test_milk_is_stored_in_the_refrigerator_which_is_the_fridge_casing_here(laboratory: KnowledgeBase) -> None:
     assert [local_name(row.place) for row in laboratory.ask("storage_place", item="CowsMilk")] == ["Refrigerator"]
     here = laboratory.ask("storage_place_in_environment", item="CowsMilk")
     assert classes(laboratory, [row.individual for row in here]) == ["IAIFridgeCasing"]
@@ -83,7 +87,7 @@ def test_the_fridge_door_and_the_oven_have_one_handle_each(laboratory: Knowledge
     assert laboratory.reasoner.is_member(row.handle, Iri(KNOWROB + "Handle"))
 
 
-def test_the_numbers_of_the_thesis(laboratory: KnowledgeBase) -> None:
+def test_map_statistics_equal_those_of_the_thesis(laboratory: KnowledgeBase) -> None:
     (row,) = laboratory.ask("analyse")
     assert (row.classes, row.individuals, row.objects, row.constraints, row.relations) == (64, 136, 114, 22, 55)
     assert len(laboratory.ask("everything_in_map")) == 136
@@ -97,7 +101,7 @@ def test_the_maps_of_the_thesis_differ_by_what_it_left_out(shared_data: Path) ->
     assert len(row.differing) < len(kb.ask("identical_maps", a=one, b=other)[0].differing)
 
 
-def test_each_difference_of_the_thesis_s_maps_is_told_with_its_error(shared_data: Path) -> None:
+def test_each_difference_of_the_thesis_maps_has_its_error(shared_data: Path) -> None:
     kb = knowledge_base_from(shared_data / "maps" / IAI, shared_data / "maps" / "iai-kitchen-spawned.owl")
     one, other = kb.maps()
     rows = kb.ask("differences", a=one, b=other)
@@ -132,54 +136,54 @@ def test_an_individual_that_only_one_map_has_is_a_difference(tmp_path: Path) -> 
 # -- every question ----------------------------------------------------------------------------------------------------
 
 
-each_question = pytest.mark.parametrize("asked", list_questions(), ids=lambda asked: asked.name)
+each_question = pytest.mark.parametrize("declared", list_questions(), ids=lambda declared: declared.name)
 
 
 @each_question
-def test_whatever_is_bound_the_answers_agree(asked: Question, kitchen: KnowledgeBase) -> None:
-    every = kitchen.ask(asked.name)
-    names = [argument.name for argument in asked.arguments if argument.name in asked.columns]
+def test_answers_agree_for_all_combinations_of_given_arguments(declared: Question, kitchen: KnowledgeBase) -> None:
+    all_answers = kitchen.ask(declared.name)
+    names = [argument.name for argument in declared.arguments if argument.name in declared.columns]
     subsets = list(chain.from_iterable(combinations(names, size) for size in range(1, len(names) + 1)))
-    for row in every[:: max(1, len(every) // 12)]:
+    for row in all_answers[:: max(1, len(all_answers) // 12)]:
         for subset in subsets:
             bound = {name: getattr(row, name) for name in subset}
-            expected = {each for each in every if all(getattr(each, name) == bound[name] for name in subset)}
-            assert set(kitchen.ask(asked.name, **bound)) == expected, bound
+            expected = {each for each in all_answers if all(getattr(each, name) == bound[name] for name in subset)}
+            assert set(kitchen.ask(declared.name, **bound)) == expected, bound
 
 
 @each_question
-def test_no_answer_comes_twice_and_the_order_stays(asked: Question, kitchen: KnowledgeBase) -> None:
-    answers = list(kitchen.ask(asked.name))
+def test_answers_are_unique_and_in_a_stable_order(declared: Question, kitchen: KnowledgeBase) -> None:
+    answers = list(kitchen.ask(declared.name))
     assert len(answers) == len(set(answers))
     again = KnowledgeBase()
     again.load(bundled_kitchen())
-    assert list(again.ask(asked)) == answers
+    assert list(again.ask(declared)) == answers
 
 
 @each_question
-def test_a_question_says_what_it_asks_and_shows_how(asked: Question) -> None:
-    assert asked.text.splitlines()[0].endswith(".")
-    assert asked.examples
-    assert all(example.split()[0] == asked.name for example in asked.examples)
-    assert all(argument.default is None or argument.name == "tolerance" for argument in asked.arguments)
+def test_every_question_has_a_description_and_examples(declared: Question) -> None:
+    assert declared.text.splitlines()[0].endswith(".")
+    assert declared.examples
+    assert all(example.split()[0] == declared.name for example in declared.examples)
+    assert all(argument.default is None or argument.name == "tolerance" for argument in declared.arguments)
 
 
 @each_question
-def test_each_answer_tells_why(asked: Question, kitchen: KnowledgeBase) -> None:
-    answers = kitchen.ask(asked)
+def test_every_answer_has_an_explanation(declared: Question, kitchen: KnowledgeBase) -> None:
+    answers = kitchen.ask(declared)
     for row in answers[:: max(1, len(answers) // 20)]:
-        lines = kitchen.explain(asked, row)
+        lines = kitchen.explain(declared, row)
         assert lines, row
         assert all(lines), lines
         assert not any("http" in line for line in lines), "names are short where people read"
 
 
-def test_two_maps_tell_why_they_are_not_the_same(shared_data: Path) -> None:
+def test_the_comparison_of_two_maps_is_explained_by_their_differences(shared_data: Path) -> None:
     kb = knowledge_base_from(shared_data / "maps" / IAI, shared_data / "maps" / "iai-kitchen-spawned.owl")
     one, other = kb.maps()
     (row,) = kb.ask("identical_maps", a=one, b=other)
     first, *lines = kb.explain("identical_maps", row)
-    assert first.startswith("114 and 114 bodies, 22 and 22 constraints were compared")
+    assert first.startswith("114 and 114 bodies, 22 and 22 joints were compared")
     assert {line.split()[0] for line in lines} == set(row.differing)
     assert any(
         " size: " in line and "177.51" in line and "29.585472" in line and line.endswith(" apart") for line in lines
@@ -188,7 +192,7 @@ def test_two_maps_tell_why_they_are_not_the_same(shared_data: Path) -> None:
     assert [line for row in rows for line in kb.explain("differences", row)] == lines
 
 
-def test_the_reason_is_a_chain_of_what_was_told(kitchen: KnowledgeBase) -> None:
+def test_an_explanation_is_a_chain_of_statements(kitchen: KnowledgeBase) -> None:
     (row,) = kitchen.ask(storage_place, item="CowsMilk")
     assert kitchen.explain(storage_place, row) == (
         "CowsMilk is a CowsMilk-Product is a DairyProduct is a Perishable",
@@ -203,7 +207,7 @@ def test_bread_is_kept_in_the_breadbasket_before_the_refrigerator(kitchen: Knowl
     assert here == places
 
 
-def test_what_an_individual_is_comes_from_its_world(kitchen: KnowledgeBase) -> None:
+def test_the_description_of_an_individual_comes_from_its_world(kitchen: KnowledgeBase) -> None:
     (row,) = kitchen.ask("what_is", individual="fridge_door")
     door = kitchen.world().body("fridge_door")
     assert (row.pose, row.size, row.mass_kg, row.tags, row.facts) == (
@@ -216,7 +220,7 @@ def test_what_an_individual_is_comes_from_its_world(kitchen: KnowledgeBase) -> N
     assert row.classes[0] == door.cls
 
 
-def test_what_a_constraint_is_tells_what_it_joins_and_how_that_moves(kitchen: KnowledgeBase) -> None:
+def test_the_description_of_a_joint_has_its_bodies_and_limits(kitchen: KnowledgeBase) -> None:
     (row,) = kitchen.ask("what_is", individual="fridge_door_hinge")
     (hinge,) = (each for each in kitchen.world().joints if each.iri == row.individual)
     assert (row.pose, row.tags, row.facts) == (hinge.pose, hinge.tags, hinge.facts)
@@ -234,12 +238,12 @@ def test_names_may_be_short_prefixed_or_whole(name: str, kitchen: KnowledgeBase)
 
 
 @pytest.mark.parametrize("name", ["CowsMilc", "cowsmilk", "knowrob:CowMilk", f"{KNOWROB}CowsMilkk"])
-def test_a_misspelt_name_gets_the_near_ones(name: str, kitchen: KnowledgeBase) -> None:
+def test_a_misspelled_name_gets_suggestions(name: str, kitchen: KnowledgeBase) -> None:
     with pytest.raises(NameNotFoundError, match=r"no class '.*' is known; near: 'CowsMilk'"):
         kitchen.ask("storage_place", item=name)
 
 
-def test_a_name_that_two_classes_have_must_be_given_whole(tmp_path: Path) -> None:
+def test_an_ambiguous_class_name_must_be_given_as_an_iri(tmp_path: Path) -> None:
     path = tmp_path / "room.ttl"
     path.write_text(room_map(body_turtle("cup"), ":Cup a owl:Class ."), encoding="utf-8")
     kb = knowledge_base_from(path)
@@ -261,7 +265,7 @@ def test_the_name_of_a_class_stands_for_its_only_individual(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("name", ["storage_plce", "STORAGE_PLACE"])
-def test_an_unknown_question_gets_the_near_ones(name: str, kitchen: KnowledgeBase) -> None:
+def test_an_unknown_question_gets_suggestions(name: str, kitchen: KnowledgeBase) -> None:
     with pytest.raises(QuestionNotFoundError, match="near: 'storage_place'"):
         kitchen.ask(name)
 
@@ -289,11 +293,19 @@ def test_a_tolerance_is_a_number_from_0(tolerance: object, kitchen: KnowledgeBas
         kitchen.ask("identical_maps", a="kitchen", b="kitchen", tolerance=tolerance)
 
 
-def test_a_row_of_another_question_has_no_reason_here(kitchen: KnowledgeBase) -> None:
+def test_a_row_of_another_question_cannot_be_explained(kitchen: KnowledgeBase) -> None:
     (row,) = kitchen.ask(handle_of, individual="fridge_door")
     assert isinstance(row, HandleOf)
     with pytest.raises(InvalidArgumentError, match="HandleOf is no answer to it"):
         kitchen.explain("storage_place", row)
+
+
+def test_questions_can_be_asked_without_importing_them() -> None:
+    script = (
+        "from mindstage.knowledge import KnowledgeBase; print(len(KnowledgeBase().ask('storage_place', item='Bread')))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=120)
+    assert done.stdout == "2\n"
 
 
 def test_two_questions_cannot_have_one_name() -> None:
@@ -303,7 +315,7 @@ def test_two_questions_cannot_have_one_name() -> None:
 
 def test_a_question_without_any_map_or_ontology_has_no_answers() -> None:
     kb = KnowledgeBase(bundled_ontology=False)
-    assert [asked.name for asked in list_questions() if kb.ask(asked)] == []
+    assert [declared.name for declared in list_questions() if kb.ask(declared)] == []
 
 
 # -- values -----------------------------------------------------------------------------------------------------------
@@ -318,7 +330,7 @@ def test_a_class_can_be_asked_for_by_the_value_of_a_property(kitchen: KnowledgeB
     assert {row.value for row in widths} == {"0.6"}
 
 
-def test_what_was_asked_before_is_answered_the_same_until_something_changes() -> None:
+def test_answers_are_cached_until_a_statement_changes() -> None:
     kb = KnowledgeBase()
     before = kb.ask("storage_place", item="Bread")
     assert kb.ask("storage_place", item="Bread") is before
@@ -338,22 +350,22 @@ def test_answers_are_a_sequence_of_typed_rows(kitchen: KnowledgeBase) -> None:
     assert "Breadbasket" in repr(answers)
 
 
-# -- laziness ----------------------------------------------------------------------------------------------------------
+# -- caching -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    "use", [lambda kb: kb.world(), lambda kb: kb.analyse(), lambda kb: kb.ancestors(Iri(KNOWROB + "Door"))]
+    "use", [lambda kb: kb.world(), lambda kb: kb.map_statistics(), lambda kb: kb.ancestors(Iri(KNOWROB + "Door"))]
 )
-def test_only_questions_build_the_index(use: Callable[[KnowledgeBase], object]) -> None:
+def test_only_questions_build_the_reasoner(use: Callable[[KnowledgeBase], object]) -> None:
     kb = KnowledgeBase()
     kb.load(bundled_kitchen())
     use(kb)
-    assert "index" not in vars(kb)
+    assert "reasoner" not in vars(kb)
     kb.ask("maps")
-    assert "index" in vars(kb)
+    assert "reasoner" in vars(kb)
 
 
-def test_what_is_loaded_later_is_in_the_next_answer(tmp_path: Path) -> None:
+def test_the_next_answer_includes_sources_loaded_later(tmp_path: Path) -> None:
     path = tmp_path / "room.ttl"
     path.write_text(room_map(body_turtle("cup", cls="k:Refrigerator")), encoding="utf-8")
     kb = KnowledgeBase()
@@ -364,12 +376,12 @@ def test_what_is_loaded_later_is_in_the_next_answer(tmp_path: Path) -> None:
     ]
 
 
-def test_no_more_is_remembered_than_there_is_room_for(kitchen: KnowledgeBase) -> None:
-    remembered = AnswerCache(max_rows=30)
+def test_the_cache_has_a_maximum_number_of_rows(kitchen: KnowledgeBase) -> None:
+    cache = AnswerCache(max_rows=30)
     few, more = kitchen.ask("subclass_of", cls="Refrigerator"), kitchen.ask("subclass_of", cls="CowsMilk")
     assert 10 < len(few) <= 30 < len(few) + len(more)
-    remembered.put(("few",), few)
-    remembered.put(("all",), kitchen.ask("subclass_of"))
-    assert (remembered.get(("few",)), remembered.get(("all",))) == (few, None)
-    remembered.put(("more",), more)
-    assert (remembered.get(("few",)), remembered.get(("more",))) == (None, more)
+    cache.put(("few",), few)
+    cache.put(("all",), kitchen.ask("subclass_of"))
+    assert (cache.get(("few",)), cache.get(("all",))) == (few, None)
+    cache.put(("more",), more)
+    assert (cache.get(("few",)), cache.get(("more",))) == (None, more)

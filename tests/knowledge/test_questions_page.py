@@ -1,4 +1,4 @@
-"""The page about the questions is what its script writes, and every example on it runs."""
+"""The page about the questions is up to date, and every example on it runs."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ PAGE = ROOT / "docs" / "reference" / "questions.md"
 EXAMPLES = re.findall(r"^(?: {4})?mindstage (ask .*)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
 
 
-def test_the_page_is_what_the_script_writes() -> None:
+def test_the_page_is_up_to_date() -> None:
     done = subprocess.run([sys.executable, SCRIPT, "--check"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 
 def test_every_question_is_on_it_with_an_example() -> None:
-    assert {example.split()[1] for example in EXAMPLES} == {asked.name for asked in list_questions()}
+    assert {example.split()[1] for example in EXAMPLES} == {declared.name for declared in list_questions()}
 
 
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_every_example_has_an_answer(example: str) -> None:
     result = CliRunner().invoke(app, shlex.split(example))
-    nothing = example.startswith("ask differences")  # a map does not differ from itself, and the kitchen is alone
+    nothing = example.startswith("ask differences")  # a map does not differ from itself, and only one is loaded
     assert result.exit_code == (1 if nothing else 0), result.output

@@ -1,4 +1,4 @@
-"""Writing undoes reading and reading undoes writing: no world and no statement is lost on the way."""
+"""Writing and reading are inverse: no world and no statement is lost."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ each_format = pytest.mark.parametrize("format", MapFormat)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Hypothesis writes many files; they may replace one another."""
+    """One folder for all examples of Hypothesis, which overwrite their files."""
     return tmp_path_factory.mktemp("maps")
 
 
@@ -75,23 +75,23 @@ def test_any_world_comes_back_from_its_file(world: World, format: MapFormat, fol
 
 @each_format
 @given(world=worlds(labels=True))
-def test_a_world_that_was_read_comes_back_to_the_letter(world: World, format: MapFormat, folder: Path) -> None:
-    # With labels a first reading may choose another form for the same: a node that only one statement mentions.
+def test_a_world_that_was_read_is_written_identically(world: World, format: MapFormat, folder: Path) -> None:
+    # With labels, the first reading may change the form: a blank node with one reference is nested.
     once = read_back(world, folder, format)
     assert read_back(once, folder, format) == once
 
 
 @given(world=worlds())
-def test_both_formats_say_the_same(world: World, folder: Path) -> None:
+def test_both_formats_have_the_same_statements(world: World, folder: Path) -> None:
     assert read_back(world, folder, MapFormat.RDF_XML) == read_back(world, folder, MapFormat.TURTLE)
 
 
 @given(world=worlds())
-def test_what_the_household_knows_changes_nothing(world: World, folder: Path) -> None:
+def test_the_bundled_ontology_does_not_change_the_result(world: World, folder: Path) -> None:
     assert_worlds_equal(world, read_back(world, folder, MapFormat.RDF_XML, bundled_ontology=True))
 
 
-def test_the_same_world_is_written_in_the_same_way() -> None:
+def test_writing_is_deterministic() -> None:
     assert write_map(kitchenette()) == write_map(kitchenette())
 
 
@@ -143,7 +143,7 @@ UNUSUAL = {
     "tiny and huge": world_of(
         replace(CUP, pose=Pose((5e-324, 1.7e300, 0.1 + 0.2)), physics=BodyPhysics(mass_kg=1e-300))
     ),
-    "a thing": world_of(replace(CUP, cls=Iri("http://www.w3.org/2002/07/owl#Thing"))),
+    "an owl:Thing": world_of(replace(CUP, cls=Iri("http://www.w3.org/2002/07/owl#Thing"))),
     "an empty label": world_of(replace(CUP, label="")),
     "a label in a language only": world_of(
         replace(
@@ -240,31 +240,31 @@ def quads(path: Path) -> Iterable[ox.Quad]:
 
 
 def statements(path: Path) -> ox.Dataset:
-    """All that a file says, with numbers as values; equal for files that say the same, whatever labels they use."""
-    said = ox.Dataset()
+    """The canonical statements of a file, with numbers as values; equal for any labels of blank nodes."""
+    statements = ox.Dataset()
     for quad in quads(path):
         term = quad.object
         if isinstance(term, ox.Literal) and (term.datatype.value in NUMERIC or quad.predicate.value in OF_NUMBERS):
             with suppress(ValueError):
                 numbers = " ".join(repr(float(number)) for number in term.value.split())
                 term = ox.Literal(numbers, datatype=term.datatype)
-        said.add(ox.Quad(quad.subject, quad.predicate, term))
-    said.canonicalize(ox.CanonicalizationAlgorithm.RDFC_1_0)
-    return said
+        statements.add(ox.Quad(quad.subject, quad.predicate, term))
+    statements.canonicalize(ox.CanonicalizationAlgorithm.RDFC_1_0)
+    return statements
 
 
-def implied(said: set[ox.Quad]) -> set[ox.Quad]:
-    """What the writer always says: both sides of a relation, and that an individual is one."""
+def implied(statements: set[ox.Quad]) -> set[ox.Quad]:
+    """Statements that the writer adds: both directions of a relation, and the type NamedIndividual."""
     turned = {ox.NamedNode(knowrob_iri("child")): ox.NamedNode(knowrob_iri("parent"))}
     turned |= {parent: child for child, parent in turned.items()}
-    others = {ox.Quad(q.object, turned[q.predicate], q.subject) for q in said if q.predicate in turned}  # type: ignore[arg-type]
+    others = {ox.Quad(q.object, turned[q.predicate], q.subject) for q in statements if q.predicate in turned}  # type: ignore[arg-type]
     named = ox.NamedNode("http://www.w3.org/2002/07/owl#NamedIndividual")
-    return others | {ox.Quad(q.subject, ox.NamedNode(RDF_TYPE), named) for q in said}
+    return others | {ox.Quad(q.subject, ox.NamedNode(RDF_TYPE), named) for q in statements}
 
 
 @pytest.fixture(params=["iai-kitchen-original", "iai-kitchen-spawned", "knowrob1-ccrl", "bundled"])
 def map_file(request: pytest.FixtureRequest) -> Path:
-    """Maps that others have written, and our own."""
+    """Maps of other projects, and our own."""
     if request.param == "bundled":
         return bundled_kitchen()
     folder: Path = request.getfixturevalue("shared_data")
@@ -278,10 +278,10 @@ def test_every_statement_of_a_map_comes_back(map_file: Path, format: MapFormat, 
     before, after = set(statements(map_file)), set(statements(out))
     assert before - after == set()
     if any(quad.predicate.value == knowrob_iri("describedInMap") for quad in before):  # else it is of another dialect,
-        assert after - before - implied(before) == set()  # whose maps are told in the words of the first one besides
+        assert after - before - implied(before) == set()  # which is written in the terms of dialect 1 too
 
 
-def test_the_way_round_goes_through_no_ontology(shared_data: Path, tmp_path: Path) -> None:
+def test_the_round_trip_needs_no_ontology(shared_data: Path, tmp_path: Path) -> None:
     map = shared_data / "maps" / "iai-kitchen-original.owl"
     world = knowledge_base_from(map, ontologies=(shared_data / "ontology",)).world()
     assert world == knowledge_base_from(map).world()
@@ -294,11 +294,11 @@ WRONG = {
     "a bad pose and a good one": ':x a k:Cup ; k:describedInMap :room ; k:pose :b, :x-pose . :b k:translation "a" . '
     ':x-pose k:translation "4 5 6" ; k:quaternion "1 0 0 0" ; a k:Pose, owl:NamedIndividual .',
     "a shared pose": body_turtle("x") + ":y a k:Cup ; k:describedInMap :room ; k:pose :x-pose .",
-    "a pose that is told of": body_turtle("x") + ":cup-pose e:a :x-pose . e:b e:c :x-pose .",
+    "a pose with further statements": body_turtle("x") + ":cup-pose e:a :x-pose . e:b e:c :x-pose .",
     "values that are none": body_turtle(
         "x", 'k:mass "heavy" ; k:mobility "flying" ; k:gravity 7 ; k:tagsData 5, "a;b"'
     ),
-    "values told twice": body_turtle("x", 'k:mass 1, 2 ; k:mobility "static", "dynamic" ; k:gravity true, false'),
+    "duplicate values": body_turtle("x", 'k:mass 1, 2 ; k:mobility "static", "dynamic" ; k:gravity true, false'),
     "a size in part": body_turtle("x", 'k:depthOfObject "1.0"^^xsd:float'),
     "two parents": body_turtle("a") + body_turtle("b") + body_turtle("x", "k:parent :a, :b"),
     "a circle": body_turtle("a", "k:parent :b", "k:child :b") + body_turtle("b", "k:parent :a", "k:child :a"),
@@ -309,12 +309,12 @@ WRONG = {
     + slide_joint("j", "a", "b").replace("k:xMotion 1", 'k:xMotion 2, "x"'),
     "a second end": body_turtle("a") + body_turtle("b") + body_turtle("c") + slide_joint("j", "a", "b", "k:child :c"),
     "bad materials": body_turtle("x", "ms:material [ ms:index 0 ]"),
-    "an end told by the body": body_turtle("a", "k:child :j") + body_turtle("b") + slide_joint("j", "a", "b"),
+    "a joint stated by the body": body_turtle("a", "k:child :j") + body_turtle("b") + slide_joint("j", "a", "b"),
 }
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_is_wrong_in_a_map_comes_back_wrong(name: str, read: ReadMap, tmp_path: Path) -> None:
+def test_errors_in_a_map_are_written_unchanged(name: str, read: ReadMap, tmp_path: Path) -> None:
     world, findings = read(room_map(WRONG[name]))
     save_map(world, tmp_path / "out.ttl")
     before, after = statements(tmp_path / "map.ttl"), statements(tmp_path / "out.ttl")
@@ -330,13 +330,13 @@ def test_a_body_that_moved_away_from_a_shared_pose_gets_a_pose_of_its_own(read: 
     x, y = world.bodies
     moved = replace(world, bodies=(x, replace(y, pose=Pose((7.0, 8.0, 9.0)))))
     save_map(moved, tmp_path / "out.ttl")
-    assert [thing.pose for thing in knowledge_base_from(tmp_path / "out.ttl").world().bodies] == [
-        thing.pose for thing in moved.bodies
+    assert [body.pose for body in knowledge_base_from(tmp_path / "out.ttl").world().bodies] == [
+        body.pose for body in moved.bodies
     ]
 
 
 @pytest.mark.parametrize("position", [(1.0, 2.0, 3.0), (7.0, 8.0, 9.0)])
-def test_a_pose_without_name_of_which_more_is_told(
+def test_a_blank_pose_with_further_statements(
     position: tuple[float, float, float], read: ReadMap, tmp_path: Path
 ) -> None:
     pose = '[ k:translation "1 2 3" ; k:quaternion "1 0 0 0" ; e:measured true ]'
@@ -348,14 +348,14 @@ def test_a_pose_without_name_of_which_more_is_told(
     assert "measured" in str(again.bodies[0].facts)
 
 
-def test_ids_that_had_to_be_made_up_are_told_from_then_on(read: ReadMap, tmp_path: Path) -> None:
+def test_generated_ids_are_written(read: ReadMap, tmp_path: Path) -> None:
     world, findings = read(room_map(body_turtle("x", 'ms:id "y"'), body_turtle("y"), body_turtle("z", 'ms:id "y"')))
     assert len(findings) == 2
     save_map(world, tmp_path / "out.ttl")
     assert knowledge_base_from(tmp_path / "out.ttl").world() == world
 
 
-# -- others who read ---------------------------------------------------------------------------------------------------
+# -- other readers -----------------------------------------------------------------------------------------------------
 
 
 def prolog_count(swipl: Path, path: Path) -> int:
@@ -367,19 +367,19 @@ def prolog_count(swipl: Path, path: Path) -> int:
     return int(done.stdout)
 
 
-def test_swi_prolog_reads_as_many_statements_as_we_wrote(swipl: Path, map_file: Path, tmp_path: Path) -> None:
+def test_swi_prolog_reads_all_written_statements(swipl: Path, map_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.owl"
     save_map(knowledge_base_from(map_file).world(), out)
     assert prolog_count(swipl, out) == len(set(quads(out)))
 
 
-def test_swi_prolog_reads_even_the_unusual(swipl: Path, tmp_path: Path) -> None:
+def test_swi_prolog_reads_unusual_worlds(swipl: Path, tmp_path: Path) -> None:
     for name, world in UNUSUAL.items():
         save_map(world, tmp_path / "out.owl")
         assert prolog_count(swipl, tmp_path / "out.owl") == len(set(quads(tmp_path / "out.owl"))), name
 
 
-def test_knowrob_finds_individuals_as_it_is_used_to(tmp_path: Path) -> None:
+def test_knowrob_finds_individuals(tmp_path: Path) -> None:
     text = write_map(kitchenette())
     assert text.startswith('<?xml version="1.0" encoding="utf-8"?>\n\n<!DOCTYPE rdf:RDF[\n\t<!ENTITY owl')
     assert '<owl:NamedIndividual rdf:about="&m;Mug">' in text

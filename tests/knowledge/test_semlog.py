@@ -1,4 +1,4 @@
-"""What a map of dialect 1 says of one thing is what stands in its world; the rest of it stays as facts."""
+"""Maps of dialect 1: every field of the world is read, and all other statements are kept as facts."""
 
 from __future__ import annotations
 
@@ -67,15 +67,15 @@ def test_every_field_of_a_body_is_read(read: ReadMap) -> None:
     assert (world.iri, world.name, world.facts, world.resources) == (individual("room"), "room", (), ())
 
 
-def test_what_is_not_told_is_none(read: ReadMap) -> None:
+def test_missing_values_are_none(read: ReadMap) -> None:
     world, findings = read(room_map(body_turtle("cup")))
     (cup,) = world.bodies
     assert (cup.label, cup.size, cup.mesh, cup.shape, cup.physics) == (None, None, None, None, BodyPhysics())
     assert (cup.materials, cup.tags, cup.facts, findings) == ((), (), (), ())
 
 
-def test_digits_are_those_of_the_file(read: ReadMap) -> None:
-    # As 32-bit floats, which is what the datatype says and what an RDF store keeps, none of these would survive.
+def test_numbers_keep_the_digits_of_the_file(read: ReadMap) -> None:
+    # As 32-bit floats, which the datatype means and an RDF store keeps, these would be rounded.
     mass = 'k:mass "177.512833"^^xsd:float'
     at, turned = "0.1 16777217.000001 -0.000000", "0.707107 -0.000000 0.000000 0.707106781186548"
     world, _ = read(room_map(body_turtle("cup", mass, position=at, quaternion=turned)))
@@ -85,7 +85,7 @@ def test_digits_are_those_of_the_file(read: ReadMap) -> None:
     assert math.copysign(1.0, cup.pose.position[2]) == -1.0
 
 
-def test_a_name_of_a_part_that_we_would_not_give_is_kept(read: ReadMap) -> None:
+def test_unusual_names_of_nested_resources_are_kept(read: ReadMap) -> None:
     world, findings = read(
         room_map(
             ":cup a k:Cup ; k:describedInMap :room ; k:pose :XyZ .",
@@ -96,14 +96,14 @@ def test_a_name_of_a_part_that_we_would_not_give_is_kept(read: ReadMap) -> None:
     assert (world.resources, findings) == ((), ())
 
 
-def test_what_else_is_said_of_a_part_stays_with_it(read: ReadMap) -> None:
+def test_other_statements_about_a_nested_resource_are_kept(read: ReadMap) -> None:
     world, _ = read(room_map(body_turtle("cup"), ':cup-pose rdfs:comment "measured by hand" .'))
     assert world.bodies[0].facts == (PropertyAssertion(knowrob_iri("pose"), IriRef(individual("cup-pose"))),)
     comment = PropertyAssertion(Iri(RDFS + "comment"), Literal("measured by hand"))
     assert world.resources == (NamedResource(individual("cup-pose"), (comment,)),)
 
 
-def test_a_pose_without_a_name_is_a_pose(read: ReadMap) -> None:
+def test_a_pose_may_be_a_blank_node(read: ReadMap) -> None:
     world, _ = read(
         room_map(':cup a k:Cup ; k:describedInMap :room ; k:pose [ k:translation "1 2 3" ; k:quaternion "1 0 0 0" ] .')
     )
@@ -119,11 +119,11 @@ def test_two_bodies_may_share_a_pose(read: ReadMap) -> None:
             ':here a k:Pose ; k:translation "1 2 3" ; k:quaternion "1 0 0 0" .',
         )
     )
-    assert [thing.pose.position for thing in world.bodies] == [(1.0, 2.0, 3.0)] * 2
+    assert [each.pose.position for each in world.bodies] == [(1.0, 2.0, 3.0)] * 2
     assert findings == ()
 
 
-def test_the_most_telling_class_is_the_class_and_the_others_are_facts(read: ReadMap) -> None:
+def test_the_most_specific_class_is_the_class_and_the_others_are_facts(read: ReadMap) -> None:
     world, _ = read(
         room_map(
             body_turtle("cup", cls="k:DrinkingVessel, k:CoffeeCup, owl:Thing"),
@@ -137,7 +137,7 @@ def test_the_most_telling_class_is_the_class_and_the_others_are_facts(read: Read
     }
 
 
-def test_of_classes_that_tell_the_same_the_first_counts(read: ReadMap) -> None:
+def test_of_equally_specific_classes_the_first_counts(read: ReadMap) -> None:
     world, _ = read(
         room_map(body_turtle("cup", cls="k:Mug, k:Cup"), "k:Cup rdfs:subClassOf k:Mug . k:Mug rdfs:subClassOf k:Cup .")
     )
@@ -145,7 +145,7 @@ def test_of_classes_that_tell_the_same_the_first_counts(read: ReadMap) -> None:
     assert world.bodies[0].facts == (PropertyAssertion(RDF_TYPE, IriRef(knowrob_iri("Cup"))),)
 
 
-def test_a_body_without_class_is_a_thing_and_that_is_said(read: ReadMap) -> None:
+def test_a_body_without_a_class_is_an_owl_thing_and_reported(read: ReadMap) -> None:
     world, (finding,) = read(
         room_map(':x k:describedInMap :room ; k:pose [ k:translation "1 2 3"; k:quaternion "1 0 0 0" ].')
     )
@@ -154,14 +154,14 @@ def test_a_body_without_class_is_a_thing_and_that_is_said(read: ReadMap) -> None
     assert (finding.severity, finding.individual) == (Severity.WARNING, individual("x"))
 
 
-def test_a_body_without_name_is_a_body(read: ReadMap) -> None:
+def test_a_body_may_be_a_blank_node(read: ReadMap) -> None:
     world, _ = read(
         room_map(
             body_turtle("tray", "k:child _:milk"),
             '_:milk a k:Milk ; k:describedInMap :room ; k:pose [ k:translation "1 2 3" ; k:quaternion "1 0 0 0" ] .',
         )
     )
-    assert [thing.id for thing in world.bodies] == ["tray", "milk"]
+    assert [each.id for each in world.bodies] == ["tray", "milk"]
     assert world.bodies[1].iri == "_:milk"
     assert [(each.parent, each.child) for each in world.attachments] == [("tray", "milk")]
 
@@ -196,7 +196,7 @@ def test_statements_beyond_the_fields_are_facts(read: ReadMap) -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "value"),
+    ("statement", "value"),
     [
         ('k:mobility "Dynamic"', BodyPhysics(mobility=Mobility.DYNAMIC)),
         ('k:gravity "1"^^xsd:boolean', BodyPhysics(gravity=True)),
@@ -204,20 +204,20 @@ def test_statements_beyond_the_fields_are_facts(read: ReadMap) -> None:
         ('k:mass "0.5"', BodyPhysics(mass_kg=0.5)),
     ],
 )
-def test_another_way_to_say_it_is_understood_and_kept(told: str, value: BodyPhysics, read: ReadMap) -> None:
-    world, findings = read(room_map(body_turtle("cup", told)))
+def test_alternative_notations_are_read_and_kept(statement: str, value: BodyPhysics, read: ReadMap) -> None:
+    world, findings = read(room_map(body_turtle("cup", statement)))
     assert world.bodies[0].physics == value
     assert len(world.bodies[0].facts) == 1
     assert findings == ()
 
 
 @pytest.mark.parametrize("text", ["SemLog;Class,Cup", "k,v;", "SemLog;", ";;", "SemLog;Class,Cup;;"])
-def test_tags_that_would_come_back_otherwise_stay_as_they_are(text: str, read: ReadMap) -> None:
+def test_tags_that_would_be_written_differently_are_kept_as_facts(text: str, read: ReadMap) -> None:
     world, _ = read(room_map(body_turtle("cup", f'k:tagsData "{text}"')))
     assert world.bodies[0].facts == (PropertyAssertion(knowrob_iri("tagsData"), Literal(text)),)
 
 
-def test_a_comma_in_a_tags_value_belongs_to_it(read: ReadMap) -> None:
+def test_a_comma_in_the_value_of_a_tag_is_kept(read: ReadMap) -> None:
     world, _ = read(room_map(body_turtle("cup", 'k:tagsData "A;k,1,2;"')))
     assert world.bodies[0].tags == (Tag(type="A", key="k", value="1,2"),)
 
@@ -236,7 +236,7 @@ def test_every_field_of_a_light_is_read(kind: LightType, read: ReadMap) -> None:
     assert (lamp.pose.position, lamp.facts, world.bodies, findings) == ((1.0, 2.0, 3.0), (), (), ())
 
 
-# -- the map and all the rest ------------------------------------------------------------------------------------------
+# -- the map and other resources ---------------------------------------------------------------------------------------
 
 
 def test_a_label_of_the_map_is_its_name(read: ReadMap) -> None:
@@ -247,21 +247,21 @@ def test_a_label_of_the_map_is_its_name(read: ReadMap) -> None:
     )
 
 
-def test_everything_else_in_the_source_is_a_resource(read: ReadMap) -> None:
+def test_other_subjects_become_resources(read: ReadMap) -> None:
     world, _ = read(room_map("k:Cup a owl:Class .", "[] a owl:AllDifferent .", "e:Jo e:likes e:Cy ."))
     assert [resource.iri for resource in world.resources] == [knowrob_iri("Cup"), "_:b1", "http://example.org/terms#Jo"]
 
 
-def test_ids_are_unique_and_a_second_one_is_named(read: ReadMap) -> None:
+def test_duplicate_ids_are_renamed_and_reported(read: ReadMap) -> None:
     other = body_turtle("cup").replace(":cup", "<http://elsewhere.org/maps#cup>").replace("cup>-pose", "cup-pose>")
     world, (finding,) = read(room_map(body_turtle("cup"), other))
-    assert [thing.id for thing in world.bodies] == ["cup", "cup-2"]
+    assert [each.id for each in world.bodies] == ["cup", "cup-2"]
     assert finding.individual == "http://elsewhere.org/maps#cup"
 
 
-def test_an_id_of_its_own_comes_before_a_local_name(read: ReadMap) -> None:
+def test_an_explicit_id_takes_precedence_over_a_local_name(read: ReadMap) -> None:
     world, _ = read(room_map(body_turtle("cup"), body_turtle("mug", 'ms:id "cup"'), body_turtle("jug", 'ms:id "cup"')))
-    assert [(thing.iri, thing.id) for thing in world.bodies] == [
+    assert [(each.iri, each.id) for each in world.bodies] == [
         (individual("cup"), "cup-2"),
         (individual("mug"), "cup"),
         (individual("jug"), "jug"),

@@ -1,4 +1,4 @@
-"""Sizes come from classes, from those above them, or from bodies themselves."""
+"""Sizes of bodies are given by the body, its class or a superclass."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_sizes_come_from_classes(read: ReadMap) -> None:
     assert findings == ()
 
 
-def test_each_extent_comes_from_the_nearest_class_that_tells_it(read: ReadMap) -> None:
+def test_each_extent_comes_from_the_nearest_class_that_gives_it(read: ReadMap) -> None:
     above = "k:Cup rdfs:subClassOf k:Vessel . k:Vessel rdfs:subClassOf k:Thing ."
     world, _ = read(
         room_map(
@@ -39,7 +39,7 @@ def test_each_extent_comes_from_the_nearest_class_that_tells_it(read: ReadMap) -
     assert world.bodies[0].size == (1.0, 3.0, 5.0)
 
 
-def test_a_body_knows_its_size_better_than_its_class(read: ReadMap) -> None:
+def test_the_size_of_a_body_takes_precedence_over_that_of_its_class(read: ReadMap) -> None:
     world, findings = read(
         room_map(body_turtle("cup", 'k:depthOfObject "9.0"^^xsd:float'), sized("Cup", depth=1, width=2, height=3))
     )
@@ -48,14 +48,14 @@ def test_a_body_knows_its_size_better_than_its_class(read: ReadMap) -> None:
     assert findings == ()
 
 
-def test_a_size_that_is_told_in_part_is_none_and_that_is_said(read: ReadMap) -> None:
+def test_an_incomplete_size_is_none_and_reported(read: ReadMap) -> None:
     world, (finding,) = read(room_map(body_turtle("cup", 'k:depthOfObject "9.0"^^xsd:float'), sized("Cup", width=2)))
     assert world.bodies[0].size is None
     assert world.bodies[0].facts == (float_fact("depthOfObject", "9.0"),)
     assert (finding.individual, finding.property) == (individual("cup"), knowrob_iri("heightOfObject"))
 
 
-def test_a_class_that_is_told_twice_keeps_its_first_size_and_that_is_said(read: ReadMap) -> None:
+def test_the_first_of_two_sizes_of_a_class_counts_and_the_second_is_reported(read: ReadMap) -> None:
     world, findings = read(
         room_map(body_turtle("cup"), sized("Cup", depth=1, width=2, height=3), sized("Cup", depth=4, width=2, height=3))
     )
@@ -66,15 +66,15 @@ def test_a_class_that_is_told_twice_keeps_its_first_size_and_that_is_said(read: 
     assert "4.0" in finding.problem
 
 
-def test_restrictions_that_two_classes_share_count_for_both(read: ReadMap) -> None:
+def test_a_restriction_shared_by_two_classes_applies_to_both(read: ReadMap) -> None:
     shared = '_:r a owl:Restriction ; owl:onProperty k:depthOfObject ; owl:hasValue "1.0"^^xsd:float .'
     both = "k:Cup rdfs:subClassOf _:r . k:Mug rdfs:subClassOf _:r ."
     rest = sized("Cup", width=2, height=3) + sized("Mug", width=4, height=5)
     world, _ = read(room_map(body_turtle("cup"), body_turtle("mug", cls="k:Mug"), shared, both, rest))
-    assert [thing.size for thing in world.bodies] == [(1.0, 2.0, 3.0), (1.0, 4.0, 5.0)]
+    assert [body.size for body in world.bodies] == [(1.0, 2.0, 3.0), (1.0, 4.0, 5.0)]
 
 
-def test_superclasses_that_disagree_are_named(read: ReadMap) -> None:
+def test_contradicting_superclasses_are_reported(read: ReadMap) -> None:
     world, findings = read(
         room_map(
             body_turtle("cup"),
@@ -87,7 +87,7 @@ def test_superclasses_that_disagree_are_named(read: ReadMap) -> None:
     assert any(knowrob_iri("A") in finding.problem and knowrob_iri("B") in finding.problem for finding in findings)
 
 
-def test_a_class_whose_extent_is_no_number_is_named(read: ReadMap) -> None:
+def test_an_extent_that_is_not_a_number_is_reported(read: ReadMap) -> None:
     world, findings = read(room_map(body_turtle("cup"), sized("Cup", depth="wide", width=2, height=3)))
     assert world.bodies[0].size is None
     assert knowrob_iri("Cup") in {finding.individual for finding in findings}
@@ -97,6 +97,6 @@ def test_equal_classes_have_equal_sizes(read: ReadMap) -> None:
     text = room_map(body_turtle("cup"), "k:Mug owl:equivalentClass k:Cup .", sized("Mug", depth=1, width=2, height=3))
     world, _ = read(text)
     assert world.bodies[0].size == (1.0, 2.0, 3.0)
-    # Nothing needs to be said of the body itself, since the class goes into the same file.
+    # The body itself needs no statement, since the class is written to the same file.
     assert "depthOfObject" in write_map(world)
     assert write_map(world).count("depthOfObject") == 1

@@ -1,4 +1,4 @@
-"""SOMA's maps: localizations, shapes, colors and joints some nodes away, whole and broken."""
+"""SOMA maps: localizations, shapes, colors and joints behind chains of nodes, valid and invalid."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase, LengthUnit, QuaternionOrder, UnitConventions, save_map
 from mindstage.scene import BodyId, PrimitiveType, World
 from mindstage.scene.transforms import rotation_matrix
+from tests.knowledge.dialect_maps import check_round_trip, finding_texts, joint_range, matrix_turtle, soma_map
 from tests.knowledge.maps import ReadMap, assert_worlds_equal, knowledge_base_from
-from tests.knowledge.other_maps import check_round_trip, finding_texts, joint_range, matrix_turtle, soma_map
 
 BOX = "a soma:BoxShape ; soma:hasDepth {} ; soma:hasWidth {} ; soma:hasHeight {}"
 
@@ -27,18 +27,18 @@ def located(
     shape: str = BOX.format(0.5, 0.6, 0.7),
     more: str = "",
 ) -> str:
-    """An individual as such maps nest it."""
-    told = "".join(f" ; {fact}" for fact in facts)
+    """An individual with the node chains of these maps."""
+    joined = "".join(f" ; {fact}" for fact in facts)
     return f"""
     :{name} a owl:NamedIndividual, {cls} ;
         soma:hasShape [ a soma:Shape ; dul:hasRegion [ {shape} ] ] ;
         soma:hasLocalization [ a soma:Localization ; soma:hasSpaceRegion [ a soma:6DPose ;
-            k:quaternion "{turned}"^^soma:array_double ; k:translation "{at}"^^soma:array_double {more} ] ]{told} ."""
+            k:quaternion "{turned}"^^soma:array_double ; k:translation "{at}"^^soma:array_double {more} ] ]{joined} ."""
 
 
 def jointed(cls: str, parent: str = "case", child: str = "door", *facts: str) -> str:
-    told = "".join(f" ; {fact}" for fact in facts)
-    return f"urdf:hasJoint [ a {cls} ; urdf:hasParentLink :{parent} ; urdf:hasChildLink :{child}{told} ]"
+    joined = "".join(f" ; {fact}" for fact in facts)
+    return f"urdf:hasJoint [ a {cls} ; urdf:hasParentLink :{parent} ; urdf:hasChildLink :{child}{joined} ]"
 
 
 LIMITS = "urdf:hasJointLimits [ a urdf:JointLimits ; urdf:hasLowerLimit {} ; urdf:hasUpperLimit {} ]"
@@ -51,10 +51,10 @@ DOOR = located(
 HANDLE = located("handle", "soma:DesignedHandle", at="-0.3 -0.25 1", shape=BOX.format(0.02, 0.02, 0.3))
 
 
-# -- single things -----------------------------------------------------------------------------------------------------
+# -- individuals -------------------------------------------------------------------------------------------------------
 
 
-def test_a_thing_is_where_its_localization_tells(read: ReadMap, tmp_path: Path) -> None:
+def test_the_localization_gives_the_pose(read: ReadMap, tmp_path: Path) -> None:
     world = check_round_trip(read, soma_map(located("cup", turned="0.0 0.0 0.6 0.8")), tmp_path)
     assert (world.iri, world.name) == ("http://example.org/old.owl#old", "old")
     [cup] = world.bodies
@@ -72,7 +72,7 @@ def test_a_thing_is_where_its_localization_tells(read: ReadMap, tmp_path: Path) 
         ("a soma:CylinderShape ; soma:hasRadius 0.25 ; soma:hasLength 0.5", PrimitiveType.CYLINDER, (0.5, 0.5, 0.5)),
     ],
 )
-def test_round_things_are_round(
+def test_spheres_and_cylinders_are_read(
     read: ReadMap, tmp_path: Path, shape: str, kind: PrimitiveType, size: tuple[float, ...]
 ) -> None:
     [ball] = check_round_trip(read, soma_map(located("ball", shape=shape)), tmp_path).bodies
@@ -80,7 +80,7 @@ def test_round_things_are_round(
     assert (ball.shape.type, ball.size) == (kind, size)
 
 
-def test_a_mesh_is_a_path_and_a_color_a_material(read: ReadMap, tmp_path: Path) -> None:
+def test_mesh_and_color_are_read(read: ReadMap, tmp_path: Path) -> None:
     color = 'soma:hasColor [ dul:hasRegion [ soma:hasRGBValue "51 102 255"^^soma:array_double ] ]'
     shape = 'a soma:MeshShape ; soma:hasFilePath "package://kitchen/cup.dae"'
     [cup] = check_round_trip(read, soma_map(located("cup", "soma:Cup", color, shape=shape)), tmp_path).bodies
@@ -88,7 +88,7 @@ def test_a_mesh_is_a_path_and_a_color_a_material(read: ReadMap, tmp_path: Path) 
     assert cup.materials[0].color == pytest.approx((0.2, 0.4, 1.0))
 
 
-def test_a_pose_relative_to_another_thing_is_found(read: ReadMap, tmp_path: Path) -> None:
+def test_a_pose_relative_to_another_individual_is_read(read: ReadMap, tmp_path: Path) -> None:
     table = located("table", "soma:Table", at="1 0 0", turned=f"0 0 {np.sin(pi / 4)} {np.cos(pi / 4)}")
     plate = located("plate", more="; soma:isDescribedRelativeTo :table", at="0.5 0 1")
     cup = located("cup", more="; soma:isDescribedRelativeTo :plate", at="0 0 0.1")
@@ -98,14 +98,14 @@ def test_a_pose_relative_to_another_thing_is_found(read: ReadMap, tmp_path: Path
 
 
 @pytest.mark.parametrize("frame", [":moon", ":cup", '"base_link"'])
-def test_a_pose_relative_to_nothing_here_is_taken_as_the_maps(read: ReadMap, tmp_path: Path, frame: str) -> None:
+def test_a_pose_relative_to_an_unknown_frame_is_relative_to_the_map(read: ReadMap, tmp_path: Path, frame: str) -> None:
     text = soma_map(located("cup", more=f"; soma:isDescribedRelativeTo {frame}"))
     assert check_round_trip(read, text, tmp_path).body("cup").pose.position == (1.0, 2.0, 3.0)
-    assert "told in the frame of the map" in finding_texts(read(text)[1], "cup")
+    assert "read as relative to the map" in finding_texts(read(text)[1], "cup")
 
 
 @pytest.mark.parametrize(
-    ("told", "found"),
+    ("arguments", "found"),
     [
         ({"turned": "0 0 0 0"}, "four that are not all 0"),
         ({"at": "1 2 nan"}, "three finite numbers"),
@@ -113,39 +113,39 @@ def test_a_pose_relative_to_nothing_here_is_taken_as_the_maps(read: ReadMap, tmp
         ({"at": "1 2"}, "three finite numbers"),
     ],
 )
-def test_a_pose_that_is_none_leaves_its_thing_out(
-    read: ReadMap, tmp_path: Path, told: dict[str, str], found: str
+def test_an_individual_with_an_invalid_pose_is_omitted(
+    read: ReadMap, tmp_path: Path, arguments: dict[str, str], found: str
 ) -> None:
-    text = soma_map(located("cup", **told), located("mug"))  # type: ignore[arg-type]
+    text = soma_map(located("cup", **arguments), located("mug"))  # type: ignore[arg-type]
     assert [body.id for body in check_round_trip(read, text, tmp_path).bodies] == ["mug"]
     assert found in finding_texts(read(text)[1], "cup")
-    assert "it is left out" in finding_texts(read(text)[1], "cup")
+    assert "it is omitted" in finding_texts(read(text)[1], "cup")
 
 
-def test_a_localization_that_leads_in_a_circle_ends(read: ReadMap, tmp_path: Path) -> None:
+def test_a_cyclic_localization_is_reported(read: ReadMap, tmp_path: Path) -> None:
     circle = (
         ":cup a soma:Cup ; soma:hasLocalization :here . :here soma:hasSpaceRegion :there . :there dul:hasRegion :here ."
     )
     text = soma_map(circle, located("mug"))
     assert [body.id for body in check_round_trip(read, text, tmp_path).bodies] == ["mug"]
-    assert "no pose hangs on it" in finding_texts(read(text)[1], "cup")
+    assert "its localization has no pose" in finding_texts(read(text)[1], "cup")
 
 
-def test_another_thing_is_no_localization(read: ReadMap, tmp_path: Path) -> None:
+def test_another_individual_is_not_a_localization(read: ReadMap, tmp_path: Path) -> None:
     text = soma_map(":cup a soma:Cup ; soma:hasLocalization :mug .", located("mug"))
     assert [body.id for body in check_round_trip(read, text, tmp_path).bodies] == ["mug"]
-    assert "no pose hangs on it" in finding_texts(read(text)[1], "cup")
+    assert "its localization has no pose" in finding_texts(read(text)[1], "cup")
 
 
-def test_a_thing_without_a_name_is_there_and_said_to_have_none(read: ReadMap, tmp_path: Path) -> None:
+def test_a_body_without_an_iri_is_read_and_reported(read: ReadMap, tmp_path: Path) -> None:
     nameless = located("cup").replace(":cup a", "[] a", 1)
     text = soma_map(nameless, located("mug"))
     world = check_round_trip(read, text, tmp_path)
     assert {body.id for body in world.bodies} == {"mug", "unnamed1"}
-    assert any("it has no name" in finding.problem for finding in read(text)[1])
+    assert any("it has no IRI" in finding.problem for finding in read(text)[1])
 
 
-def test_whoever_loads_a_map_may_know_better_how_its_numbers_are_meant(tmp_path: Path) -> None:
+def test_the_user_may_override_the_conventions(tmp_path: Path) -> None:
     path = tmp_path / "map.ttl"
     cup = located("cup", at="100 200 300", turned="0.8 0 0 0.6", shape=BOX.format(50, 60, 70))
     path.write_text(soma_map(cup), encoding="utf-8")
@@ -154,24 +154,28 @@ def test_whoever_loads_a_map_may_know_better_how_its_numbers_are_meant(tmp_path:
     [body] = knowledge.world().bodies
     assert (body.pose.position, body.pose.quaternion) == ((1.0, 2.0, 3.0), (0.8, 0.0, 0.0, 0.6))
     assert body.size == (0.5, 0.6, 0.7)
-    told = {assumption.topic: assumption for assumption in knowledge.assumptions()}
-    assert (told["units"].overridden, told["quaternion"].overridden, told["frame"].overridden) == (True, True, False)
+    assumptions = {assumption.topic: assumption for assumption in knowledge.assumptions()}
+    assert (assumptions["units"].overridden, assumptions["quaternion"].overridden, assumptions["frame"].overridden) == (
+        True,
+        True,
+        False,
+    )
 
 
-def test_what_is_told_in_the_words_of_dialect_1_besides_is_joined_too(read: ReadMap, tmp_path: Path) -> None:
+def test_bodies_in_the_vocabulary_of_dialect_1_are_joined_too(read: ReadMap, tmp_path: Path) -> None:
     door = """:door a soma:Door ; k:describedInMap :old ;
         k:pose [ k:translation "-0.27 0 1" ; k:quaternion "1 0 0 0" ] ."""
     world = check_round_trip(read, soma_map(DOOR_JOINT, CASE, door), tmp_path)
     assert [(each.parent, each.child) for each in world.joints] == [("case", "door")]
 
 
-def test_a_map_may_be_of_two_generations(read: ReadMap, tmp_path: Path) -> None:
+def test_a_map_may_mix_two_dialects(read: ReadMap, tmp_path: Path) -> None:
     old = ":mug a k:Cup ; k:orientation :m . " + matrix_turtle("m", 4, 5, 6)
     world = check_round_trip(read, soma_map(located("cup"), old), tmp_path)
     assert {body.id: body.pose.position for body in world.bodies} == {"cup": (1, 2, 3), "mug": (4, 5, 6)}
 
 
-# -- what hangs together -----------------------------------------------------------------------------------------------
+# -- joints and attachments --------------------------------------------------------------------------------------------
 
 
 def test_a_door_turns_about_the_edge_away_from_its_handle_and_away_from_its_case(read: ReadMap, tmp_path: Path) -> None:
@@ -200,7 +204,7 @@ def test_a_door_opens_in_the_engine_as_far_as_its_joint_allows(read: ReadMap) ->
     assert angle == pytest.approx(1.57, abs=0.01)
 
 
-def test_a_joint_tells_itself_where_it_is(read: ReadMap, tmp_path: Path) -> None:
+def test_the_position_of_a_joint_is_read(read: ReadMap, tmp_path: Path) -> None:
     joint = jointed(
         "urdf:PrismaticJoint",
         "case",
@@ -219,29 +223,29 @@ def test_a_joint_tells_itself_where_it_is(read: ReadMap, tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("joint", "found"),
     [
-        (jointed(":door_joint", "case", "ghost"), "ghost is no body of this map; the joint stays a fact"),
-        (jointed(":door_joint", "case", "case"), "joins it to itself"),
-        (jointed("urdf:TelescopicJoint"), "TelescopicJoint is no known kind of joint"),
-        (jointed("urdf:RevoluteJoint"), "it may move without end"),
-        (jointed("urdf:RevoluteJoint", "case", "door", LIMITS.format("2.0", "1.0")), "the other way round"),
+        (jointed(":door_joint", "case", "ghost"), "ghost is not a body of this map; the joint is kept as a fact"),
+        (jointed(":door_joint", "case", "case"), "connects it to itself"),
+        (jointed("urdf:TelescopicJoint"), "TelescopicJoint is an unknown type of joint"),
+        (jointed("urdf:RevoluteJoint"), "it may move without limits"),
+        (jointed("urdf:RevoluteJoint", "case", "door", LIMITS.format("2.0", "1.0")), "the two are swapped"),
         (jointed("urdf:RevoluteJoint", "case", "door", LIMITS.format('"x"', "1.0")), "not two finite numbers"),
         ("urdf:hasJoint :nowhere", "its joint is not described anywhere"),
         (f"{jointed(':door_joint')}, [ urdf:hasChildLink :door ]", "a second joint"),
     ],
 )
-def test_a_joint_that_makes_no_sense_ends_in_a_finding(read: ReadMap, tmp_path: Path, joint: str, found: str) -> None:
+def test_an_invalid_joint_is_reported(read: ReadMap, tmp_path: Path, joint: str, found: str) -> None:
     text = soma_map(DOOR_JOINT, located("case", "soma:Case", joint, at="0 0 1"), DOOR, HANDLE)
     check_round_trip(read, text, tmp_path)
     assert found in finding_texts(read(text)[1], "case")
 
 
-def test_components_in_a_circle_and_into_nowhere_end_in_findings(read: ReadMap, tmp_path: Path) -> None:
+def test_cyclic_and_missing_components_are_reported(read: ReadMap, tmp_path: Path) -> None:
     around = located("case", "soma:Case", "soma:hasPhysicalComponent :door, :moon"), ":handle dul:hasComponent :case ."
     text = soma_map(*around, DOOR, HANDLE)
     assert len(check_round_trip(read, text, tmp_path).attachments) == 2
     findings = read(text)[1]
-    assert any("would hang on itself" in finding.problem for finding in findings)
-    assert "moon is no body of this map" in finding_texts(findings, "case")
+    assert any("would be its own ancestor" in finding.problem for finding in findings)
+    assert "moon is not a body of this map" in finding_texts(findings, "case")
 
 
 # -- the sample --------------------------------------------------------------------------------------------------------
@@ -257,17 +261,15 @@ def kitchen(sample: KnowledgeBase) -> World:
     return sample.world()
 
 
-def test_the_sample_is_there_as_a_whole(sample: KnowledgeBase, kitchen: World) -> None:
+def test_the_sample_is_read_completely(sample: KnowledgeBase, kitchen: World) -> None:
     assert (len(kitchen.bodies), len(kitchen.joints), len(kitchen.attachments)) == (49, 17, 14)
     assert not [finding for finding in sample.findings() if finding.severity.value == "error"]
     assert {joint_range(each) for each in kitchen.joints} == {(0.0, 0.48), (0.0, 1.57), (0.0, 2.0)}
-    assert {"units", "quaternion", "mobility", "joints: where they are"} <= {
-        each.topic for each in sample.assumptions()
-    }
+    assert {"units", "quaternion", "mobility", "joints: position"} <= {each.topic for each in sample.assumptions()}
     assert kitchen.body("kitchen_island_counter_top").materials
 
 
-def test_the_sample_stands_on_the_ground(kitchen: World) -> None:
+def test_the_sample_is_on_the_ground(kitchen: World) -> None:
     for wall in ("kitchen_wall_north", "kitchen_wall_west", "kitchen_wall_east_1"):
         body = kitchen.body(wall)
         assert body.size is not None
@@ -275,7 +277,7 @@ def test_the_sample_stands_on_the_ground(kitchen: World) -> None:
     assert kitchen.body("kitchen_island_counter_top").pose.position[2] > kitchen.body("kitchen_island").pose.position[2]
 
 
-def test_the_sample_survives_ten_seconds_and_comes_back(kitchen: World, tmp_path: Path) -> None:
+def test_the_sample_is_stable_for_ten_seconds_and_survives_a_round_trip(kitchen: World, tmp_path: Path) -> None:
     engine = MujocoEngine()
     assert engine.spawn(kitchen).ok
     before = engine.poses()[1]
@@ -288,6 +290,6 @@ def test_the_sample_survives_ten_seconds_and_comes_back(kitchen: World, tmp_path
     assert_worlds_equal(kitchen, knowledge_base_from(tmp_path / "back.owl", bundled_ontology=True).world())
 
 
-def test_questions_answer_over_the_sample(sample: KnowledgeBase) -> None:
+def test_questions_are_answered_from_the_sample(sample: KnowledgeBase) -> None:
     drawers = sample.ask("individual_of_class", cls="http://www.ease-crc.org/ont/SOMA.owl#Drawer", map="IAI-Kitchen")
     assert len(list(drawers)) == 15

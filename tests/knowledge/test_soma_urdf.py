@@ -1,4 +1,4 @@
-"""Maps that leave their places and joints to a robot's description."""
+"""Maps that take poses and joints from a robot description."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from mindstage.errors import SourceParseError
 from mindstage.knowledge import KnowledgeBase, save_map
 from tests.knowledge.maps import assert_worlds_equal, knowledge_base_from
-from tests.knowledge.small_robot import KITCHEN_URDF, box_urdf, link_urdf, robot_urdf
+from tests.knowledge.small_urdf import KITCHEN_URDF, box_urdf, link_urdf, robot_urdf
 
 BASE = link_urdf("base", box_urdf("1 1 1"))
 
@@ -42,7 +42,7 @@ def linked(tmp_path: Path, file: Path) -> Path:
     return path
 
 
-def test_a_map_gets_its_places_and_joints_from_the_description(linked: Path, file: Path, tmp_path: Path) -> None:
+def test_a_map_gets_its_poses_and_joints_from_the_description(linked: Path, file: Path, tmp_path: Path) -> None:
     knowledge = KnowledgeBase()
     knowledge.load(linked, urdf_files=file)
     world = knowledge.world()
@@ -60,7 +60,7 @@ def test_a_map_gets_its_places_and_joints_from_the_description(linked: Path, fil
     assert_worlds_equal(world, knowledge_base_from(tmp_path / "back.owl", bundled_ontology=True).world())
 
 
-def test_rdf_xml_can_lean_on_a_description_too(linked: Path, file: Path, tmp_path: Path) -> None:
+def test_rdf_xml_maps_can_use_a_description_too(linked: Path, file: Path, tmp_path: Path) -> None:
     quads = ox.parse(linked.read_bytes(), ox.RdfFormat.TURTLE)
     path = tmp_path / "linked.owl"
     path.write_bytes(ox.serialize((quad.triple for quad in quads), format=ox.RdfFormat.RDF_XML) or b"")
@@ -70,26 +70,26 @@ def test_rdf_xml_can_lean_on_a_description_too(linked: Path, file: Path, tmp_pat
     assert_worlds_equal(first.world(), second.world())
 
 
-def test_without_its_description_a_map_says_which_links_it_needs(linked: Path) -> None:
+def test_a_missing_description_is_reported_with_the_links_needed(linked: Path) -> None:
     knowledge = knowledge_base_from(linked)
     assert knowledge.world().bodies == ()
-    assert "as the link 'fridge'" in str(knowledge.findings())
+    assert "that of the link 'fridge'" in str(knowledge.findings())
     assert "--urdf FILE" in str(knowledge.findings())
 
 
-def test_a_link_that_no_description_has_and_one_that_nobody_names_are_told(linked: Path, file: Path) -> None:
+def test_unknown_and_unused_links_are_reported(linked: Path, file: Path) -> None:
     linked.write_text(_LINKED.replace('"fridge"', '"freezer"'), encoding="utf-8")
     other = file.with_name("other.urdf")
     other.write_text(robot_urdf(BASE), encoding="utf-8")
     knowledge = KnowledgeBase(bundled_ontology=False)
     knowledge.load(linked, urdf_files=[file, other])
     assert len(knowledge.world().joints) == 2
-    told = str(knowledge.findings())
-    assert "as the link 'freezer'" in told
-    assert "no map names one of its links" in told
+    texts = str(knowledge.findings())
+    assert "that of the link 'freezer'" in texts
+    assert "no map refers to one of its links" in texts
 
 
-def test_what_is_given_as_a_description_must_be_one(linked: Path) -> None:
+def test_a_file_that_is_not_a_robot_description_is_refused(linked: Path) -> None:
     with pytest.raises(SourceParseError, match="not well-formed XML"):
         KnowledgeBase(bundled_ontology=False).load(linked, urdf_files=linked)
     with pytest.raises(SourceParseError, match="No such file"):

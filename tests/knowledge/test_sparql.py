@@ -1,4 +1,4 @@
-"""SPARQL straight on the store."""
+"""SPARQL queries on a store in memory."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.errors import SparqlSyntaxError, SparqlTimeoutError, StoreError
-from mindstage.knowledge import KnowledgeBase, RdfTerm
-from mindstage.knowledge import sparql_worker as query_process
+from mindstage.knowledge import KnowledgeBase, RdfTerm, sparql_worker
 from tests.knowledge.maps import KNOWROB, XSD
 
 ENDLESS = "SELECT (COUNT(*) AS ?n) WHERE { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
@@ -35,7 +34,7 @@ def test_select_gives_columns_and_rows(kb: KnowledgeBase) -> None:
     assert table.boolean is None
 
 
-def test_ask_gives_a_truth(kb: KnowledgeBase) -> None:
+def test_ask_gives_a_boolean(kb: KnowledgeBase) -> None:
     assert kb.sparql("ASK { knowrob:Bread rdfs:subClassOf+ knowrob:Perishable }").boolean is True
     assert kb.sparql("ASK { knowrob:Perishable rdfs:subClassOf+ knowrob:Bread }").boolean is False
 
@@ -54,7 +53,7 @@ def test_literals_keep_their_type_and_language(kb: KnowledgeBase) -> None:
 
 
 @pytest.mark.parametrize("query", ["", "SELEC ?x", "SELECT ?x WHERE { nowhere:x ?y ?x }"])
-def test_what_is_no_query_is_refused_with_its_place(query: str, kb: KnowledgeBase) -> None:
+def test_a_syntax_error_is_reported_with_its_position(query: str, kb: KnowledgeBase) -> None:
     with pytest.raises(
         SparqlSyntaxError, match=r"^the query cannot be answered: error at .{1,60}; it must be .* of SPARQL 1\.1$"
     ):
@@ -70,14 +69,14 @@ def test_what_is_no_query_is_refused_with_its_place(query: str, kb: KnowledgeBas
         "DROP ALL",
     ],
 )
-def test_what_would_change_something_is_refused_by_its_name(update: str, kb: KnowledgeBase) -> None:
+def test_updates_are_refused_by_name(update: str, kb: KnowledgeBase) -> None:
     before = kb.sparql("SELECT (COUNT(*) AS ?n) { ?a ?b ?c }")
     with pytest.raises(SparqlSyntaxError, match=r"it is an update \([A-Z]+\), and queries only read; .* tell"):
         kb.sparql(update)
     assert kb.sparql("SELECT (COUNT(*) AS ?n) { ?a ?b ?c }") == before
 
 
-# -- nothing is fetched unasked ----------------------------------------------------------------------------------------
+# -- other servers -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -94,7 +93,7 @@ def test_what_would_change_something_is_refused_by_its_name(update: str, kb: Kno
         "# <\nSELECT * { SERVICE <http://127.0.0.1:9/> { ?s ?p ?o } }",
     ],
 )
-def test_other_servers_are_not_asked_unless_that_is_allowed(query: str, kb: KnowledgeBase) -> None:
+def test_service_is_refused_unless_allowed(query: str, kb: KnowledgeBase) -> None:
     with pytest.raises(SparqlSyntaxError, match=r"it asks another server \(SERVICE\).*--allow-service"):
         kb.sparql(query)
 
@@ -111,20 +110,20 @@ def test_other_servers_are_not_asked_unless_that_is_allowed(query: str, kb: Know
         "ASK { ?s ?p ?o FILTER(1 <2 && ?o> 3) }",
     ],
 )
-def test_the_word_itself_is_harmless(query: str, kb: KnowledgeBase) -> None:
+def test_the_word_service_is_harmless_elsewhere(query: str, kb: KnowledgeBase) -> None:
     assert kb.sparql(query).boolean is not None
 
 
-def test_a_server_that_may_be_asked_and_is_not_there_is_named_as_the_cause(kb: KnowledgeBase) -> None:
+def test_an_unreachable_service_is_named_as_the_cause(kb: KnowledgeBase) -> None:
     with pytest.raises(SparqlSyntaxError, match=r"the query cannot be answered: .+") as refused:
         kb.sparql(SERVICE, allow_service=True)
     assert "SELECT, ASK" not in str(refused.value)
 
 
-# -- every query ends --------------------------------------------------------------------------------------------------
+# -- limits ------------------------------------------------------------------------------------------------------------
 
 
-def test_a_query_that_does_not_end_is_stopped(kb: KnowledgeBase) -> None:
+def test_an_endless_query_is_stopped(kb: KnowledgeBase) -> None:
     before = workers()
     with pytest.raises(SparqlTimeoutError, match=r"did not end within 0\.05 s"):
         kb.sparql(ENDLESS, timeout_s=0.05)
@@ -132,7 +131,7 @@ def test_a_query_that_does_not_end_is_stopped(kb: KnowledgeBase) -> None:
     assert kb.sparql("ASK {}").boolean, "and the next one is answered"
 
 
-def test_nobody_has_to_be_alive_to_stop_it(tmp_path: Path) -> None:
+def test_an_endless_query_ends_after_its_parent_died(tmp_path: Path) -> None:
     script = f"""
 import os, threading, time
 from mindstage.knowledge import KnowledgeBase
@@ -151,34 +150,34 @@ os.kill(os.getpid(), 9)
     assert ended(lambda: not worker.exists() or " Z " in (worker / "stat").read_text())
 
 
-def test_a_query_that_hoards_memory_is_stopped(kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(query_process, "MEMORY_LIMIT", 64 * 1024**2)
-    kb.tell("ms:Anew", "subClassOf", "Tool")  # so that the next query has a new process
+def test_a_query_with_too_much_memory_is_stopped(kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sparql_worker, "MEMORY_LIMIT", 64 * 1024**2)
+    kb.tell("ms:Second", "subClassOf", "Tool")  # so that the next query has a new process
     with pytest.raises(SparqlSyntaxError, match=r"it needs more than .* of memory; ask for less"):
         kb.sparql(HOARDING, timeout_s=120.0)
 
 
-def test_an_answer_that_is_too_large_is_not_taken(kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(query_process, "REPLY_LIMIT", 1024**2)
-    kb.tell("ms:Newer", "subClassOf", "Tool")
+def test_an_answer_that_is_too_large_is_refused(kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sparql_worker, "REPLY_LIMIT", 1024**2)
+    kb.tell("ms:Third", "subClassOf", "Tool")
     with pytest.raises(SparqlSyntaxError, match=r"its answer is larger than .* MiB; ask for less \(LIMIT"):
         kb.sparql(OVERFLOWING, timeout_s=120.0)
 
 
 @pytest.mark.parametrize("timeout_s", [0.0, -1.0, float("nan")])
-def test_no_time_is_too_little(timeout_s: float, kb: KnowledgeBase) -> None:
+def test_a_timeout_of_zero_is_an_error(timeout_s: float, kb: KnowledgeBase) -> None:
     with pytest.raises(SparqlTimeoutError):
         kb.sparql("ASK {}", timeout_s=timeout_s)
 
 
-def test_time_without_end_is_allowed(kb: KnowledgeBase) -> None:
+def test_an_infinite_timeout_is_allowed(kb: KnowledgeBase) -> None:
     assert kb.sparql("ASK {}", timeout_s=float("inf")).boolean
 
 
-# -- what is known now -------------------------------------------------------------------------------------------------
+# -- workers -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_query_sees_what_was_told_just_before(kb: KnowledgeBase) -> None:
+def test_a_query_sees_a_statement_asserted_just_before(kb: KnowledgeBase) -> None:
     ask = "ASK { ms:Rack rdfs:subClassOf ms:Tool }"
     assert not kb.sparql(ask).boolean
     kb.tell("ms:Rack", "subClassOf", "Tool")
@@ -187,14 +186,14 @@ def test_a_query_sees_what_was_told_just_before(kb: KnowledgeBase) -> None:
     assert not kb.sparql(ask).boolean
 
 
-def test_several_threads_may_ask_at_once(kb: KnowledgeBase) -> None:
+def test_several_threads_can_query_at_once(kb: KnowledgeBase) -> None:
     with ThreadPoolExecutor(4) as threads:
         queries = [f"SELECT ({number} AS ?n) {{ knowrob:Bread a ?c }} LIMIT 1" for number in range(20)]
         tables = list(threads.map(kb.sparql, queries))
     assert [table.rows[0][0].value for table in tables if table.rows[0][0]] == [str(number) for number in range(20)]
 
 
-def test_processes_end_with_their_knowledge_base() -> None:
+def test_worker_processes_end_with_their_knowledge_base() -> None:
     before = workers()
     with KnowledgeBase() as kb:
         assert kb.sparql("ASK {}").boolean
@@ -205,10 +204,10 @@ def test_processes_end_with_their_knowledge_base() -> None:
 
 
 def workers() -> set[str]:
-    """The processes that this one has started and that live."""
+    """The ids of the running child processes."""
     tasks = Path("/proc/self/task")
     if not tasks.is_dir():
-        pytest.skip("only Linux tells a process's children")
+        pytest.skip("only Linux lists the children of a process")
     found: set[str] = set()
     for task in tasks.iterdir():
         with suppress(FileNotFoundError):  # a thread that has just ended
@@ -217,7 +216,7 @@ def workers() -> set[str]:
 
 
 def ended(condition: Callable[[], bool]) -> bool:
-    """Waits until something is true, or for a minute."""
+    """Waits until a condition holds, at most for a minute."""
     deadline = time.monotonic() + 60.0
     while not condition():
         if time.monotonic() > deadline:

@@ -1,4 +1,4 @@
-"""Several threads: some ask while one tells, and each answer is one that was true at some moment."""
+"""Questions and assertions from several threads: each answer was correct at some point in time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PATIENCE_S = 120.0
 
 @pytest.fixture
 def often() -> Iterator[None]:
-    """Threads take turns as often as Python lets them."""
+    """Makes Python switch threads as often as possible."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-5)
     yield
@@ -43,7 +43,7 @@ def superclasses(kb: KnowledgeBase, cls: str) -> set[str]:
 
 
 def asking(kb: KnowledgeBase, over: Event) -> set[frozenset[str]]:
-    """Asks until it is over; what about what a pantry cupboard is, and everything else besides."""
+    """Asks questions repeatedly until the test is over."""
     found = set()
     while not over.is_set():
         found.add(frozenset(superclasses(kb, "PantryCupboard")))
@@ -53,7 +53,7 @@ def asking(kb: KnowledgeBase, over: Event) -> set[frozenset[str]]:
     return found
 
 
-def test_whoever_tells_is_heard_at_once_however_many_ask_meanwhile(often: None, kitchen: KnowledgeBase) -> None:
+def test_assertions_are_seen_at_once_during_concurrent_questions(often: None, kitchen: KnowledgeBase) -> None:
     before = superclasses(kitchen, "PantryCupboard")
     below = [local_name(row.cls) for row in kitchen.ask("subclass_of", superclass="Cupboard")]
     over = Event()
@@ -73,9 +73,7 @@ def test_whoever_tells_is_heard_at_once_however_many_ask_meanwhile(often: None, 
     assert found <= {frozenset(before), *(frozenset({*before, f"Kind{number}"}) for number in range(ROUNDS))}
 
 
-def test_a_change_waits_for_the_answer_that_is_being_worked_out(
-    kitchen: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_change_waits_for_a_running_question(kitchen: KnowledgeBase, monkeypatch: pytest.MonkeyPatch) -> None:
     looking, go_on = Event(), Event()
     descend = kitchen.reasoner.classes.below
 
@@ -86,20 +84,20 @@ def test_a_change_waits_for_the_answer_that_is_being_worked_out(
 
     monkeypatch.setattr(kitchen.reasoner.classes, "below", slowly)
     with ThreadPoolExecutor(2) as threads:
-        asked = threads.submit(kitchen.ask, "subclass_of", superclass="Cupboard")
+        question = threads.submit(kitchen.ask, "subclass_of", superclass="Cupboard")
         assert looking.wait(PATIENCE_S)
-        told = threads.submit(kitchen.tell, "ms:Locker", "subClassOf", "Cupboard")
+        assertion = threads.submit(kitchen.tell, "ms:Locker", "subClassOf", "Cupboard")
         try:
             with pytest.raises(TimeoutError):
-                told.result(timeout=0.3)
+                assertion.result(timeout=0.3)
         finally:
             go_on.set()
-        assert "Locker" not in {local_name(row.cls) for row in asked.result(timeout=PATIENCE_S)}
-        assert told.result(timeout=PATIENCE_S)
+        assert "Locker" not in {local_name(row.cls) for row in question.result(timeout=PATIENCE_S)}
+        assert assertion.result(timeout=PATIENCE_S)
     assert "Locker" in {local_name(row.cls) for row in kitchen.ask("subclass_of", superclass="Cupboard")}
 
 
-def test_maps_are_loaded_while_others_ask(often: None, kitchen: KnowledgeBase, tmp_path: Path) -> None:
+def test_maps_are_loaded_during_concurrent_questions(often: None, kitchen: KnowledgeBase, tmp_path: Path) -> None:
     over = Event()
     with ThreadPoolExecutor(2) as threads:
         askers = [threads.submit(asking, kitchen, over) for _ in range(2)]
@@ -118,14 +116,14 @@ def test_maps_are_loaded_while_others_ask(often: None, kitchen: KnowledgeBase, t
         assert all(asker.result(timeout=PATIENCE_S) for asker in askers)
 
 
-def test_an_engine_that_takes_its_time_keeps_nobody_else_waiting(kitchen: KnowledgeBase) -> None:
-    with Simulation(kitchen, NullEngine()) as stage, ThreadPoolExecutor(2) as threads:
-        stage.spawn()
+def test_a_slow_engine_does_not_block_other_questions(kitchen: KnowledgeBase) -> None:
+    with Simulation(kitchen, NullEngine()) as sim, ThreadPoolExecutor(2) as threads:
+        sim.spawn()
         busy, free = Event(), Event()
-        held = threads.submit(stage.run_on_engine, lambda _: (busy.set(), free.wait(PATIENCE_S)), timeout_s=PATIENCE_S)
+        held = threads.submit(sim.run_on_engine, lambda _: (busy.set(), free.wait(PATIENCE_S)), timeout_s=PATIENCE_S)
         assert busy.wait(PATIENCE_S)
         try:
-            waiting = threads.submit(stage.ask, "openings", thing="fridge")
+            waiting = threads.submit(sim.ask, "openings", thing="fridge")
             assert kitchen.ask("storage_place", item="CowsMilk")
             assert kitchen.tell("KitchenTable", CONTAINER_FOR, "Robot")
             assert not waiting.done()

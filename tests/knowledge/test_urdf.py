@@ -1,4 +1,4 @@
-"""Robots' descriptions as maps: links, joints, meshes and macros, whole and broken."""
+"""Robot descriptions as maps: links, joints and meshes, valid and invalid."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from mindstage.knowledge import save_map
 from mindstage.knowledge.urdf import is_urdf
 from mindstage.scene import AxisMotion, BodyId, Mobility, PrimitiveType
 from mindstage.scene.transforms import rotation_matrix
+from tests.knowledge.dialect_maps import joint_range
 from tests.knowledge.maps import assert_worlds_equal, knowledge_base_from
-from tests.knowledge.other_maps import joint_range
-from tests.knowledge.small_robot import (
+from tests.knowledge.small_urdf import (
     KITCHEN_URDF,
     LoadedRobot,
     box_urdf,
@@ -35,10 +35,10 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "kitchen.urdf"
 
 
-# -- what is read ------------------------------------------------------------------------------------------------------
+# -- valid descriptions ------------------------------------------------------------------------------------------------
 
 
-def test_links_are_bodies_where_their_joints_put_them(file: Path) -> None:
+def test_links_are_bodies_at_the_poses_given_by_joints(file: Path) -> None:
     world = load_robot(file, KITCHEN_URDF).world
     assert (world.iri, world.name) == ("http://mindstage.org/urdf/kitchen.owl#kitchen", "kitchen")
     assert world.body("counter_main").pose.position == (1.0, 0.0, 0.45)
@@ -49,7 +49,7 @@ def test_links_are_bodies_where_their_joints_put_them(file: Path) -> None:
     assert world.body("world").size == (0.0, 0.0, 0.0)
 
 
-def test_forms_colors_and_masses_are_the_told_ones(file: Path) -> None:
+def test_shapes_colors_and_masses_are_read(file: Path) -> None:
     world = load_robot(file, KITCHEN_URDF).world
     handle, lamp = world.body("counter_drawer_handle"), world.body("lamp_42")
     assert handle.shape is not None
@@ -63,21 +63,21 @@ def test_forms_colors_and_masses_are_the_told_ones(file: Path) -> None:
     assert sum(mass or 0.0 for mass in pieces) == pytest.approx(60.0)
 
 
-def test_links_are_what_the_ends_of_their_names_say(file: Path) -> None:
+def test_classes_of_links_are_inferred_from_their_names(file: Path) -> None:
     loaded = load_robot(file, KITCHEN_URDF)
     classes = {body.id: body.cls.rpartition("#")[2] for body in loaded.world.bodies}
-    told = {
+    expected = {
         "counter_drawer_handle": "Handle",
         "counter_drawer_main": "Drawer",
         "fridge_door_link": "Door",
         "world": "Link",
     }
-    assert told.items() <= classes.items()
+    assert expected.items() <= classes.items()
     [assumed] = [each for each in loaded.knowledge.assumptions() if each.topic == "classes"]
     assert "counter_drawer_main is a Drawer" in assumed.evidence
 
 
-def test_joints_keep_their_axes_and_uneven_ranges(file: Path) -> None:
+def test_joints_keep_their_axes_and_asymmetric_ranges(file: Path) -> None:
     world = load_robot(file, KITCHEN_URDF).world
     drawer, door = sorted(world.joints, key=lambda each: each.id)
     assert (drawer.id, drawer.parent, drawer.child) == ("drawer_slide", "counter_main", "counter_drawer_main")
@@ -88,7 +88,7 @@ def test_joints_keep_their_axes_and_uneven_ranges(file: Path) -> None:
     np.testing.assert_allclose(rotation_matrix(door.pose.quaternion)[:, 0], (0, 0, -1), atol=1e-12)
 
 
-def test_what_no_joint_lets_move_is_fixed(file: Path) -> None:
+def test_links_without_a_movable_joint_are_static(file: Path) -> None:
     world = load_robot(file, KITCHEN_URDF).world
     dynamic = {body.id for body in world.bodies if body.physics.mobility is Mobility.DYNAMIC}
     assert dynamic == {"counter_drawer_main", "counter_drawer_handle", "fridge_door_link"}
@@ -103,7 +103,7 @@ def test_what_no_joint_lets_move_is_fixed(file: Path) -> None:
         ("floating", {"x", "y", "z", "twist", "swing1", "swing2"}),
     ],
 )
-def test_joints_without_limits_are_free_where_their_type_says(file: Path, type: str, free: set[str]) -> None:
+def test_joints_without_limits_are_free_according_to_their_type(file: Path, type: str, free: set[str]) -> None:
     text = robot_urdf(
         link_urdf("base", box_urdf("1 1 1")),
         link_urdf("wheel", box_urdf("1 1 1")),
@@ -115,14 +115,14 @@ def test_joints_without_limits_are_free_where_their_type_says(file: Path, type: 
     assert {axis for axis, motion in motions.items() if motion is AxisMotion.FREE} == free
 
 
-def test_a_joint_whose_range_leaves_out_zero_stands_at_its_nearer_end(file: Path) -> None:
+def test_a_joint_whose_range_excludes_zero_is_at_the_closest_limit(file: Path) -> None:
     slide = joint_urdf("j", "prismatic", "base", "arm", '<axis xyz="1 0 0"/>' + LIMIT.format("0.2", "0.5"))
     world = load_robot(file, robot_urdf(link_urdf("base"), link_urdf("arm", box_urdf("1 1 1")), slide)).world
     assert world.body("arm").pose.position == pytest.approx((0.2, 0.0, 0.0))
     assert joint_range(world.joints[0]) == pytest.approx((0.0, 0.3))
 
 
-def test_turns_are_about_fixed_axes_and_add_up_along_the_chain(file: Path) -> None:
+def test_rpy_angles_are_about_fixed_axes_and_compose_along_the_chain(file: Path) -> None:
     first = joint_urdf("a", "fixed", "base", "mid", xyz="1 0 0", rpy=f"0 0 {pi / 2}")
     text = robot_urdf(
         link_urdf("base"), link_urdf("mid"), link_urdf("tip", box_urdf("1 2 3", rpy=f"{pi / 2} 0 {pi / 2}")), first
@@ -134,7 +134,7 @@ def test_turns_are_about_fixed_axes_and_add_up_along_the_chain(file: Path) -> No
     np.testing.assert_allclose(rotation_matrix(tip.pose.quaternion), expected, atol=1e-12)
 
 
-def test_everything_comes_back_from_a_file_texts_and_all(file: Path, tmp_path: Path) -> None:
+def test_everything_survives_a_round_trip_including_xml(file: Path, tmp_path: Path) -> None:
     world = load_robot(file, KITCHEN_URDF).world
     save_map(world, tmp_path / "back.owl")
     assert_worlds_equal(world, knowledge_base_from(tmp_path / "back.owl", bundled_ontology=True).world())
@@ -142,7 +142,7 @@ def test_everything_comes_back_from_a_file_texts_and_all(file: Path, tmp_path: P
     assert 'damping="2.5"' in str(next(each.facts for each in world.joints if each.id == "drawer_slide"))
 
 
-def test_it_survives_ten_seconds_and_its_drawer_opens_one_way(file: Path) -> None:
+def test_it_is_stable_for_ten_seconds_and_its_drawer_opens_in_one_direction(file: Path) -> None:
     engine = MujocoEngine()
     assert engine.spawn(load_robot(file, KITCHEN_URDF).world).ok
     before = engine.poses()[1]
@@ -156,13 +156,13 @@ def test_it_survives_ten_seconds_and_its_drawer_opens_one_way(file: Path) -> Non
     engine.close()
 
 
-def test_questions_answer_over_a_description(file: Path) -> None:
+def test_questions_are_answered_from_a_description(file: Path) -> None:
     knowledge = load_robot(file, KITCHEN_URDF).knowledge
     answers = knowledge.ask("handle_of", individual="http://mindstage.org/urdf/kitchen.owl#counter_drawer_main")
     assert [row.handle.rpartition("#")[2] for row in answers] == ["counter_drawer_handle"]
 
 
-def test_a_name_with_strange_letters_is_still_a_name(file: Path, tmp_path: Path) -> None:
+def test_unusual_characters_in_names_are_escaped(file: Path, tmp_path: Path) -> None:
     world = load_robot(
         file, robot_urdf(link_urdf("left door <1>".replace("<", "&lt;").replace(">", "&gt;"), box_urdf("1 1 1")))
     ).world
@@ -175,11 +175,11 @@ def test_a_name_with_strange_letters_is_still_a_name(file: Path, tmp_path: Path)
 
 
 def mesh(name: str, *, scale: str = "", xyz: str = "0 0 0", role: str = "visual") -> str:
-    told = f'<mesh filename="{name}"{scale and f" scale={scale!r}"}/>'
-    return f'<{role}><origin xyz="{xyz}"/><geometry>{told}</geometry></{role}>'
+    geometry = f'<mesh filename="{name}"{scale and f" scale={scale!r}"}/>'
+    return f'<{role}><origin xyz="{xyz}"/><geometry>{geometry}</geometry></{role}>'
 
 
-def test_a_mesh_is_as_large_as_its_file_says(file: Path, tmp_path: Path) -> None:
+def test_the_size_of_a_mesh_is_read_from_its_file(file: Path, tmp_path: Path) -> None:
     meshes = tmp_path / "packages" / "kitchen_meshes" / "meshes"
     meshes.mkdir(parents=True)
     corners = [(0, 0, 0), (2, 0, 0), (0, 4, 6)]
@@ -199,19 +199,19 @@ def test_a_mesh_is_as_large_as_its_file_says(file: Path, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("name", ["package://../../etc/passwd", "http://example.org/cup.stl", "gone.stl", "cup.dae"])
-def test_a_mesh_that_is_not_at_hand_has_a_path_and_no_size(file: Path, name: str) -> None:
+def test_a_mesh_without_a_file_has_a_path_and_no_size(file: Path, name: str) -> None:
     [cup] = load_robot(file, robot_urdf(link_urdf("cup", mesh(name)))).world.bodies
     assert (cup.mesh, cup.size) == (name, None)
 
 
-def test_a_mesh_looks_like_itself_and_is_as_large_as_what_is_bumped_into(file: Path) -> None:
+def test_a_visual_mesh_takes_the_size_of_its_collision_geometry(file: Path) -> None:
     [cup] = load_robot(
         file, robot_urdf(link_urdf("cup", mesh("gone.dae"), box_urdf("1 2 3", role="collision")))
     ).world.bodies
     assert (cup.mesh, cup.size) == ("gone.dae", (1.0, 2.0, 3.0))
 
 
-# -- what makes no sense -----------------------------------------------------------------------------------------------
+# -- invalid descriptions ----------------------------------------------------------------------------------------------
 
 
 BASE = link_urdf("base", box_urdf("1 1 1"))
@@ -221,24 +221,28 @@ ARM = link_urdf("arm", box_urdf("1 1 1"))
 @pytest.mark.parametrize(
     ("elements", "whom", "found"),
     [
-        ((BASE, joint_urdf("j", "hinged", "base", "arm"), ARM), "j", "'hinged' is no type of joint"),
-        ((BASE, ARM, joint_urdf("j", "revolute", "base", "arm", LIMIT.format(2, 1))), "j", "the two change places"),
+        ((BASE, joint_urdf("j", "hinged", "base", "arm"), ARM), "j", "'hinged' is not a type of joint"),
+        ((BASE, ARM, joint_urdf("j", "revolute", "base", "arm", LIMIT.format(2, 1))), "j", "the two are swapped"),
         ((BASE, ARM, joint_urdf("j", "revolute", "base", "arm")), "j", "it has no limit"),
         ((BASE, ARM, joint_urdf("j", "prismatic", "base", "arm", '<axis xyz="0 0 0"/>')), "j", "its axis is 0 0 0"),
         ((BASE, ARM, joint_urdf("j", "fixed", "base", "arm", xyz="0 nan 0")), "j", "is not three finite numbers"),
-        ((BASE, ARM, joint_urdf("j", "fixed", "base", "leg")), "", "j: it joins leg, which is no link"),
+        ((BASE, ARM, joint_urdf("j", "fixed", "base", "leg")), "", "j: it joins leg, which is not a link"),
         ((BASE, ARM, joint_urdf("j", "fixed", "arm", "arm")), "", "j: it joins a link to itself"),
-        ((BASE, ARM, joint_urdf("j", "continuous", "base", "arm", '<mimic joint="k"/>')), "j", "it moves on its own"),
+        (
+            (BASE, ARM, joint_urdf("j", "continuous", "base", "arm", '<mimic joint="k"/>')),
+            "j",
+            "it moves independently",
+        ),
         ((BASE, BASE), "base", "its name is taken"),
         ((link_urdf("base", box_urdf("1 1")),), "base", "a box has no size"),
         ((link_urdf("base", box_urdf("1 1 -1")),), "base", "a box has no size"),
         ((link_urdf("base", "<visual><geometry/></visual>"),), "base", "has no box, cylinder, sphere or mesh"),
         ((link_urdf("base", '<inertial><mass value="-3"/></inertial>'),), "base", "its mass is -3 kg"),
-        ((BASE, ARM), "", "2 links hang on nothing"),
-        ((BASE, ARM, *(joint_urdf(n, "fixed", "base", "arm") for n in "jk")), "k", "arm already hangs on base"),
+        ((BASE, ARM), "", "2 links have no parent"),
+        ((BASE, ARM, *(joint_urdf(n, "fixed", "base", "arm") for n in "jk")), "k", "arm is already a child of base"),
     ],
 )
-def test_what_makes_no_sense_ends_in_a_finding(
+def test_invalid_elements_are_reported(
     file: Path, tmp_path: Path, elements: tuple[str, ...], whom: str, found: str
 ) -> None:
     loaded = load_robot(file, robot_urdf(*elements))
@@ -248,15 +252,15 @@ def test_what_makes_no_sense_ends_in_a_finding(
     assert_worlds_equal(loaded.world, knowledge_base_from(tmp_path / "back.owl", bundled_ontology=True).world())
 
 
-def test_links_in_a_circle_all_stand_somewhere(file: Path) -> None:
+def test_links_in_a_loop_have_poses(file: Path) -> None:
     circle = [joint_urdf(f"j{n}", "fixed", f"l{n}", f"l{(n + 1) % 3}", xyz="1 0 0") for n in range(3)]
     loaded = load_robot(file, robot_urdf(*(link_urdf(f"l{n}", box_urdf("1 1 1")) for n in range(3)), *circle))
     assert len(loaded.world.bodies) == 3
     assert len(loaded.world.attachments) == 2
-    assert "would hang on itself" in str(loaded.findings)
+    assert "would be its own ancestor" in str(loaded.findings)
 
 
-def test_a_chain_of_a_thousand_links_is_no_trouble(file: Path) -> None:
+def test_a_chain_of_a_thousand_links_is_read(file: Path) -> None:
     links = [link_urdf(f"l{n}", box_urdf("0.1 0.1 0.1")) for n in range(1000)]
     joints = [joint_urdf(f"j{n}", "fixed", f"l{n}", f"l{n + 1}", xyz="0.1 0 0") for n in range(999)]
     assert load_robot(file, robot_urdf(*links, *joints)).world.body("l999").pose.position == pytest.approx(
@@ -275,12 +279,12 @@ def test_a_chain_of_a_thousand_links_is_no_trouble(file: Path) -> None:
         (robot_urdf(BASE) + "<more/>", "not well-formed XML"),
     ],
 )
-def test_what_cannot_be_a_description_is_refused_with_its_cause(file: Path, text: str, cause: str) -> None:
+def test_an_invalid_file_is_refused_with_its_cause(file: Path, text: str, cause: str) -> None:
     with pytest.raises(SourceParseError, match=cause):
         load_robot(file, text)
 
 
-def test_a_description_is_known_by_its_outermost_element(tmp_path: Path) -> None:
+def test_a_description_is_recognized_by_its_root_element(tmp_path: Path) -> None:
     path = tmp_path / "map.owl"
     path.write_text(KITCHEN_URDF, encoding="utf-8")
     assert is_urdf(path)

@@ -1,4 +1,4 @@
-"""Where things are: in the bundled kitchen as it is told, and as an engine has it."""
+"""Spatial relations in the bundled kitchen, in the map and in an engine."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def kitchen() -> KnowledgeBase:
 
 
 @pytest.fixture
-def stage(kitchen: KnowledgeBase) -> Iterator[Simulation]:
-    with Simulation(kitchen, NullEngine()) as stage:
-        stage.spawn()
-        yield stage
+def sim(kitchen: KnowledgeBase) -> Iterator[Simulation]:
+    with Simulation(kitchen, NullEngine()) as sim:
+        sim.spawn()
+        yield sim
 
 
-def told(answerer: KnowledgeBase | Simulation, **args: object) -> set[tuple[str, str, str]]:
-    rows = answerer.ask(where_is, **args)
+def relations_of(source: KnowledgeBase | Simulation, **args: object) -> set[tuple[str, str, str]]:
+    rows = source.ask(where_is, **args)
     return {(local_name(row.thing), row.relation.value, local_name(row.other)) for row in rows}
 
 
@@ -72,8 +72,10 @@ def told(answerer: KnowledgeBase | Simulation, **args: object) -> set[tuple[str,
         ("hood", "above", "hob"),
     ],
 )
-def test_the_kitchen_is_as_people_would_say(kitchen: KnowledgeBase, thing: str, relation: str, other: str) -> None:
-    assert (thing, relation, other) in told(kitchen, thing=thing, other=other)
+def test_relations_in_the_kitchen_are_as_expected(
+    kitchen: KnowledgeBase, thing: str, relation: str, other: str
+) -> None:
+    assert (thing, relation, other) in relations_of(kitchen, thing=thing, other=other)
 
 
 @pytest.mark.parametrize(
@@ -91,11 +93,11 @@ def test_the_kitchen_is_as_people_would_say(kitchen: KnowledgeBase, thing: str, 
         ("plate_3", "inside", "table"),
     ],
 )
-def test_and_not_as_nobody_would(kitchen: KnowledgeBase, thing: str, relation: str, other: str) -> None:
-    assert (thing, relation, other) not in told(kitchen, thing=thing, other=other)
+def test_unexpected_relations_do_not_hold(kitchen: KnowledgeBase, thing: str, relation: str, other: str) -> None:
+    assert (thing, relation, other) not in relations_of(kitchen, thing=thing, other=other)
 
 
-def test_answers_come_thing_by_thing_the_nearest_of_a_kind_first(kitchen: KnowledgeBase) -> None:
+def test_answers_are_sorted_by_body_and_then_by_distance(kitchen: KnowledgeBase) -> None:
     rows = kitchen.ask(where_is, thing="milk_carton_1")
     kinds = list(SpatialRelation)
     assert [(kinds.index(row.relation), row.gap) for row in rows] == sorted(
@@ -105,13 +107,13 @@ def test_answers_come_thing_by_thing_the_nearest_of_a_kind_first(kitchen: Knowle
     assert [row.thing for row in everything] == sorted(row.thing for row in everything)
 
 
-def test_why_shows_the_numbers_and_who_says_so(kitchen: KnowledgeBase, stage: Simulation) -> None:
+def test_an_explanation_has_the_numbers_and_the_source(kitchen: KnowledgeBase, sim: Simulation) -> None:
     (inside,) = kitchen.ask(where_is, thing="milk_carton_1", relation="inside")
     assert kitchen.explain(where_is, inside) == (
         "100% of milk_carton_1 is in fridge, 0.048 m from its nearest side",
-        "as the map tells; no engine was asked",
+        "as the map has it; no simulation is running",
     )
-    (row,) = stage.ask(where_is, thing="milk_carton_1", relation="above", other="egg_box_1")
+    (row,) = sim.ask(where_is, thing="milk_carton_1", relation="above", other="egg_box_1")
     assert kitchen.explain(where_is, row) == (
         "0.31 m from the top of egg_box_1 up to milk_carton_1, which share 89% of the smaller footprint",
         "as null has it now",
@@ -122,7 +124,7 @@ def test_why_shows_the_numbers_and_who_says_so(kitchen: KnowledgeBase, stage: Si
     assert "0.028 m between milk_carton_1 and milk_carton_2" in kitchen.explain(where_is, row)[0]
 
 
-def test_answers_are_plain_values_for_other_programs(kitchen: KnowledgeBase) -> None:
+def test_answers_convert_to_plain_values(kitchen: KnowledgeBase) -> None:
     answers = kitchen.ask(where_is, thing="milk_carton_1", relation="inside")
     (answer,) = answers_to_builtins(kitchen, answers)["answers"]
     assert (answer["id"], answer["relation"], answer["gap"], answer["source"]) == ("fridge", "inside", 0.048, "map")
@@ -132,49 +134,49 @@ def test_answers_are_plain_values_for_other_programs(kitchen: KnowledgeBase) -> 
     assert "present" not in [each.name for each in where_is.arguments]
 
 
-def test_a_relation_that_is_none_gets_those_that_are(kitchen: KnowledgeBase) -> None:
+def test_an_unknown_relation_is_refused_with_the_known_ones(kitchen: KnowledgeBase) -> None:
     with pytest.raises(InvalidArgumentError, match="there is on, inside, above, below, next_to"):
         kitchen.ask(where_is, relation="beside")
 
 
-# -- as it is now ------------------------------------------------------------------------------------------------------
+# -- current state -----------------------------------------------------------------------------------------------------
 
 
-def test_what_was_moved_is_where_it_is_now_and_the_map_tells_what_it_told(stage: Simulation) -> None:
-    assert ("plate_3", "on", "table") in told(stage, thing="plate_3")
-    top = stage.knowledge.world().body("counter_right").pose.position
+def test_a_moved_body_has_its_current_relations_and_the_map_its_own(sim: Simulation) -> None:
+    assert ("plate_3", "on", "table") in relations_of(sim, thing="plate_3")
+    top = sim.knowledge.world().body("counter_right").pose.position
     x, y, z = top
-    stage.run_on_engine(lambda engine: engine.set_pose(BodyId("plate_3"), Pose((x, y, z + 0.032))))
-    assert ("plate_3", "on", "counter_right") in told(stage, thing="plate_3")
-    assert ("plate_3", "on", "table") not in told(stage, thing="plate_3")
-    assert ("plate_3", "on", "table") in told(stage.knowledge, thing="plate_3")
-    assert {row.source for row in stage.ask(where_is, thing="plate_3")} == {"null"}
+    sim.run_on_engine(lambda engine: engine.set_pose(BodyId("plate_3"), Pose((x, y, z + 0.032))))
+    assert ("plate_3", "on", "counter_right") in relations_of(sim, thing="plate_3")
+    assert ("plate_3", "on", "table") not in relations_of(sim, thing="plate_3")
+    assert ("plate_3", "on", "table") in relations_of(sim.knowledge, thing="plate_3")
+    assert {row.source for row in sim.ask(where_is, thing="plate_3")} == {"null"}
 
 
-def test_milk_that_falls_out_of_the_air_comes_to_rest_on_the_table(kitchen: KnowledgeBase) -> None:
-    with Simulation(kitchen, MujocoEngine()) as stage:
-        stage.spawn()
-        stage.run_on_engine(lambda engine: engine.set_pose(BodyId("milk_carton_1"), Pose((-0.1, -0.7, 0.9))))
-        assert ("milk_carton_1", "above", "table") in told(stage, thing="milk_carton_1")
-        stage.step(1.0)
-        assert ("milk_carton_1", "on", "table") in told(stage, thing="milk_carton_1")
-        assert ("milk_carton_1", "inside", "fridge") not in told(stage, thing="milk_carton_1")
+def test_falling_milk_comes_to_rest_on_the_table(kitchen: KnowledgeBase) -> None:
+    with Simulation(kitchen, MujocoEngine()) as sim:
+        sim.spawn()
+        sim.run_on_engine(lambda engine: engine.set_pose(BodyId("milk_carton_1"), Pose((-0.1, -0.7, 0.9))))
+        assert ("milk_carton_1", "above", "table") in relations_of(sim, thing="milk_carton_1")
+        sim.step(1.0)
+        assert ("milk_carton_1", "on", "table") in relations_of(sim, thing="milk_carton_1")
+        assert ("milk_carton_1", "inside", "fridge") not in relations_of(sim, thing="milk_carton_1")
 
 
-def test_a_deleted_thing_is_nowhere_and_a_spawned_one_is_known(stage: Simulation) -> None:
-    stage.run_on_engine(lambda engine: engine.delete([BodyId("milk_carton_1")]), edits=True)
-    answers = stage.ask(where_is, thing="milk_carton_1")
+def test_a_deleted_body_has_no_pose_and_a_spawned_one_has(sim: Simulation) -> None:
+    sim.run_on_engine(lambda engine: engine.delete([BodyId("milk_carton_1")]), edits=True)
+    answers = sim.ask(where_is, thing="milk_carton_1")
     assert not answers
-    assert "milk_carton_1 is nowhere" in answers.missing[0].reason
-    stage.spawn(world(body("parcel", (-0.1, -0.55, 0.85), (0.2, 0.2, 0.2), "dynamic")))
-    assert ("parcel", "on", "table") in told(stage, thing="parcel")
+    assert "milk_carton_1 has no pose" in answers.missing[0].reason
+    sim.spawn(world(body("parcel", (-0.1, -0.55, 0.85), (0.2, 0.2, 0.2), "dynamic")))
+    assert ("parcel", "on", "table") in relations_of(sim, thing="parcel")
     with pytest.raises(NameNotFoundError, match="parcel"):
-        stage.knowledge.ask(where_is, thing="parcel")
+        sim.knowledge.ask(where_is, thing="parcel")
     with pytest.raises(NameNotFoundError, match="parcel"):
-        stage.ask("handle_of", individual="parcel")
+        sim.ask("handle_of", individual="parcel")
 
 
-def test_maps_that_are_not_spawned_are_told_from_their_files(tmp_path: Path) -> None:
+def test_maps_that_are_not_spawned_are_read_from_their_files(tmp_path: Path) -> None:
     first, second = tmp_path / "room.ttl", tmp_path / "hall.ttl"
     size = "k:depthOfObject 1.0 ; k:widthOfObject 1.0 ; k:heightOfObject 1.0"
     for path, name in ((first, "room"), (second, "hall")):
@@ -182,18 +184,18 @@ def test_maps_that_are_not_spawned_are_told_from_their_files(tmp_path: Path) -> 
         text = room_map(*parts, map=name).replace("describedInMap :room", f"describedInMap :{name}")
         path.write_text(text, encoding="utf-8")
     kb = knowledge_base_from(first, second)
-    with Simulation(kb, NullEngine()) as stage:
-        stage.spawn("room")
-        rows = stage.ask(where_is, relation="on")
+    with Simulation(kb, NullEngine()) as sim:
+        sim.spawn("room")
+        rows = sim.ask(where_is, relation="on")
         sources = {(local_name(row.map), local_name(row.thing), row.source) for row in rows}
         assert sources == {("room", "room-2", "null"), ("hall", "hall-2", "map")}
-        assert {local_name(row.map) for row in stage.ask(where_is, map="hall")} == {"hall"}
-        stage.spawn("hall")
-        assert {row.source for row in stage.ask(where_is)} == {"null"}
-        assert {local_name(row.map) for row in stage.ask(where_is, thing="hall-2")} == {"hall"}
+        assert {local_name(row.map) for row in sim.ask(where_is, map="hall")} == {"hall"}
+        sim.spawn("hall")
+        assert {row.source for row in sim.ask(where_is)} == {"null"}
+        assert {local_name(row.map) for row in sim.ask(where_is, thing="hall-2")} == {"hall"}
 
 
-def test_an_engine_is_asked_once_and_only_if_it_matters(kitchen: KnowledgeBase) -> None:
+def test_the_engine_state_is_fetched_at_most_once(kitchen: KnowledgeBase) -> None:
     taken: list[WorldState] = []
 
     def take() -> WorldState:
@@ -206,18 +208,18 @@ def test_an_engine_is_asked_once_and_only_if_it_matters(kitchen: KnowledgeBase) 
     assert len(taken) == 1
 
 
-# -- what is missing ---------------------------------------------------------------------------------------------------
+# -- missing statements ------------------------------------------------------------------------------------------------
 
 
-def test_without_an_answer_it_says_what_nobody_told(tmp_path: Path) -> None:
+def test_a_missing_pose_or_size_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "room.ttl"
     lost = ":lost a owl:NamedIndividual, k:Cup ; k:describedInMap :room ."
     path.write_text(room_map(individual("sizeless"), lost), encoding="utf-8")
     kb = knowledge_base_from(path, bundled_ontology=True)
-    (lack,) = kb.ask(where_is, thing="sizeless").missing
-    assert (lack.cls, lack.property) == (KNOWROB + "Cup", KNOWROB + "depthOfObject")
-    assert lack.reason == "sizeless has no size: neither it nor Cup tells one"
-    (lack,) = kb.ask(where_is, other="lost", relation="on").missing
-    assert (lack.cls, lack.property) == (KNOWROB + "Cup", KNOWROB + "pose")
-    assert lack.reason.startswith("lost is nowhere")
-    assert ROOM_NAMESPACE + "lost" not in lack.reason
+    (missing,) = kb.ask(where_is, thing="sizeless").missing
+    assert (missing.cls, missing.property) == (KNOWROB + "Cup", KNOWROB + "depthOfObject")
+    assert missing.reason == "sizeless has no size: neither it nor Cup states one"
+    (missing,) = kb.ask(where_is, other="lost", relation="on").missing
+    assert (missing.cls, missing.property) == (KNOWROB + "Cup", KNOWROB + "pose")
+    assert missing.reason.startswith("lost has no pose")
+    assert ROOM_NAMESPACE + "lost" not in missing.reason

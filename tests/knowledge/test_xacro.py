@@ -1,4 +1,4 @@
-"""Descriptions written with macros."""
+"""Robot descriptions in xacro."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from mindstage.errors import SourceParseError
 from mindstage.knowledge.io.ros_packages import RosPackagePath
 from mindstage.knowledge.urdf.parse import expand_xacro
-from tests.knowledge.small_robot import LoadedRobot, box_urdf, link_urdf, load_robot, robot_urdf
+from tests.knowledge.small_urdf import LoadedRobot, box_urdf, link_urdf, load_robot, robot_urdf
 
 BASE = link_urdf("base", box_urdf("1 1 1"))
 
@@ -39,22 +39,22 @@ def test_macros_are_expanded_and_packages_found(tmp_path: Path) -> None:
     path.write_text(robot_urdf(include, extra_attributes=_XACRO), encoding="utf-8")
     world = LoadedRobot(path, ontologies=(tmp_path / "packages",)).world
     assert world.body("table").size == (0.5, 1.0, 1.0)
-    with pytest.raises(SourceParseError, match="no folder of packages has 'kitchen_parts'"):
+    with pytest.raises(SourceParseError, match="no package folder contains 'kitchen_parts'"):
         LoadedRobot(path)
 
 
-def test_macros_that_make_no_sense_are_refused(file: Path) -> None:
+def test_invalid_macros_are_refused(file: Path) -> None:
     with pytest.raises(SourceParseError, match="xacro cannot expand it"):
         load_robot(file, robot_urdf("<link name='${1/0}'/>", extra_attributes=_XACRO))
 
 
-def test_without_xacro_it_is_said_what_to_install(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_xacro_the_error_names_the_extra_to_install(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xacro", None)
     with pytest.raises(SourceParseError, match=r"pip install mindstage\[xacro\]"):
         load_robot(file, robot_urdf(BASE, extra_attributes=_XACRO))
 
 
-def test_macros_that_never_end_are_given_up(file: Path) -> None:
+def test_the_expansion_of_macros_has_a_time_limit(file: Path) -> None:
     file.write_text(robot_urdf("<link name='${9**9**9}'/>", extra_attributes=_XACRO), encoding="utf-8")
     with pytest.raises(SourceParseError, match="did not expand it within 2 s"):
         expand_xacro(file, RosPackagePath(), timeout_s=2.0)

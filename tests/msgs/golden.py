@@ -1,4 +1,4 @@
-"""The golden messages of `wire/`, for the tests of both rooms that read them."""
+"""The golden messages in `wire/`, as parameters of tests."""
 
 from __future__ import annotations
 

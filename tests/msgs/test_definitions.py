@@ -25,7 +25,7 @@ def classes(path: Path) -> tuple[Any, ...]:
     return found if isinstance(found, tuple) else (found,)
 
 
-# -- a parser of ROS ---------------------------------------------------------------------------------------------------
+# -- comparison with rosbags -------------------------------------------------------------------------------------------
 
 
 def parsed(text: str, name: str) -> tuple[dict[str, Any], dict[str, tuple[str, int | None]]]:

@@ -1,4 +1,4 @@
-"""The golden messages: what is read, how it is written, and what is refused where."""
+"""The golden messages: decoding, encoding and errors."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def as_json(value: object) -> Any:
 
 
 @each_case
-def test_a_golden_message_is_read_and_written_as_it_stands(case: dict[str, Any]) -> None:
+def test_a_golden_message_survives_a_round_trip(case: dict[str, Any]) -> None:
     message = decode(part_type(case), case["json"], strict=True)
     assert as_json(encode(message)) == case["json"]
 
 
 @each_case
-def test_every_spelling_is_the_same_message_and_only_one_is_written(case: dict[str, Any]) -> None:
+def test_every_format_is_decoded_to_the_same_message(case: dict[str, Any]) -> None:
     cls = part_type(case)
     message = decode(cls, case["json"])
     for other in [case.get("ros1", case["json"]), *case.get("also_read", [])]:
@@ -44,7 +44,7 @@ def test_every_spelling_is_the_same_message_and_only_one_is_written(case: dict[s
 
 
 @each_refused
-def test_what_is_no_such_message_is_refused_with_the_path(case: dict[str, Any]) -> None:
+def test_invalid_messages_are_rejected_with_the_path(case: dict[str, Any]) -> None:
     with pytest.raises(MessageValidationError) as refused:
         decode(part_type(case), case["json"], strict=case["mode"] == "strict")
     assert refused.value.path == case["path"]
@@ -53,7 +53,7 @@ def test_what_is_no_such_message_is_refused_with_the_path(case: dict[str, Any]) 
 
 
 @each_refused
-def test_what_only_leaves_something_out_is_refused_in_strict_mode_alone(case: dict[str, Any]) -> None:
+def test_missing_fields_are_rejected_in_strict_mode_only(case: dict[str, Any]) -> None:
     if case["mode"] == "strict":
         decode(part_type(case), case["json"])
     else:
@@ -61,7 +61,7 @@ def test_what_only_leaves_something_out_is_refused_in_strict_mode_alone(case: di
             decode(part_type(case), case["json"], strict=True)
 
 
-def test_both_halves_of_every_service_have_a_golden_message() -> None:
+def test_every_request_and_response_has_a_golden_message() -> None:
     shown = {(case.values[0]["type"], case.values[0]["part"]) for case in cases()}
     packages = (
         "world_control_msgs",
@@ -77,10 +77,10 @@ def test_both_halves_of_every_service_have_a_golden_message() -> None:
     assert {(name, part) for name in action_types() for part in ("goal", "result", "feedback")} <= shown
 
 
-# -- what the golden messages mean, written out ------------------------------------------------------------------------
+# -- expected values ---------------------------------------------------------------------------------------------------
 
 
-def test_a_pose_of_1_2_3_turned_by_30_degrees_has_four_named_numbers() -> None:
+def test_the_golden_pose_has_the_expected_values() -> None:
     (case,) = (case.values[0] for case in cases() if case.values[0]["name"] == "an asymmetric pose")
     assert decode(geometry_msgs.Pose, case["json"]) == geometry_msgs.Pose(
         position=geometry_msgs.Point(x=1.0, y=2.0, z=3.0),
@@ -88,7 +88,7 @@ def test_a_pose_of_1_2_3_turned_by_30_degrees_has_four_named_numbers() -> None:
     )
 
 
-def test_a_mug_to_be_spawned_is_the_mug_that_was_meant() -> None:
+def test_the_golden_mug_has_the_expected_values() -> None:
     (case,) = (case.values[0] for case in cases() if case.values[0]["name"] == "a mug")
     request = decode(world_control_msgs.SpawnModel.Request, case["json"], strict=True)
     assert request.id == "mug"
@@ -104,14 +104,14 @@ def test_a_mug_to_be_spawned_is_the_mug_that_was_meant() -> None:
     assert not request.parent_id
 
 
-def test_what_is_left_out_has_the_default_of_ros() -> None:
+def test_missing_fields_have_the_defaults_of_ros() -> None:
     request = decode(world_control_msgs.SpawnModel.Request, {"id": "mug"})
     assert request == world_control_msgs.SpawnModel.Request(id="mug")
     assert request.pose.orientation == geometry_msgs.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
     assert decode(std_msgs.Header, {}) == std_msgs.Header()
 
 
-def test_what_is_written_holds_every_field() -> None:
+def test_every_field_is_encoded() -> None:
     assert set(encode(world_control_msgs.SpawnModel.Request())) == set(
         world_control_msgs.SpawnModel.Request.__struct_fields__
     )

@@ -1,4 +1,4 @@
-"""Every type: found by its name, there and back for any value, and told as rosapi tells it."""
+"""Every message type: lookup by name, round trips of random values, and definitions as in rosapi."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from mindstage.msgs.base import FieldInfo, fields_of, struct_of
 
 EVERY_TYPE = [*message_types().values(), *chain(*service_types().values()), *chain(*action_types().values())]
 
-# -- any message of any type -------------------------------------------------------------------------------------------
+# -- random messages ---------------------------------------------------------------------------------------------------
 
 FLOAT32_MAX = 3.4028234663852886e38
 VALUES: dict[str, SearchStrategy[Any]] = {
@@ -78,12 +78,12 @@ def any_value(field: FieldInfo) -> SearchStrategy[Any]:
 @pytest.mark.parametrize("cls", EVERY_TYPE, ids=type_name)
 @settings(max_examples=5)
 @given(data=st.data())
-def test_any_message_comes_back_as_it_was(cls: Any, data: st.DataObject) -> None:
+def test_any_message_survives_a_round_trip(cls: Any, data: st.DataObject) -> None:
     message = data.draw(any_of(cls))
     for ros in RosVersion:
         written = json.loads(json.dumps(encode(message, ros=ros), allow_nan=False))
         back = decode(cls, written, strict=True)
-        # A field that only the other ROS has does not travel; all others do.
+        # A field of the other version of ROS is not sent; all others are.
         assert encode(back, ros=ros) == encode(message, ros=ros)
         assert back == message or any(type(part).only_in for part in parts_of(message))
 
@@ -99,14 +99,14 @@ def parts_of(message: Message) -> list[Message]:
 
 
 @pytest.mark.parametrize("cls", EVERY_TYPE, ids=type_name)
-def test_nothing_at_all_is_a_message_of_defaults_and_can_be_hashed(cls: Any) -> None:
-    given = {fields_of(cls)[-1].name: {}} if hasattr(cls, "__args__") else {}  # a goal on its topic has to be there
+def test_an_empty_object_is_a_message_of_defaults(cls: Any) -> None:
+    given = {fields_of(cls)[-1].name: {}} if hasattr(cls, "__args__") else {}  # the goal is required
     message = decode(cls, given)
     assert hash(message) == hash(decode(cls, given))
 
 
 @pytest.mark.parametrize("cls", EVERY_TYPE, ids=type_name)
-def test_every_wrong_type_and_every_unknown_field_is_refused_where_it_stands(cls: Any) -> None:
+def test_wrong_types_and_unknown_fields_are_rejected_with_the_path(cls: Any) -> None:
     with pytest.raises(MessageValidationError, match="no such field") as unknown:
         decode(cls, {"no such field": 1})
     assert unknown.value.path == "no such field"
@@ -119,7 +119,7 @@ def test_every_wrong_type_and_every_unknown_field_is_refused_where_it_stands(cls
 # -- names -------------------------------------------------------------------------------------------------------------
 
 
-def test_a_type_is_found_in_the_spelling_of_either_ros() -> None:
+def test_a_type_is_found_by_its_ros_1_and_ros_2_name() -> None:
     assert message_type("geometry_msgs/Pose") is message_type("geometry_msgs/msg/Pose") is geometry_msgs.Pose
     spawn = service_type("world_control_msgs/srv/SpawnModel")
     assert spawn == service_type("world_control_msgs/SpawnModel")
@@ -130,7 +130,7 @@ def test_a_type_is_found_in_the_spelling_of_either_ros() -> None:
     assert steps.feedback is simulation_interfaces.SimulateSteps.Feedback
 
 
-def test_rosapi_is_one_package_under_both_of_its_names() -> None:
+def test_rosapi_is_found_under_both_package_names() -> None:
     assert service_type("rosapi_msgs/srv/Topics") == service_type("rosapi/Topics")
 
 
@@ -140,7 +140,7 @@ def test_one_name_may_be_a_message_and_a_service() -> None:
     assert message_type("std_msgs/Empty") is not service_type("std_srvs/Empty").request
 
 
-def test_every_name_leads_to_its_type_and_back() -> None:
+def test_every_type_is_found_by_its_name() -> None:
     for name, cls in message_types().items():
         assert type_name(cls) == name
         topic = type_name(cls, RosVersion.TWO)
@@ -162,7 +162,7 @@ def test_every_name_leads_to_its_type_and_back() -> None:
     "name",
     ["geometry_msgs/Poze", "geometry_msgs/srv/Pose", "Pose", "", "geometry_msgs/msg/x/Pose", "/", "std_srvs/Empty"],
 )
-def test_an_unknown_message_is_an_error_that_says_what_is_near(name: str) -> None:
+def test_an_unknown_message_is_an_error_with_similar_names(name: str) -> None:
     with pytest.raises(TypeNotFoundError, match="no message type") as unknown:
         message_type(name)
     assert ("near" in str(unknown.value)) == bool(unknown.value.suggestions)
@@ -175,11 +175,11 @@ def test_an_unknown_service_or_action_is_an_error() -> None:
         action_type("geometry_msgs/Pose")
 
 
-# -- what cannot be written --------------------------------------------------------------------------------------------
+# -- invalid values ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("number", [nan, inf, -inf])
-def test_a_number_that_is_none_is_refused_both_ways(number: float) -> None:
+def test_numbers_that_are_not_finite_are_rejected(number: float) -> None:
     pose = geometry_msgs.Pose(position=geometry_msgs.Point(y=number))
     with pytest.raises(MessageValidationError, match=r"geometry_msgs/Pose: position\.y: expected a finite float64"):
         encode(pose)
@@ -187,7 +187,7 @@ def test_a_number_that_is_none_is_refused_both_ways(number: float) -> None:
         decode(geometry_msgs.Pose, {"position": {"y": number}})
 
 
-def test_what_is_written_is_held_to_its_type() -> None:
+def test_encoding_checks_the_types() -> None:
     with pytest.raises(MessageValidationError, match=r"name\[1\]: expected str, got int"):
         encode(sensor_msgs.JointState(name=("a", 7)))  # type: ignore[arg-type]
     goal = message_type("simulation_interfaces/SimulateStepsActionGoal")
@@ -196,7 +196,7 @@ def test_what_is_written_is_held_to_its_type() -> None:
         encode(struct_of(goal)(goal=steps))
 
 
-def test_numbers_of_numpy_are_numbers_and_what_is_none_is_refused() -> None:
+def test_numpy_numbers_are_encoded_and_other_objects_rejected() -> None:
     written = encode(geometry_msgs.Point(x=np.float64(1.5), y=np.float32(0.25), z=np.int64(2)))
     assert written == {"x": 1.5, "y": 0.25, "z": 2}
     assert [type(number) for number in written.values()] == [float, float, int]
@@ -204,12 +204,12 @@ def test_numbers_of_numpy_are_numbers_and_what_is_none_is_refused() -> None:
         encode(geometry_msgs.Point(x=object()))  # type: ignore[arg-type]
 
 
-def test_a_key_that_is_no_text_is_refused() -> None:
+def test_a_key_that_is_not_a_string_is_rejected() -> None:
     with pytest.raises(MessageValidationError, match="a key is not a string"):
         decode(std_msgs.Bool, {7: True})
 
 
-def test_byte_strings_are_base64_and_come_as_bytes_from_cbor() -> None:
+def test_byte_strings_are_base64_or_bytes() -> None:
     mesh = visualization_msgs.MeshFile(filename="cup.obj", data=b"v 0 0 0\n")
     assert encode(mesh)["data"] == "diAwIDAgMAo="
     assert decode(visualization_msgs.MeshFile, {"filename": "cup.obj", "data": b"v 0 0 0\n"}) == mesh
@@ -218,7 +218,7 @@ def test_byte_strings_are_base64_and_come_as_bytes_from_cbor() -> None:
 # -- arguments of a call -----------------------------------------------------------------------------------------------
 
 
-def test_a_call_may_name_its_arguments_or_have_them_in_order_or_have_none() -> None:
+def test_arguments_are_an_object_a_list_or_nothing() -> None:
     cls = world_control_msgs.AttachModelToParent.Request
     both = cls(parent_id="door", child_id="handle")
     assert decode_arguments(cls, {"parent_id": "door", "child_id": "handle"}) == both
@@ -227,7 +227,7 @@ def test_a_call_may_name_its_arguments_or_have_them_in_order_or_have_none() -> N
     assert decode_arguments(cls, None) == decode_arguments(cls, []) == cls()
 
 
-def test_arguments_in_order_are_checked_under_their_names() -> None:
+def test_errors_in_a_list_of_arguments_have_field_names() -> None:
     cls = world_control_msgs.AttachModelToParent.Request
     with pytest.raises(MessageValidationError, match="child_id: expected str, got int"):
         decode_arguments(cls, ["door", 7])
@@ -242,7 +242,7 @@ def test_arguments_in_order_are_checked_under_their_names() -> None:
 # -- time --------------------------------------------------------------------------------------------------------------
 
 
-def test_a_moment_is_whole_seconds_and_the_rest() -> None:
+def test_a_time_is_seconds_and_nanoseconds() -> None:
     assert builtin_interfaces.Time.at(12.5) == builtin_interfaces.Time(sec=12, nanosec=500_000_000)
     assert builtin_interfaces.Time.at(-0.25) == builtin_interfaces.Time(sec=-1, nanosec=750_000_000)
     assert builtin_interfaces.Time.at(0.9999999999) == builtin_interfaces.Time(sec=1, nanosec=0)
@@ -250,20 +250,20 @@ def test_a_moment_is_whole_seconds_and_the_rest() -> None:
     assert builtin_interfaces.Duration(sec=2, nanosec=250_000_000).seconds == 2.25
 
 
-def test_a_span_of_time_may_be_negative_in_both_parts_in_ros_1() -> None:
+def test_a_ros_1_duration_can_be_negative_in_both_parts() -> None:
     assert decode(builtin_interfaces.Duration, {"secs": -1, "nsecs": -500_000_000}).seconds == -1.5
 
 
 # -- definitions -------------------------------------------------------------------------------------------------------
 
 
-def test_a_definition_tells_fields_lengths_and_codes() -> None:
+def test_a_definition_has_fields_lengths_and_constants() -> None:
     first, *parts = type_definitions(visualization_msgs.Marker)
-    told = dict(zip(first.fieldnames, zip(first.fieldtypes, first.fieldarraylen, strict=True), strict=True))
+    definitions = dict(zip(first.fieldnames, zip(first.fieldtypes, first.fieldarraylen, strict=True), strict=True))
     assert first.type == "visualization_msgs/Marker"
-    assert told["type"] == ("int32", -1)
-    assert told["points"] == ("geometry_msgs/Point", 0)
-    assert told["lifetime"] == ("builtin_interfaces/Duration", -1)
+    assert definitions["type"] == ("int32", -1)
+    assert definitions["points"] == ("geometry_msgs/Point", 0)
+    assert definitions["lifetime"] == ("builtin_interfaces/Duration", -1)
     assert dict(zip(first.constnames, first.constvalues, strict=True))["TRIANGLE_LIST"] == "11"
     assert "MODIFY" in first.constnames
     names = [part.type for part in parts]
@@ -272,7 +272,7 @@ def test_a_definition_tells_fields_lengths_and_codes() -> None:
     assert type_definitions(geometry_msgs.PoseWithCovariance)[0].fieldarraylen == (-1, 36)
 
 
-def test_ros_1_is_told_its_own_fields_and_its_own_time() -> None:
+def test_ros_1_definitions_have_ros_1_fields() -> None:
     header, time = type_definitions(std_msgs.Header, ros=RosVersion.ONE)
     assert header.fieldnames == ("seq", "stamp", "frame_id")
     assert header.fieldtypes == ("uint32", "time", "string")
@@ -280,14 +280,14 @@ def test_ros_1_is_told_its_own_fields_and_its_own_time() -> None:
     assert "texture" not in type_definitions(visualization_msgs.Marker, ros=RosVersion.ONE)[0].fieldnames
 
 
-def test_the_parts_of_a_service_are_told_under_their_names() -> None:
+def test_the_parts_of_a_service_have_definitions() -> None:
     request = type_definitions(world_control_msgs.HighlightModel.Request)[0]
     assert request.type == "world_control_msgs/HighlightModel_Request"
     assert dict(zip(request.constnames, request.constvalues, strict=True))["YELLOW"] == "5"
     assert type_definitions(simulation_interfaces.Result)[0].constnames[1] == "RESULT_OK"
 
 
-def test_a_definition_as_text_is_what_msg_files_say() -> None:
+def test_a_definition_as_text_has_the_format_of_msg_files() -> None:
     rule = "=" * 80
     assert definition_text(diagnostic_msgs.DiagnosticStatus) == (
         "uint8 OK=0\nuint8 WARN=1\nuint8 ERROR=2\nuint8 STALE=3\n"
@@ -299,12 +299,12 @@ def test_a_definition_as_text_is_what_msg_files_say() -> None:
 
 
 @pytest.mark.parametrize("cls", EVERY_TYPE, ids=type_name)
-def test_every_type_has_a_definition_that_can_be_sent(cls: Any) -> None:
+def test_every_type_has_a_definition(cls: Any) -> None:
     for ros in RosVersion:
-        told = type_definitions(cls, ros=ros)
-        for definition in told:
+        definitions = type_definitions(cls, ros=ros)
+        for definition in definitions:
             assert len(definition.fieldnames) == len(definition.fieldtypes) == len(definition.examples)
             assert decode(type(definition), encode(definition), strict=True) == definition
-        inside = {name for definition in told for name in definition.fieldtypes}
-        assert inside <= {*(definition.type for definition in told), *VALUES}
-        assert definition_text(cls, ros=ros).count("MSG: ") <= len(told) - 1
+        inside = {name for definition in definitions for name in definition.fieldtypes}
+        assert inside <= {*(definition.type for definition in definitions), *VALUES}
+        assert definition_text(cls, ros=ros).count("MSG: ") <= len(definitions) - 1

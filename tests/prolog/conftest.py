@@ -1,4 +1,4 @@
-"""Consoles to ask: one kitchen that nobody changes, and fresh ones."""
+"""Fixtures: Prolog consoles of a shared, unchanged kitchen and of fresh ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mindstage.simulation import Simulation
 
 @pytest.fixture(scope="session")
 def prolog(swipl: Path) -> Path:
-    """SWI-Prolog, and what joins it to Python."""
+    """SWI-Prolog and pyswip."""
     if importlib.util.find_spec("pyswip") is None:
         reason = "pyswip is not installed (the extra prolog)"
         if os.environ.get("CI"):
@@ -28,37 +28,37 @@ def prolog(swipl: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def kitchen_knowledge() -> KnowledgeBase:
-    """What the bundled kitchen tells."""
+    """The knowledge base of the bundled kitchen."""
     knowledge = KnowledgeBase()
     knowledge.load(bundled_kitchen())
     return knowledge
 
 
 @pytest.fixture(scope="session")
-def kitchen_stage(kitchen_knowledge: KnowledgeBase) -> Iterator[Simulation]:
-    """A stage on which nobody spawns anything."""
-    with Simulation(kitchen_knowledge, NullEngine()) as stage:
-        yield stage
+def kitchen_simulation(kitchen_knowledge: KnowledgeBase) -> Iterator[Simulation]:
+    """An empty simulation that tests do not change."""
+    with Simulation(kitchen_knowledge, NullEngine()) as simulation:
+        yield simulation
 
 
 @pytest.fixture
-def kitchen(prolog: Path, kitchen_stage: Simulation) -> Iterator[PrologConsole]:
-    """A console to ask about the bundled kitchen; it is not to be changed."""
-    with PrologConsole(kitchen_stage) as console:
+def kitchen(prolog: Path, kitchen_simulation: Simulation) -> Iterator[PrologConsole]:
+    """A console of the bundled kitchen, which tests do not change."""
+    with PrologConsole(kitchen_simulation) as console:
         yield console
 
 
 @pytest.fixture
-def stage() -> Iterator[Simulation]:
-    """A kitchen to be changed."""
+def simulation() -> Iterator[Simulation]:
+    """A simulation of the kitchen that tests may change."""
     knowledge = KnowledgeBase()
     knowledge.load(bundled_kitchen())
-    with Simulation(knowledge, NullEngine()) as stage:
-        yield stage
+    with Simulation(knowledge, NullEngine()) as simulation:
+        yield simulation
 
 
 @pytest.fixture
-def console(prolog: Path, stage: Simulation) -> Iterator[PrologConsole]:
-    """A console whose knowledge and world may be changed."""
-    with PrologConsole(stage) as console:
+def console(prolog: Path, simulation: Simulation) -> Iterator[PrologConsole]:
+    """A console whose knowledge base and world tests may change."""
+    with PrologConsole(simulation) as console:
         yield console

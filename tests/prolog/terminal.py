@@ -1,4 +1,4 @@
-"""A terminal to type into: what is typed goes to a program, and what it shows can be waited for."""
+"""A pseudo-terminal with a program: sends input, and waits for output."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Terminal"]
 
 
 class Terminal:
-    """A program in a terminal of its own."""
+    """A program in a pseudo-terminal."""
 
     def __init__(self, command: Sequence[str], *, home: Path, timeout_s: float = 60.0) -> None:
         self.output = ""
@@ -31,7 +31,7 @@ class Terminal:
         os.write(self._screen, text.encode())
 
     def wait_for(self, pattern: str) -> None:
-        """Waits until what is shown from here on matches."""
+        """Waits until the output after the last match matches a pattern."""
         assert self._wait_match(pattern, within_s=self._timeout_s), f"no {pattern!r} in {self.output!r}"
 
     def _wait_match(self, pattern: str, *, within_s: float) -> bool:
@@ -43,7 +43,7 @@ class Terminal:
         return True
 
     def interrupt_until_end(self) -> None:
-        """Presses Ctrl-C until the program has ended: SWI-Prolog itself may miss one in the middle of writing."""
+        """Presses Ctrl-C until the program exits: SWI-Prolog may miss one while it writes."""
         deadline = time.monotonic() + self._timeout_s
         while time.monotonic() < deadline:
             self.type("\x03")
@@ -58,14 +58,14 @@ class Terminal:
         return False
 
     def wait_exit(self) -> int:
-        """Waits for the end of the program; its exit code."""
+        """Waits for the program to exit; returns its exit code."""
         deadline = time.monotonic() + self._timeout_s
         while self._read():
-            assert time.monotonic() < deadline, f"it does not end: {self.output!r}"
+            assert time.monotonic() < deadline, f"the program does not exit: {self.output!r}"
         return os.waitstatus_to_exitcode(os.waitpid(self._pid, 0)[1])
 
     def close(self) -> None:
-        """Ends the program, if it has not ended."""
+        """Kills the program if it is running."""
         try:
             os.kill(self._pid, signal.SIGKILL)
             os.waitpid(self._pid, 0)
@@ -74,13 +74,13 @@ class Terminal:
         os.close(self._screen)
 
     def _read(self) -> bool:
-        """Reads what there is within a moment; False when the program has closed its terminal."""
+        """Reads available output; False when the program has closed the terminal."""
         if not select.select([self._screen], [], [], 0.1)[0]:
             return True
         try:
             text = os.read(self._screen, 4096)
-        except OSError:  # how Linux says so
+        except OSError:  # raised by Linux at the end of the terminal
             return False
-        # Line editors move about; what matters is what they show.
+        # Escape sequences of line editors are removed.
         self.output += re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text.decode(errors="replace"))
         return bool(text)

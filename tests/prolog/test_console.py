@@ -1,4 +1,4 @@
-"""Prolog from Python: goals that end, each in one of three ways."""
+"""The Prolog console from Python: solutions, errors, time limits, threads and files."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ def test_solutions_come_in_prolog_s_order(kitchen: PrologConsole) -> None:
 def test_values_are_plain(value: str, expected: Any, kitchen: PrologConsole) -> None:
     (row,) = kitchen.solutions(f"X = {value}")
     if isinstance(row["X"], str) and row["X"].startswith("[a|_"):
-        row["X"] = "[a|_]"  # the rest has a number of its own
+        row["X"] = "[a|_]"  # the name of the variable differs
     assert row == {"X": expected}
 
 
-def test_no_more_are_sought_than_wanted(kitchen: PrologConsole) -> None:
+def test_the_number_of_solutions_is_limited(kitchen: PrologConsole) -> None:
     assert kitchen.solutions("between(1, inf, X)", limit=3) == [{"X": 1}, {"X": 2}, {"X": 3}]
 
 
 @pytest.mark.parametrize("goal", ["repeat, fail", "length(L, N), fail", "sleep(60)", "thread_get_message(never)"])
-def test_a_goal_ends_in_time(goal: str, kitchen: PrologConsole) -> None:
+def test_a_goal_has_a_time_limit(goal: str, kitchen: PrologConsole) -> None:
     with pytest.raises(PrologTimeoutError, match=r"did not end within 0\.2 s"):
         kitchen.solutions(goal, timeout_s=0.2)
     assert kitchen.holds("true")
@@ -66,14 +66,14 @@ def test_a_goal_ends_in_time(goal: str, kitchen: PrologConsole) -> None:
         ("X = f(X), highlight(X)", "acyclic"),
     ],
 )
-def test_an_error_is_told_as_prolog_tells_it(goal: str, message: str, kitchen: PrologConsole) -> None:
+def test_an_error_has_the_message_of_prolog(goal: str, message: str, kitchen: PrologConsole) -> None:
     with pytest.raises(PrologGoalError, match=message) as refused:
         kitchen.solutions(goal)
     assert refused.value.error_type == "prolog"
     assert kitchen.holds("true")
 
 
-def test_a_deep_term_is_refused_and_not_fatal(kitchen: PrologConsole) -> None:
+def test_a_deep_term_is_an_error(kitchen: PrologConsole) -> None:
     with pytest.raises(PrologGoalError, match="nested too deeply"):
         kitchen.solutions("numlist(1, 100000, L), foldl([_, A, f(A)]>>true, L, x, Deep), highlight(Deep)")
 
@@ -96,7 +96,7 @@ def test_ctrl_c_inside_python_ends_the_goal(kitchen: PrologConsole, monkeypatch:
         kitchen.holds("map_instance(_)")
 
 
-def test_other_threads_may_ask(kitchen: PrologConsole) -> None:
+def test_other_threads_may_query(kitchen: PrologConsole) -> None:
     answers: list[object] = []
     threads = [
         threading.Thread(target=lambda: answers.append(kitchen.solutions("handle_of(_, fridge_door, X)")))
@@ -110,22 +110,22 @@ def test_other_threads_may_ask(kitchen: PrologConsole) -> None:
     assert all(answer == answers[0] and answer for answer in answers)
 
 
-def test_prolog_s_own_threads_may_ask(kitchen: PrologConsole) -> None:
+def test_threads_of_prolog_may_query(kitchen: PrologConsole) -> None:
     assert kitchen.holds("concurrent_maplist([T]>>once(handle_of(_, T, _)), [fridge_door, oven_door, fridge])")
 
 
-def test_there_is_one_console_at_a_time(kitchen: PrologConsole, kitchen_stage: Simulation) -> None:
+def test_there_is_one_console_at_a_time(kitchen: PrologConsole, kitchen_simulation: Simulation) -> None:
     with pytest.raises(PrologUnavailableError, match="another console is open in this process; close it first"):
-        PrologConsole(kitchen_stage)
+        PrologConsole(kitchen_simulation)
     kitchen.close()
     kitchen.close()
-    with PrologConsole(kitchen_stage) as another:
+    with PrologConsole(kitchen_simulation) as another:
         assert another.holds("map_instance(_)")
 
 
 @pytest.mark.parametrize(("limit", "timeout_s"), [(0, 1.0), (1, 0.0), (1, float("inf")), (1, float("nan"))])
-def test_a_goal_needs_some_time_and_room(limit: int, timeout_s: float, kitchen: PrologConsole) -> None:
-    with pytest.raises(ValueError, match="at least one solution and some time"):
+def test_limits_must_be_positive_and_finite(limit: int, timeout_s: float, kitchen: PrologConsole) -> None:
+    with pytest.raises(ValueError, match="limit and timeout_s must be positive and finite"):
         kitchen.solutions("true", limit=limit, timeout_s=timeout_s)
 
 
@@ -141,12 +141,12 @@ def test_a_file_s_errors_are_counted(kitchen: PrologConsole, tmp_path: Path, cap
     assert kitchen.holds(f"unload_file('{file}')")
 
 
-def test_a_file_that_is_not_there_cannot_be_consulted(kitchen: PrologConsole) -> None:
+def test_a_missing_file_cannot_be_consulted(kitchen: PrologConsole) -> None:
     with pytest.raises(SourceParseError, match=r"nowhere\.pl: there is no such file"):
         kitchen.consult("nowhere.pl")
 
 
-def test_what_a_user_defines_comes_first(kitchen: PrologConsole, tmp_path: Path) -> None:
+def test_definitions_of_users_take_precedence(kitchen: PrologConsole, tmp_path: Path) -> None:
     file = tmp_path / "own.pl"
     file.write_text("siblings(tick, trick).\n", encoding="utf-8")
     assert kitchen.consult(file) == 0

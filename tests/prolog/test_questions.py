@@ -1,4 +1,4 @@
-"""Every declared question is a predicate, and it is real Prolog that asks them."""
+"""Every declared question is a predicate, with the semantics of Prolog."""
 
 from __future__ import annotations
 
@@ -53,11 +53,11 @@ def test_any_argument_may_be_bound_or_free(
 
 
 @pytest.mark.parametrize("goal", ["handle_of(_, milk_carton_1, _)", "handle_of(_, X, X)", "subclass_of('Box', 'Box')"])
-def test_what_is_not_so_is_false(goal: str, kitchen: PrologConsole) -> None:
+def test_a_goal_without_answers_fails(goal: str, kitchen: PrologConsole) -> None:
     assert kitchen.solutions(goal) == []
 
 
-def test_columns_that_are_no_arguments_may_be_given_as_well(kitchen: PrologConsole) -> None:
+def test_columns_that_are_no_arguments_may_be_bound(kitchen: PrologConsole) -> None:
     assert kitchen.holds("storage_place('Bread', knowrob:'Refrigerator', knowrob:'Perishable', 3)")
     assert not kitchen.holds("storage_place('Bread', knowrob:'Refrigerator', _, 0)")
     assert values(kitchen, "storage_place('Bread', X, _, _)") == [
@@ -86,7 +86,7 @@ def test_all_of_prolog_works_over_the_answers(goal: str, kitchen: PrologConsole)
     assert kitchen.holds(goal)
 
 
-def test_the_last_answer_leaves_nothing_to_try(kitchen: PrologConsole) -> None:
+def test_the_last_answer_leaves_no_choice_point(kitchen: PrologConsole) -> None:
     assert kitchen.holds("call_cleanup(handle_of(_, fridge_door, fridge_door_handle), Done = true), Done == true")
     assert values(kitchen, "findall(D, call_cleanup(storage_place('Bread', _), D = true), Ds), last(Ds, X)") == ["true"]
 
@@ -95,7 +95,7 @@ def test_the_last_answer_leaves_nothing_to_try(kitchen: PrologConsole) -> None:
 
 
 @pytest.mark.parametrize("name", ["'CowsMilk'", "knowrob:'CowsMilk'", f"'{KNOWROB}CowsMilk'", '"CowsMilk"'])
-def test_names_are_short_prefixed_or_whole(name: str, kitchen: PrologConsole) -> None:
+def test_names_are_local_names_prefixed_names_or_iris(name: str, kitchen: PrologConsole) -> None:
     assert values(kitchen, f"storage_place({name}, X)") == [f"{KNOWROB}Refrigerator"]
 
 
@@ -122,7 +122,7 @@ def test_users_may_add_prefixes(kitchen: PrologConsole) -> None:
     assert refused.value.error_type == "prefix_unknown"
 
 
-def test_a_name_that_nobody_knows_is_a_no_and_told_once(
+def test_an_unknown_name_fails_and_is_warned_about_once(
     kitchen: PrologConsole, capfd: pytest.CaptureFixture[str]
 ) -> None:
     assert not kitchen.holds("storage_place('CowsMilch', _)")
@@ -141,7 +141,7 @@ def test_a_name_that_nobody_knows_is_a_no_and_told_once(
         ("why(maps(_, _, _))", "argument_refused"),
     ],
 )
-def test_what_cannot_be_asked_is_an_error(goal: str, kind: str, kitchen: PrologConsole) -> None:
+def test_invalid_questions_are_errors(goal: str, kind: str, kitchen: PrologConsole) -> None:
     with pytest.raises(PrologGoalError) as refused:
         kitchen.solutions(goal)
     assert refused.value.error_type == kind
@@ -158,12 +158,12 @@ def test_the_questions_are_listed(kitchen: PrologConsole, capfd: pytest.CaptureF
     assert any(line.startswith("handle_of(Map, Individual, Handle)  ") for line in lines)
 
 
-def test_an_answer_explains_itself(kitchen: PrologConsole, capfd: pytest.CaptureFixture[str]) -> None:
+def test_why_prints_the_explanation(kitchen: PrologConsole, capfd: pytest.CaptureFixture[str]) -> None:
     assert kitchen.holds("why(handle_of(_, fridge_door, _))")
     assert "    fridge_door child fridge_door_handle\n" in capfd.readouterr().out
 
 
-def test_what_is_missing_is_told(kitchen: PrologConsole, capfd: pytest.CaptureFixture[str]) -> None:
+def test_missing_facts_are_printed(kitchen: PrologConsole, capfd: pytest.CaptureFixture[str]) -> None:
     assert not kitchen.holds("why(storage_place('Robot', _))")
     assert capfd.readouterr().out.startswith("missing: Robot has no container")
     assert values(kitchen, "missing(storage_place('Robot', _), X)")[0].startswith("Robot has no container")

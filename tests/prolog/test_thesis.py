@@ -22,8 +22,8 @@ def short(console: PrologConsole, goal: str, variable: str = "X") -> list[str]:
 
 def classes_of(console: PrologConsole, goal: str) -> list[str]:
     """The classes of the individuals that X stands for."""
-    told = f"{goal}, rdf(X, rdf:type, Class), \\+ rdf_global_id(owl:_, Class)"
-    return sorted(short(console, told, "Class"))
+    typed_goal = f"{goal}, rdf(X, rdf:type, Class), \\+ rdf_global_id(owl:_, Class)"
+    return sorted(short(console, typed_goal, "Class"))
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +31,8 @@ def laboratory(shared_data: Path) -> Iterator[Simulation]:
     knowledge = KnowledgeBase(bundled_ontology=False)
     maps = [shared_data / "maps" / f"iai-kitchen-{name}.owl" for name in ("original", "spawned")]
     knowledge.load(maps, ontologies=shared_data / "ontology")
-    with Simulation(knowledge, NullEngine()) as stage:
-        yield stage
+    with Simulation(knowledge, NullEngine()) as simulation:
+        yield simulation
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ def test_individuals_of_a_class_in_a_map(cls: str, number: int, thesis: PrologCo
     assert len(thesis.solutions(f"{ORIGINAL}, get_subclass_in_map(M, knowrob:'{cls}', X)")) == number
 
 
-def test_a_map_and_all_that_is_in_it(thesis: PrologConsole) -> None:
+def test_a_map_and_its_contents(thesis: PrologConsole) -> None:
     assert len(thesis.solutions("map_instance(M)")) == 2
     assert len(thesis.solutions(f"{ORIGINAL}, map_root_object(M, X)")) == 136
 
@@ -62,13 +62,13 @@ def test_the_table_of_the_two_maps(thesis: PrologConsole) -> None:
     assert rows == [{"C": 64, "I": 136, "O": 114, "J": 22, "R": 55}] * 2
 
 
-def test_milk_belongs_into_the_fridge(thesis: PrologConsole) -> None:
+def test_milk_is_stored_in_the_fridge(thesis: PrologConsole) -> None:
     assert "Refrigerator" in short(thesis, "likely_storage_place(knowrob:'CowsMilk', X)")
     found = f"{ORIGINAL}, likely_storage_place_in_environment(M, knowrob:'CowsMilk', X)"
     assert classes_of(thesis, found) == ["IAIFridgeCasing"]
 
 
-def test_what_actions_are_done_with(thesis: PrologConsole) -> None:
+def test_devices_for_actions(thesis: PrologConsole) -> None:
     assert short(thesis, "device_for_action(knowrob:'BakingFood', X)") == ["HeatSource"]
     assert short(thesis, "device_for_action(knowrob:'WashingDishesByMachine', X)") == ["Dishwasher"]
     devices = f"{ORIGINAL}, device_for_action_in_environment(M, knowrob:'BakingFood', X)"
@@ -76,7 +76,7 @@ def test_what_actions_are_done_with(thesis: PrologConsole) -> None:
 
 
 @pytest.mark.parametrize("cls", ["IAIFridgeDoor", "IAIOvenCase"])
-def test_the_handle_of_a_thing(cls: str, thesis: PrologConsole) -> None:
+def test_the_handle_of_an_individual(cls: str, thesis: PrologConsole) -> None:
     goal = f"{ORIGINAL}, get_subclass_in_map(M, knowrob:'{cls}', Thing), handle_of(M, Thing, X)"
     assert len(thesis.solutions(goal)) == 1
 
@@ -107,10 +107,12 @@ def test_the_maps_differ_in_what_the_thesis_did_not_compare(thesis: PrologConsol
         ("get_subclass_in_map(M, knowrob:'IAIFridgeDoor', Door), highlight_handle_of(M, Door)", 1),
     ],
 )
-def test_answers_are_lit_in_the_spawned_map(goal: str, number: int, prolog: Path, laboratory: Simulation) -> None:
-    with Simulation(laboratory.knowledge, NullEngine()) as stage, PrologConsole(stage) as console:
+def test_answers_are_highlighted_in_the_spawned_map(
+    goal: str, number: int, prolog: Path, laboratory: Simulation
+) -> None:
+    with Simulation(laboratory.knowledge, NullEngine()) as simulation, PrologConsole(simulation) as console:
         assert console.holds(f"{ORIGINAL}, spawn_semantic_map(M), {goal}")
-        assert len(stage.state.highlights) == number
+        assert len(simulation.state.highlights) == number
 
 
 # -- users' own rules --------------------------------------------------------------------------------------------------
@@ -123,7 +125,7 @@ def examiners(kitchen: PrologConsole) -> Iterator[PrologConsole]:
     assert kitchen.holds(f"unload_file('{EXAMINER}')")
 
 
-def test_who_works_together_comes_in_the_order_of_the_clauses(examiners: PrologConsole) -> None:
+def test_solutions_of_colleagues_are_in_the_order_of_clauses(examiners: PrologConsole) -> None:
     pairs = [(row["X"], row["Y"]) for row in examiners.solutions("work_together(X, Y)")]
     by_institute = "ada-carl ada-dora berta-emil carl-ada carl-dora dora-ada dora-carl emil-berta"
     assert pairs == [tuple(pair.split("-")) for pair in f"{by_institute} ada-dora berta-emil".split()]
@@ -131,14 +133,14 @@ def test_who_works_together_comes_in_the_order_of_the_clauses(examiners: PrologC
     assert not examiners.holds("work_together(ada, berta)")
 
 
-def test_examiners_come_in_the_order_of_the_clauses(examiners: PrologConsole) -> None:
+def test_examiners_are_in_the_order_of_clauses(examiners: PrologConsole) -> None:
     assert [row["X"] for row in examiners.solutions("examiner(dora, X)")] == ["ada", "berta"]
     assert [row["X"] for row in examiners.solutions("examiner(emil, X)")] == ["berta", "ada", "carl"]
     assert examiners.solutions("examiner(X, carl)", limit=1) == []
     assert examiners.solutions("member(X, [emil, dora]), \\+ examiner(X, carl)") == [{"X": "dora"}]
 
 
-def test_rules_of_a_user_s_file_may_ask_the_robot(examiners: PrologConsole) -> None:
+def test_rules_of_users_may_query_the_robot(examiners: PrologConsole) -> None:
     found = examiners.solutions("may_open(Person, Handle)")
     assert [row["Person"] for row in found] == ["ada", "berta", "carl"]
     assert {row["Handle"] for row in found} == {"http://mindstage.org/maps/kitchen.owl#fridge_door_handle"}

@@ -1,4 +1,4 @@
-"""A stage with a small kitchen and its face at a hub, and clients for it; all are closed afterwards."""
+"""A simulation with a small kitchen, its ROS interface at a local node, and clients; all are closed after the test."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.ros import RosInterface
 from mindstage.simulation import Simulation
-from tests.bridge.talking import TIMEOUT_S, RawClient
+from tests.bridge.raw_client import TIMEOUT_S, RawClient
 from tests.kitchenette import kitchenette
-from tests.ros.asking import Ask, Call, question_caller
+from tests.ros.ros_messages import Ask, Call, question_caller
 
 
 @pytest.fixture(scope="session")
@@ -26,61 +26,61 @@ def knowledge() -> Iterator[KnowledgeBase]:
 
 
 @pytest.fixture
-def empty_stage(knowledge: KnowledgeBase) -> Iterator[Simulation]:
-    with Simulation(knowledge, MujocoEngine()) as stage:
-        yield stage
+def empty_simulation(knowledge: KnowledgeBase) -> Iterator[Simulation]:
+    with Simulation(knowledge, MujocoEngine()) as simulation:
+        yield simulation
 
 
 @pytest.fixture
-def stage(empty_stage: Simulation) -> Simulation:
-    assert empty_stage.spawn(kitchenette()).ok
-    return empty_stage
+def simulation(empty_simulation: Simulation) -> Simulation:
+    assert empty_simulation.spawn(kitchenette()).ok
+    return empty_simulation
 
 
 @pytest.fixture
-def hub() -> Iterator[LocalNode]:
-    with LocalNode() as hub:
-        yield hub
+def local_node() -> Iterator[LocalNode]:
+    with LocalNode() as local_node:
+        yield local_node
 
 
 @pytest.fixture
-def server(hub: LocalNode) -> Iterator[RosbridgeServer]:
-    with RosbridgeServer(hub, port=0) as server:
+def server(local_node: LocalNode) -> Iterator[RosbridgeServer]:
+    with RosbridgeServer(local_node, port=0) as server:
         yield server
 
 
 @pytest.fixture
-def face(stage: Simulation, hub: LocalNode) -> Iterator[RosInterface]:
-    with RosInterface(stage, hub) as face:
-        yield face
+def ros_interface(simulation: Simulation, local_node: LocalNode) -> Iterator[RosInterface]:
+    with RosInterface(simulation, local_node) as ros_interface:
+        yield ros_interface
 
 
 @pytest.fixture
-def call(face: RosInterface, hub: LocalNode) -> Call:
-    """Calls a service under the namespace, or one from the root."""
+def call(ros_interface: RosInterface, local_node: LocalNode) -> Call:
+    """Calls a service in the namespace, or one with an absolute name."""
 
     def call(service: str, /, **args: Any) -> Any:
         place = service if service.startswith("/") else f"/unreal/{service}"
-        return hub.call_service(place, args, timeout_s=TIMEOUT_S)
+        return local_node.call_service(place, args, timeout_s=TIMEOUT_S)
 
     return call
 
 
 @pytest.fixture
 def ask(call: Call) -> Ask:
-    """Asks a question by its own service."""
+    """Calls the service of a question."""
     return question_caller(call)
 
 
 @pytest.fixture
-def client(server: RosbridgeServer, face: RosInterface) -> Iterator[RosbridgeClient]:
-    """Ours, over a socket."""
+def client(server: RosbridgeServer, ros_interface: RosInterface) -> Iterator[RosbridgeClient]:
+    """A client, over a socket."""
     with RosbridgeClient(server.url) as client:
         yield client.wait_connected(TIMEOUT_S)
 
 
 @pytest.fixture
-def talker(server: RosbridgeServer, face: RosInterface) -> Iterator[Callable[[], RawClient]]:
-    """Makes bare clients that say what they want."""
+def make_raw_client(server: RosbridgeServer, ros_interface: RosInterface) -> Iterator[Callable[[], RawClient]]:
+    """Creates raw clients."""
     with ExitStack() as stack:
         yield lambda: stack.enter_context(closing(RawClient(server.url)))

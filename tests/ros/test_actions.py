@@ -1,4 +1,4 @@
-"""Actions: what takes time tells how it goes, can be given up, and ends when nobody waits for it any more."""
+"""Actions: feedback, cancellation and the loss of the client, over rosbridge and actionlib."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.ros import RosInterface, RosVersion
 from mindstage.scene import NO_GEOMETRY, GeometryMap, World
 from mindstage.simulation import Simulation
-from tests.bridge.talking import TIMEOUT_S, RawClient, eventually
+from tests.bridge.raw_client import TIMEOUT_S, RawClient, eventually
 from tests.kitchenette import kitchenette
 
 STEPS = "/unreal/simulate_steps"
@@ -25,19 +25,19 @@ FOR_EVER = 10**9
 ACTIVE, PREEMPTED, SUCCEEDED, ABORTED, REJECTED = 1, 2, 3, 4, 5
 
 
-def stands_still(stage: Simulation) -> bool:
-    before = stage.state.time_s
+def stands_still(simulation: Simulation) -> bool:
+    before = simulation.state.time_s
     time.sleep(0.05)
-    return stage.state.time_s == before
+    return simulation.state.time_s == before
 
 
 @pytest.fixture
-def send(face: RosInterface, hub: LocalNode) -> Iterator[Callable[..., ClientGoalHandle]]:
+def send(ros_interface: RosInterface, local_node: LocalNode) -> Iterator[Callable[..., ClientGoalHandle]]:
     sent: list[ClientGoalHandle] = []
 
     def send(action: str, args: dict[str, Any], **options: Any) -> ClientGoalHandle:
         type = STEPS_TYPE if action == STEPS else "mindstage_msgs/Simulate"
-        sent.append(hub.send_goal(action, type, args, **options))
+        sent.append(local_node.send_goal(action, type, args, **options))
         return sent[-1]
 
     yield send
@@ -48,39 +48,41 @@ def send(face: RosInterface, hub: LocalNode) -> Iterator[Callable[..., ClientGoa
 # -- the way of ROS 2 --------------------------------------------------------------------------------------------------
 
 
-def test_steps_are_taken_and_told(send: Any, stage: Simulation) -> None:
-    told: list[Any] = []
-    before = stage.state.time_s
-    outcome = send(STEPS, {"steps": 500}, on_feedback=told.append).wait(TIMEOUT_S)
+def test_simulate_steps_sends_feedback(send: Any, simulation: Simulation) -> None:
+    feedback_values: list[Any] = []
+    before = simulation.state.time_s
+    outcome = send(STEPS, {"steps": 500}, on_feedback=feedback_values.append).wait(TIMEOUT_S)
     assert outcome.status is GoalStatus.SUCCEEDED
     assert outcome.values == {"result": {"result": 1, "error_message": ""}}
-    assert stage.state.time_s - before == pytest.approx(1.0)
-    assert told[0] == {"completed_steps": 0, "remaining_steps": 500}
-    assert told[-1] == {"completed_steps": 500, "remaining_steps": 0}
+    assert simulation.state.time_s - before == pytest.approx(1.0)
+    assert feedback_values[0] == {"completed_steps": 0, "remaining_steps": 500}
+    assert feedback_values[-1] == {"completed_steps": 500, "remaining_steps": 0}
 
 
-def test_seconds_pass_and_are_told(send: Any, stage: Simulation) -> None:
-    told: list[Any] = []
-    before = stage.state.time_s
-    outcome = send("/unreal/mindstage/simulate", {"duration_s": 0.55}, on_feedback=told.append).wait(TIMEOUT_S)
+def test_simulate_sends_feedback(send: Any, simulation: Simulation) -> None:
+    feedback_values: list[Any] = []
+    before = simulation.state.time_s
+    outcome = send("/unreal/mindstage/simulate", {"duration_s": 0.55}, on_feedback=feedback_values.append).wait(
+        TIMEOUT_S
+    )
     assert outcome.status is GoalStatus.SUCCEEDED
     assert outcome.values["time_s"] - before == pytest.approx(0.55, abs=2e-3)
-    assert told[0] == {"elapsed_s": 0.0, "remaining_s": 0.55}
+    assert feedback_values[0] == {"elapsed_s": 0.0, "remaining_s": 0.55}
 
 
-def test_a_goal_is_given_up_and_the_world_stands_still(send: Any, stage: Simulation) -> None:
-    told: list[Any] = []
-    goal = send(STEPS, {"steps": FOR_EVER}, on_feedback=told.append)
-    eventually(lambda: len(told) >= 2)
+def test_canceling_a_goal_stops_the_simulation(send: Any, simulation: Simulation) -> None:
+    feedback_values: list[Any] = []
+    goal = send(STEPS, {"steps": FOR_EVER}, on_feedback=feedback_values.append)
+    eventually(lambda: len(feedback_values) >= 2)
     goal.cancel()
     outcome = goal.wait(TIMEOUT_S)
     assert outcome.status is GoalStatus.CANCELED
-    assert outcome.values["result"] == {"result": 4, "error_message": "it was cancelled"}
-    assert stands_still(stage)
+    assert outcome.values["result"] == {"result": 4, "error_message": "it was canceled"}
+    assert stands_still(simulation)
 
 
-def test_feedback_comes_at_least_twice_a_second_by_the_clock_of_the_face(send: Any) -> None:
-    """Held by construction: what is told is due every 0.4 s; here it is only seen that it goes on and on."""
+def test_feedback_is_sent_at_least_twice_a_second(send: Any) -> None:
+    """The interval of 0.4 s is a constant; only the repetition is tested."""
     moments: list[float] = []
     goal = send(STEPS, {"steps": FOR_EVER}, on_feedback=lambda _: moments.append(time.monotonic()))
     eventually(lambda: len(moments) >= 4)
@@ -88,45 +90,47 @@ def test_feedback_comes_at_least_twice_a_second_by_the_clock_of_the_face(send: A
     assert goal.wait(TIMEOUT_S).status is GoalStatus.CANCELED
 
 
-def test_only_one_steps_at_a_time_and_none_while_it_plays(send: Any, stage: Simulation) -> None:
-    told: list[Any] = []
-    first = send(STEPS, {"steps": FOR_EVER}, on_feedback=told.append)
-    eventually(lambda: told)
+def test_stepping_is_exclusive_and_not_allowed_while_playing(send: Any, simulation: Simulation) -> None:
+    feedback_values: list[Any] = []
+    first = send(STEPS, {"steps": FOR_EVER}, on_feedback=feedback_values.append)
+    eventually(lambda: feedback_values)
     second = send(STEPS, {"steps": 1}).wait(TIMEOUT_S)
     assert second.status is GoalStatus.ABORTED
     assert second.values["result"]["result"] == 3
-    assert "somebody else is stepping it" in second.values["result"]["error_message"]
+    assert "another call is stepping it" in second.values["result"]["error_message"]
     first.cancel()
     first.wait(TIMEOUT_S)
-    stage.play()
+    simulation.play()
     assert send(STEPS, {"steps": 1}).wait(TIMEOUT_S).values["result"]["result"] == 3
 
 
-def test_a_goal_that_takes_too_long_ends(stage: Simulation) -> None:
-    with LocalNode() as hub, RosInterface(stage, hub, goal_timeout_s=0.2):
-        goal = hub.send_goal(STEPS, STEPS_TYPE, {"steps": FOR_EVER})
+def test_a_goal_times_out(simulation: Simulation) -> None:
+    with LocalNode() as local_node, RosInterface(simulation, local_node, goal_timeout_s=0.2):
+        goal = local_node.send_goal(STEPS, STEPS_TYPE, {"steps": FOR_EVER})
         with pytest.raises(Exception, match=r"within 0\.2 s"):
             goal.wait(TIMEOUT_S)
-        assert hub.call_service("/unreal/get_simulation_state")["result"]["result"] == 1
+        assert local_node.call_service("/unreal/get_simulation_state")["result"]["result"] == 1
 
 
-def test_a_goal_that_is_none_is_refused_with_the_path(send: Any) -> None:
+def test_an_invalid_goal_is_rejected_with_the_path(send: Any) -> None:
     with pytest.raises(Exception, match="steps: expected int, got str"):
         send(STEPS, {"steps": "many"}).wait(TIMEOUT_S)
 
 
-def test_a_goal_whose_client_vanished_is_cancelled(talker: Callable[[], RawClient], stage: Simulation) -> None:
-    client = talker()
+def test_a_goal_whose_client_disconnected_is_canceled(
+    make_raw_client: Callable[[], RawClient], simulation: Simulation
+) -> None:
+    client = make_raw_client()
     client.send_operation(
         op="send_action_goal", id="g", action=STEPS, action_type=STEPS_TYPE, args={"steps": FOR_EVER}, feedback=True
     )
     client.receive("action_feedback", id="g")
     client.kill()
-    eventually(lambda: stands_still(stage))
+    eventually(lambda: stands_still(simulation))
 
 
 class SlowEngine(NullEngine):
-    """Takes as long to spawn as a test wants."""
+    """Spawns only when the test allows it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -139,30 +143,32 @@ class SlowEngine(NullEngine):
         return super().spawn(world, geometry=geometry)
 
 
-def test_what_cannot_be_divided_is_told_of_too_and_undone_when_given_up(knowledge: KnowledgeBase) -> None:
+def test_spawning_sends_feedback_and_is_undone_when_canceled(knowledge: KnowledgeBase) -> None:
     engine = SlowEngine()
-    told: list[Any] = []
-    with Simulation(knowledge, engine) as stage, LocalNode() as hub, RosInterface(stage, hub):
+    feedback_values: list[Any] = []
+    with Simulation(knowledge, engine) as simulation, LocalNode() as local_node, RosInterface(simulation, local_node):
         goal = {"world": world_to_json(kitchenette())}
-        sent = hub.send_goal("/unreal/mindstage/spawn_map", "mindstage_msgs/SpawnMap", goal, on_feedback=told.append)
+        sent = local_node.send_goal(
+            "/unreal/mindstage/spawn_map", "mindstage_msgs/SpawnMap", goal, on_feedback=feedback_values.append
+        )
         assert engine.spawning.wait(TIMEOUT_S)
-        eventually(lambda: sum(each["phase"] == "spawning" for each in told) >= 3)
+        eventually(lambda: sum(each["phase"] == "spawning" for each in feedback_values) >= 3)
         sent.cancel()
         engine.go_on.set()
         assert sent.wait(TIMEOUT_S).status is GoalStatus.CANCELED
-        assert stage.state.ids == ()
+        assert simulation.state.ids == ()
 
 
 # -- the five topics of ROS 1 ------------------------------------------------------------------------------------------
 
 
 class Actionlib:
-    """An action's client by hand: what it hears on three topics, and what it says on two."""
+    """A client of actionlib: subscribes to three topics and publishes on two."""
 
     def __init__(self, client: RosbridgeClient, name: str, type: str) -> None:
         self.client, self.name, self.type = client, name, type
-        self.heard: dict[str, list[Any]] = {"status": [], "feedback": [], "result": []}
-        for topic, messages in self.heard.items():
+        self.received: dict[str, list[Any]] = {"status": [], "feedback": [], "result": []}
+        for topic, messages in self.received.items():
             client.subscribe(f"{name}/{topic}", messages.append)
 
     def send(self, id: str, goal: Any, **more: Any) -> None:
@@ -173,12 +179,12 @@ class Actionlib:
         self.client.publish(f"{self.name}/cancel", "actionlib_msgs/GoalID", goal_id)
 
     def ended(self, id: str) -> Any:
-        """The result of a goal, when it is there."""
-        eventually(lambda: any(each["status"]["goal_id"]["id"] == id for each in self.heard["result"]))
-        return next(each for each in self.heard["result"] if each["status"]["goal_id"]["id"] == id)
+        """Waits for the result of a goal."""
+        eventually(lambda: any(each["status"]["goal_id"]["id"] == id for each in self.received["result"]))
+        return next(each for each in self.received["result"] if each["status"]["goal_id"]["id"] == id)
 
-    def is_told_of(self, id: str) -> bool:
-        return any(each["status"]["goal_id"]["id"] == id for each in self.heard["feedback"])
+    def has_feedback(self, id: str) -> bool:
+        return any(each["status"]["goal_id"]["id"] == id for each in self.received["feedback"])
 
 
 @pytest.fixture
@@ -188,42 +194,42 @@ def actionlib(client: RosbridgeClient) -> Iterator[Actionlib]:
     actionlib.cancel()
 
 
-def test_a_goal_by_topics_is_reached(actionlib: Actionlib, stage: Simulation) -> None:
-    before = stage.state.time_s
+def test_an_actionlib_goal_succeeds(actionlib: Actionlib, simulation: Simulation) -> None:
+    before = simulation.state.time_s
     actionlib.send("one", {"steps": 100})
     result = actionlib.ended("one")
     assert result["status"]["status"] == SUCCEEDED
     assert result["result"] == {"result": {"result": 1, "error_message": ""}}
-    assert stage.state.time_s - before == pytest.approx(0.2)
-    assert actionlib.is_told_of("one")
+    assert simulation.state.time_s - before == pytest.approx(0.2)
+    assert actionlib.has_feedback("one")
     eventually(lambda: any(
         each["goal_id"]["id"] == "one" and each["status"] == SUCCEEDED
-        for message in actionlib.heard["status"] for each in message["status_list"]
+        for message in actionlib.received["status"] for each in message["status_list"]
     ))  # fmt: skip
 
 
-def test_a_goal_by_topics_is_given_up_by_its_id_by_its_time_or_with_all_others(actionlib: Actionlib) -> None:
+def test_actionlib_goals_are_canceled_by_id_by_time_or_all(actionlib: Actionlib) -> None:
     for number, cancel in enumerate(({"id": "goal-0"}, {"stamp": {"sec": 100, "nanosec": 0}}, {})):
         name = f"goal-{number}"
         actionlib.send(name, {"steps": FOR_EVER}, stamp={"sec": 99, "nanosec": 0})
-        eventually(lambda name=name: actionlib.is_told_of(name))
+        eventually(lambda name=name: actionlib.has_feedback(name))
         actionlib.cancel(id="another")
         actionlib.cancel(**cancel)
         assert actionlib.ended(name)["status"]["status"] == PREEMPTED
 
 
-def test_a_goal_that_comes_twice_is_one(actionlib: Actionlib, stage: Simulation) -> None:
-    before = stage.state.time_s
+def test_a_duplicate_actionlib_goal_is_ignored(actionlib: Actionlib, simulation: Simulation) -> None:
+    before = simulation.state.time_s
     for _ in range(2):
         actionlib.send("twice", {"steps": 100})
     actionlib.ended("twice")
     actionlib.send("then", {"steps": 0})
     actionlib.ended("then")
-    assert stage.state.time_s - before == pytest.approx(0.2)
-    assert len(actionlib.heard["result"]) == 2
+    assert simulation.state.time_s - before == pytest.approx(0.2)
+    assert len(actionlib.received["result"]) == 2
 
 
-def test_a_goal_by_topics_that_is_none_is_rejected_with_the_path(actionlib: Actionlib) -> None:
+def test_an_invalid_actionlib_goal_is_rejected_with_the_path(actionlib: Actionlib) -> None:
     actionlib.send("bad", {"steps": "many"})
     status = actionlib.ended("bad")["status"]
     assert status["status"] == REJECTED
@@ -232,40 +238,40 @@ def test_a_goal_by_topics_that_is_none_is_rejected_with_the_path(actionlib: Acti
     assert actionlib.ended("good")["status"]["status"] == SUCCEEDED
 
 
-def test_a_cancel_by_topics_that_is_none_is_told_on_the_diagnostics(
+def test_an_invalid_actionlib_cancel_is_published_on_the_diagnostics(
     actionlib: Actionlib, client: RosbridgeClient
 ) -> None:
-    told: list[Any] = []
-    client.subscribe("/mindstage/diagnostics", told.append)
-    eventually(lambda: actionlib.cancel(which="all") or told)
-    assert "which: actionlib_msgs/GoalID has no such field" in told[0]["status"][0]["message"]
+    feedback_values: list[Any] = []
+    client.subscribe("/mindstage/diagnostics", feedback_values.append)
+    eventually(lambda: actionlib.cancel(which="all") or feedback_values)
+    assert "which: actionlib_msgs/GoalID has no such field" in feedback_values[0]["status"][0]["message"]
 
 
-def test_goals_by_topics_are_only_so_many_under_way_and_told_of(actionlib: Actionlib) -> None:
+def test_the_number_of_actionlib_goals_is_limited(actionlib: Actionlib) -> None:
     for number in range(100):
         actionlib.send(f"quick-{number}", {"steps": 0})
         actionlib.ended(f"quick-{number}")
-    eventually(lambda: any("quick-99" in str(each) for each in actionlib.heard["status"]))
-    assert max(len(each["status_list"]) for each in actionlib.heard["status"]) <= 64
+    eventually(lambda: any("quick-99" in str(each) for each in actionlib.received["status"]))
+    assert max(len(each["status_list"]) for each in actionlib.received["status"]) <= 64
 
 
-def test_a_goal_by_topics_whose_client_vanished_is_cancelled_although_others_listen(
-    face: RosInterface, server: RosbridgeServer, stage: Simulation, client: RosbridgeClient
+def test_an_actionlib_goal_whose_client_disconnected_is_canceled(
+    ros_interface: RosInterface, server: RosbridgeServer, simulation: Simulation, client: RosbridgeClient
 ) -> None:
     bystander = Actionlib(client, STEPS, STEPS_TYPE)
     with RosbridgeClient(server.url) as leaving:
         lost = Actionlib(leaving.wait_connected(TIMEOUT_S), STEPS, STEPS_TYPE)
         lost.send("lost", {"steps": FOR_EVER})
-        eventually(lambda: lost.is_told_of("lost"))
+        eventually(lambda: lost.has_feedback("lost"))
     assert bystander.ended("lost")["status"]["status"] == PREEMPTED
-    assert stands_still(stage)
+    assert stands_still(simulation)
 
 
-def test_ros_1_reads_its_own_spelling(stage: Simulation) -> None:
+def test_ros_1_clients_receive_ros_1_fields(simulation: Simulation) -> None:
     with (
-        LocalNode() as hub,
-        RosbridgeServer(hub, port=0) as server,
-        RosInterface(stage, hub, ros=RosVersion.ONE),
+        LocalNode() as local_node,
+        RosbridgeServer(local_node, port=0) as server,
+        RosInterface(simulation, local_node, ros=RosVersion.ONE),
         RosbridgeClient(server.url) as client,
     ):
         actionlib = Actionlib(client.wait_connected(TIMEOUT_S), STEPS, STEPS_TYPE)

@@ -1,4 +1,4 @@
-"""Rosapi: tools that look around find everything, with its types."""
+"""Rosapi: topics, services, nodes and types as introspection tools read them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from mindstage.bridge import LocalNode
 from mindstage.errors import ServiceCallError
 from mindstage.ros import RosInterface
-from tests.ros.asking import Call
+from tests.ros.ros_messages import Call
 
 
 def test_topics_services_and_actions_are_listed_with_their_types(call: Call) -> None:
@@ -28,8 +28,8 @@ def test_topics_services_and_actions_are_listed_with_their_types(call: Call) -> 
     assert action == {"type": "simulation_interfaces/action/SimulateSteps"}
 
 
-def test_who_is_at_the_ends_is_told(call: Call, hub: LocalNode) -> None:
-    hub.subscribe("/tf", lambda _: None)
+def test_publishers_and_subscribers_are_listed(call: Call, local_node: LocalNode) -> None:
+    local_node.subscribe("/tf", lambda _: None)
     assert call("/rosapi/nodes") == {"nodes": ["/mindstage"]}
     assert call("/rosapi/publishers", topic="/tf") == {"publishers": ["/mindstage"]}
     assert call("/rosapi/subscribers", topic="/tf") == {"subscribers": ["/mindstage"]}
@@ -42,7 +42,7 @@ def test_who_is_at_the_ends_is_told(call: Call, hub: LocalNode) -> None:
     assert "/unreal/spawn_model" in details["services"]
 
 
-def test_types_are_told_down_to_their_primitives(call: Call) -> None:
+def test_type_definitions_are_complete(call: Call) -> None:
     first, *parts = call("/rosapi/message_details", type="geometry_msgs/Pose")["typedefs"]
     assert (first["type"], first["fieldnames"]) == ("geometry_msgs/Pose", ["position", "orientation"])
     assert {part["type"] for part in parts} == {"geometry_msgs/Point", "geometry_msgs/Quaternion"}
@@ -54,18 +54,18 @@ def test_types_are_told_down_to_their_primitives(call: Call) -> None:
         call("/rosapi/message_details", type="geometry_msgs/Pos")
 
 
-def test_what_a_viewer_needs_before_it_subscribes_is_all_in_one(call: Call, hub: LocalNode) -> None:
-    hub.advertise("/theirs", "their_msgs/Thing")
-    told = call("/rosapi/topics_and_raw_types")
-    texts = dict(zip(told["topics"], told["typedefs_full_text"], strict=True))
+def test_topics_and_raw_types_are_returned_together(call: Call, local_node: LocalNode) -> None:
+    local_node.advertise("/theirs", "their_msgs/Thing")
+    response = call("/rosapi/topics_and_raw_types")
+    texts = dict(zip(response["topics"], response["typedefs_full_text"], strict=True))
     assert "geometry_msgs/TransformStamped[] transforms" in texts["/tf"]
     assert "MSG: geometry_msgs/Vector3" in texts["/tf"]
     assert texts["/theirs"] == ""
 
 
-def test_the_rest_of_what_clients_ask_has_an_answer(call: Call, face: RosInterface) -> None:
+def test_the_other_services_respond(call: Call, ros_interface: RosInterface) -> None:
     assert call("/rosapi/get_time")["time"] == {"sec": 0, "nanosec": 0}
-    face.simulation.step(1.5)
+    ros_interface.simulation.step(1.5)
     assert call("/rosapi/get_time")["time"] == {"sec": 1, "nanosec": 500_000_000}
     assert call("/rosapi/get_ros_version")["version"] == 2
     assert "geometry_msgs/Pose" in call("/rosapi/interfaces")["interfaces"]

@@ -1,4 +1,4 @@
-"""roslibpy, a client that is not ours: it calls every kind of service of a stage, listens, and gives goals up."""
+"""roslibpy as a client of a simulation: services, topics and actions."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import encode
 from mindstage.ros import RosInterface, RosVersion
 from mindstage.simulation import Simulation
-from tests.bridge.talking import TIMEOUT_S, eventually
-from tests.ros.asking import TURNED, pose_message, position_of
+from tests.bridge.raw_client import TIMEOUT_S, eventually
+from tests.ros.ros_messages import TURNED, pose_message, position_of
 
 FOR_EVER = 10**9
 Reach = Callable[..., Any]
@@ -37,13 +37,13 @@ def call(ros: roslibpy.Ros, name: str, type: str, /, **args: Any) -> dict[str, A
     return dict(service.call(roslibpy.ServiceRequest(args), timeout=TIMEOUT_S))
 
 
-def test_it_spawns_the_kitchen_and_uses_every_service_on_it(
-    ros: roslibpy.Ros, empty_stage: Simulation, hub: LocalNode, knowledge: KnowledgeBase
+def test_roslibpy_uses_every_service(
+    ros: roslibpy.Ros, empty_simulation: Simulation, local_node: LocalNode, knowledge: KnowledgeBase
 ) -> None:
     def world(name: str, /, **args: Any) -> dict[str, Any]:
         return call(ros, f"/unreal/{name}", f"world_control_msgs/{name}", **args)
 
-    with RosInterface(empty_stage, hub):
+    with RosInterface(empty_simulation, local_node):
         assert world("spawn_semantic_map", **encode(spawn_request(knowledge.world())))["success"]
         pose = pose_message(1, 2, 3, TURNED)
         assert world("spawn_model", name="Cup", id="cup", pose=pose)["success"]
@@ -79,7 +79,7 @@ def test_it_spawns_the_kitchen_and_uses_every_service_on_it(
         assert json.loads(answers)["answers"][0]["id"] == "Refrigerator"
 
 
-def test_it_looks_around(ros: roslibpy.Ros, face: RosInterface) -> None:
+def test_roslibpy_lists_the_graph(ros: roslibpy.Ros, ros_interface: RosInterface) -> None:
     assert "/unreal/spawn_model" in ros.get_services()
     assert "/tf" in ros.get_topics()
     assert ros.get_topic_type("/tf") == "tf2_msgs/msg/TFMessage"
@@ -87,7 +87,7 @@ def test_it_looks_around(ros: roslibpy.Ros, face: RosInterface) -> None:
     assert "/mindstage" in ros.get_nodes()
 
 
-def test_it_tells_the_three_ends_apart(ros: roslibpy.Ros, face: RosInterface) -> None:
+def test_roslibpy_distinguishes_success_rejection_and_failure(ros: roslibpy.Ros, ros_interface: RosInterface) -> None:
     type = "world_control_msgs/GetModelPose"
     assert call(ros, "/unreal/get_model_pose", type, id="Mug")["success"] is True
     assert call(ros, "/unreal/get_model_pose", type, id="nobody")["success"] is False
@@ -97,41 +97,45 @@ def test_it_tells_the_three_ends_apart(ros: roslibpy.Ros, face: RosInterface) ->
         call(ros, "/unreal/nothing", type)
 
 
-def test_it_listens_to_transforms_and_is_heard(ros: roslibpy.Ros, face: RosInterface, stage: Simulation) -> None:
-    heard: list[Any] = []
-    roslibpy.Topic(ros, "/tf", "tf2_msgs/TFMessage").subscribe(heard.append)
-    stage.play()
-    eventually(lambda: len(heard) >= 5)
-    assert {each["child_frame_id"] for each in heard[-1]["transforms"]} == set(stage.state.ids)
+def test_roslibpy_subscribes_and_publishes(
+    ros: roslibpy.Ros, ros_interface: RosInterface, simulation: Simulation
+) -> None:
+    received: list[Any] = []
+    roslibpy.Topic(ros, "/tf", "tf2_msgs/TFMessage").subscribe(received.append)
+    simulation.play()
+    eventually(lambda: len(received) >= 5)
+    assert {each["child_frame_id"] for each in received[-1]["transforms"]} == set(simulation.state.ids)
     highlight = roslibpy.Topic(ros, "/unreal/highlight", "mindstage_msgs/LitBodies")
     highlight.publish(roslibpy.Message({"ids": ["Mug"], "color": {"r": 1.0, "g": 0.0, "b": 0.0, "a": 1.0}}))
-    eventually(lambda: "Mug" in stage.state.highlights)
+    eventually(lambda: "Mug" in simulation.state.highlights)
 
 
-def test_it_gives_up_a_goal_the_way_of_ros_2(ros: roslibpy.Ros, face: RosInterface) -> None:
+def test_roslibpy_cancels_a_ros_2_goal(ros: roslibpy.Ros, ros_interface: RosInterface) -> None:
     client = roslibpy.ActionClient(ros, "/unreal/simulate_steps", "simulation_interfaces/SimulateSteps")
     results: list[Any] = []
-    told = threading.Event()
-    goal = client.send_goal(roslibpy.Goal({"steps": FOR_EVER}), results.append, lambda _: told.set(), results.append)
-    assert told.wait(TIMEOUT_S)
+    feedback_values = threading.Event()
+    goal = client.send_goal(
+        roslibpy.Goal({"steps": FOR_EVER}), results.append, lambda _: feedback_values.set(), results.append
+    )
+    assert feedback_values.wait(TIMEOUT_S)
     client.cancel_goal(goal)
     client.wait_goal(goal, TIMEOUT_S)
     assert results[0]["status"] is roslibpy.GoalStatus.CANCELED
 
 
-def test_it_gives_up_a_goal_the_way_of_ros_1(ros: roslibpy.Ros, stage: Simulation, hub: LocalNode) -> None:
-    with RosInterface(stage, hub, ros=RosVersion.ONE):
+def test_roslibpy_cancels_a_ros_1_goal(ros: roslibpy.Ros, simulation: Simulation, local_node: LocalNode) -> None:
+    with RosInterface(simulation, local_node, ros=RosVersion.ONE):
         client = actionlib.ActionClient(
             ros, "/unreal/simulate_steps", "simulation_interfaces/SimulateStepsAction", timeout=TIMEOUT_S
         )
         reached = actionlib.Goal(client, roslibpy.Message({"steps": 50}))
         reached.send()
         assert reached.wait(TIMEOUT_S)["result"]["result"] == 1
-        told = threading.Event()
+        feedback_values = threading.Event()
         goal = actionlib.Goal(client, roslibpy.Message({"steps": FOR_EVER}))
-        goal.on("feedback", lambda _: told.set())
+        goal.on("feedback", lambda _: feedback_values.set())
         goal.send()
-        assert told.wait(TIMEOUT_S)
+        assert feedback_values.wait(TIMEOUT_S)
         goal.cancel()
-        assert goal.wait(TIMEOUT_S)["result"]["error_message"] == "it was cancelled"
+        assert goal.wait(TIMEOUT_S)["result"]["error_message"] == "it was canceled"
         client.dispose()

@@ -1,4 +1,4 @@
-"""World control: what a program that spoke to Unreal finds here, service by service."""
+"""World control: the services of UROSWorldControl."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ from mindstage.msgs import encode
 from mindstage.ros import RosInterface
 from mindstage.scene import Mobility, diff
 from mindstage.simulation import Simulation
-from tests.bridge.talking import TIMEOUT_S, eventually
-from tests.ros.asking import TURNED, Ask, Call, diagnostic_texts, pose_message, position_of
+from tests.bridge.raw_client import TIMEOUT_S, eventually
+from tests.ros.ros_messages import TURNED, Ask, Call, diagnostic_texts, pose_message, position_of
 
 BOX = {"height": 0.2, "width": 0.3, "depth": 0.4}
 
 
 @pytest.fixture
-def told(hub: LocalNode, face: RosInterface) -> list[Any]:
-    """What the diagnostics say."""
-    heard: list[Any] = []
-    hub.subscribe("/mindstage/diagnostics", heard.append)
-    return heard
+def diagnostics(local_node: LocalNode, ros_interface: RosInterface) -> list[Any]:
+    """The diagnostic messages."""
+    received: list[Any] = []
+    local_node.subscribe("/mindstage/diagnostics", received.append)
+    return received
 
 
-def test_a_whole_map_arrives_complete(call: Call, stage: Simulation, knowledge: KnowledgeBase, ask: Ask) -> None:
-    stage.clear()
+def test_a_map_is_spawned_completely(call: Call, simulation: Simulation, knowledge: KnowledgeBase, ask: Ask) -> None:
+    simulation.clear()
     kitchen = knowledge.world()
     reply = call("spawn_semantic_map", **encode(spawn_request(kitchen)))
     assert reply == {"success": True, "failed_model_ids": [], "failed_constraint_ids": [], "failed_relations": []}
-    there = diff(kitchen, stage.snapshot())
+    there = diff(kitchen, simulation.snapshot())
     assert not there.only_in_a
     assert not there.only_in_b
     assert max(there.max_error.values(), default=0.0) <= 1e-6
-    # Its bodies tell whose they are, so that questions about the map mean what stands on the stage.
-    assert stage.worlds[0].iri == kitchen.iri
+    # The IRIs of the bodies are those of the map, so that questions about the map refer to them.
+    assert simulation.worlds[0].iri == kitchen.iri
     assert ask("handle_of", individual="fridge_door")["answers"]
 
 
-def test_of_a_map_that_fails_in_part_the_failures_are_listed_and_explained(call: Call, told: list[Any]) -> None:
+def test_partial_failures_of_a_map_are_listed_with_reasons(call: Call, diagnostics: list[Any]) -> None:
     reply = call(
         "spawn_semantic_map",
         models=[{"id": "Mug", "name": "Cup"}, {"id": "Bowl", "name": "Bowl", "pose": pose_message(0, 5, 1)}],
@@ -55,22 +55,22 @@ def test_of_a_map_that_fails_in_part_the_failures_are_listed_and_explained(call:
         "failed_relations": [{"parent_id": "nobody", "child_id": "Bowl"}],
     }
     assert position_of(call("get_model_pose", id="Bowl")["pose"]) == (0, 5, 1)
-    eventually(lambda: {"Mug", "joint", "Bowl"} <= {id for id, _ in diagnostic_texts(told)})
-    assert any(id == "Mug" and "taken" in text for id, text in diagnostic_texts(told))
+    eventually(lambda: {"Mug", "joint", "Bowl"} <= {id for id, _ in diagnostic_texts(diagnostics)})
+    assert any(id == "Mug" and "taken" in text for id, text in diagnostic_texts(diagnostics))
 
 
-def test_a_model_is_spawned_and_hangs_on_its_parent(call: Call, stage: Simulation) -> None:
+def test_a_model_is_spawned_and_attached_to_its_parent(call: Call, simulation: Simulation) -> None:
     pose = pose_message(1.0, 2.0, 3.0, TURNED)
     reply = call("spawn_model", name="Cup", id="New", pose=pose, parent_id="Drawer", actor_label="Best cup")
     assert reply == {"id": "New", "name": "Best cup", "etype": "", "success": True}
     assert call("get_model_pose", id="New") == {"pose": pose, "success": True}
-    assert ("Drawer", "New") in {(hold.parent, hold.child) for hold in stage.snapshot().attachments}
-    body = stage.snapshot().body("New")
+    assert ("Drawer", "New") in {(hold.parent, hold.child) for hold in simulation.snapshot().attachments}
+    body = simulation.snapshot().body("New")
     assert body.cls.endswith("#Cup")
     assert body.physics.mobility is Mobility.STATIC
 
 
-def test_a_model_without_an_id_gets_one(call: Call) -> None:
+def test_a_model_without_an_id_gets_a_new_one(call: Call) -> None:
     first, second = (call("spawn_model", name="Cup", pose=pose_message(0, y, 5)) for y in (5, 6))
     assert first["success"]
     assert second["success"]
@@ -78,39 +78,39 @@ def test_a_model_without_an_id_gets_one(call: Call) -> None:
     assert call("get_model_pose", id=second["id"])["success"]
 
 
-def test_an_id_that_is_taken_and_a_place_that_is_obstructed_have_their_codes(call: Call, told: list[Any]) -> None:
+def test_a_taken_id_and_an_obstructed_pose_have_codes(call: Call, diagnostics: list[Any]) -> None:
     assert call("spawn_model", name="Cup", id="Mug")["etype"] == "1"
     inside = pose_message(2.0, 0.0, 0.4)
     reply = call("spawn_model", name="Cup", id="Other", pose=inside, spawn_collision_check=True)
     assert (reply["etype"], reply["success"]) == ("2", False)
     assert call("spawn_model", name="Cup", id="Far", pose=pose_message(0, 9, 9), spawn_collision_check=True)["success"]
     assert call("spawn_model", name="Cup", id="Other", pose=inside)["success"]
-    eventually(lambda: any(id == "Other" and "Cupboard" in text for id, text in diagnostic_texts(told)))
+    eventually(lambda: any(id == "Other" and "Cupboard" in text for id, text in diagnostic_texts(diagnostics)))
 
 
-def test_an_unknown_parent_is_refused_before_anything_is_spawned(call: Call, told: list[Any]) -> None:
+def test_an_unknown_parent_is_rejected_before_spawning(call: Call, diagnostics: list[Any]) -> None:
     reply = call("spawn_model", name="Cup", id="Orphan", parent_id="Cupboart", pose=pose_message(0, 9, 9))
     assert not reply["success"]
     assert not call("get_model_pose", id="Orphan")["success"]
-    eventually(lambda: ("Cupboart", "no body 'Cupboart' in 'map'; near: 'Cupboard'") in diagnostic_texts(told))
+    eventually(lambda: ("Cupboart", "no body 'Cupboart' in 'map'; near: 'Cupboard'") in diagnostic_texts(diagnostics))
 
 
-def test_a_box_has_the_size_that_was_asked_for(call: Call, stage: Simulation) -> None:
+def test_a_box_has_the_requested_size(call: Call, simulation: Simulation) -> None:
     reply = call("spawn_pro_mesh", id="Box", pose=pose_message(0, 3, 1), parent_id="Fridge", **BOX)
     assert reply == {"id": "Box", "name": "Box", "success": True}
-    assert stage.snapshot().body("Box").size == (0.4, 0.3, 0.2)
+    assert simulation.snapshot().body("Box").size == (0.4, 0.3, 0.2)
 
 
-def test_a_constraint_joins_bodies_that_are_there(call: Call, stage: Simulation) -> None:
+def test_a_joint_is_spawned_between_existing_bodies(call: Call, simulation: Simulation) -> None:
     details = {"id_first_model": "Cupboard", "id_second_model": "Mug", "linear_limits": {"x_motion": 2, "y_motion": 2}}
     reply = call("spawn_physics_constraint", constraint_description={"id": "glue", "constraint_details": details})
     assert reply == {"success": True}
-    assert "glue" in {constraint.id for constraint in stage.snapshot().joints}
+    assert "glue" in {constraint.id for constraint in simulation.snapshot().joints}
     details["id_second_model"] = "nobody"
     assert not call("spawn_physics_constraint", constraint_description={"constraint_details": details})["success"]
 
 
-def test_attaching_keeps_both_where_they_are_and_makes_no_circle(call: Call) -> None:
+def test_attaching_keeps_poses_and_rejects_cycles(call: Call) -> None:
     before = call("get_model_pose", id="Mug")["pose"]
     assert call("attach_model_to_parent", parent_id="Drawer", child_id="Mug")["success"]
     assert position_of(call("get_model_pose", id="Mug")["pose"]) == position_of(before)
@@ -118,27 +118,29 @@ def test_attaching_keeps_both_where_they_are_and_makes_no_circle(call: Call) -> 
     assert not call("attach_model_to_parent", parent_id="Mug", child_id="Mug")["success"]
 
 
-def test_deleting_takes_away_what_is_meant(call: Call, stage: Simulation) -> None:
+def test_models_are_deleted_by_id_or_tag(call: Call, simulation: Simulation) -> None:
     assert call("delete_model", id="Mug")["success"]
     assert not call("delete_model", id="Mug")["success"]
     assert call("delete_all", type_to_delete="SemLog", key_to_delete="Class", value_to_delete="Handle")["success"]
-    assert {"DrawerHandle", "FridgeHandle"} & set(stage.state.ids) == set()
-    assert "Fridge" in stage.state.ids
+    assert {"DrawerHandle", "FridgeHandle"} & set(simulation.state.ids) == set()
+    assert "Fridge" in simulation.state.ids
     assert call("delete_all", type_to_delete="SemLog", key_to_delete="Class", ignore_value=True)["success"]
-    assert stage.state.ids == ()
+    assert simulation.state.ids == ()
 
 
-def test_a_pose_that_is_set_is_the_pose_that_is_read(call: Call, told: list[Any]) -> None:
+def test_a_pose_that_is_set_is_returned(call: Call, diagnostics: list[Any]) -> None:
     pose = pose_message(4.0, -2.0, 1.5, TURNED)
     assert call("set_model_pose", id="Mug", pose=pose)["success"]
     assert call("get_model_pose", id="Mug") == {"pose": pose, "success": True}
     assert not call("set_model_pose", id="Drawer", pose=pose_message(9, 9, 9))["success"]
-    eventually(lambda: any(id == "Drawer" and "cannot take that pose" in text for id, text in diagnostic_texts(told)))
+    eventually(
+        lambda: any(id == "Drawer" and "cannot take that pose" in text for id, text in diagnostic_texts(diagnostics))
+    )
     assert not call("get_model_pose", id="Mugg")["success"]
-    eventually(lambda: any(id == "Mugg" and "near: 'Mug'" in text for id, text in diagnostic_texts(told)))
+    eventually(lambda: any(id == "Mugg" and "near: 'Mug'" in text for id, text in diagnostic_texts(diagnostics)))
 
 
-def test_an_actor_is_moved_by_its_label_where_only_one_has_it(call: Call) -> None:
+def test_an_actor_is_moved_by_its_unique_label(call: Call) -> None:
     for id in ("One", "Two", "Three"):
         label = "Unique" if id == "One" else "Twin"
         call("spawn_model", name="Cup", id=id, actor_label=label, pose=pose_message(0, 5, 1))
@@ -149,7 +151,7 @@ def test_an_actor_is_moved_by_its_label_where_only_one_has_it(call: Call) -> Non
     assert not call("move_object", Name="Nobody", pose=pose_message(0, 7, 1))["success"]
 
 
-def test_what_hangs_on_a_body_is_a_socket_of_it(call: Call) -> None:
+def test_attached_bodies_are_sockets(call: Call) -> None:
     handle = call("get_model_pose", id="DrawerHandle")
     for socket in ("DrawerHandle", "Handle"):
         assert call("get_model_socket_pose", id="Drawer", socket=socket) == handle
@@ -157,7 +159,7 @@ def test_what_hangs_on_a_body_is_a_socket_of_it(call: Call) -> None:
     assert not call("get_model_socket_pose", id="Drawer", socket="Mug")["success"]
 
 
-def test_how_one_thing_stands_to_another_is_one_word(call: Call) -> None:
+def test_the_spatial_relation_of_two_bodies_is_one_word(call: Call) -> None:
     def state(one: str, other: str) -> str:
         reply = call("object_to_object_state", source_object_id=one, other_object_id=other)
         return str(reply["state"]) if reply["success"] else "no"
@@ -169,27 +171,27 @@ def test_how_one_thing_stands_to_another_is_one_word(call: Call) -> None:
     assert state("Mug", "nobody") == "no"
 
 
-def test_looks_and_physics_can_be_changed(call: Call, stage: Simulation) -> None:
+def test_materials_and_physics_can_be_changed(call: Call, simulation: Simulation) -> None:
     assert call("change_material", id="Mug", material_names=["Oak"], material_paths=["/Game/Oak"])["success"]
-    assert [(each.name, each.path) for each in stage.snapshot().body("Mug").materials] == [("Oak", "/Game/Oak")]
+    assert [(each.name, each.path) for each in simulation.snapshot().body("Mug").materials] == [("Oak", "/Game/Oak")]
     physics = {"mobility": 0, "gravity": True, "mass": 0.5}
     assert call("set_physics_properties", id="Mug", physics_properties=physics)["success"]
-    assert stage.snapshot().body("Mug").physics.mobility is Mobility.STATIC
+    assert simulation.snapshot().body("Mug").physics.mobility is Mobility.STATIC
     assert not call("change_material", id="nobody")["success"]
     assert not call("set_physics_properties", id="nobody")["success"]
 
 
-def test_six_numbers_light_up_and_put_out(call: Call, stage: Simulation) -> None:
+def test_bodies_are_highlighted_by_color_codes(call: Call, simulation: Simulation) -> None:
     assert call("highlight_models", id="Mug", color=2)["success"]
-    red = stage.state.highlights["Mug"]  # type: ignore[index]
+    red = simulation.state.highlights["Mug"]  # type: ignore[index]
     assert red[0] > 0.8
     assert max(red[1:]) < 0.2
     assert call("highlight_models", id="Mug", color=0)["success"]
-    assert not stage.state.highlights
+    assert not simulation.state.highlights
     assert not call("highlight_models", id="nobody", color=2)["success"]
 
 
-def test_checkpoints_keep_whole_states(call: Call, told: list[Any]) -> None:
+def test_checkpoints_save_and_restore_the_full_state(call: Call, diagnostics: list[Any]) -> None:
     before = call("get_model_pose", id="Mug")
     assert call("checkpoint", command="save", args="start")["success"]
     call("set_model_pose", id="Mug", pose=pose_message(4, 4, 4))
@@ -199,28 +201,30 @@ def test_checkpoints_keep_whole_states(call: Call, told: list[Any]) -> None:
     assert call("get_model_pose", id="Fridge")["success"]
     assert call("checkpoint", command="forget", args="start")["success"]
     assert not call("checkpoint", command="restore", args="start")["success"]
-    eventually(lambda: any("no state 'start' is kept" in text for _, text in diagnostic_texts(told)))
+    eventually(lambda: any("no saved state 'start'" in text for _, text in diagnostic_texts(diagnostics)))
 
 
-def test_a_level_starts_anew(call: Call, stage: Simulation) -> None:
+def test_a_level_is_reset(call: Call, simulation: Simulation) -> None:
     before = call("get_model_pose", id="Mug")
     call("set_model_pose", id="Mug", pose=pose_message(4, 4, 4))
-    stage.step(0.5)
+    simulation.step(0.5)
     assert call("reset_level")["success"]
     assert call("get_model_pose", id="Mug") == before
 
 
-def test_what_was_assumed_about_a_model_is_told(call: Call, told: list[Any]) -> None:
+def test_assumptions_about_a_model_are_published(call: Call, diagnostics: list[Any]) -> None:
     call("spawn_model", name="Cup", id="Unsized", pose=pose_message(0, 9, 9))
-    eventually(lambda: ("Unsized", "a model does not say how large it is") in diagnostic_texts(told))
+    eventually(lambda: ("Unsized", "a model has no size") in diagnostic_texts(diagnostics))
 
 
-def test_calls_of_one_client_keep_their_order(client: Any, face: RosInterface) -> None:
-    """A quick service must not overtake a slow one that was called before it."""
+def test_calls_of_one_client_keep_their_order(client: Any, ros_interface: RosInterface) -> None:
+    """A quick service must not run before an earlier call of a slow one."""
     futures = []
     for number in range(50):
-        client.start_call("/unreal/set_model_pose", {"id": "Mug", "pose": pose_message(4.0, float(number), 1.0)})
-        futures.append(client.start_call("/unreal/get_model_pose", {"id": "Mug"}))
+        client.call_service_async(
+            "/unreal/set_model_pose", {"id": "Mug", "pose": pose_message(4.0, float(number), 1.0)}
+        )
+        futures.append(client.call_service_async("/unreal/get_model_pose", {"id": "Mug"}))
     assert [position_of(each.result(TIMEOUT_S)["pose"])[1] for each in futures] == [
         float(number) for number in range(50)
     ]

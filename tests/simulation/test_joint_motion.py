@@ -1,4 +1,4 @@
-"""Joints are opened, closed and moved by a pull, and say whether they arrived."""
+"""Opening, closing and moving joints, by a pull or by setting the pose."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def sim(kitchen: Simulation) -> Simulation:
 
 
 @pytest.fixture(scope="module")
-def still() -> Iterator[Simulation]:
+def static_kitchen() -> Iterator[Simulation]:
     with ms.open(bundled_kitchen(), engine="null") as sim:
         yield sim
 
@@ -52,14 +52,14 @@ def test_a_joint_opens_and_closes(sim: Simulation, name: str) -> None:
     assert joint.openness < 0.05
 
 
-def test_a_door_with_its_roles_upside_down_opens_too(sim: Simulation) -> None:
+def test_a_joint_with_parent_and_child_swapped_opens_too(sim: Simulation) -> None:
     joint = sim.joint("drawer_middle_1_slide")  # the map names the cabinet as its child
     assert joint.open()
-    assert joint.slides
+    assert joint.is_prismatic
     assert abs(joint.position) == pytest.approx(0.45, abs=0.01)
 
 
-def test_the_questions_see_that_it_is_open(sim: Simulation) -> None:
+def test_questions_report_that_it_is_open(sim: Simulation) -> None:
     sim.joint("fridge_door").open()
     (row,) = sim.ask("openings", thing="fridge")
     assert row.state == "open"
@@ -75,11 +75,11 @@ def test_furniture_opens_outwards(sim: Simulation) -> None:
         handle, body = f"{joint.body}_handle", after.body(joint.body)
         holder = next(each for each in before.joints if joint.body in (each.parent, each.child))
         other = before.body(holder.parent if holder.child == body.id else holder.child).pose.position
-        gone = math.dist(after.body(handle).pose.position, other) - math.dist(before.body(handle).pose.position, other)
-        assert gone > 0.1, name
+        moved = math.dist(after.body(handle).pose.position, other) - math.dist(before.body(handle).pose.position, other)
+        assert moved > 0.1, name
 
 
-def test_something_in_the_way_stops_it_and_the_result_says_so(sim: Simulation) -> None:
+def test_an_obstacle_stops_it_and_the_result_is_false(sim: Simulation) -> None:
     wall = replace(
         sim.snapshot().body("fridge"),
         id=BodyId("block"),
@@ -107,20 +107,22 @@ def _in_front(sim: Simulation, id: str, gap: float) -> tuple[float, float, float
 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(fraction=st.floats(0.0, 1.0), name=st.sampled_from(["fridge_door", "drawer_left_1", "microwave_door"]))
-def test_an_engine_without_physics_puts_it_exactly_there(still: Simulation, fraction: float, name: str) -> None:
-    joint = still.joint(name)
-    before = still.snapshot().body(f"{joint.body}_handle").pose
+def test_an_engine_without_physics_sets_the_pose_exactly(
+    static_kitchen: Simulation, fraction: float, name: str
+) -> None:
+    joint = static_kitchen.joint(name)
+    before = static_kitchen.snapshot().body(f"{joint.body}_handle").pose
     result = joint.open(fraction)
     assert result == JointMotion(arrived=True, position=joint.position, target=result.target, duration_s=0.0)
     assert joint.openness == pytest.approx(fraction, abs=1e-6)
     if abs(fraction - 0.5) > 0.45:
         joint.close()
         assert joint.openness == pytest.approx(0.0, abs=1e-6)
-        after = still.snapshot().body(f"{joint.body}_handle").pose
+        after = static_kitchen.snapshot().body(f"{joint.body}_handle").pose
         assert fraction == 0.0 or before != after or joint.openness == 0.0
 
 
-def test_a_body_that_does_not_simulate_is_put_there(sim: Simulation) -> None:
+def test_the_pose_of_a_kinematic_body_is_set(sim: Simulation) -> None:
     physics = replace(sim.snapshot().body("fridge_door").physics, mobility=Mobility.KINEMATIC)
     sim.run_on_engine(lambda engine: engine.set_physics(BodyId("fridge_door"), physics), edits=True)
     before = sim.state.time_s
@@ -128,12 +130,12 @@ def test_a_body_that_does_not_simulate_is_put_there(sim: Simulation) -> None:
     assert sim.state.time_s == before
 
 
-def test_what_makes_no_sense_is_refused(sim: Simulation) -> None:
+def test_invalid_arguments_are_rejected(sim: Simulation) -> None:
     joint = sim.joint("fridge_door")
     for wrong in (-0.1, 1.1, math.nan):
         with pytest.raises(InvalidArgumentError, match="give 0 to 1"):
             joint.open(wrong)
-    with pytest.raises(InvalidArgumentError, match="out of its range"):
+    with pytest.raises(InvalidArgumentError, match="out of range"):
         joint.move_to(2.0)
     with pytest.raises(NameNotFoundError, match="near: 'fridge_door'"):
         sim.joint("fridge_dor")
@@ -144,5 +146,5 @@ def test_what_makes_no_sense_is_refused(sim: Simulation) -> None:
         joint.open()
 
 
-def test_it_says_what_it_is(sim: Simulation, tmp_path: Path) -> None:
+def test_the_repr_shows_the_position_and_the_range(sim: Simulation, tmp_path: Path) -> None:
     assert repr(sim.joint("fridge_door")).endswith("fridge_door_hinge of fridge_door: 0.000 rad in [-0.785, 0.785]>")

@@ -1,4 +1,4 @@
-"""Markers and signs of life: what a stage shows beside the world, and how it tells that the engine is lost."""
+"""Markers of a simulation, and the detection of an engine that does not respond."""
 
 from __future__ import annotations
 
@@ -18,51 +18,51 @@ from tests.engines.scenes import room
 
 
 @pytest.fixture
-def stage() -> Iterator[Simulation]:
-    with Simulation(KnowledgeBase(bundled_ontology=False), NullEngine()) as stage:
-        stage.spawn(room())
-        yield stage
+def sim() -> Iterator[Simulation]:
+    with Simulation(KnowledgeBase(bundled_ontology=False), NullEngine()) as sim:
+        sim.spawn(room())
+        yield sim
 
 
 def cube(id: str) -> Marker:
     return Marker(id=id, type=MarkerType.CUBE)
 
 
-def test_markers_are_seen_by_all_who_watch_until_they_are_taken_away(stage: Simulation) -> None:
-    stage.add_markers([cube("a"), cube("b")])
-    before = stage.state
+def test_markers_are_published_until_they_are_removed(sim: Simulation) -> None:
+    sim.add_markers([cube("a"), cube("b")])
+    before = sim.state
     assert [marker.id for marker in before.markers] == ["a", "b"]
-    stage.add_markers([Marker(id="a", type=MarkerType.CUBE, pose=Pose((1, 2, 3)))])
-    assert stage.state.markers[0].pose.position == (1, 2, 3)
-    assert stage.remove_markers(["b", "nobody"]) == ("b",)
-    assert [marker.id for marker in stage.state.markers] == ["a"]
+    sim.add_markers([Marker(id="a", type=MarkerType.CUBE, pose=Pose((1, 2, 3)))])
+    assert sim.state.markers[0].pose.position == (1, 2, 3)
+    assert sim.remove_markers(["b", "nobody"]) == ("b",)
+    assert [marker.id for marker in sim.state.markers] == ["a"]
     assert len(before.markers) == 2
 
 
-def test_markers_are_no_part_of_the_world(stage: Simulation) -> None:
-    world = stage.snapshot()
-    edition = stage.state.revision
-    stage.add_markers([cube("a")])
-    assert stage.snapshot() == world
-    assert stage.state.revision == edition
-    stage.clear()
-    assert [marker.id for marker in stage.state.markers] == ["a"]
+def test_markers_are_not_part_of_the_world(sim: Simulation) -> None:
+    world = sim.snapshot()
+    revision = sim.state.revision
+    sim.add_markers([cube("a")])
+    assert sim.snapshot() == world
+    assert sim.state.revision == revision
+    sim.clear()
+    assert [marker.id for marker in sim.state.markers] == ["a"]
 
 
-def test_a_marker_goes_by_itself_whether_the_world_plays_or_not(stage: Simulation) -> None:
+def test_a_marker_expires_in_a_playing_and_in_a_paused_simulation(sim: Simulation) -> None:
     for play in (False, True):
         if play:
-            stage.play()
-        stage.add_markers([cube("short")], lifetime_s=0.05)
-        stage.add_markers([cube("long")])
+            sim.play()
+        sim.add_markers([cube("short")], lifetime_s=0.05)
+        sim.add_markers([cube("long")])
         end = time.monotonic() + 10.0
-        while len(stage.state.markers) > 1:
+        while len(sim.state.markers) > 1:
             assert time.monotonic() < end
             time.sleep(0.005)
-        assert stage.state.markers[0].id == "long"
+        assert sim.state.markers[0].id == "long"
 
 
-def test_the_next_one_to_go_is_the_one_that_is_waited_for() -> None:
+def test_the_next_expiry_is_that_of_the_shortest_lifetime() -> None:
     now = 100.0
     markers = MarkerStore(now=lambda: now)
     assert markers.next_expiry_s() is None
@@ -78,39 +78,39 @@ def test_the_next_one_to_go_is_the_one_that_is_waited_for() -> None:
     assert markers.next_expiry_s() is None
 
 
-def test_a_lost_engine_is_noticed_by_whoever_asks_it_and_told_to_all(stage: Simulation) -> None:
-    assert stage.ping() < 10.0
-    assert stage.engine_error is None
-    stage.play()
-    stage._engine.close()
+def test_a_lost_engine_raises_and_is_published(sim: Simulation) -> None:
+    assert sim.ping() < 10.0
+    assert sim.engine_error is None
+    sim.play()
+    sim._engine.close()
     with pytest.raises(EngineClosedError):
-        stage.ping()
-    assert isinstance(stage.engine_error, EngineClosedError)
-    assert "is closed" in stage.frame.fault
-    assert not stage.frame.playing
+        sim.ping()
+    assert isinstance(sim.engine_error, EngineClosedError)
+    assert "is closed" in sim.state.error
+    assert not sim.state.playing
     with pytest.raises(EngineClosedError):
-        stage.ping()  # the stage's own thread lives on
+        sim.ping()  # the engine thread still runs
 
 
-def test_a_busy_stage_is_not_a_lost_engine(stage: Simulation) -> None:
+def test_a_busy_engine_is_not_a_lost_engine(sim: Simulation) -> None:
     busy, go_on = threading.Event(), threading.Event()
 
     def work(_: object) -> None:
         busy.set()
         go_on.wait(10.0)
 
-    worker = threading.Thread(target=lambda: stage.run_on_engine(work))
+    worker = threading.Thread(target=lambda: sim.run_on_engine(work))
     worker.start()
     assert busy.wait(10.0)
     with pytest.raises(SimulationTimeoutError):
-        stage.ping(timeout_s=0.05)
-    assert stage.engine_error is None
+        sim.ping(timeout_s=0.05)
+    assert sim.engine_error is None
     go_on.set()
     worker.join()
-    assert stage.ping() >= 0.0
+    assert sim.ping() >= 0.0
 
 
-def test_nothing_plays_on_a_closed_stage(stage: Simulation) -> None:
-    stage.close()
+def test_a_closed_simulation_cannot_play(sim: Simulation) -> None:
+    sim.close()
     with pytest.raises(SimulationError, match="closed"):
-        stage.play()
+        sim.play()

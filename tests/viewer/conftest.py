@@ -1,4 +1,4 @@
-"""A stage without physics, a page on it, and a browser to look at it."""
+"""Fixtures: a simulation without physics, a viewer of it, and a browser."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ import pytest
 from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.viewer import Viewer
 from tests.kitchenette import kitchenette
-from tests.viewer.visiting import PageTab, open_tabs
+from tests.viewer.page_tab import PageTab, open_tabs
 
 
 @pytest.fixture
-def stage() -> Iterator[Simulation]:
-    """The small kitchen, standing still."""
-    with Simulation(KnowledgeBase(), NullEngine()) as stage:
-        stage.spawn(kitchenette())
-        yield stage
+def simulation() -> Iterator[Simulation]:
+    """The small kitchen, paused."""
+    with Simulation(KnowledgeBase(), NullEngine()) as simulation:
+        simulation.spawn(kitchenette())
+        yield simulation
 
 
 @pytest.fixture
-def viewport(stage: Simulation) -> Iterator[Viewer]:
-    """A page on it, at a port that nobody else has."""
-    with Viewer(stage, port=0) as viewport:
-        yield viewport
+def viewer(simulation: Simulation) -> Iterator[Viewer]:
+    """A viewer of it, at a free port."""
+    with Viewer(simulation, port=0) as viewer:
+        yield viewer
 
 
 @pytest.fixture(scope="session")
@@ -42,7 +42,7 @@ def browser(chromium: Path) -> Iterator[Any]:
 
 
 @pytest.fixture
-def visit(browser: Any) -> Iterator[Callable[[Viewer], PageTab]]:
-    """Opens a page in the browser, and closes it in the end."""
-    with open_tabs(browser) as visit:
-        yield visit
+def open_page(browser: Any) -> Iterator[Callable[[Viewer], PageTab]]:
+    """Opens pages in the browser, and closes them after the test."""
+    with open_tabs(browser) as open_page:
+        yield open_page

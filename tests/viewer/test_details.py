@@ -1,4 +1,4 @@
-"""What the page shows of one body."""
+"""The details of one body."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def details(id: str, body: Body | None = None) -> BodyDetails:
     return body_details(body or world.body(id), world, ancestors=ancestors, joints=joints, storage_places=[])
 
 
-def test_a_body_is_named_with_all_that_is_known() -> None:
+def test_details_contain_the_properties_of_a_body() -> None:
     handle = details("DrawerHandle")
     assert (handle.id, handle.cls, handle.ancestors) == ("DrawerHandle", "Handle", ("Part", "Thing"))
     assert (handle.size, handle.mass, handle.mobility, handle.gravity) == ((0.04, 0.2, 0.02), 0.2, "kinematic", True)
@@ -46,12 +46,12 @@ def test_a_body_is_named_with_all_that_is_known() -> None:
     assert details("Drawer").attached_bodies == ("DrawerHandle",)
 
 
-def test_what_was_not_told_is_told_as_such() -> None:
+def test_unknown_properties_are_none() -> None:
     bare = details("Mug", replace(kitchenette().body("Mug"), size=None, physics=BodyPhysics(), tags=()))
     assert (bare.size, bare.mass, bare.mobility, bare.gravity, bare.tags) == (None, None, None, None, ())
 
 
-def test_facts_are_in_short_names_and_lead_to_bodies() -> None:
+def test_facts_have_local_names_and_refer_to_bodies() -> None:
     facts = (
         PropertyAssertion(Iri("http://x#near"), IriRef(Iri(f"{MAP}Fridge"))),
         PropertyAssertion(Iri("http://x#madeOf"), IriRef(Iri("http://y/China"))),
@@ -59,36 +59,36 @@ def test_facts_are_in_short_names_and_lead_to_bodies() -> None:
         PropertyAssertion(Iri("http://x#has"), BlankNode((PropertyAssertion(Iri("http://x#part"), Literal("1")),))),
         PropertyAssertion(Iri("http://x#is"), BlankNode()),
     )
-    told = details("Mug", replace(kitchenette().body("Mug"), facts=facts)).facts
-    assert told == (
+    shown = details("Mug", replace(kitchenette().body("Mug"), facts=facts)).facts
+    assert shown == (
         FactRow(property="near", value="Fridge", id=BodyId("Fridge")),
         FactRow(property="madeOf", value="China"),
         FactRow(property="said", value="<b>hot</b>"),
         FactRow(property="has", value="part"),
-        FactRow(property="is", value="something"),
+        FactRow(property="is", value="a blank node"),
     )
 
 
-def test_surfaces_have_their_colors_as_browsers_write_them() -> None:
+def test_colors_of_materials_are_hexadecimal() -> None:
     materials = (Material(name="gold", color=(1.0, 0.8, 0.0)), Material(name="none"))
-    told = details("Mug", replace(kitchenette().body("Mug"), materials=materials)).materials
-    assert told == (MaterialDetails(name="gold", color="#ffcc00"), MaterialDetails(name="none", color=None))
+    shown = details("Mug", replace(kitchenette().body("Mug"), materials=materials)).materials
+    assert shown == (MaterialDetails(name="gold", color="#ffcc00"), MaterialDetails(name="none", color=None))
 
 
-def test_a_joint_is_told_with_its_other_end_and_its_range() -> None:
+def test_joints_have_the_other_body_and_their_limits() -> None:
     (joint,) = details("FridgeDoor").joints
     assert (joint.id, joint.other_body, joint.moving) == ("FridgeHinge", "Fridge", "FridgeDoor")
     assert [(axis.name, axis.upper) for axis in joint.axes] == [("swing1", pytest.approx(np.pi / 4))]
 
 
-def test_where_things_are_kept_is_passed_on() -> None:
+def test_storage_places_are_passed_on() -> None:
     world, kept = kitchenette(), StorageHint(class_name="Cupboard", ids=(BodyId("Cupboard"),))
     assert body_details(world.body("Mug"), world, ancestors=(), joints=(), storage_places=[kept]).storage_places == (
         kept,
     )
 
 
-def test_what_trembles_is_told_in_the_same_digits() -> None:
+def test_live_details_are_rounded_so_that_noise_changes_nothing() -> None:
     world = kitchenette()
     still = {body.id: normalized_pose_array(body.pose) for body in world.bodies}
     trembling = {id: pose + 1e-6 for id, pose in still.items()}

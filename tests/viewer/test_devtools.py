@@ -1,4 +1,4 @@
-"""The pipe to a browser, against a program that answers as badly as a browser can."""
+"""The DevTools pipe, tested with a program that sends malformed, late and partial messages."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mindstage.errors import BrowserCrashedError
 from mindstage.viewer.devtools import CdpPipe
 
 PATIENCE_S = 60.0
-"""For what is expected to arrive."""
+"""Time limit of commands that are expected to succeed [s]."""
 HEAD = """
 import json, os, sys, time
 def ask():
@@ -38,7 +38,7 @@ Start = Callable[[str], CdpPipe]
 
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Start]:
-    """Starts a program that speaks through `ask`, `say` and `answer`."""
+    """Starts a program that uses `ask`, `say` and `answer`."""
     started: list[CdpPipe] = []
 
     def run(body: str) -> CdpPipe:
@@ -63,7 +63,7 @@ say(json.dumps({"id": asked["id"], "result": {"title": "né", "asked": asked}}),
     assert result["asked"] == {"id": 1, "method": "Page.title", "params": {"of": 1}, "sessionId": "S"}
 
 
-def test_events_and_late_replies_between_are_passed_over(start: Start) -> None:
+def test_events_and_late_replies_are_ignored(start: Start) -> None:
     devtools = start("""
 first = ask()
 say(json.dumps({"method": "Page.loaded", "params": {}}) + "\\0" + json.dumps({"id": first["id"], "result": {"n": 1}})

@@ -1,4 +1,4 @@
-"""Markers on the page, by what a visitor sees in a real browser."""
+"""Markers in a real browser, tested by the pixels of the view."""
 
 from __future__ import annotations
 
@@ -17,70 +17,74 @@ from mindstage.viewer import Viewer
 from mindstage.viewer.appearance import merge_visuals
 from mindstage.viewer.camera import CameraPose
 from tests.kitchenette import kitchenette
-from tests.viewer.viewing import ViewTab, open_views
+from tests.viewer.view_tab import ViewTab, open_views
 from tests.viewer.waiting import wait_until
 
-Looking = Callable[[Viewer], ViewTab]
+OpenView = Callable[[Viewer], ViewTab]
 RED, BLUE = COLORS["red"], COLORS["blue"]
 BEFORE_THEM = CameraPose((-1.6, -0.6, 1.7), (1.2, 0.2, 1.2), 0.7)
 IN_FRONT = Pose((1.2, 0.3, 1.2))
 
 
 @pytest.fixture
-def look(browser: Any) -> Iterator[Looking]:
-    with open_views(browser) as look:
-        yield look
+def open_view(browser: Any) -> Iterator[OpenView]:
+    with open_views(browser) as open_view:
+        yield open_view
 
 
-def seen(visitor: ViewTab, color: Color) -> int:
-    """How many pixels are of about that hue, in whatever light."""
-    pixels = visitor.pixels().astype(float)
+def count_pixels(tab: ViewTab, color: Color) -> int:
+    """The number of pixels of about that hue, in light or shade."""
+    pixels = tab.pixels().astype(float)
     strength = np.linalg.norm(pixels, axis=2)
     likeness = (pixels @ (np.array(color) / np.linalg.norm(color))) / np.maximum(strength, 1.0)
     return int(np.sum((likeness > 0.97) & (strength > 60.0)))
 
 
-def test_markers_are_seen_change_move_and_go(stage: Simulation, viewport: Viewer, look: Looking) -> None:
+def test_markers_are_drawn_changed_moved_and_removed(
+    simulation: Simulation, viewer: Viewer, open_view: OpenView
+) -> None:
     points = ((0.0, -0.2, 0.0), (0.0, 0.2, 0.0))
     for number, form in enumerate(MarkerType):
         pose = Pose((1.2, 0.25 * number - 0.75, 1.3))
-        stage.add_markers(
+        simulation.add_markers(
             [Marker(id=f"a/{form.value}", type=form, pose=pose, color=RED, points=points, text="I plan", body="Mug")]
         )
-    visitor = look(viewport)
-    viewport.views.set_camera(BEFORE_THEM)
-    wait_until(lambda: seen(visitor, RED) > 100, "who comes late sees them")
-    assert set(viewport._markers._nodes) == {f"a/{form.value}" for form in MarkerType}
+    tab = open_view(viewer)
+    viewer.views.set_camera(BEFORE_THEM)
+    wait_until(lambda: count_pixels(tab, RED) > 100, "a later client sees them")
+    assert set(viewer._markers._nodes) == {f"a/{form.value}" for form in MarkerType}
     line = Marker(id="line", type=MarkerType.LINE_STRIP, pose=IN_FRONT, size=(0.1, 0.1, 0.1), color=BLUE, points=points)
-    stage.add_markers([line])
-    wait_until(lambda: seen(visitor, BLUE) > 100, "a line has the colour that was asked for")
-    stage.add_markers([replace(line, pose=Pose((1.2, 0.3, 100.0)))])
-    wait_until(lambda: seen(visitor, BLUE) == 0, "it is far away")
-    stage.remove_markers([marker.id for marker in stage.state.markers])
-    wait_until(lambda: seen(visitor, RED) == 0, "all are gone")
+    simulation.add_markers([line])
+    wait_until(lambda: count_pixels(tab, BLUE) > 100, "the line has its color")
+    simulation.add_markers([replace(line, pose=Pose((1.2, 0.3, 100.0)))])
+    wait_until(lambda: count_pixels(tab, BLUE) == 0, "the line is out of view")
+    simulation.remove_markers([marker.id for marker in simulation.state.markers])
+    wait_until(lambda: count_pixels(tab, RED) == 0, "all markers are removed")
 
 
-def test_what_cannot_be_seen_is_no_fault(stage: Simulation, viewport: Viewer) -> None:
+def test_invisible_markers_are_no_error(simulation: Simulation, viewer: Viewer) -> None:
     for form in MarkerType:
-        stage.add_markers([Marker(id=f"{form.value} of nothing", type=form, size=(0.0, 0.0, 0.0))])
-        stage.add_markers([Marker(id=f"{form.value} of glass", type=form, opacity=0.0, points=((0.0, 0.0, 0.0),))])
-    stage.add_markers([Marker(id="turned by nothing", type=MarkerType.CUBE, pose=Pose((0, 0, 0), (0, 0, 0, 0)))])
-    frame = stage.state
-    wait_until(lambda: viewport._frame is not None and viewport._frame.markers is frame.markers, "the page follows")
-    assert not viewport._last_error
+        simulation.add_markers([Marker(id=f"{form.value} of nothing", type=form, size=(0.0, 0.0, 0.0))])
+        simulation.add_markers([Marker(id=f"{form.value} of glass", type=form, opacity=0.0, points=((0.0, 0.0, 0.0),))])
+    simulation.add_markers([Marker(id="turned by nothing", type=MarkerType.CUBE, pose=Pose((0, 0, 0), (0, 0, 0, 0)))])
+    frame = simulation.state
+    wait_until(
+        lambda: viewer._snapshot is not None and viewer._snapshot.markers is frame.markers, "the page is updated"
+    )
+    assert not viewer._logged_errors
 
 
-def test_a_ghost_looks_like_its_body_as_long_as_that_is_there(stage: Simulation, viewport: Viewer) -> None:
+def test_a_body_copy_looks_like_its_body_while_that_exists(simulation: Simulation, viewer: Viewer) -> None:
     def vertices() -> int:
-        node = viewport._markers._nodes.get("soon")
+        node = viewer._markers._nodes.get("soon")
         return len(node.vertices) if node is not None else 0
 
-    stage.add_markers(
+    simulation.add_markers(
         [Marker(id="soon", type=MarkerType.BODY_COPY, body="Mug", pose=IN_FRONT, color=BLUE, opacity=0.4)]
     )
-    wait_until(vertices, "the ghost is shown")
-    assert vertices() == len(merge_visuals(stage.geometry[BodyId("Mug")].visuals).points)
-    stage.run_on_engine(lambda engine: engine.delete([BodyId("Mug")]), edits=True)
-    wait_until(lambda: not vertices(), "it goes with its body")
-    stage.spawn(replace(kitchenette(), bodies=(kitchenette().body("Mug"),), joints=(), attachments=()))
-    wait_until(vertices, "and comes back with it")
+    wait_until(vertices, "the copy is shown")
+    assert vertices() == len(merge_visuals(simulation.geometry[BodyId("Mug")].visuals).points)
+    simulation.run_on_engine(lambda engine: engine.delete([BodyId("Mug")]), edits=True)
+    wait_until(lambda: not vertices(), "the copy is removed with its body")
+    simulation.spawn(replace(kitchenette(), bodies=(kitchenette().body("Mug"),), joints=(), attachments=()))
+    wait_until(vertices, "the copy is shown again")

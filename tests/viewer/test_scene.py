@@ -1,8 +1,8 @@
-"""What is sent to all visitors, and what is not: the server is played by lists."""
+"""The 3D scene, with a fake server that records messages."""
 
 from __future__ import annotations
 
-from dataclasses import replace as with_look
+from dataclasses import replace as replace_appearance
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from mindstage.viewer.appearance import OCCLUDER_OPACITY, BodyAppearance, Visibl
 from mindstage.viewer.camera import CameraPose
 from mindstage.viewer.scene import BATCH_SIZE, ViewerScene, moved_rows
 from tests.kitchenette import kitchenette
-from tests.viewer.playing import FakeNode, FakeServer
+from tests.viewer.fake_server import FakeNode, FakeServer
 
 KNOWLEDGE = KnowledgeBase()
 WORLD = kitchenette()
@@ -27,13 +27,13 @@ MUG, FRIDGE = BodyId("Mug"), BodyId("Fridge")
 GREEN, RED = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)
 
 
-def looks_of(world: World, forms: GeometryMap = NO_GEOMETRY) -> dict[BodyId, BodyAppearance]:
-    return compute_appearance(world, KNOWLEDGE.shape_rule, KNOWLEDGE.ancestors, geometry=forms)
+def appearances_of(world: World, geometry: GeometryMap = NO_GEOMETRY) -> dict[BodyId, BodyAppearance]:
+    return compute_appearance(world, KNOWLEDGE.shape_rule, KNOWLEDGE.ancestors, geometry=geometry)
 
 
-LOOKS = looks_of(WORLD)
+APPEARANCES = appearances_of(WORLD)
 
-Prepared = list[tuple[FakeNode, Any, bool]]
+ClickableNodes = list[tuple[FakeNode, Any, bool]]
 
 
 @pytest.fixture
@@ -42,25 +42,27 @@ def server() -> FakeServer:
 
 
 @pytest.fixture
-def prepared() -> Prepared:
+def clickable() -> ClickableNodes:
     return []
 
 
 @pytest.fixture
-def scene(server: FakeServer, prepared: Prepared) -> ViewerScene:
-    scene = ViewerScene(server, on_node=lambda node, pick, *, holdable: prepared.append((node, pick, holdable)))  # type: ignore[arg-type, misc]
+def scene(server: FakeServer, clickable: ClickableNodes) -> ViewerScene:
+    scene = ViewerScene(server, on_node=lambda node, pick, *, draggable: clickable.append((node, pick, draggable)))  # type: ignore[arg-type, misc]
     show(scene)
     return scene
 
 
-def show(scene: ViewerScene, world: World = WORLD, looks: dict[BodyId, BodyAppearance] | None = None) -> None:
+def show(scene: ViewerScene, world: World = WORLD, appearances: dict[BodyId, BodyAppearance] | None = None) -> None:
     ids = tuple(body.id for body in world.bodies)
     poses = pose_array(body.pose for body in world.bodies)
-    scene.show(looks_of(world) if looks is None else looks, ids, poses, holdable={"Mug", "Drawer", "Mug7"})
+    scene.show(
+        appearances_of(world) if appearances is None else appearances, ids, poses, draggable={"Mug", "Drawer", "Mug7"}
+    )
 
 
-def crowded(count: int = BATCH_SIZE) -> World:
-    """So many mugs in a row, in a kitchen."""
+def many_mugs(count: int = BATCH_SIZE) -> World:
+    """The kitchen with a row of mugs."""
     mug = WORLD.body("Mug")
     mugs = [replace(mug, id=BodyId(f"Mug{n}"), pose=Pose((n, 0.0, 5.0))) for n in range(count)]
     return replace(WORLD, bodies=(*WORLD.bodies, *mugs))
@@ -70,11 +72,11 @@ def state(server: FakeServer, name: str) -> dict[str, Any]:
     return vars(server.scene.nodes[name])
 
 
-def guise(server: FakeServer, id: str) -> str:
-    """In which guise a body is seen."""
+def variant(server: FakeServer, id: str) -> str:
+    """The visible variant of a body's node."""
     (shown,) = (
         kind
-        for kind in ("seen", "plain")
+        for kind in ("textured", "plain")
         if f"/bodies/{id}/{kind}" in server.scene.nodes and state(server, f"/bodies/{id}/{kind}")["visible"]
     )
     return shown
@@ -94,66 +96,66 @@ def test_rows_that_moved_are_found() -> None:
 
 def test_every_body_is_drawn_once_where_it_is(server: FakeServer, scene: ViewerScene) -> None:
     drawn = [name for name, what in server.scene.messages if what == "add" and name.startswith("/bodies/")]
-    assert sorted(drawn) == sorted(name for id in IDS for name in (f"/bodies/{id}", f"/bodies/{id}/seen"))
+    assert sorted(drawn) == sorted(name for id in IDS for name in (f"/bodies/{id}", f"/bodies/{id}/textured"))
     for row, id in enumerate(IDS):
         assert np.allclose(state(server, f"/bodies/{id}")["position"], POSES[row, :3])
 
 
-def test_everything_but_the_building_answers_to_the_mouse(scene: ViewerScene, prepared: Prepared) -> None:
-    told = {pick(None): holdable for _, pick, holdable in prepared}
-    assert told == {id: id in ("Mug", "Drawer") for id in IDS if id != "Floor"}
+def test_everything_but_the_building_is_clickable(scene: ViewerScene, clickable: ClickableNodes) -> None:
+    registered = {pick(None): draggable for _, pick, draggable in clickable}
+    assert registered == {id: id in ("Mug", "Drawer") for id in IDS if id != "Floor"}
 
 
-def test_what_is_drawn_from_one_side_only_does_not_catch_the_mouse(scene: ViewerScene, prepared: Prepared) -> None:
-    prepared.clear()
-    show(scene, looks={**LOOKS, MUG: with_look(LOOKS[MUG], part=VisiblePart.INTERIOR)})
-    assert prepared == []
+def test_one_sided_bodies_are_not_clickable(scene: ViewerScene, clickable: ClickableNodes) -> None:
+    clickable.clear()
+    show(scene, appearances={**APPEARANCES, MUG: replace_appearance(APPEARANCES[MUG], part=VisiblePart.INTERIOR)})
+    assert clickable == []
 
 
 def test_only_what_moved_is_sent(server: FakeServer, scene: ViewerScene) -> None:
     now = POSES.copy()
     now[IDS.index(MUG), 2] += 0.5
-    with server.scene.recording() as heard:
+    with server.scene.recording() as messages:
         assert scene.move(now).tolist() == [IDS.index(MUG)]
-    assert {name for name, _ in heard} == {"/bodies/Mug"}
-    with server.scene.recording() as heard:
+    assert {name for name, _ in messages} == {"/bodies/Mug"}
+    with server.scene.recording() as messages:
         assert len(scene.move(now.copy())) == 0
-    assert heard == []
+    assert messages == []
 
 
-def test_creeping_is_sent_once_it_can_be_seen(scene: ViewerScene) -> None:
+def test_slow_motion_is_sent_once_it_exceeds_the_tolerance(scene: ViewerScene) -> None:
     sent = [len(scene.move(POSES + step * 1.1e-5)) for step in range(1, 13)]
     assert sum(count > 0 for count in sent) == 2
 
 
-def test_a_quaternion_that_is_a_little_off_is_sent_as_a_rotation(server: FakeServer, scene: ViewerScene) -> None:
+def test_quaternions_are_normalized_before_they_are_sent(server: FakeServer, scene: ViewerScene) -> None:
     off = POSES.copy()
     off[:, 3:] *= 1.01
     scene.move(off)
-    turns = [vars(node)["wxyz"] for node in server.scene.nodes.values() if "wxyz" in vars(node)]
-    assert len(turns) == len(IDS)
-    assert np.linalg.norm(turns, axis=1) == pytest.approx(1.0)
+    quaternions = [vars(node)["wxyz"] for node in server.scene.nodes.values() if "wxyz" in vars(node)]
+    assert len(quaternions) == len(IDS)
+    assert np.linalg.norm(quaternions, axis=1) == pytest.approx(1.0)
 
 
-def test_a_body_that_went_is_removed_and_one_that_came_is_drawn(server: FakeServer, scene: ViewerScene) -> None:
+def test_removed_bodies_are_removed_and_new_ones_drawn(server: FakeServer, scene: ViewerScene) -> None:
     other = replace(WORLD.body("Mug"), id=BodyId("Other"))
     bodies = (*(body for body in WORLD.bodies if body.id != MUG), other)
-    with server.scene.recording() as heard:
+    with server.scene.recording() as messages:
         show(scene, replace(WORLD, bodies=bodies))
-    assert ("/bodies/Mug", "remove") in heard
-    assert [name for name, what in heard if what == "add"] == ["/bodies/Other", "/bodies/Other/seen"]
+    assert ("/bodies/Mug", "remove") in messages
+    assert [name for name, what in messages if what == "add"] == ["/bodies/Other", "/bodies/Other/textured"]
 
 
-def test_a_body_that_looks_different_is_drawn_anew_and_no_other(server: FakeServer, scene: ViewerScene) -> None:
-    with server.scene.recording() as heard:
-        show(scene, looks={**LOOKS, MUG: with_look(LOOKS[MUG], key="other")})
-    assert [name for name, what in heard if what == "add"] == ["/bodies/Mug", "/bodies/Mug/seen"]
+def test_only_bodies_of_changed_appearance_are_redrawn(server: FakeServer, scene: ViewerScene) -> None:
+    with server.scene.recording() as messages:
+        show(scene, appearances={**APPEARANCES, MUG: replace_appearance(APPEARANCES[MUG], key="other")})
+    assert [name for name, what in messages if what == "add"] == ["/bodies/Mug", "/bodies/Mug/textured"]
 
 
-def test_what_can_be_held_from_now_on_answers_to_the_mouse(scene: ViewerScene, prepared: Prepared) -> None:
-    prepared.clear()
-    scene.show(LOOKS, IDS, POSES, holdable={"Mug", "Drawer", "Fridge"})
-    assert [(pick(None), holdable) for _, pick, holdable in prepared] == [("Fridge", True)]
+def test_newly_draggable_bodies_become_clickable(scene: ViewerScene, clickable: ClickableNodes) -> None:
+    clickable.clear()
+    scene.show(APPEARANCES, IDS, POSES, draggable={"Mug", "Drawer", "Fridge"})
+    assert [(pick(None), draggable) for _, pick, draggable in clickable] == [("Fridge", True)]
 
 
 def test_a_slash_in_an_id_makes_no_child(server: FakeServer, scene: ViewerScene) -> None:
@@ -165,135 +167,141 @@ def test_a_slash_in_an_id_makes_no_child(server: FakeServer, scene: ViewerScene)
 # -- highlights --------------------------------------------------------------------------------------------------------
 
 
-def test_a_highlight_paints_the_lit_and_dims_the_rest(server: FakeServer, scene: ViewerScene) -> None:
+def test_a_highlight_paints_its_body_and_dims_all_others(server: FakeServer, scene: ViewerScene) -> None:
     scene.set_highlights({MUG: GREEN})
-    assert (guise(server, "Mug"), guise(server, "Fridge")) == ("plain", "plain")
+    assert (variant(server, "Mug"), variant(server, "Fridge")) == ("plain", "plain")
     assert state(server, "/bodies/Mug/plain")["color"] == (0, 255, 0)
     assert state(server, "/bodies/Mug/plain")["opacity"] is None
     assert max(state(server, "/bodies/Fridge/plain")["color"]) < 255
-    with server.scene.recording() as heard:
+    with server.scene.recording() as messages:
         scene.set_highlights({MUG: GREEN})
-    assert heard == []
-    with server.scene.recording() as heard:
+    assert messages == []
+    with server.scene.recording() as messages:
         scene.set_highlights({MUG: GREEN, FRIDGE: RED})
-    assert {name for name, _ in heard} <= {"/bodies/Fridge/plain", "/bodies/Fridge/seen"}
+    assert {name for name, _ in messages} <= {"/bodies/Fridge/plain", "/bodies/Fridge/textured"}
     assert state(server, "/bodies/Fridge/plain")["color"] == (255, 0, 0)
     scene.set_highlights({})
-    assert {guise(server, id) for id in IDS} == {"seen"}
+    assert {variant(server, id) for id in IDS} == {"textured"}
 
 
-def test_what_is_drawn_while_something_is_lit_is_dimmed_too(server: FakeServer, scene: ViewerScene) -> None:
+def test_bodies_drawn_during_a_highlight_are_dimmed(server: FakeServer, scene: ViewerScene) -> None:
     scene.set_highlights({MUG: GREEN})
-    show(scene, looks={**LOOKS, FRIDGE: with_look(LOOKS[FRIDGE], key="other")})
-    assert guise(server, "Fridge") == "plain"
+    show(scene, appearances={**APPEARANCES, FRIDGE: replace_appearance(APPEARANCES[FRIDGE], key="other")})
+    assert variant(server, "Fridge") == "plain"
 
 
-def test_what_something_lit_is_in_or_behind_is_seen_through(server: FakeServer, scene: ViewerScene) -> None:
+def test_occluders_of_highlighted_bodies_are_transparent(server: FakeServer, scene: ViewerScene) -> None:
     x, y, z = WORLD.body("Drawer").pose.position
     scene.set_initial_camera(CameraPose((x - 4.0, y, z), (x, y, z), 0.6))
     scene.set_highlights({BodyId("Drawer"): GREEN})
-    assert state(server, "/bodies/Cupboard/plain")["opacity"] == OCCLUDER_OPACITY, "it is in there"
-    assert state(server, "/bodies/DrawerHandle/plain")["opacity"] == OCCLUDER_OPACITY, "it is behind that"
+    assert state(server, "/bodies/Cupboard/plain")["opacity"] == OCCLUDER_OPACITY, "it contains the drawer"
+    assert state(server, "/bodies/DrawerHandle/plain")["opacity"] == OCCLUDER_OPACITY, "it is in front of the drawer"
     assert state(server, "/bodies/Fridge/plain")["opacity"] is None
     scene.set_highlights({FRIDGE: GREEN})
-    assert state(server, "/bodies/Cupboard/plain")["opacity"] is None, "nothing is in there any more"
+    assert state(server, "/bodies/Cupboard/plain")["opacity"] is None, "it occludes nothing"
 
 
-def test_a_lit_body_that_is_drawn_anew_stays_lit(server: FakeServer, scene: ViewerScene) -> None:
+def test_a_redrawn_body_keeps_its_highlight(server: FakeServer, scene: ViewerScene) -> None:
     scene.set_highlights({MUG: GREEN})
-    show(scene, looks={**LOOKS, MUG: with_look(LOOKS[MUG], key="other")})
+    show(scene, appearances={**APPEARANCES, MUG: replace_appearance(APPEARANCES[MUG], key="other")})
     assert state(server, "/bodies/Mug/plain")["color"] == (0, 255, 0)
 
 
-def test_the_node_that_lights_a_body_answers_to_the_mouse_too(scene: ViewerScene, prepared: Prepared) -> None:
-    prepared.clear()
+def test_the_node_of_a_highlighted_body_is_clickable(scene: ViewerScene, clickable: ClickableNodes) -> None:
+    clickable.clear()
     scene.set_highlights({MUG: GREEN})
-    assert "/bodies/Mug/plain" in [node.name for node, _, _ in prepared]
+    assert "/bodies/Mug/plain" in [node.name for node, _, _ in clickable]
 
 
-# -- crowds ------------------------------------------------------------------------------------------------------------
+# -- batches -----------------------------------------------------------------------------------------------------------
 
 
-def test_many_that_look_alike_are_drawn_at_once(server: FakeServer, scene: ViewerScene, prepared: Prepared) -> None:
-    prepared.clear()
-    with server.scene.recording() as heard:
-        show(scene, crowded())
-    assert [name for name, what in heard if what == "add"].count("/crowds/1/seen") == 1
+def test_many_bodies_of_equal_appearance_share_a_batch(
+    server: FakeServer, scene: ViewerScene, clickable: ClickableNodes
+) -> None:
+    clickable.clear()
+    with server.scene.recording() as messages:
+        show(scene, many_mugs())
+    assert [name for name, what in messages if what == "add"].count("/batches/1/textured") == 1
     assert not any("Mug1" in name for name in server.scene.nodes)
-    # The one that can be held is no member: a crowd either can be held or it cannot.
-    assert len(state(server, "/crowds/1/seen")["batched_positions"]) == BATCH_SIZE - 1
-    (node, pick, holdable), *_ = prepared
-    assert (node.name, holdable) == ("/crowds/1/seen", False)
+    # The draggable mug is no member: all members of a batch are draggable, or none.
+    assert len(state(server, "/batches/1/textured")["batched_positions"]) == BATCH_SIZE - 1
+    (node, pick, draggable), *_ = clickable
+    assert (node.name, draggable) == ("/batches/1/textured", False)
     assert [pick(0), pick(6), pick(99), pick(None)] == ["Mug0", "Mug6", None, None]
 
 
-def test_few_that_look_alike_are_not(server: FakeServer, scene: ViewerScene) -> None:
-    show(scene, crowded(BATCH_SIZE - 2))
-    assert "/bodies/Mug1/seen" in server.scene.nodes
+def test_few_bodies_of_equal_appearance_do_not(server: FakeServer, scene: ViewerScene) -> None:
+    show(scene, many_mugs(BATCH_SIZE - 2))
+    assert "/bodies/Mug1/textured" in server.scene.nodes
 
 
-def test_a_crowd_is_cut_into_groups(server: FakeServer, scene: ViewerScene) -> None:
-    show(scene, crowded(300))
-    sizes = [len(state(server, f"/crowds/{n}/seen")["batched_positions"]) for n in (1, 2, 3)]
+def test_the_size_of_batches_is_limited(server: FakeServer, scene: ViewerScene) -> None:
+    show(scene, many_mugs(300))
+    sizes = [len(state(server, f"/batches/{n}/textured")["batched_positions"]) for n in (1, 2, 3)]
     assert sum(sizes) == 299
     assert max(sizes) == 128
 
 
-def test_one_of_a_crowd_moves_and_only_its_group_is_sent(server: FakeServer, scene: ViewerScene) -> None:
-    world = crowded(300)
+def test_a_moving_body_updates_only_its_batch(server: FakeServer, scene: ViewerScene) -> None:
+    world = many_mugs(300)
     show(scene, world)
     poses = pose_array(body.pose for body in world.bodies)
     row = [body.id for body in world.bodies].index(BodyId("Mug3"))
     poses[row, 2] = 9.0
-    with server.scene.recording() as heard:
+    with server.scene.recording() as messages:
         scene.move(poses)
-    assert {name for name, _ in heard} == {"/crowds/1/seen"}
-    assert state(server, "/crowds/1/seen")["batched_positions"][3].tolist() == [3.0, 0.0, 9.0]
+    assert {name for name, _ in messages} == {"/batches/1/textured"}
+    assert state(server, "/batches/1/textured")["batched_positions"][3].tolist() == [3.0, 0.0, 9.0]
 
 
-def test_one_of_a_crowd_is_lit_and_the_others_step_back(server: FakeServer, scene: ViewerScene) -> None:
-    show(scene, crowded())
+def test_a_highlight_in_a_batch_dims_its_other_members(server: FakeServer, scene: ViewerScene) -> None:
+    show(scene, many_mugs())
     scene.set_highlights({BodyId("Mug3"): GREEN})
-    plain = state(server, "/crowds/1/plain")
-    assert state(server, "/crowds/1/seen")["visible"] is False
+    plain = state(server, "/batches/1/plain")
+    assert state(server, "/batches/1/textured")["visible"] is False
     assert plain["batched_colors"][3].tolist() == [0, 255, 0]
     assert all(max(color) < 255 for color in np.delete(plain["batched_colors"], 3, axis=0).tolist())
     scene.set_highlights({})
-    assert state(server, "/crowds/1/seen")["visible"] is True
-    assert len(state(server, "/crowds/1/seen")["batched_positions"]) == BATCH_SIZE - 1
+    assert state(server, "/batches/1/textured")["visible"] is True
+    assert len(state(server, "/batches/1/textured")["batched_positions"]) == BATCH_SIZE - 1
     assert plain["visible"] is False
 
 
-def test_who_leaves_a_crowd_is_missed_by_nobody_else(
-    server: FakeServer, scene: ViewerScene, prepared: Prepared
+def test_removing_a_member_keeps_the_rest_of_the_batch(
+    server: FakeServer, scene: ViewerScene, clickable: ClickableNodes
 ) -> None:
-    prepared.clear()
-    world = crowded()
+    clickable.clear()
+    world = many_mugs()
     show(scene, world)
-    _, pick, _ = prepared[0]
+    _, pick, _ = clickable[0]
     show(scene, replace(world, bodies=tuple(body for body in world.bodies if body.id != "Mug0")))
-    assert state(server, "/crowds/1/seen")["batched_positions"][0].tolist() == [1.0, 0.0, 5.0]
+    assert state(server, "/batches/1/textured")["batched_positions"][0].tolist() == [1.0, 0.0, 5.0]
     assert pick(0) == "Mug1"
     show(scene)
-    assert not any(name.startswith("/crowds/") for name in server.scene.nodes)
+    assert not any(name.startswith("/batches/") for name in server.scene.nodes)
 
 
-# -- what is not to be seen --------------------------------------------------------------------------------------------
+# -- hidden bodies -----------------------------------------------------------------------------------------------------
 
 
-def test_what_is_hidden_is_not_drawn_until_it_is_shown_again(server: FakeServer, scene: ViewerScene) -> None:
-    show(scene, crowded())
+def test_hidden_bodies_stay_hidden_until_they_are_shown(server: FakeServer, scene: ViewerScene) -> None:
+    show(scene, many_mugs())
     scene.hide(frozenset({MUG, BodyId("Mug3")}))
     assert state(server, "/bodies/Mug")["visible"] is False
-    assert len(state(server, "/crowds/1/seen")["batched_positions"]) == BATCH_SIZE - 2
-    show(scene, crowded(), looks=looks_of(crowded()) | {MUG: with_look(LOOKS[MUG], key="other")})
-    assert state(server, "/bodies/Mug")["visible"] is False, "it is drawn anew, and hidden as before"
+    assert len(state(server, "/batches/1/textured")["batched_positions"]) == BATCH_SIZE - 2
+    show(
+        scene,
+        many_mugs(),
+        appearances=appearances_of(many_mugs()) | {MUG: replace_appearance(APPEARANCES[MUG], key="other")},
+    )
+    assert state(server, "/bodies/Mug")["visible"] is False, "a redrawn body stays hidden"
     scene.hide(frozenset())
     assert state(server, "/bodies/Mug")["visible"] is True
-    assert len(state(server, "/crowds/1/seen")["batched_positions"]) == BATCH_SIZE - 1
+    assert len(state(server, "/batches/1/textured")["batched_positions"]) == BATCH_SIZE - 1
 
 
-def test_shells_are_lines_that_can_be_hidden(server: FakeServer, scene: ViewerScene) -> None:
+def test_enclosures_are_lines_that_can_be_hidden(server: FakeServer, scene: ViewerScene) -> None:
     shell = replace(WORLD.body("Cupboard"), id=BodyId("Hall"), size=(30.0, 30.0, 9.0))
     show(scene, replace(WORLD, bodies=(*WORLD.bodies, shell)))
     lines, _ = state(server, "/bodies/Hall/outline")["content"]
@@ -304,17 +312,17 @@ def test_shells_are_lines_that_can_be_hidden(server: FakeServer, scene: ViewerSc
     assert state(server, "/bodies/Hall")["visible"] is True
 
 
-# -- the place ---------------------------------------------------------------------------------------------------------
+# -- surroundings ------------------------------------------------------------------------------------------------------
 
 
-def test_the_ground_comes_and_goes(server: FakeServer, scene: ViewerScene) -> None:
+def test_the_ground_is_shown_and_removed(server: FakeServer, scene: ViewerScene) -> None:
     scene.set_ground(-0.5)
     assert state(server, "/ground")["position"] == (0.0, 0.0, -0.5)
     scene.set_ground(None)
     assert server.scene.messages[-1] == ("/ground", "remove")
 
 
-def test_the_sun_stands_behind_the_visitor(server: FakeServer, scene: ViewerScene) -> None:
+def test_the_sun_is_behind_the_camera(server: FakeServer, scene: ViewerScene) -> None:
     scene.set_initial_camera(CameraPose((5.0, 1.0, 3.0), (0.0, 0.0, 0.0), 0.7))
     x, _, z = state(server, "/sun")["position"]
     assert x > 0.0
@@ -322,30 +330,30 @@ def test_the_sun_stands_behind_the_visitor(server: FakeServer, scene: ViewerScen
     assert vars(server.initial_camera)["position"] == (5.0, 1.0, 3.0)
 
 
-def test_a_lamp_shines_where_it_is_and_goes_with_it(server: FakeServer, scene: ViewerScene) -> None:
-    skins = LOOKS[MUG].visuals
+def test_an_attached_light_moves_with_its_body(server: FakeServer, scene: ViewerScene) -> None:
+    visuals = APPEARANCES[MUG].visuals
     glowing = BodyGeometry(
-        "glowing", skins, (), lights=(AttachedLight(pose=Pose((0.0, 0.0, -0.1)), color=(1.0, 0.5, 0.0)),)
+        "glowing", visuals, (), lights=(AttachedLight(pose=Pose((0.0, 0.0, -0.1)), color=(1.0, 0.5, 0.0)),)
     )
-    show(scene, looks=looks_of(WORLD, {MUG: glowing}))
-    lamp = state(server, "/lamps/Mug")
-    assert lamp["color"] == (255, 128, 0)
-    assert lamp["position"] == pytest.approx([2.0, 0.0, 0.75])
+    show(scene, appearances=appearances_of(WORLD, {MUG: glowing}))
+    light = state(server, "/lights/Mug")
+    assert light["color"] == (255, 128, 0)
+    assert light["position"] == pytest.approx([2.0, 0.0, 0.75])
     poses = POSES.copy()
     poses[IDS.index(MUG), 2] += 1.0
     scene.move(poses)
-    assert lamp["position"] == pytest.approx([2.0, 0.0, 1.75])
+    assert light["position"] == pytest.approx([2.0, 0.0, 1.75])
     show(scene)
-    assert "/lamps/Mug" not in server.scene.nodes
+    assert "/lights/Mug" not in server.scene.nodes
 
 
-def test_of_many_lamps_the_brightest_are_lit(server: FakeServer, scene: ViewerScene) -> None:
-    skins = LOOKS[MUG].visuals
-    world = crowded()
-    forms = {
-        BodyId(f"Mug{n}"): BodyGeometry(f"{n}", skins, (), lights=(AttachedLight(intensity=float(n)),))
+def test_only_the_brightest_lights_are_created(server: FakeServer, scene: ViewerScene) -> None:
+    visuals = APPEARANCES[MUG].visuals
+    world = many_mugs()
+    geometry = {
+        BodyId(f"Mug{n}"): BodyGeometry(f"{n}", visuals, (), lights=(AttachedLight(intensity=float(n)),))
         for n in range(BATCH_SIZE)
     }
-    show(scene, world, looks=looks_of(world, forms))
-    lamps = [name for name in server.scene.nodes if name.startswith("/lamps/")]
-    assert sorted(lamps) == sorted(f"/lamps/Mug{n}" for n in range(BATCH_SIZE - 3, BATCH_SIZE))
+    show(scene, world, appearances=appearances_of(world, geometry))
+    lights = [name for name in server.scene.nodes if name.startswith("/lights/")]
+    assert sorted(lights) == sorted(f"/lights/Mug{n}" for n in range(BATCH_SIZE - 3, BATCH_SIZE))

@@ -1,4 +1,4 @@
-"""The port that our page and viser's view share, with real sockets."""
+"""The web server: routes of the page and of viser at one port, with real sockets."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mindstage.errors import AuthenticationError, ViewerUnavailableError
 from mindstage.viewer import server as sockets
 from mindstage.viewer.http import page_files
 from mindstage.viewer.server import ClientSession, RpcChannel, RpcLimits, address, serve, session_key_of, shut_down
-from tests.viewer.guest import RequestFailed, connect_page_client
+from tests.viewer.page_client import RequestFailed, connect_page_client
 from tests.viewer.waiting import TIMEOUT_S, wait_until
 
 KEY = "0123456789abcdef"
@@ -32,7 +32,7 @@ class Echo(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 @pytest.fixture
 def channel() -> RpcChannel:
     channel = RpcChannel(RpcLimits(message_bytes=10_000, max_sessions=2))
-    channel.register("echo", Echo, lambda _, wish: wish.text)
+    channel.register("echo", Echo, lambda _, request: request.text)
     return channel
 
 
@@ -55,7 +55,7 @@ def get(server: viser.ViserServer, path: str, **headers: str) -> tuple[int, http
 # -- pages -------------------------------------------------------------------------------------------------------------
 
 
-def test_our_page_is_at_the_top_and_the_view_below(server: viser.ViserServer) -> None:
+def test_the_page_is_served_at_the_root_and_the_view_below(server: viser.ViserServer) -> None:
     status, headers, page = get(server, "/")
     assert (status, headers["Content-Type"]) == (200, "text/html; charset=utf-8")
     assert page == page_files()["index.html"].content
@@ -71,7 +71,7 @@ def test_our_page_is_at_the_top_and_the_view_below(server: viser.ViserServer) ->
     assert (status, nothing) == (304, b"")
 
 
-def test_every_file_that_the_page_names_is_there(server: viser.ViserServer) -> None:
+def test_every_file_that_the_page_refers_to_exists(server: viser.ViserServer) -> None:
     named = {
         word.strip("'\";()")
         for file in page_files().values()
@@ -85,10 +85,10 @@ def test_every_file_that_the_page_names_is_there(server: viser.ViserServer) -> N
         assert headers["X-Content-Type-Options"] == "nosniff"
 
 
-def test_paths_lead_nowhere_else(server: viser.ViserServer) -> None:
+def test_paths_outside_the_page_are_not_served(server: viser.ViserServer) -> None:
     for path in (
-        "/mindstage/../gate.py",
-        "/mindstage/%2e%2e/gate.py",
+        "/mindstage/../http.py",
+        "/mindstage/%2e%2e/http.py",
         "/view/../../../etc/passwd",
         "/client/index.html",
     ):
@@ -97,7 +97,7 @@ def test_paths_lead_nowhere_else(server: viser.ViserServer) -> None:
         assert b"root:" not in body
 
 
-def test_a_rebinding_name_a_foreign_origin_and_garbage_get_nothing(server: viser.ViserServer) -> None:
+def test_foreign_hosts_origins_and_malformed_requests_are_refused(server: viser.ViserServer) -> None:
     assert get(server, "/", Host="evil.example")[0] == 421
     for path in ("/mindstage/channel", f"/view/{KEY}", "/"):
         with (
@@ -109,27 +109,25 @@ def test_a_rebinding_name_a_foreign_origin_and_garbage_get_nothing(server: viser
     with socket.create_connection(("127.0.0.1", server.get_port()), timeout=TIMEOUT_S) as raw:
         raw.sendall(b"\x16\x03\x01 this is no request\r\n\r\n")
         assert b"200" not in raw.recv(1000)
-    assert get(server, "/")[0] == 200, "the server lives on"
+    assert get(server, "/")[0] == 200, "the server still answers"
 
 
-def test_the_gate_stands_before_whatever_viser_serves(server: viser.ViserServer) -> None:
-    assert _infra.websockets.asyncio.server.serve is sockets._serve, "viser's module is as it was"
+def test_the_request_filter_applies_to_files_of_viser(server: viser.ViserServer) -> None:
+    assert _infra.websockets.asyncio.server.serve is sockets._serve, "the patch of viser is undone"
     for path in ("/", "/index.html"):
         assert b"Viser client" not in get(server, path)[2]
 
 
-def test_a_viser_that_has_no_place_for_the_gate_is_not_served(
-    channel: RpcChannel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_viser_that_cannot_be_patched_is_not_served(channel: RpcChannel, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sockets, "_infra", type("Elsewhere", (), {"websockets": _infra.websockets}))
-    with pytest.raises(ViewerUnavailableError, match="gate"):
+    with pytest.raises(ViewerUnavailableError, match="request filter"):
         serve("127.0.0.1", 0, title="T", channel=channel)
 
 
 # -- tokens ------------------------------------------------------------------------------------------------------------
 
 
-def test_a_page_for_others_needs_a_token_and_gives_a_cookie_for_it(channel: RpcChannel) -> None:
+def test_the_token_is_exchanged_for_a_cookie(channel: RpcChannel) -> None:
     with pytest.raises(AuthenticationError):
         serve("0.0.0.0", 0, title="T", channel=channel)
     server = serve("0.0.0.0", 0, title="T", channel=channel, token="sesame")
@@ -144,8 +142,8 @@ def test_a_page_for_others_needs_a_token_and_gives_a_cookie_for_it(channel: RpcC
         assert (status, headers["Location"]) == (303, "/")
         cookie = headers["Set-Cookie"].partition(";")[0]
         assert get(server, "/", Cookie=cookie)[0] == 200
-        with connect_page_client(address(server), headers={"Cookie": cookie}) as guest:
-            assert guest.ask("echo", text="hi") == "hi"
+        with connect_page_client(address(server), headers={"Cookie": cookie}) as client:
+            assert client.ask("echo", text="hi") == "hi"
     finally:
         shut_down(server)
 
@@ -153,19 +151,19 @@ def test_a_page_for_others_needs_a_token_and_gives_a_cookie_for_it(channel: RpcC
 # -- the channel -------------------------------------------------------------------------------------------------------
 
 
-def test_a_request_is_answered_and_a_bad_one_says_why(server: viser.ViserServer) -> None:
-    with connect_page_client(address(server)) as guest:
-        assert guest.ask("echo", text="grüß \N{SNOWMAN}") == "grüß ☃"
+def test_a_request_is_answered_and_an_invalid_one_refused_with_the_reason(server: viser.ViserServer) -> None:
+    with connect_page_client(address(server)) as client:
+        assert client.ask("echo", text="grüß \N{SNOWMAN}") == "grüß ☃"
         with pytest.raises(RequestFailed, match=r"RequestRefused: 'echo' .*`\$\.text`"):
-            guest.ask("echo", text=5)
+            client.ask("echo", text=5)
         with pytest.raises(RequestFailed, match="unknown field `more`"):
-            guest.ask("echo", text="", more=1)
-        with pytest.raises(RequestFailed, match="nobody answers that; near: 'echo'"):
-            guest.ask("ecko")
+            client.ask("echo", text="", more=1)
+        with pytest.raises(RequestFailed, match="there is no such method; near: 'echo'"):
+            client.ask("ecko")
 
 
-def test_garbage_is_told_and_ends_nothing(server: viser.ViserServer) -> None:
-    with connect_page_client(address(server)) as guest:
+def test_malformed_messages_are_answered_with_errors(server: viser.ViserServer) -> None:
+    with connect_page_client(address(server)) as client:
         for garbage in (
             "",
             "[]",
@@ -177,48 +175,48 @@ def test_garbage_is_told_and_ends_nothing(server: viser.ViserServer) -> None:
             '{"id":1}',
             '{"id":1,"method":"echo","extra":1}',
         ):
-            guest.socket.send(garbage)
-            reply = json.loads(guest.socket.recv(timeout=TIMEOUT_S))
+            client.socket.send(garbage)
+            reply = json.loads(client.socket.recv(timeout=TIMEOUT_S))
             assert reply["error"]["type"] == "RequestRefused", garbage
-        assert guest.ask("echo", text="still there") == "still there"
+        assert client.ask("echo", text="still there") == "still there"
 
 
-def test_what_is_too_large_is_not_taken_in(server: viser.ViserServer) -> None:
-    with connect_page_client(address(server)) as guest:
-        guest.socket.send(json.dumps({"id": 1, "method": "echo", "params": {"text": "x" * 20_000}}))
+def test_the_size_of_messages_is_limited(server: viser.ViserServer) -> None:
+    with connect_page_client(address(server)) as client:
+        client.socket.send(json.dumps({"id": 1, "method": "echo", "params": {"text": "x" * 20_000}}))
         with pytest.raises(ConnectionClosed) as closed:
-            guest.socket.recv(timeout=TIMEOUT_S)
+            client.socket.recv(timeout=TIMEOUT_S)
         assert closed.value.rcvd is not None
         assert closed.value.rcvd.code == 1009
 
 
-def test_there_is_room_for_so_many_visitors(server: viser.ViserServer, channel: RpcChannel) -> None:
+def test_the_number_of_sessions_is_limited(server: viser.ViserServer, channel: RpcChannel) -> None:
     with connect_page_client(address(server)), connect_page_client(address(server)):
-        wait_until(lambda: len(channel.sessions) == 2, "two are there")
+        wait_until(lambda: len(channel.sessions) == 2, "two sessions are open")
         with connect_page_client(address(server)) as third, pytest.raises(ConnectionClosed) as closed:
             third.socket.recv(timeout=TIMEOUT_S)
         assert closed.value.rcvd is not None
         assert "too many" in closed.value.rcvd.reason
-    wait_until(lambda: not channel.sessions, "they have left")
+    wait_until(lambda: not channel.sessions, "both sessions are closed")
 
 
-def test_a_visitor_who_comes_back_is_the_same(server: viser.ViserServer, channel: RpcChannel) -> None:
+def test_a_reconnecting_page_replaces_its_session(server: viser.ViserServer, channel: RpcChannel) -> None:
     left: list[ClientSession] = []
     channel.on_disconnect(left.append)
     with connect_page_client(address(server), key=KEY):
-        wait_until(lambda: channel.session(KEY), "it is there")
+        wait_until(lambda: channel.session(KEY), "the session is open")
         first = channel.session(KEY)
         with connect_page_client(address(server), key=KEY) as again:
-            wait_until(lambda: channel.session(KEY) is not first, "the new socket counts")
+            wait_until(lambda: channel.session(KEY) is not first, "the new session replaces the old one")
             assert again.ask("echo", text="hi") == "hi"
-    wait_until(lambda: len(left) == 2 and not channel.sessions, "both sockets are gone")
+    wait_until(lambda: len(left) == 2 and not channel.sessions, "both websockets are closed")
 
 
-def test_a_view_belongs_to_the_visitor_whose_key_it_has(server: viser.ViserServer) -> None:
+def test_a_view_belongs_to_the_session_with_its_key(server: viser.ViserServer) -> None:
     connections = server._websock_server._live_connections
     protocol = f"viser-v{viser.__version__}"
     with connect(f"ws://127.0.0.1:{server.get_port()}/view/{KEY}", subprotocols=[protocol]):  # type: ignore[list-item]
-        wait_until(lambda: connections, "viser has taken it in")
+        wait_until(lambda: connections, "viser has accepted the connection")
         client = type("Client", (), {"client_id": next(iter(connections))})
         assert session_key_of(client, server) == KEY  # type: ignore[arg-type]
     assert session_key_of(type("Client", (), {"client_id": 99}), server) is None  # type: ignore[arg-type]

@@ -1,6 +1,6 @@
-"""The tour: what somebody does who opens the bundled kitchen for the first time, from the first look to the saved map.
+"""A complete session with the bundled kitchen in a real browser, from opening the page to loading a saved map.
 
-Each step is asserted on what the engine or the page holds; pictures of the steps are left under `build/tour`.
+Each step is checked in the engine or on the page; pictures of the steps are written to `build/tour`.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from mindstage.knowledge import bundled_kitchen
 from mindstage.scene import BodyId, Vector
 from mindstage.viewer import Viewer
 from tests.conftest import ROOT
-from tests.viewer.visiting import PageTab, open_tabs
+from tests.viewer.page_tab import PageTab, open_tabs
 from tests.viewer.waiting import wait_until
 
 WINDOW = (900, 480)
-"""Small: without a GPU each picture of a whole kitchen takes its time."""
+"""Small, because rendering the kitchen without a GPU is slow."""
 PICTURES = ROOT / "build" / "tour"
 HANDLE = BodyId("fridge_door_handle")
 HINGE = "fridge_door_hinge"
@@ -33,174 +33,176 @@ OPENED_RAD = np.radians(15.0)
 def kitchen() -> Iterator[Simulation]:
     knowledge = KnowledgeBase()
     knowledge.load(bundled_kitchen())
-    with Simulation(knowledge, MujocoEngine()) as stage:
-        stage.spawn()
-        yield stage
+    with Simulation(knowledge, MujocoEngine()) as simulation:
+        simulation.spawn()
+        yield simulation
 
 
-def test_a_first_visit_from_the_open_page_to_the_saved_map(kitchen: Simulation, browser: Any, tmp_path: Path) -> None:
-    with Viewer(kitchen, port=0) as viewport, open_tabs(browser) as visit:
-        visitor = visit(viewport, size=WINDOW)
-        picture(visitor, "opened")
-        find_the_fridge(visitor)
-        picture(visitor, "selected")
-        pull_its_door_open(visitor, kitchen)
-        picture(visitor, "pulled")
-        ask_where_milk_is_kept(visitor, kitchen)
-        picture(visitor, "asked")
-        make_a_mug_heavier(visitor, kitchen)
-        plate = lay_a_plate_on_the_table(visitor, kitchen)
-        picture(visitor, "laid")
-        saved = save_the_map(visitor, tmp_path)
-        load_it_again(visitor, kitchen, saved, plate)
-        picture(visitor, "loaded")
+def test_a_complete_session_from_opening_the_page_to_loading_a_map(
+    kitchen: Simulation, browser: Any, tmp_path: Path
+) -> None:
+    with Viewer(kitchen, port=0) as viewer, open_tabs(browser) as open_page:
+        tab = open_page(viewer, size=WINDOW)
+        picture(tab, "opened")
+        find_the_fridge(tab)
+        picture(tab, "selected")
+        pull_its_door_open(tab, kitchen)
+        picture(tab, "pulled")
+        ask_where_milk_is_kept(tab, kitchen)
+        picture(tab, "asked")
+        change_the_mass_of_a_mug(tab, kitchen)
+        plate = add_a_plate_to_the_table(tab, kitchen)
+        picture(tab, "laid")
+        saved = save_the_map(tab, tmp_path)
+        load_it_again(tab, kitchen, saved, plate)
+        picture(tab, "loaded")
 
 
-def find_the_fridge(visitor: PageTab) -> None:
-    wait_until(lambda: visitor.shows_text("254 bodies"), "the outline is there")
-    visitor.page.locator("[data-role=find-body]").fill("fridge")
-    wait_until(
-        lambda: "fridge_door_handle" in visitor.tree_rows(), "what is called so is found, with what belongs to it"
-    )
-    assert "coffee_mug_1" not in visitor.tree_rows()
-    visitor.page.locator(".tree-row[data-id=fridge] .tree-name").click()
-    wait_until(lambda: visitor.details() is not None, "its class is in the details")
-    assert visitor.selected == "fridge"
-    told = visitor.details()
-    assert told is not None
-    wait_until(lambda: visitor.shows_text("FridgeW60H140"), "which are shown")
-    assert told["cls"] == "FridgeW60H140"
-    assert "Refrigerator" in told["ancestors"], "and what that is a kind of"
-    (view,) = visitor.viewport.views.clients
-    wait_until(lambda: visitor.viewport.views.selected(view) == "fridge", "and it is framed in the view")
+def find_the_fridge(tab: PageTab) -> None:
+    wait_until(lambda: tab.shows_text("254 bodies"), "the tree is shown")
+    tab.page.locator("[data-role=find-body]").fill("fridge")
+    wait_until(lambda: "fridge_door_handle" in tab.tree_rows(), "matching bodies and their children are found")
+    assert "coffee_mug_1" not in tab.tree_rows()
+    tab.page.locator(".tree-row[data-id=fridge] .tree-name").click()
+    wait_until(lambda: tab.details() is not None, "the details are received")
+    assert tab.selected == "fridge"
+    details = tab.details()
+    assert details is not None
+    wait_until(lambda: tab.shows_text("FridgeW60H140"), "the details are shown")
+    assert details["cls"] == "FridgeW60H140"
+    assert "Refrigerator" in details["ancestors"], "superclasses are listed"
+    (view,) = tab.viewer.views.clients
+    wait_until(lambda: tab.viewer.views.selected(view) == "fridge", "the view selects it, too")
 
 
-def pull_its_door_open(visitor: PageTab, kitchen: Simulation) -> None:
-    visitor.click_button("focus")
-    visitor.select_in_tree("fridge_door")
-    stands_still(visitor)
-    visitor.click_button("play")
-    wait_until(lambda: kitchen.state.playing, "time passes")
-    x, y, z = place_of(kitchen, HANDLE)
+def pull_its_door_open(tab: PageTab, kitchen: Simulation) -> None:
+    tab.click_button("focus")
+    tab.select_in_tree("fridge_door")
+    wait_for_camera(tab)
+    tab.click_button("play")
+    wait_until(lambda: kitchen.state.playing, "the simulation runs")
+    x, y, z = position_of(kitchen, HANDLE)
 
-    def follows_the_hand() -> bool:
-        visitor.press_and_move((x, y, z), (x - 0.1, y - 0.45, z))
+    def door_opens() -> bool:
+        tab.press_and_move((x, y, z), (x - 0.1, y - 0.45, z))
         try:
-            wait_until(lambda: abs(opened(kitchen)) > OPENED_RAD, "the door comes open", timeout_s=8.0)
+            wait_until(lambda: abs(opened(kitchen)) > OPENED_RAD, "the door opens", timeout_s=8.0)
         except AssertionError:
-            visitor.release()  # a slow browser took it for a look round
+            tab.release()  # a slow browser may have moved the camera instead
             return False
         return True
 
-    wait_until(follows_the_hand, "the door is open")
-    wait_until(lambda: abs(shown(visitor)) > OPENED_RAD, "the joint's value on the page follows")
-    visitor.release()
-    wait_until(lambda: not visitor.viewport._drag_controller.drag_forces, "the hand is open")
-    visitor.click_button("play")
-    wait_until(lambda: not kitchen.state.playing, "time stands still")
-    wait_until(lambda: shown(visitor) == pytest.approx(opened(kitchen), abs=1e-3), "both say the same")
+    wait_until(door_opens, "the door is open")
+    wait_until(lambda: abs(shown(tab)) > OPENED_RAD, "the joint position on the page is updated")
+    tab.release()
+    wait_until(lambda: not tab.viewer._drag_controller.drag_forces, "the drag has ended")
+    tab.click_button("play")
+    wait_until(lambda: not kitchen.state.playing, "the simulation is paused")
+    wait_until(lambda: shown(tab) == pytest.approx(opened(kitchen), abs=1e-3), "engine and page agree")
 
 
-def ask_where_milk_is_kept(visitor: PageTab, kitchen: Simulation) -> None:
-    page = visitor.page
-    visitor.open_panel("ask")
+def ask_where_milk_is_kept(tab: PageTab, kitchen: Simulation) -> None:
+    page = tab.page
+    tab.open_panel("ask")
     page.get_by_role("combobox", name="item").fill("CowsMilk")
-    visitor.click_button("ask")
+    tab.click_button("ask")
     page.locator("#panel-ask tr[data-id=fridge]").wait_for()
-    visitor.click_button("highlight-all")
+    tab.click_button("highlight-all")
     page.wait_for_selector("#legend li[data-highlighted='1']")
     assert set(kitchen.state.highlights) == {"fridge"}
-    wait_until(lambda: blue(visitor) > 200, "the fridge is lit in the picture")
+    wait_until(lambda: blue(tab) > 200, "the fridge is blue in the view")
 
 
-def make_a_mug_heavier(visitor: PageTab, kitchen: Simulation) -> None:
-    page = visitor.page
+def change_the_mass_of_a_mug(tab: PageTab, kitchen: Simulation) -> None:
+    page = tab.page
     page.locator("#legend button").first.click()
-    wait_until(lambda: not kitchen.state.highlights, "nothing is lit any more")
-    visitor.select_in_tree(MUG)
-    visitor.open_panel("details")
+    wait_until(lambda: not kitchen.state.highlights, "nothing is highlighted")
+    tab.select_in_tree(MUG)
+    tab.open_panel("details")
     page.locator("[data-field=mass]").fill("0.75")
     page.keyboard.press("Enter")
-    wait_until(lambda: kitchen.snapshot().body(MUG).physics.mass_kg == 0.75, "the engine's mug is heavier")
-    wait_until(lambda: (visitor.details() or {}).get("mass") == 0.75, "and the page's")
+    wait_until(lambda: kitchen.snapshot().body(MUG).physics.mass_kg == 0.75, "the mass in the engine is changed")
+    wait_until(lambda: (tab.details() or {}).get("mass") == 0.75, "the mass on the page is changed")
 
 
-def lay_a_plate_on_the_table(visitor: PageTab, kitchen: Simulation) -> BodyId:
+def add_a_plate_to_the_table(tab: PageTab, kitchen: Simulation) -> BodyId:
     before = set(kitchen.state.ids)
-    visitor.select_in_tree("table")
-    visitor.open_panel("add")
-    visitor.page.locator("[data-role=find-class]").fill("dinnerplate")
-    visitor.page.locator("[data-class=DinnerPlate]").click()
-    assert visitor.page.locator("[data-role=placement]").input_value() == "on"
-    visitor.click_button("add")
-    wait_until(lambda: len(kitchen.state.ids) == len(before) + 1, "there is one more body")
+    tab.select_in_tree("table")
+    tab.open_panel("add")
+    tab.page.locator("[data-role=find-class]").fill("dinnerplate")
+    tab.page.locator("[data-class=DinnerPlate]").click()
+    assert tab.page.locator("[data-role=placement]").input_value() == "on"
+    tab.click_button("add")
+    wait_until(lambda: len(kitchen.state.ids) == len(before) + 1, "a body is added")
     (plate,) = set(kitchen.state.ids) - before
-    wait_until(lambda: visitor.selected == plate, "the plate is selected")
-    table, size = place_of(kitchen, BodyId("table")), kitchen.snapshot().body(BodyId("table")).size
+    wait_until(lambda: tab.selected == plate, "the plate is selected")
+    table, size = position_of(kitchen, BodyId("table")), kitchen.snapshot().body(BodyId("table")).size
     assert size is not None
-    assert place_of(kitchen, plate)[2] == pytest.approx(table[2] + size[2] / 2, abs=0.03), "it lies on the table"
+    assert position_of(kitchen, plate)[2] == pytest.approx(table[2] + size[2] / 2, abs=0.03), (
+        "the plate is on the table"
+    )
     return plate
 
 
-def save_the_map(visitor: PageTab, folder: Path) -> Path:
-    with visitor.page.expect_download() as download:
-        visitor.page.locator("[data-action=save]").select_option("turtle semlog")
+def save_the_map(tab: PageTab, folder: Path) -> Path:
+    with tab.page.expect_download() as download:
+        tab.page.locator("[data-action=save]").select_option("turtle semlog")
     saved = folder / download.value.suggested_filename
     download.value.save_as(saved)
     return saved
 
 
-def load_it_again(visitor: PageTab, kitchen: Simulation, saved: Path, plate: BodyId) -> None:
-    door = place_of(kitchen, BodyId("fridge_door"))
+def load_it_again(tab: PageTab, kitchen: Simulation, saved: Path, plate: BodyId) -> None:
+    door = position_of(kitchen, BodyId("fridge_door"))
     kitchen.clear()
-    wait_until(lambda: visitor.shows_text("0 bodies"), "the place is empty")
-    visitor.page.locator("[data-role=upload]").set_input_files(saved)
-    wait_until(lambda: len(kitchen.state.ids) == 255, "all is back, and the plate")
-    wait_until(lambda: visitor.shows_text("255 bodies"), "and the page says so")
+    wait_until(lambda: tab.shows_text("0 bodies"), "the world is empty")
+    tab.page.locator("[data-role=upload]").set_input_files(saved)
+    wait_until(lambda: len(kitchen.state.ids) == 255, "all bodies are restored, including the plate")
+    wait_until(lambda: tab.shows_text("255 bodies"), "the page shows it")
     loaded = kitchen.snapshot()
     assert loaded.body(plate).cls.endswith("#DinnerPlate")
     assert loaded.body(MUG).physics.mass_kg == 0.75
-    assert place_of(kitchen, BodyId("fridge_door")) == pytest.approx(door, abs=1e-3), "the door is as it was left"
-    assert abs(door[1] - 1.183) > 0.02, "which is open"
+    assert position_of(kitchen, BodyId("fridge_door")) == pytest.approx(door, abs=1e-3), "the door is where it was"
+    assert abs(door[1] - 1.183) > 0.02, "the door is open"
 
 
 # -- how ---------------------------------------------------------------------------------------------------------------
 
 
-def place_of(kitchen: Simulation, id: BodyId) -> Vector:
+def position_of(kitchen: Simulation, id: BodyId) -> Vector:
     x, y, z = kitchen.state.poses[kitchen.state.ids.index(id)][:3].tolist()
     return x, y, z
 
 
 def opened(kitchen: Simulation) -> float:
-    """How far the engine says the door is open [rad]."""
+    """The position of the door joint in the engine [rad]."""
     positions = kitchen.run_on_engine(lambda engine: engine.joint_positions())
     return max(positions[BodyId(HINGE)], key=abs)
 
 
-def shown(visitor: PageTab) -> float:
-    """How far the page says so [rad]."""
-    return max((visitor.live() or {"joints": {}})["joints"].get(HINGE, {"": 0.0}).values(), key=abs)
+def shown(tab: PageTab) -> float:
+    """The position of the door joint on the page [rad]."""
+    return max((tab.live() or {"joints": {}})["joints"].get(HINGE, {"": 0.0}).values(), key=abs)
 
 
-def stands_still(visitor: PageTab) -> None:
-    """Waits until the camera has come to where it flies."""
-    seen: list[object] = []
+def wait_for_camera(tab: PageTab) -> None:
+    """Waits for the end of the camera animation."""
+    count_pixels: list[object] = []
 
     def still() -> bool:
-        visitor.page.wait_for_timeout(150)
-        seen.append(visitor.camera)
-        return seen[-3:].count(seen[-1]) == 3
+        tab.page.wait_for_timeout(150)
+        count_pixels.append(tab.camera)
+        return count_pixels[-3:].count(count_pixels[-1]) == 3
 
-    wait_until(still, "the camera stands still")
+    wait_until(still, "the camera has stopped")
 
 
-def blue(visitor: PageTab) -> int:
-    """How many pixels of the picture are of the color in which answers are lit."""
-    red, green, blue = np.moveaxis(visitor.pixels().astype(int), 2, 0)
+def blue(tab: PageTab) -> int:
+    """The number of pixels in the color of highlighted answers."""
+    red, green, blue = np.moveaxis(tab.pixels().astype(int), 2, 0)
     return int(np.sum((blue > 100) & (blue > red + 60) & (blue > green + 40)))
 
 
-def picture(visitor: PageTab, name: str) -> None:
+def picture(tab: PageTab, name: str) -> None:
     PICTURES.mkdir(parents=True, exist_ok=True)
-    visitor.page.screenshot(path=PICTURES / f"{name}.png", timeout=60_000)
+    tab.page.screenshot(path=PICTURES / f"{name}.png", timeout=60_000)

@@ -1,4 +1,4 @@
-"""The view in a real browser, by what a person does there."""
+"""The 3D view in a real browser, operated by the mouse."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from mindstage.scene import BodyId, Pose
 from mindstage.viewer import Viewer
 from mindstage.viewer.camera import CameraPose, GizmoMode, LabelMode
 from tests.kitchenette import kitchenette
-from tests.viewer.viewing import ViewTab, open_views, position
+from tests.viewer.view_tab import ViewTab, open_views, position
 from tests.viewer.waiting import wait_until
 
-Looking = Callable[[Viewer], ViewTab]
+OpenView = Callable[[Viewer], ViewTab]
 
 MUG = BodyId("Mug")
 ON_THE_HANDLE = (1.66, 0.0, 0.65)
@@ -29,169 +29,188 @@ ON_THE_FRIDGE = (1.66, 1.1, 1.5)
 
 
 @pytest.fixture
-def look(browser: Any) -> Iterator[Looking]:
-    with open_views(browser) as look:
-        yield look
+def open_view(browser: Any) -> Iterator[OpenView]:
+    with open_views(browser) as open_view:
+        yield open_view
 
 
 @pytest.fixture
-def alive() -> Iterator[Simulation]:
-    with Simulation(KnowledgeBase(), MujocoEngine()) as stage:
-        stage.spawn(kitchenette())
-        stage.play()
-        yield stage
+def physics_simulation() -> Iterator[Simulation]:
+    with Simulation(KnowledgeBase(), MujocoEngine()) as simulation:
+        simulation.spawn(kitchenette())
+        simulation.play()
+        yield simulation
 
 
-def test_who_clicks_on_a_thing_selects_it_alone_and_for_himself(viewport: Viewer, look: Looking) -> None:
-    ann, bob = look(viewport), look(viewport)
-    ann.wait_for("/bodies/DrawerHandle/seen")
-    ann.click_until(ON_THE_HANDLE, lambda: viewport.views.selected(ann.number) == "DrawerHandle", "it is selected")
+def test_a_click_selects_a_body_for_this_client_only(viewer: Viewer, open_view: OpenView) -> None:
+    ann, bob = open_view(viewer), open_view(viewer)
+    ann.wait_for("/bodies/DrawerHandle/textured")
+    ann.click_until(ON_THE_HANDLE, lambda: viewer.views.selected(ann.number) == "DrawerHandle", "it is selected")
     ann.wait_for("/selected")
-    assert viewport.views.selected(bob.number) is None
-    viewport.views.set_labels(LabelMode.SELECTED, client=ann.number)
-    wait_until(lambda: ann.has_node("/labels/DrawerHandle"), "its name is beside it")
+    assert viewer.views.selected(bob.number) is None
+    viewer.views.set_labels(LabelMode.SELECTED, client=ann.number)
+    wait_until(lambda: ann.has_node("/labels/DrawerHandle"), "the label is shown")
     assert not bob.has_node("/labels/DrawerHandle")
-    ann.click_until(ON_THE_HANDLE, lambda: viewport.views.selected(ann.number) is None, "nothing is selected")
+    ann.click_until(ON_THE_HANDLE, lambda: viewer.views.selected(ann.number) is None, "nothing is selected")
 
 
-def test_what_is_cut_away_is_neither_seen_nor_touched(viewport: Viewer, look: Looking) -> None:
-    ann = look(viewport)
-    ann.wait_for("/bodies/FridgeDoor/seen")
-    wait_until(lambda: np.array_equal(ann.pixels(), ann.pixels()), "the picture stands still")
+def test_clipped_bodies_are_neither_drawn_nor_clickable(viewer: Viewer, open_view: OpenView) -> None:
+    ann = open_view(viewer)
+    ann.wait_for("/bodies/FridgeDoor/textured")
+    wait_until(lambda: np.array_equal(ann.pixels(), ann.pixels()), "the picture is stable")
     x, y = (round(part) for part in ann.to_window(ON_THE_FRIDGE))
     whole = ann.pixels()
-    viewport.views.set_clip_height(1.0, client=ann.number)
-    wait_until(lambda: not np.array_equal(whole[y, x], ann.pixels()[y, x]), "the upper part of the fridge has gone")
+    viewer.views.set_clip_height(1.0, client=ann.number)
+    wait_until(lambda: not np.array_equal(whole[y, x], ann.pixels()[y, x]), "the upper part of the fridge is clipped")
     ann.click(ON_THE_FRIDGE)
-    ann.click_until(ON_THE_HANDLE, lambda: viewport.views.selected(ann.number) == "DrawerHandle", "what is below is")
-    viewport.views.set_clip_height(None, client=ann.number)
-    wait_until(lambda: np.array_equal(whole[y, x], ann.pixels()[y, x]), "it is back")
-    ann.click_until(ON_THE_FRIDGE, lambda: viewport.views.selected(ann.number) == "FridgeDoor", "so can it again")
+    ann.click_until(
+        ON_THE_HANDLE,
+        lambda: viewer.views.selected(ann.number) == "DrawerHandle",
+        "bodies below the plane are clickable",
+    )
+    viewer.views.set_clip_height(None, client=ann.number)
+    wait_until(lambda: np.array_equal(whole[y, x], ann.pixels()[y, x]), "the fridge is shown again")
+    ann.click_until(
+        ON_THE_FRIDGE, lambda: viewer.views.selected(ann.number) == "FridgeDoor", "the fridge is clickable again"
+    )
 
 
-def test_a_drawer_is_pulled_and_a_mug_is_lifted_with_the_mouse(alive: Simulation, look: Looking) -> None:
-    with Viewer(alive, port=0) as viewport:
-        ann = look(viewport)
-        ann.wait_for("/bodies/DrawerHandle/seen")
+def test_a_drawer_is_pulled_and_a_mug_is_lifted_with_the_mouse(
+    physics_simulation: Simulation, open_view: OpenView
+) -> None:
+    with Viewer(physics_simulation, port=0) as viewer:
+        ann = open_view(viewer)
+        ann.wait_for("/bodies/DrawerHandle/textured")
         ann.drag_until(
-            ON_THE_HANDLE, PULLED_OUT, lambda: position(alive, "Drawer")[0] < 1.75, "it has come out by 20 cm"
+            ON_THE_HANDLE,
+            PULLED_OUT,
+            lambda: position(physics_simulation, "Drawer")[0] < 1.75,
+            "the drawer is open by 20 cm",
         )
-        assert [pull.id for pull in viewport._drag_controller.drag_forces] == ["DrawerHandle"]
+        assert [pull.id for pull in viewer._drag_controller.drag_forces] == ["DrawerHandle"]
         ann.release()
-        wait_until(lambda: not viewport._drag_controller.drag_forces, "the hand is open")
-        _, y, z = position(alive, "Drawer")
+        wait_until(lambda: not viewer._drag_controller.drag_forces, "the drag has ended")
+        _, y, z = position(physics_simulation, "Drawer")
         assert (y, z) == pytest.approx((0.0, 0.65), abs=2e-3)
-        viewport.views.set_camera(BESIDE_THE_MUG, client=ann.number)
+        viewer.views.set_camera(BESIDE_THE_MUG, client=ann.number)
         wait_until(
-            lambda: ann.camera_position.position == pytest.approx(BESIDE_THE_MUG.position, abs=1e-3), "one sees the mug"
+            lambda: ann.camera_position.position == pytest.approx(BESIDE_THE_MUG.position, abs=1e-3),
+            "the camera has moved",
         )
-        wait_until(lambda: np.array_equal(ann.pixels(), ann.pixels()), "the picture stands still")
-        start = position(alive, "Mug")
+        wait_until(lambda: np.array_equal(ann.pixels(), ann.pixels()), "the picture is stable")
+        start = position(physics_simulation, "Mug")
         on_the_mug = (float(start[0]), float(start[1]), float(start[2]) + 0.01)
         in_the_air = (on_the_mug[0], on_the_mug[1], on_the_mug[2] + 0.35)
         ann.drag_until(
-            on_the_mug, in_the_air, lambda: position(alive, "Mug")[2] > start[2] + 0.2, "the mug is in the air"
+            on_the_mug,
+            in_the_air,
+            lambda: position(physics_simulation, "Mug")[2] > start[2] + 0.2,
+            "the mug is in the air",
         )
         ann.release()
-        wait_until(lambda: position(alive, "Mug")[2] < start[2] + 0.1, "the mug has come down")
+        wait_until(lambda: position(physics_simulation, "Mug")[2] < start[2] + 0.1, "the mug has fallen")
 
 
-def test_a_visitor_who_leaves_lets_go_and_the_world_goes_on(alive: Simulation, look: Looking) -> None:
-    with Viewer(alive, port=0) as viewport:
-        ann = look(viewport)
-        ann.wait_for("/bodies/DrawerHandle/seen")
-        ann.drag_until(ON_THE_HANDLE, PULLED_OUT, lambda: viewport._drag_controller.drag_forces, "the handle is held")
+def test_a_disconnected_client_releases_its_body(physics_simulation: Simulation, open_view: OpenView) -> None:
+    with Viewer(physics_simulation, port=0) as viewer:
+        ann = open_view(viewer)
+        ann.wait_for("/bodies/DrawerHandle/textured")
+        ann.drag_until(
+            ON_THE_HANDLE, PULLED_OUT, lambda: viewer._drag_controller.drag_forces, "the handle is being dragged"
+        )
         ann.page.close()
-        wait_until(lambda: not viewport._drag_controller.drag_forces, "nothing is held any more")
-        time_s = alive.state.time_s
-        wait_until(lambda: alive.state.time_s > time_s + 0.5, "the world goes on")
+        wait_until(lambda: not viewer._drag_controller.drag_forces, "everything is released")
+        time_s = physics_simulation.state.time_s
+        wait_until(lambda: physics_simulation.state.time_s > time_s + 0.5, "the simulation goes on")
 
 
-def test_one_of_a_crowd_is_touched_lit_moved_and_taken_away(stage: Simulation, viewport: Viewer, look: Looking) -> None:
+def test_a_member_of_a_batch_is_clicked_highlighted_moved_and_removed(
+    simulation: Simulation, viewer: Viewer, open_view: OpenView
+) -> None:
     mug = kitchenette().body("Mug")
     mugs = [
         replace(mug, id=BodyId(f"Mug{n}"), size=(0.2, 0.2, 0.25), pose=Pose((1.2, -1.0 + 0.5 * n, 1.4)))
         for n in range(9)
     ]
-    stage.spawn(replace(kitchenette(), bodies=tuple(mugs), joints=(), attachments=()))
-    ann = look(viewport)
-    ann.wait_for("/crowds/1/seen")
+    simulation.spawn(replace(kitchenette(), bodies=tuple(mugs), joints=(), attachments=()))
+    ann = open_view(viewer)
+    ann.wait_for("/batches/1/textured")
 
-    def touched(point: tuple[float, float, float]) -> BodyId | None:
-        viewport.views.select(None, client=ann.number)
-        wait_until(lambda: viewport.views.selected(ann.number) is None, "nothing is selected")
+    def clicked(point: tuple[float, float, float]) -> BodyId | None:
+        viewer.views.select(None, client=ann.number)
+        wait_until(lambda: viewer.views.selected(ann.number) is None, "nothing is selected")
         for _ in range(5):  # a slow browser may not be ready for the first click
             ann.click(point)
             with suppress(AssertionError):
-                wait_until(lambda: viewport.views.selected(ann.number), "something is selected", timeout_s=8.0)
+                wait_until(lambda: viewer.views.selected(ann.number), "something is selected", timeout_s=8.0)
                 break
-        return viewport.views.selected(ann.number)
+        return viewer.views.selected(ann.number)
 
-    assert touched((1.12, 0.5, 1.4)) == "Mug3"
-    stage.highlight([BodyId("Mug3")], (0.0, 0.8, 0.0))
-    ann.wait_for("/crowds/1/plain")
+    assert clicked((1.12, 0.5, 1.4)) == "Mug3"
+    simulation.highlight([BodyId("Mug3")], (0.0, 0.8, 0.0))
+    ann.wait_for("/batches/1/plain")
     x, y = (round(part) for part in ann.to_window((1.12, 0.5, 1.4)))
 
     def green() -> bool:
-        red, lit, blue = ann.pixels()[y, x].astype(int)
-        return bool(lit > red + 40 and lit > blue + 40)
+        red, green_, blue = ann.pixels()[y, x].astype(int)
+        return bool(green_ > red + 40 and green_ > blue + 40)
 
-    wait_until(green, "the touched one is green")
-    stage.clear_highlights()
-    wait_until(lambda: not green(), "it is as it was")
-    stage.run_on_engine(lambda engine: engine.delete([BodyId("Mug2")]), edits=True)
-    stage.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug4"), Pose((1.2, 0.0, 1.4))))
-    wait_until(lambda: viewport._scene.appearances.keys() == set(stage.state.ids), "the page has heard of it")
-    wait_until(lambda: touched((1.12, 0.0, 1.4)) == "Mug4", "who moved there is touched there")
-    assert touched((1.12, 0.5, 1.4)) == "Mug3"
+    wait_until(green, "the clicked body is green")
+    simulation.clear_highlights()
+    wait_until(lambda: not green(), "the highlight is cleared")
+    simulation.run_on_engine(lambda engine: engine.delete([BodyId("Mug2")]), edits=True)
+    simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug4"), Pose((1.2, 0.0, 1.4))))
+    wait_until(lambda: viewer._scene.appearances.keys() == set(simulation.state.ids), "the page is updated")
+    wait_until(lambda: clicked((1.12, 0.0, 1.4)) == "Mug4", "the moved body is clickable")
+    assert clicked((1.12, 0.5, 1.4)) == "Mug3"
 
 
-def test_a_late_visitor_and_one_who_was_cut_off_see_what_is_now(
-    stage: Simulation, viewport: Viewer, look: Looking
+def test_late_and_reconnecting_clients_see_the_current_state(
+    simulation: Simulation, viewer: Viewer, open_view: OpenView
 ) -> None:
-    ann = look(viewport)
-    ann.wait_for("/bodies/Mug/seen")
-    stage.run_on_engine(lambda engine: engine.delete([MUG]), edits=True)
-    viewport.select(BodyId("Fridge"))
-    late = look(viewport)
-    late.wait_for("/bodies/Fridge/seen")
+    ann = open_view(viewer)
+    ann.wait_for("/bodies/Mug/textured")
+    simulation.run_on_engine(lambda engine: engine.delete([MUG]), edits=True)
+    viewer.select(BodyId("Fridge"))
+    late = open_view(viewer)
+    late.wait_for("/bodies/Fridge/textured")
     late.wait_for("/selected")
-    assert not late.is_drawn("/bodies/Mug/seen")
-    cut_off = viewport.views.clients
-    for connection in list(viewport._server._websock_server._live_connections.values()):
-        asyncio.run_coroutine_threadsafe(connection.close(), viewport._server.get_event_loop()).result(30)
-    stage.highlight([BodyId("Fridge")], (1.0, 0.0, 0.0))
-    wait_until(lambda: len(set(viewport.views.clients) - set(cut_off)) == 2, "both are back")
-    for visitor in (ann, late):
-        visitor.wait_for("/bodies/Fridge/plain")
-        visitor.wait_for("/selected")
-        assert not visitor.is_drawn("/bodies/Mug/seen")
+    assert not late.is_drawn("/bodies/Mug/textured")
+    cut_off = viewer.views.clients
+    for connection in list(viewer._server._websock_server._live_connections.values()):
+        asyncio.run_coroutine_threadsafe(connection.close(), viewer._server.get_event_loop()).result(30)
+    simulation.highlight([BodyId("Fridge")], (1.0, 0.0, 0.0))
+    wait_until(lambda: len(set(viewer.views.clients) - set(cut_off)) == 2, "both clients are connected again")
+    for tab in (ann, late):
+        tab.wait_for("/bodies/Fridge/plain")
+        tab.wait_for("/selected")
+        assert not tab.is_drawn("/bodies/Mug/textured")
 
 
-def test_a_gizmo_moves_what_is_selected(stage: Simulation, viewport: Viewer, look: Looking) -> None:
-    ann = look(viewport)
-    ann.wait_for("/bodies/Fridge/seen")
-    viewport.views.select(BodyId("Fridge"), client=ann.number)
-    viewport.views.set_gizmo(GizmoMode.MOVE, client=ann.number)
+def test_a_gizmo_moves_the_selected_body(simulation: Simulation, viewer: Viewer, open_view: OpenView) -> None:
+    ann = open_view(viewer)
+    ann.wait_for("/bodies/Fridge/textured")
+    viewer.views.select(BodyId("Fridge"), client=ann.number)
+    viewer.views.set_gizmo(GizmoMode.MOVE, client=ann.number)
     ann.wait_for("/gizmo")
-    start = position(stage, "Fridge").copy()
+    start = position(simulation, "Fridge").copy()
     along = (float(start[0]), float(start[1]) + 0.8, float(start[2]))
     beyond = (along[0], along[1] + 0.5, along[2])
 
-    def goes_before_it() -> bool:
+    def preview_appears() -> bool:
         ann.press_and_move(along, beyond)
         try:
-            wait_until(lambda: ann.is_drawn("/ghosts/Fridge"), "a ghost is drawn", timeout_s=5.0)
+            wait_until(lambda: ann.is_drawn("/previews/Fridge"), "the preview is shown", timeout_s=5.0)
         except AssertionError:
-            ann.release()  # a slow browser took it for a look round
-            viewport.views.go_home(client=ann.number)
+            ann.release()  # a slow browser may have moved the camera instead
+            viewer.views.go_home(client=ann.number)
             return False
         return True
 
-    wait_until(goes_before_it, "a ghost goes before it")
-    assert np.array_equal(position(stage, "Fridge"), start), "it stays until the handle is let go"
+    wait_until(preview_appears, "the preview is shown")
+    assert np.array_equal(position(simulation, "Fridge"), start), "the body stays until the gizmo is released"
     ann.release()
-    wait_until(lambda: position(stage, "Fridge")[1] > start[1] + 0.3, "it is put where the ghost was")
-    wait_until(lambda: not ann.is_drawn("/ghosts/Fridge"), "the ghost has gone")
-    stage.editing.undo()
-    assert position(stage, "Fridge") == pytest.approx(start)
+    wait_until(lambda: position(simulation, "Fridge")[1] > start[1] + 0.3, "the body is where the preview was")
+    wait_until(lambda: not ann.is_drawn("/previews/Fridge"), "the preview is removed")
+    simulation.undo_stack.undo()
+    assert position(simulation, "Fridge") == pytest.approx(start)

@@ -1,4 +1,4 @@
-"""Bridge: the rosbridge v2 protocol and the connection for both of its ends."""
+"""Client and server of the rosbridge v2 protocol, with topics, services and actions."""
 
 from mindstage.bridge.broker import GraphInfo, ProviderInfo, TopicInfo
 from mindstage.bridge.client import ConnectionState, RosbridgeClient

@@ -1,25 +1,10 @@
-"""Topics: what anyone publishes goes to everyone who subscribed, in the order it came.
+"""The broker between the nodes of a bridge: routes messages, service calls and action goals between peers.
 
-Names: when two names mean one topic or service, and when two types are one.
+A message on a topic goes to all its subscribers, in the order of publication. A service or an action has one provider;
+every call gets exactly one response, with a timeout. Feedback and the result of a goal return to its client; if the
+client disconnects, the goal is canceled, and if the provider does, the goal is aborted.
 
-Peers: who is at the hub, as the hub sees them, whether behind a socket or in the same process.
-
-Exchange: what services and actions have in common: one provider a name, and requests that wait for their end.
-
-Actions: a goal goes to its provider, feedback and the result come back, a cancel follows it.
-
-A goal whose sender is gone is canceled; one whose provider is gone ends as aborted.
-
-Feeds: one topic's messages on their way to one peer, as fast as it wants and can take them.
-
-A throttled feed keeps the newest messages while it waits, so that the last one always arrives; so does one with a
-queue whose peer reads too slowly. One with neither sends at once, and the connection drops a peer that cannot follow.
-
-Services: a call goes to its provider, the answer back to its caller; every call gets exactly one, in time.
-
-Switchboard: what a hub does with each thing that a peer says. Belongs to the loop, and waits for nothing.
-
-Switchboard: the routing inside a hub; knows peers and operations, and no socket.
+All classes belong to the event loop and never block; they send through `Peer` and do no I/O.
 """
 
 from __future__ import annotations
@@ -82,14 +67,19 @@ __all__ = [
     "same_type",
 ]
 
+_RETRY_S = 0.02
+"""Interval at which a congested peer is checked [s]."""
+_MAX_QUEUE_LENGTH = 1000
+"""Upper bound of the queue length that a client can request."""
+
 
 def resolve_name(name: str) -> str:
-    """A name as the root namespace has it: `tf` and `/tf` are one."""
+    """Returns a name in the root namespace: `tf` and `/tf` are the same."""
     return "/" + name.strip("/")
 
 
 def same_type(first: str | None, second: str | None) -> bool:
-    """Whether two names mean one type: ROS 1 says `std_msgs/String`, ROS 2 `std_msgs/msg/String`, and some say none."""
+    """Whether two type names, of ROS 1 (`std_msgs/String`) or 2 (`std_msgs/msg/String`), are equal or one is empty."""
     return not first or not second or _short_type_name(first) == _short_type_name(second)
 
 
@@ -99,74 +89,74 @@ def _short_type_name(type: str) -> tuple[str, str]:
 
 
 class ReplyFormat(NamedTuple):
-    """How a peer wants to be sent something."""
+    """Encoding of the messages to a peer."""
 
     compression: Compression = Compression.NONE
     fragment_size: int | None = None
 
 
 PLAIN_FORMAT = ReplyFormat()
-"""As JSON, and whole."""
+"""JSON, not fragmented."""
 
 
 class Peer(ABC):
-    """Someone at the hub; compared by identity."""
+    """A node at the broker; compared by identity."""
 
     is_local = False
-    """Whether it lives in this process: then its offers are the hub's own, and nobody else may take their names."""
+    """Whether it is in this process. The names of its services and actions cannot be advertised by others."""
 
     def __init__(self, name: str) -> None:
         self.name = name
-        """Such as `/client_3`, as tools that look around show it."""
+        """Name of the node, such as `/client_3`, as introspection tools show it."""
         self.has_left = False
-        """Whether it has left."""
+        """Whether it has disconnected."""
         self.level = StatusLevel.ERROR
-        """Which remarks it wants to hear."""
+        """Severity of the status messages that it receives."""
 
     @property
     @abstractmethod
     def congested(self) -> bool:
-        """Whether it reads more slowly than it is sent to; what can wait should wait."""
+        """Whether it reads more slowly than messages are queued."""
 
     @abstractmethod
     def deliver(
-        self, outgoing: MessageEncoder, route: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
+        self, outgoing: MessageEncoder, reply_format: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
     ) -> None:
-        """Sends it something; never waits.
+        """Sends an operation; never blocks.
 
         Args:
-            outgoing: what.
-            route: how.
-            sender: on whose behalf.
+            outgoing: the operation.
+            reply_format: encoding.
+            sender: the peer from which the operation comes.
         """
 
     def send_status(self, level: StatusLevel, message: str, id: Id | None = None) -> None:
-        """Tells it something about what it sent, if it wants to hear it."""
+        """Sends a status message, if its level is high enough."""
         if self.level.includes(level):
             self.deliver(MessageEncoder(Status(id=id, level=level, msg=message)))
 
 
 class Provider(NamedTuple):
-    """Someone who answers."""
+    """The provider of a service or an action."""
 
     name: str
-    """As the provider says it, who knows no other spelling."""
+    """Name as the provider wrote it, and as it is sent to the provider."""
     type: str
     peer: Peer
 
 
 class PendingRequest:
-    """Something that was passed on to a provider and has not ended."""
+    """A call or goal that was forwarded to a provider and has not ended."""
 
     def __init__(
         self, *, name: str, id: Id | None, caller: Peer, provider: Provider, reply_format: ReplyFormat
     ) -> None:
         self.name = name
-        """As the caller says it."""
+        """Name of the service or action, as the caller wrote it."""
         self.id = id
-        """The caller's; the provider knows it by ours."""
+        """Id that the caller chose; the provider receives one of the broker."""
         self.caller: Peer | None = caller
-        """None once the caller is gone and only the provider is left to be heard."""
+        """None after the caller disconnected, while the end of the goal is awaited."""
         self.provider = provider
         self.reply_format = reply_format
 
@@ -175,12 +165,12 @@ R = TypeVar("R", bound=PendingRequest)
 
 
 class ProviderTable(Generic[R]):
-    """Offers by name, and requests by the id that their provider was given."""
+    """Providers by name, and pending requests by the id that was sent to the provider."""
 
     def __init__(self, type_name: str, limits: BridgeLimits) -> None:
         self._type_name = type_name
         self._limits = limits
-        self._offers: dict[str, Provider] = {}
+        self._providers: dict[str, Provider] = {}
         self._requests: dict[Id, R] = {}
         self._by_caller: Counter[Peer] = Counter()
         self._by_provider: Counter[Peer] = Counter()
@@ -188,55 +178,62 @@ class ProviderTable(Generic[R]):
 
     @property
     def providers(self) -> Iterator[Provider]:
-        """All of them, by name."""
-        return (offer for _, offer in sorted(self._offers.items()))
+        """All providers, sorted by name."""
+        return (provider for _, provider in sorted(self._providers.items()))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What is offered."""
-        return tuple(self._offers)
+        """All names that are advertised."""
+        return tuple(self._providers)
 
     def pending_count(self) -> int:
-        """How many requests have not ended."""
+        """Returns the number of pending requests."""
         return len(self._requests)
 
     def register(self, peer: Peer, name: str, type: str) -> None:
-        """Makes a peer the provider; whoever was it before is told.
+        """Makes a peer the provider of a name; the previous provider receives a warning.
+
+        Args:
+            peer: the new provider.
+            name: name of the service or action.
+            type: its type.
 
         Raises:
-            AdvertiseError: the hub itself provides it, or the peer offers too much.
+            AdvertiseError: the name belongs to the local node, or the peer exceeds the limit of advertisements.
         """
-        former = self._offers.get(resolve_name(name))
-        if former is not None and former.peer.is_local and not peer.is_local:
-            raise AdvertiseError(name, cause=f"this {self._type_name} is the hub's own; choose another name")
-        if former is None or former.peer is not peer:
+        previous = self._providers.get(resolve_name(name))
+        if previous is not None and previous.peer.is_local and not peer.is_local:
+            raise AdvertiseError(name, cause=f"this {self._type_name} belongs to the local node; choose another name")
+        if previous is None or previous.peer is not peer:
             if self._by_provider[peer] >= self._limits.advertisements and not peer.is_local:
-                raise AdvertiseError(name, cause=f"{self._limits.advertisements} offers of one client are enough")
+                cause = f"a client has at most {self._limits.advertisements} advertisements"
+                raise AdvertiseError(name, cause=cause)
             self._by_provider[peer] += 1
-        if former is not None and former.peer is not peer:
-            self._remove_provider(former.peer)
-            former.peer.send_status(StatusLevel.WARNING, f"{peer.name} offers the {self._type_name} {name} now")
-        self._offers[resolve_name(name)] = Provider(name, type, peer)
+        if previous is not None and previous.peer is not peer:
+            self._remove_provider(previous.peer)
+            text = f"{peer.name} is now the provider of the {self._type_name} {name}"
+            previous.peer.send_status(StatusLevel.WARNING, text)
+        self._providers[resolve_name(name)] = Provider(name, type, peer)
 
     def unregister(self, peer: Peer, name: str) -> None:
-        """Ends a peer's offer; calls that it has already may still be answered."""
-        offer = self._offers.get(resolve_name(name))
-        if offer is None or offer.peer is not peer:
-            peer.send_status(StatusLevel.WARNING, f"the {self._type_name} {name} was not offered by you")
+        """Withdraws a name; pending requests can still be answered."""
+        provider = self._providers.get(resolve_name(name))
+        if provider is None or provider.peer is not peer:
+            peer.send_status(StatusLevel.WARNING, f"you did not advertise the {self._type_name} {name}")
             return
-        del self._offers[resolve_name(name)]
+        del self._providers[resolve_name(name)]
         self._remove_provider(peer)
 
     def find(self, name: str) -> Provider | None:
-        """Who provides it."""
-        return self._offers.get(resolve_name(name))
+        """Returns the provider of a name."""
+        return self._providers.get(resolve_name(name))
 
     def request_count(self, caller: Peer) -> int:
-        """How many of its requests wait."""
+        """Returns the number of pending requests of a caller."""
         return self._by_caller[caller]
 
     def add_request(self, request: R) -> Id:
-        """Keeps a request until its end; the id is for the provider."""
+        """Stores a request and returns the id to send to the provider."""
         id = f"{self._type_name}:{next(self._next_id)}"
         self._requests[id] = request
         if request.caller is not None:
@@ -244,39 +241,39 @@ class ProviderTable(Generic[R]):
         return id
 
     def request(self, provider: Peer, id: Id | None) -> R | None:
-        """The request that a provider speaks of; None, and a remark, if it has none of that id (any more)."""
+        """Returns the pending request to which a provider refers; otherwise sends it a warning and returns None."""
         request = None if id is None else self._requests.get(id)
         if request is None or request.provider.peer is not provider:
-            why = "it had its end, timed out, or its caller left"
-            provider.send_status(StatusLevel.WARNING, f"no {self._type_name} call waits for {id!r}: {why}", id)
+            why = "it has ended or timed out, or the caller disconnected"
+            provider.send_status(StatusLevel.WARNING, f"no pending {self._type_name} request {id!r}: {why}", id)
             return None
         return request
 
     def pending_request(self, id: Id) -> R | None:
-        """The request of one of our ids."""
+        """Returns the pending request with an id of the broker."""
         return self._requests.get(id)
 
     def pop_request(self, id: Id) -> None:
-        """Forgets a request."""
+        """Removes a request."""
         request = self._requests.pop(id)
         if request.caller is not None and request.caller in self._by_caller:
             self._by_caller[request.caller] -= 1
 
     def discard_request(self, id: Id) -> None:
-        """Forgets a request, if it is still known."""
+        """Removes a request if it is pending."""
         if id in self._requests:
             self.pop_request(id)
 
     def remove_peer(self, peer: Peer) -> tuple[list[tuple[Id, R]], list[tuple[Id, R]]]:
-        """Ends a peer's offers; gives what it had still to answer, and what it had asked of others."""
-        for name, offer in list(self._offers.items()):
-            if offer.peer is peer:
-                del self._offers[name]
+        """Removes the names of a peer; returns the requests to it and the requests by it."""
+        for name, provider in list(self._providers.items()):
+            if provider.peer is peer:
+                del self._providers[name]
         self._by_provider.pop(peer, None)
         self._by_caller.pop(peer, None)
-        owed = [(id, each) for id, each in self._requests.items() if each.provider.peer is peer]
-        asked = [(id, each) for id, each in self._requests.items() if each.caller is peer]
-        return owed, asked
+        received = [(id, each) for id, each in self._requests.items() if each.provider.peer is peer]
+        sent = [(id, each) for id, each in self._requests.items() if each.caller is peer]
+        return received, sent
 
     def _remove_provider(self, provider: Peer) -> None:
         self._by_provider[provider] -= 1
@@ -287,93 +284,93 @@ class _Goal(PendingRequest):
 
 
 class ActionRouter:
-    """All actions at the hub."""
+    """Routes goals, feedback and results of all actions."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, limits: BridgeLimits) -> None:
         self.providers: ProviderTable[_Goal] = ProviderTable("action", limits)
         self._loop = loop
         self._limits = limits
         self._sent: dict[tuple[Peer, Id], Id] = {}
-        """Sender and its id, to ours: a cancel names the former."""
+        """Client and its id to the id of the broker, for cancellation."""
 
-    def advertise(self, peer: Peer, offer: AdvertiseAction) -> None:
-        """A peer becomes the provider."""
-        self.providers.register(peer, offer.action, offer.type)
+    def advertise(self, peer: Peer, request: AdvertiseAction) -> None:
+        """Makes a peer the provider of an action."""
+        self.providers.register(peer, request.action, request.type)
 
-    def unadvertise(self, peer: Peer, offer: UnadvertiseAction) -> None:
-        """It is no longer."""
-        self.providers.unregister(peer, offer.action)
+    def unadvertise(self, peer: Peer, request: UnadvertiseAction) -> None:
+        """Withdraws an action."""
+        self.providers.unregister(peer, request.action)
 
     def send_goal(self, caller: Peer, request: SendActionGoal) -> None:
-        """Passes a goal on, or answers that nothing will come of it."""
-        route = ReplyFormat(request.compression or Compression.NONE, request.fragment_size)
-        offer = self.providers.find(request.action)
-        why = ""
-        if offer is None:
-            why = f"Action {request.action} does not exist"
+        """Forwards a goal to the provider, or returns an aborted result."""
+        reply_format = ReplyFormat(request.compression or Compression.NONE, request.fragment_size)
+        provider = self.providers.find(request.action)
+        cause = ""
+        if provider is None:
+            cause = f"Action {request.action} does not exist"
         elif self.providers.request_count(caller) >= self._limits.goals and not caller.is_local:
-            why = f"{self._limits.goals} of your goals are under way already"
+            cause = f"you have {self._limits.goals} active goals already"
         elif request.id is not None and (caller, request.id) in self._sent:
-            why = f"a goal {request.id!r} is under way already"
-        if offer is None or why:
-            _send_aborted(caller, request.action, request.id, route, why)
+            cause = f"the goal {request.id!r} is active already"
+        if provider is None or cause:
+            _send_aborted(caller, request.action, request.id, reply_format, cause)
             return
-        goal = _Goal(name=request.action, id=request.id, caller=caller, provider=offer, reply_format=route)
+        goal = _Goal(name=request.action, id=request.id, caller=caller, provider=provider, reply_format=reply_format)
         goal.wants_feedback = request.feedback
         id = self.providers.add_request(goal)
         if request.id is not None:
             self._sent[caller, request.id] = id
         forwarded = SendActionGoal(
             id=id,
-            action=offer.name,
+            action=provider.name,
             action_type=request.action_type,
             args=content(request.args),
             feedback=request.feedback,
         )
-        offer.peer.deliver(MessageEncoder(forwarded), sender=caller)
+        provider.peer.deliver(MessageEncoder(forwarded), sender=caller)
 
     def cancel_goal(self, caller: Peer, request: CancelActionGoal) -> None:
-        """Passes a cancel on; of a goal that has ended, nothing is left to cancel."""
+        """Forwards a cancellation; of a goal that has ended, the caller receives a warning."""
         id = self._sent.get((caller, request.id))
         goal = None if id is None else self.providers.pending_request(id)
         if id is None or goal is None:
-            caller.send_status(StatusLevel.WARNING, f"no goal {request.id!r} of yours is under way", request.id)
+            caller.send_status(StatusLevel.WARNING, f"you have no active goal {request.id!r}", request.id)
         else:
             _send_cancel(id, goal)
 
     def forward_feedback(self, provider: Peer, message: ActionFeedback) -> None:
-        """Passes on how a goal goes, to a sender who wants to hear it."""
+        """Forwards feedback to a client that requested it."""
         goal = self.providers.request(provider, message.id)
         if goal is not None and goal.wants_feedback and goal.caller is not None and goal.id is not None:
-            passed = ActionFeedback(id=goal.id, action=goal.name, values=content(message.values))
-            goal.caller.deliver(MessageEncoder(passed), goal.reply_format)
+            forwarded = ActionFeedback(id=goal.id, action=goal.name, values=content(message.values))
+            goal.caller.deliver(MessageEncoder(forwarded), goal.reply_format)
 
     def forward_result(self, provider: Peer, result: ActionResult) -> None:
-        """Passes on how a goal ended."""
+        """Forwards the result of a goal."""
         goal = self.providers.request(provider, result.id)
         if goal is None or result.id is None:
             return
         self._end_goal(result.id, goal)
         if goal.caller is not None:
-            passed = ActionResult(
+            forwarded = ActionResult(
                 id=goal.id, action=goal.name, values=content(result.values), status=result.status, result=result.result
             )
-            goal.caller.deliver(MessageEncoder(passed), goal.reply_format)
+            goal.caller.deliver(MessageEncoder(forwarded), goal.reply_format)
 
     def remove_peer(self, peer: Peer) -> None:
-        """Cancels what a peer wanted that is gone, and ends what it had still to reach."""
-        owed, asked = self.providers.remove_peer(peer)
-        for id, goal in owed:
+        """Cancels the goals that a disconnected peer sent, and aborts those that it executed."""
+        received, sent = self.providers.remove_peer(peer)
+        for id, goal in received:
             self._end_goal(id, goal)
             if goal.caller is not peer:
-                text = f"the provider of {goal.provider.name} is gone"
+                text = f"the provider of {goal.provider.name} disconnected"
                 _send_aborted(goal.caller, goal.name, goal.id, goal.reply_format, text)
-        for id, goal in asked:
+        for id, goal in sent:
             if goal.provider.peer is not peer:
                 self._cancel_orphan(id, goal)
 
     def _cancel_orphan(self, id: Id, goal: _Goal) -> None:
-        """Cancels a goal whose sender is gone, and waits for its end, but not for ever."""
+        """Cancels a goal whose client disconnected, and waits for its end with a timeout."""
         if goal.caller is not None and goal.id is not None:
             self._sent.pop((goal.caller, goal.id), None)
         goal.caller = None
@@ -399,12 +396,13 @@ def _send_aborted(caller: Peer | None, action: str, id: Id | None, reply_format:
         )
 
 
-_RETRY_S = 0.02
-"""A congested peer is looked at again after so long [s]."""
-
-
 class ThrottledQueue:
-    """The subscriptions of one peer to one topic, which it hears once however many they are."""
+    """Messages of one topic to one peer, which receives each message once even with several subscriptions.
+
+    With a throttle rate, the newest messages are kept while it waits, so that the last message is always delivered;
+    with a queue length, messages are also kept while the peer is congested. Otherwise messages are sent at once, and
+    the connection drops a peer that reads too slowly.
+    """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, peer: Peer) -> None:
         self._loop = loop
@@ -416,19 +414,19 @@ class ThrottledQueue:
         self._queues = False
         self._reply_format = PLAIN_FORMAT
         self.name = ""
-        """The topic as the peer says it."""
+        """Name of the topic, as the peer wrote it."""
 
     def __len__(self) -> int:
         return len(self._requests)
 
     def add(self, request: Subscribe) -> None:
-        """Another subscription, or the same one with other wishes."""
+        """Adds a subscription, or replaces the options of one with the same id."""
         self._requests[request.id] = request
         self.name = request.topic
         self._merge_options()
 
     def remove(self, id: Id | None) -> bool:
-        """Ends one subscription, or all where no id is given; tells whether there was any."""
+        """Removes one subscription, or all if no id is given; returns whether there was any."""
         if id is None:
             found = bool(self._requests)
             self._requests.clear()
@@ -441,7 +439,7 @@ class ThrottledQueue:
         return found
 
     def push(self, message: MessageEncoder, publisher: Peer | None = None) -> None:
-        """Sends a message now, or as soon as it is time."""
+        """Sends a message now, or queues it."""
         if self._timer is None and not (self._queues and self._peer.congested):
             self._send(message, publisher)
             return
@@ -450,7 +448,7 @@ class ThrottledQueue:
             self._timer = self._loop.call_later(_RETRY_S, self._flush)
 
     def stop(self) -> None:
-        """Sends nothing more."""
+        """Discards the queued messages and sends nothing more."""
         self._waiting.clear()
         if self._timer is not None:
             self._timer.cancel()
@@ -470,22 +468,18 @@ class ThrottledQueue:
                 self._send(*self._waiting.popleft())
 
     def _merge_options(self) -> None:
-        """One rate and one form for all subscriptions: the fastest, the longest queue, the smallest fragments."""
+        """Combines the options of all subscriptions: highest rate, longest queue, smallest fragments."""
         requests = self._requests.values()
         self._throttle_s = min(each.throttle_rate or 0.0 for each in requests) / 1000.0
         length = max(each.queue_length or 0 for each in requests)
         self._queues = length > 0
         self._waiting = deque(self._waiting, maxlen=min(max(1, length), _MAX_QUEUE_LENGTH))
         compressions = {each.compression or Compression.NONE for each in requests}
-        wanted = (Compression.CBOR, Compression.PNG, Compression.NONE)
+        preference = (Compression.CBOR, Compression.PNG, Compression.NONE)
         sizes = [each.fragment_size for each in requests if each.fragment_size is not None]
         self._reply_format = ReplyFormat(
-            next(each for each in wanted if each in compressions), min(sizes, default=None)
+            next(each for each in preference if each in compressions), min(sizes, default=None)
         )
-
-
-_MAX_QUEUE_LENGTH = 1000
-"""No queue is longer, whatever was asked for."""
 
 
 class _Call(PendingRequest):
@@ -493,66 +487,66 @@ class _Call(PendingRequest):
 
 
 class ServiceRouter:
-    """All services at the hub."""
+    """Routes the calls and responses of all services."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, limits: BridgeLimits) -> None:
         self.providers: ProviderTable[_Call] = ProviderTable("service", limits)
         self.timeouts_s: dict[str, float] = {}
-        """Instead of the limits' `call_timeout_s`, for services that are known to take longer [s]."""
+        """Default timeouts of services that take longer than the limits' `call_timeout_s` [s]."""
         self._loop = loop
         self._limits = limits
 
-    def advertise(self, peer: Peer, offer: AdvertiseService) -> None:
-        """A peer becomes the provider."""
-        self.providers.register(peer, offer.service, offer.type)
+    def advertise(self, peer: Peer, request: AdvertiseService) -> None:
+        """Makes a peer the provider of a service."""
+        self.providers.register(peer, request.service, request.type)
 
-    def unadvertise(self, peer: Peer, offer: UnadvertiseService) -> None:
-        """It is no longer."""
-        self.providers.unregister(peer, offer.service)
+    def unadvertise(self, peer: Peer, request: UnadvertiseService) -> None:
+        """Withdraws a service."""
+        self.providers.unregister(peer, request.service)
 
     def forward_call(self, caller: Peer, call: CallService) -> None:
-        """Passes a call on, or answers it with an error."""
-        route = ReplyFormat(call.compression or Compression.NONE, call.fragment_size)
-        offer = self.providers.find(call.service)
-        if offer is None:
+        """Forwards a call to the provider, or returns an error response."""
+        reply_format = ReplyFormat(call.compression or Compression.NONE, call.fragment_size)
+        provider = self.providers.find(call.service)
+        if provider is None:
             unknown = ServiceNotFoundError(call.service, known=self.providers.names)
-            _send_error_response(caller, call.service, call.id, route, str(unknown))
+            _send_error_response(caller, call.service, call.id, reply_format, str(unknown))
         elif self.providers.request_count(caller) >= self._limits.calls and not caller.is_local:
             _send_error_response(
-                caller, call.service, call.id, route, f"{self._limits.calls} of your calls wait already"
+                caller, call.service, call.id, reply_format, f"you have {self._limits.calls} pending calls already"
             )
         else:
-            self._forward(caller, call, offer, route)
+            self._forward(caller, call, provider, reply_format)
 
     def forward_response(self, provider: Peer, response: ServiceResponse) -> None:
-        """Passes an answer on; one that nobody waits for any more is dropped with a remark."""
+        """Forwards a response; if the call has ended, the provider receives a warning."""
         call = self.providers.request(provider, response.id)
         if call is None or response.id is None:
             return
         self._end(response.id, call)
         values = content(response.values)
         if response.result and not bytes(values).startswith((b"{", b"[")):
-            text = f"the answer of {call.provider.name} is no object"
+            text = f"the response of {call.provider.name} is not an object"
             provider.send_status(StatusLevel.ERROR, text, response.id)
             _send_error_response(call.caller, call.name, call.id, call.reply_format, text)
         elif call.caller is not None:
-            answer = ServiceResponse(id=call.id, service=call.name, values=values, result=response.result)
-            call.caller.deliver(MessageEncoder(answer), call.reply_format)
+            forwarded = ServiceResponse(id=call.id, service=call.name, values=values, result=response.result)
+            call.caller.deliver(MessageEncoder(forwarded), call.reply_format)
 
     def remove_peer(self, peer: Peer) -> None:
-        """Answers those who wait for a peer that is gone."""
-        owed, asked = self.providers.remove_peer(peer)
-        for id, call in asked:
+        """Drops the calls of a disconnected peer, and answers the calls to it with an error."""
+        received, sent = self.providers.remove_peer(peer)
+        for id, call in sent:
             self._end(id, call)
-        for id, call in owed:
+        for id, call in received:
             if call.caller is not peer:
                 self._end(id, call)
-                text = f"the provider of {call.provider.name} is gone"
+                text = f"the provider of {call.provider.name} disconnected"
                 _send_error_response(call.caller, call.name, call.id, call.reply_format, text)
 
     def _forward(self, caller: Peer, call: CallService, provider: Provider, reply_format: ReplyFormat) -> None:
-        usual_s = self.timeouts_s.get(resolve_name(provider.name), self._limits.call_timeout_s)
-        timeout_s = min(usual_s if call.timeout is None else call.timeout, self._limits.max_call_timeout_s)
+        default_s = self.timeouts_s.get(resolve_name(provider.name), self._limits.call_timeout_s)
+        timeout_s = min(default_s if call.timeout is None else call.timeout, self._limits.max_call_timeout_s)
         request = _Call(name=call.service, id=call.id, caller=caller, provider=provider, reply_format=reply_format)
         id = self.providers.add_request(request)
         request.timer = self._loop.call_later(timeout_s, self._time_out, id, request, timeout_s)
@@ -580,20 +574,20 @@ def _send_error_response(
 
 
 class Topic:
-    """One of them; it exists while anyone publishes or listens."""
+    """A topic; exists while it has a publisher or a subscriber."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.type = ""
-        """Empty until someone says it."""
+        """Type of its messages; empty until it is known."""
         self.publishers: dict[Peer, bool] = {}
-        """And whether each one's last message is kept."""
+        """Publishers, each with whether its last message is latched."""
         self.latched: dict[Peer, Publish] = {}
         self.queues: dict[Peer, ThrottledQueue] = {}
 
 
 class TopicRouter:
-    """All topics at the hub."""
+    """Routes the messages of all topics."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, limits: BridgeLimits) -> None:
         self._loop = loop
@@ -603,104 +597,104 @@ class TopicRouter:
         self._advertisements: Counter[Peer] = Counter()
 
     def all(self) -> list[Topic]:
-        """By name."""
+        """Returns all topics, sorted by name."""
         return [topic for _, topic in sorted(self._topics.items())]
 
     def has_subscribers(self, name: str) -> bool:
-        """Whether anyone would hear a message."""
+        """Whether the topic has subscribers."""
         topic = self._topics.get(resolve_name(name))
         return topic is not None and bool(topic.queues)
 
-    def advertise(self, peer: Peer, offer: Advertise) -> None:
-        """A peer will publish.
+    def advertise(self, peer: Peer, request: Advertise) -> None:
+        """Makes a peer a publisher of a topic.
 
         Raises:
-            AdvertiseError: the topic is of another type, or the peer offers too much.
+            AdvertiseError: the topic has another type, or the peer exceeds the limit of advertisements.
         """
-        known = self._topics.get(resolve_name(offer.topic))
-        if known is not None and not same_type(known.type, offer.type):
-            raise AdvertiseError(offer.topic, cause=f"it is of the type {known.type}, not {offer.type}")
+        known = self._topics.get(resolve_name(request.topic))
+        if known is not None and not same_type(known.type, request.type):
+            raise AdvertiseError(request.topic, cause=f"its type is {known.type}, not {request.type}")
         if known is None or peer not in known.publishers:
             if self._advertisements[peer] >= self._limits.advertisements and not peer.is_local:
                 raise AdvertiseError(
-                    offer.topic, cause=f"{self._limits.advertisements} topics of one client are enough"
+                    request.topic, cause=f"{self._limits.advertisements} topics of one client are enough"
                 )
             self._advertisements[peer] += 1
-        topic = self._topic(offer.topic)
-        topic.type = topic.type or offer.type
-        topic.publishers[peer] = offer.latch
+        topic = self._topic(request.topic)
+        topic.type = topic.type or request.type
+        topic.publishers[peer] = request.latch
 
-    def unadvertise(self, peer: Peer, offer: Unadvertise) -> None:
-        """It will not any more."""
-        topic = self._topics.get(resolve_name(offer.topic))
+    def unadvertise(self, peer: Peer, request: Unadvertise) -> None:
+        """Removes a publisher of a topic."""
+        topic = self._topics.get(resolve_name(request.topic))
         if topic is None or peer not in topic.publishers:
-            peer.send_status(StatusLevel.WARNING, f"you did not advertise {offer.topic}", offer.id)
+            peer.send_status(StatusLevel.WARNING, f"you did not advertise {request.topic}", request.id)
             return
         self._remove_subscriber(topic, peer)
 
     def publish(self, peer: Peer, message: Publish) -> None:
-        """Passes a message on to all who listen.
+        """Sends a message to all subscribers.
 
         Raises:
-            MessageValidationError: nobody ever said what the topic's messages are.
+            MessageValidationError: the topic was not advertised.
         """
         topic = self._topics.get(resolve_name(message.topic))
         if topic is None or not (topic.type or topic.publishers):
             raise MessageValidationError(
-                "publish", path="topic", cause=f"{message.topic} is not known", remedy="advertise it first"
+                "publish", path="topic", cause=f"{message.topic} is not advertised", remedy="advertise it first"
             )
         if message.latch or topic.publishers.get(peer):
             topic.publishers.setdefault(peer, True)
             topic.latched[peer] = message
-        spelled: dict[str, MessageEncoder] = {}
-        for feed in list(topic.queues.values()):
-            if feed.name not in spelled:
-                spelled[feed.name] = MessageEncoder(Publish(topic=feed.name, msg=message.msg))
-            feed.push(spelled[feed.name], peer)
+        encoded: dict[str, MessageEncoder] = {}
+        for queue in list(topic.queues.values()):
+            if queue.name not in encoded:
+                encoded[queue.name] = MessageEncoder(Publish(topic=queue.name, msg=message.msg))
+            queue.push(encoded[queue.name], peer)
 
     def subscribe(self, peer: Peer, request: Subscribe) -> None:
-        """A peer listens from now on; it gets what was latched at once.
+        """Adds a subscription; latched messages are sent at once.
 
         Raises:
-            MessageValidationError: the topic is of another type, or the peer has too many subscriptions.
+            MessageValidationError: the topic has another type, or the peer exceeds the limit of subscriptions.
         """
         known = self._topics.get(resolve_name(request.topic))
         if known is not None and not same_type(known.type, request.type):
-            cause = f"{request.topic} is of the type {known.type}, not {request.type}"
+            cause = f"the type of {request.topic} is {known.type}, not {request.type}"
             raise MessageValidationError("subscribe", path="type", cause=cause)
         if self._subscriptions[peer] >= self._limits.subscriptions and not peer.is_local:
-            cause = f"{self._limits.subscriptions} subscriptions of one client are enough"
+            cause = f"a client has at most {self._limits.subscriptions} subscriptions"
             raise MessageValidationError("subscribe", cause=cause)
         topic = self._topic(request.topic)
         topic.type = topic.type or request.type or ""
-        feed = topic.queues.get(peer)
-        if feed is None:
-            feed = topic.queues[peer] = ThrottledQueue(self._loop, peer)
-        before = len(feed)
-        feed.add(request)
-        self._subscriptions[peer] += len(feed) - before
+        queue = topic.queues.get(peer)
+        if queue is None:
+            queue = topic.queues[peer] = ThrottledQueue(self._loop, peer)
+        before = len(queue)
+        queue.add(request)
+        self._subscriptions[peer] += len(queue) - before
         if not before:
             for publisher, message in topic.latched.items():
-                feed.push(MessageEncoder(Publish(topic=feed.name, msg=message.msg)), publisher)
+                queue.push(MessageEncoder(Publish(topic=queue.name, msg=message.msg)), publisher)
 
     def unsubscribe(self, peer: Peer, request: Unsubscribe) -> None:
-        """It does not listen any more, or one of its subscriptions ends."""
+        """Removes all subscriptions of a peer to a topic, or the one with the id."""
         topic = self._topics.get(resolve_name(request.topic))
-        feed = None if topic is None else topic.queues.get(peer)
-        before = 0 if feed is None else len(feed)
-        if topic is None or feed is None or not feed.remove(request.id):
+        queue = None if topic is None else topic.queues.get(peer)
+        before = 0 if queue is None else len(queue)
+        if topic is None or queue is None or not queue.remove(request.id):
             peer.send_status(StatusLevel.WARNING, f"you are not subscribed to {request.topic}", request.id)
             return
-        self._subscriptions[peer] -= before - len(feed)
-        if not feed:
+        self._subscriptions[peer] -= before - len(queue)
+        if not queue:
             del topic.queues[peer]
             self._remove_if_unused(topic)
 
     def remove_peer(self, peer: Peer) -> None:
-        """Forgets a peer that is gone."""
+        """Removes the subscriptions and advertisements of a disconnected peer."""
         for topic in self.all():
-            if feed := topic.queues.pop(peer, None):
-                feed.stop()
+            if queue := topic.queues.pop(peer, None):
+                queue.stop()
             self._remove_subscriber(topic, peer)
         self._subscriptions.pop(peer, None)
         self._advertisements.pop(peer, None)
@@ -720,7 +714,7 @@ class TopicRouter:
 
 
 class ProviderInfo(msgspec.Struct, frozen=True):
-    """A service or an action, and who provides it."""
+    """A service or an action and its provider."""
 
     name: str
     type: str
@@ -728,17 +722,17 @@ class ProviderInfo(msgspec.Struct, frozen=True):
 
 
 class TopicInfo(msgspec.Struct, frozen=True):
-    """A topic, and who is at its ends."""
+    """A topic, its publishers and its subscribers."""
 
     name: str
     type: str
-    """Empty where nobody said it."""
+    """Type of its messages; empty if it is unknown."""
     publishers: tuple[str, ...]
     subscribers: tuple[str, ...]
 
 
 class GraphInfo(msgspec.Struct, frozen=True):
-    """Who and what is at a hub at one moment."""
+    """The graph of nodes, services, actions and topics at one time."""
 
     peers: tuple[str, ...]
     services: tuple[ProviderInfo, ...]
@@ -747,7 +741,7 @@ class GraphInfo(msgspec.Struct, frozen=True):
 
 
 class Broker:
-    """Brings peers together."""
+    """Routes the operations of all peers."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, limits: BridgeLimits) -> None:
         self.services = ServiceRouter(loop, limits)
@@ -774,11 +768,11 @@ class Broker:
         }
 
     def add_peer(self, peer: Peer) -> None:
-        """A peer is here."""
+        """Adds a peer."""
         self._peers.append(peer)
 
     def remove_peer(self, peer: Peer) -> None:
-        """A peer is gone: its offers end, its goals are canceled, and whoever waits for it is told."""
+        """Removes a disconnected peer: its services end, its goals are canceled, and calls to it fail."""
         if peer in self._peers:
             self._peers.remove(peer)
             peer.has_left = True
@@ -787,20 +781,20 @@ class Broker:
             self.topics.remove_peer(peer)
 
     def handle(self, peer: Peer, operation: Operation) -> None:
-        """Does what a peer says.
+        """Handles an operation of a peer.
 
         Raises:
-            AdvertiseError: it cannot offer that.
-            MessageValidationError: it cannot say that.
+            AdvertiseError: the peer cannot advertise this.
+            MessageValidationError: the operation is not valid now.
         """
-        way = self._handlers.get(type(operation))
-        if way is None:
-            peer.send_status(StatusLevel.WARNING, f"a {type(operation).__name__} makes no sense here", operation.id)
+        handler = self._handlers.get(type(operation))
+        if handler is None:
+            peer.send_status(StatusLevel.WARNING, f"{type(operation).__name__} is not valid here", operation.id)
         else:
-            way(peer, operation)
+            handler(peer, operation)
 
     def graph_info(self) -> GraphInfo:
-        """Who and what is here now."""
+        """Returns the current graph."""
         return GraphInfo(
             peers=tuple(peer.name for peer in self._peers),
             services=tuple(

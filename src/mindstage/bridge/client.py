@@ -1,7 +1,6 @@
-"""Client: takes part at a rosbridge server, ours or another, from far away.
+"""A client of a rosbridge server, which reconnects and then advertises and subscribes again.
 
-It comes back by itself after a loss, and then says again what it offers and listens to. A loss is told at once:
-whatever waits for an answer ends with `ConnectionLostError`.
+When the connection is lost, all pending calls and goals fail at once with `ConnectionLostError`.
 """
 
 from __future__ import annotations
@@ -33,20 +32,20 @@ _log = logging.getLogger("mindstage.bridge")
 
 
 class ConnectionState(StrEnum):
-    """How it stands with the connection."""
+    """State of a connection."""
 
     CONNECTING = "connecting"
     CONNECTED = "connected"
     LOST = "lost"
-    """It was there and is not; the client tries again by itself."""
+    """The connection was lost; the client tries to reconnect."""
     CLOSED = "closed"
 
 
 class RosbridgeClient(Node):
-    """Connects from the moment it is made until `close`; `wait_connected` tells whether it worked.
+    """A node at a rosbridge server; connects from its creation until `close`.
 
-    Whoever calls what it offers comes over the hub's one connection: plain functions answer all of them in the order
-    they come, one at a time.
+    `wait_connected` waits for the connection. All callers of its services share the one connection to the server: plain
+    functions handle their calls one at a time, in the order of arrival.
     """
 
     def __init__(
@@ -59,21 +58,22 @@ class RosbridgeClient(Node):
         on_state: Callable[[ConnectionState], object] | None = None,
         on_status: Callable[[Status], object] | None = None,
     ) -> None:
-        """Begins to connect, and does not wait.
+        """Starts to connect, without waiting.
 
         Args:
             url: such as `ws://127.0.0.1:9090`.
-            token: shown to the server, if it needs one.
-            limits: what the server may send.
-            longest_delay_s: between two tries to come back; each waits twice as long as the one before, up to this [s].
-            on_state: told of every change, on the bridge's thread: it must not take long.
-            on_status: told what the server remarks, likewise; without it, remarks are logged.
+            token: sent to the server, if it requires one.
+            limits: limits for what the server sends.
+            max_reconnect_delay_s: longest time between two attempts to reconnect; each delay is twice the one before
+                [s].
+            on_state: called with every change of `state`, on the bridge's thread; must not block.
+            on_status: called with status messages of the server, likewise; by default, they are logged.
 
         Raises:
-            ConnectionLostError: the address is none.
+            ConnectionLostError: the URL is invalid.
         """
         if not url.startswith(("ws://", "wss://")):
-            raise ConnectionLostError(url, cause="the address must begin with ws:// or wss://")
+            raise ConnectionLostError(url, cause="the URL must begin with ws:// or wss://")
         super().__init__(name="mindstage-client")
         self.url = url
         self.state: ConnectionState = ConnectionState.CONNECTING
@@ -94,15 +94,15 @@ class RosbridgeClient(Node):
 
     @property
     def connected(self) -> bool:
-        """Whether someone is at the other end now, as far as can be known."""
+        """Whether there is a connection now."""
         return self.state is ConnectionState.CONNECTED
 
     def wait_connected(self, timeout_s: float = 10.0) -> RosbridgeClient:
-        """Waits for the connection, over as many tries as fit into the time.
+        """Waits for the connection, over as many attempts as fit into the time.
 
         Raises:
-            ConnectionLostError: nobody is there.
-            AuthenticationError: the server does not let us in.
+            ConnectionLostError: there is no connection.
+            AuthenticationError: the server rejects the token.
         """
         self._require_other_thread("wait_connected")
         if not self._first_attempt_done.wait(timeout_s) or not self.connected:
@@ -110,11 +110,11 @@ class RosbridgeClient(Node):
         return self
 
     def has_subscribers(self, topic: str) -> bool:
-        """Whether anyone may hear a message: nobody here knows who listens at the other hub."""
+        """Whether a message might be received; the subscribers at the server are unknown, so it is `connected`."""
         return self.connected
 
     def close(self) -> None:
-        """Says goodbye and does not come back; any number of times."""
+        """Closes the connection for good; calling it again is harmless."""
         if self.closed:
             return
         self._require_other_thread("close")
@@ -135,32 +135,39 @@ class RosbridgeClient(Node):
     async def _connect_loop(self) -> None:
         delay_s = _MIN_RECONNECT_DELAY_S
         while not self.closed:
-            began_s = self._loop.loop.time()
+            start_s = self._loop.loop.time()
             try:
                 await self._run_connection()
-                if self._loop.loop.time() - began_s > delay_s:  # else it was let in only to be thrown out
+                if self._loop.loop.time() - start_s > delay_s:  # not closed right after the handshake
                     delay_s = _MIN_RECONNECT_DELAY_S
             except (OSError, WebSocketException, TimeoutError) as error:
                 self._cause = _connection_error(self.url, error)
                 if isinstance(self._cause, AuthenticationError) or isinstance(error, InvalidURI):
-                    self._first_attempt_done.set()  # trying again changes nothing, but someone else may
-            except Exception as error:  # a defect shall not end the tries in silence
-                _log.exception("the connection to %s broke", self.url)
+                    self._first_attempt_done.set()  # retries continue, but the caller need not wait for them
+            except Exception as error:  # an unexpected error must not end the retries silently
+                _log.exception("the connection to %s failed", self.url)
                 self._cause = ConnectionLostError(self.url, cause=f"{type(error).__name__}: {error}")
             if self.closed:
                 return
-            # Not all clients of a server that comes back shall knock in the same moment.
+            # The random factor spreads the reconnections of many clients after a restart of the server.
             await asyncio.sleep(delay_s * random.uniform(0.5, 1.0))
             delay_s = min(2.0 * delay_s, self._max_reconnect_delay_s)
 
     async def _run_connection(self) -> None:
-        """Connects, and returns when that is over."""
-        # Said without a token too: a server that needs one then refuses at the door, and does not wait for an `auth`.
+        """Connects, and returns when the connection has ended."""
+        # Sent without a token too, so that a server that needs one rejects the handshake instead of waiting for `auth`.
         headers = {"Authorization": f"Bearer {self._token or ''}"}
         socket = await connect(
-            self.url, additional_headers=headers, compression=None, max_size=self._limits.message_bytes,
-            open_timeout=_OPEN_TIMEOUT_S, ping_interval=_PING_INTERVAL_S, ping_timeout=_PING_INTERVAL_S, close_timeout=2.0, proxy=None,
-        )  # fmt: skip
+            self.url,
+            additional_headers=headers,
+            compression=None,
+            max_size=self._limits.message_bytes,
+            open_timeout=_OPEN_TIMEOUT_S,
+            ping_interval=_PING_INTERVAL_S,
+            ping_timeout=_PING_INTERVAL_S,
+            close_timeout=2.0,
+            proxy=None,
+        )
         self._connection = connection = Connection(
             socket, self._limits, receive=self._receive, send_error=self._send_error_status
         )
@@ -192,7 +199,7 @@ class RosbridgeClient(Node):
             try:
                 self._on_state(state)
             except Exception:
-                _log.exception("the state handler broke")
+                _log.exception("the state handler failed")
 
     def _send(self, operation: Operation) -> None:
         if self._connection is None:
@@ -200,7 +207,7 @@ class RosbridgeClient(Node):
         self._connection.send(MessageEncoder(operation))
 
     def _send_error_status(self, text: str, id: Id | None) -> None:
-        _log.warning("%s sent what makes no sense: %s (id %r)", self.url, text, id)
+        _log.warning("invalid message from %s: %s (id %r)", self.url, text, id)
 
     def _on_status(self, status: Status) -> None:
         if self._status_callback is None:
@@ -209,7 +216,7 @@ class RosbridgeClient(Node):
         try:
             self._status_callback(status)
         except Exception:
-            _log.exception("the status handler broke")
+            _log.exception("the status handler failed")
 
 
 def _connection_error(url: str, error: Exception) -> BridgeError:
@@ -217,6 +224,6 @@ def _connection_error(url: str, error: Exception) -> BridgeError:
         body = (error.response.body or b"").decode("utf-8", "replace").strip()
         return AuthenticationError(url, cause=body or f"the server answered {error.response.status_code}")
     if isinstance(error, TimeoutError):
-        return ConnectionLostError(url, cause=f"nobody answered within {_OPEN_TIMEOUT_S:g} s")
+        return ConnectionLostError(url, cause=f"no reply within {_OPEN_TIMEOUT_S:g} s")
     cause = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return ConnectionLostError(url, cause=cause or type(error).__name__)

@@ -1,29 +1,15 @@
-"""Forms: what bodies are made of, on the wire.
+"""Conversion between the types of `scene` and ROS messages or JSON.
 
-What is touched travels in full, what is seen as the name of a mesh file in a folder that both sides can read: its name
-is the form's key, so it never has to be sent twice, and it is no path. Whoever has no such file shows the solids.
+Poses, points and colors become fields of messages; both sides use the ROS frame and meters, quaternions are w x y z in
+memory and named fields in messages, and the digits are kept. Worlds, body geometries and physics model deltas become
+JSON without loss, since ROS messages can represent neither a missing value nor a fact.
 
-Geometry: poses, points and colors on the wire. Nothing is converted but where the numbers stand.
+An error of the world is returned as a `Refusal` (`success: false`). Any other error fails the call itself (`result:
+false`) with a text: its first line is the message, its second line the fields of the error as JSON.
 
-The wire is in ROS's frame and in meters, as a world is; a quaternion is w x y z in memory and has four names there.
-Digits stay as they are, so a quaternion that a map has normalized to six digits only arrives as it was.
-
-Refusals: how an error crosses the wire, so that it is the same error on the other side.
-
-What the world refuses travels in a reply (`success: false`) as a `Refusal`. What breaks outside of it ends the call
-itself (`result: false`), and all that rosbridge has for that is a text: its first line is for people, and a second one
-holds the facts for us.
-
-Remarks: what does not cross the border between a world and the wire, or is assumed there.
-
-Worlds: a world, or a part of one, as JSON, exact: every fact, every tag, every digit.
-
-This is how mindstage_msgs carries them, since ROS has no word for a value that is not told and no place for a fact.
-
-Plans: what Mindstage decided for an engine that leaves decisions to it, on the wire.
-
-Who moves rigidly with whom, who collides with whom, what is touched, how much it weighs, and which constraints hold. A
-`PhysicsModelDelta` tells what is new; whatever it does not name runs on as it was.
+Body geometries contain the collision shapes, and the name of a mesh file for the visual mesh in a folder that both
+sides can read; the name is derived from the key of the geometry and is not a path. Without that file, the collision
+shapes are displayed.
 """
 
 from __future__ import annotations
@@ -77,6 +63,7 @@ from mindstage.scene.colors import COLORS
 from mindstage.scene.model import FrozenStruct
 
 __all__ = [
+    "FORMAT_VERSION",
     "BodyModelDelta",
     "ConversionNote",
     "JointModelDelta",
@@ -112,92 +99,11 @@ __all__ = [
 _COLORS: dict[world_control_msgs.ColorCode, Color] = {
     world_control_msgs.ColorCode(code): color for code, color in enumerate(COLORS.values(), start=1)
 }
-
-
-def pose_message(pose: Pose) -> geometry_msgs.Pose:
-    """A pose for the wire."""
-    w, x, y, z = pose.quaternion
-    return geometry_msgs.Pose(
-        position=point_message(pose.position), orientation=geometry_msgs.Quaternion(x=x, y=y, z=z, w=w)
-    )
-
-
-def pose_from_message(message: geometry_msgs.Pose) -> Pose:
-    """A pose from the wire."""
-    turn = message.orientation
-    return Pose(point_from_message(message.position), (turn.w, turn.x, turn.y, turn.z))
-
-
-def pose_array_messages(rows: NDArray[np.float64]) -> tuple[geometry_msgs.Pose, ...]:
-    """Many poses for the wire, from an array n x 7: x y z, then w x y z."""
-    return tuple(
-        geometry_msgs.Pose(
-            position=geometry_msgs.Point(x=x, y=y, z=z), orientation=geometry_msgs.Quaternion(x=i, y=j, z=k, w=w)
-        )
-        for x, y, z, w, i, j, k in rows.tolist()
-    )
-
-
-def pose_array_from_messages(messages: Sequence[geometry_msgs.Pose]) -> NDArray[np.float64]:
-    """Many poses from the wire, as an array n x 7: x y z, then w x y z."""
-    return np.array([_pose_row(message) for message in messages], dtype=np.float64).reshape(-1, 7)
-
-
-def _pose_row(message: geometry_msgs.Pose) -> Iterable[float]:
-    at, turn = message.position, message.orientation
-    return at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z
-
-
-def point_message(vector: Vector) -> geometry_msgs.Point:
-    """A place for the wire."""
-    x, y, z = vector
-    return geometry_msgs.Point(x=x, y=y, z=z)
-
-
-def point_from_message(message: geometry_msgs.Point) -> Vector:
-    """A place from the wire."""
-    return message.x, message.y, message.z
-
-
-def vector_message(vector: Vector) -> geometry_msgs.Vector3:
-    """A direction or a force for the wire."""
-    x, y, z = vector
-    return geometry_msgs.Vector3(x=x, y=y, z=z)
-
-
-def vector_from_message(message: geometry_msgs.Vector3) -> Vector:
-    """A direction or a force from the wire."""
-    return message.x, message.y, message.z
-
-
-def color_message(color: Color, *, opacity: float = 1.0) -> std_msgs.ColorRGBA:
-    """A color for the wire."""
-    red, green, blue = color
-    return std_msgs.ColorRGBA(r=red, g=green, b=blue, a=opacity)
-
-
-def color_from_message(message: std_msgs.ColorRGBA) -> Color:
-    """A color from the wire, without its opacity."""
-    return message.r, message.g, message.b
-
-
-def color_from_code(code: world_control_msgs.ColorCode) -> Color | None:
-    """The color of a code; None puts out."""
-    return _COLORS.get(code)
-
-
-def color_code(color: Color | None) -> world_control_msgs.ColorCode:
-    """The code whose color is nearest; only five colors have one, so what comes back may be another color."""
-    if color is None:
-        return world_control_msgs.ColorCode.NONE
-    return min(_COLORS, key=lambda code: sum((a - b) ** 2 for a, b in zip(_COLORS[code], color, strict=True)))
-
-
 WORLD_ERROR_FACTORIES: dict[str, Callable[[mindstage_msgs.Refusal], WorldError]] = {
-    "BodyUnknown": lambda said: BodyNotFoundError(said.body, known=said.near, world=said.world),
-    "BodyExists": lambda said: BodyExistsError(said.body),
-    "PoseUnreachable": lambda said: PoseUnreachableError(said.body, reason=said.reason),
-    "AttachmentRefused": lambda said: AttachmentError(said.parent, said.child, reason=said.reason),
+    "BodyUnknown": lambda message: BodyNotFoundError(message.body, known=message.near, world=message.world),
+    "BodyExists": lambda message: BodyExistsError(message.body),
+    "PoseUnreachable": lambda message: PoseUnreachableError(message.body, reason=message.reason),
+    "AttachmentRefused": lambda message: AttachmentError(message.parent, message.child, reason=message.reason),
 }
 ENGINE_ERROR_TYPES: dict[str, type[EngineError]] = {
     cls.code: cls
@@ -209,10 +115,95 @@ ENGINE_ERROR_TYPES: dict[str, type[EngineError]] = {
         SimulationDivergedError,
     )
 }
+T = TypeVar("T")
+FORMAT_VERSION = World(iri=Iri("")).format_version
+"""Version of the JSON of worlds."""
+_MESH_NAME = re.compile(r"[0-9a-f]{8,64}\.glb")
+_MAX_SIZE_M = 1e6
+_MESSAGE_ONLY_FIELDS = ("mesh", "material")
+
+
+def pose_message(pose: Pose) -> geometry_msgs.Pose:
+    """Converts a pose to a message."""
+    w, x, y, z = pose.quaternion
+    return geometry_msgs.Pose(
+        position=point_message(pose.position), orientation=geometry_msgs.Quaternion(x=x, y=y, z=z, w=w)
+    )
+
+
+def pose_from_message(message: geometry_msgs.Pose) -> Pose:
+    """Converts a message to a pose."""
+    rotation = message.orientation
+    return Pose(point_from_message(message.position), (rotation.w, rotation.x, rotation.y, rotation.z))
+
+
+def pose_array_messages(rows: NDArray[np.float64]) -> tuple[geometry_msgs.Pose, ...]:
+    """Converts poses to messages; the array is n x 7: x y z [m], then quaternion w x y z."""
+    return tuple(
+        geometry_msgs.Pose(
+            position=geometry_msgs.Point(x=x, y=y, z=z), orientation=geometry_msgs.Quaternion(x=i, y=j, z=k, w=w)
+        )
+        for x, y, z, w, i, j, k in rows.tolist()
+    )
+
+
+def pose_array_from_messages(messages: Sequence[geometry_msgs.Pose]) -> NDArray[np.float64]:
+    """Converts messages to poses, an array n x 7: x y z [m], then quaternion w x y z."""
+    return np.array([_pose_row(message) for message in messages], dtype=np.float64).reshape(-1, 7)
+
+
+def _pose_row(message: geometry_msgs.Pose) -> Iterable[float]:
+    position, rotation = message.position, message.orientation
+    return position.x, position.y, position.z, rotation.w, rotation.x, rotation.y, rotation.z
+
+
+def point_message(vector: Vector) -> geometry_msgs.Point:
+    """Converts a point to a message."""
+    x, y, z = vector
+    return geometry_msgs.Point(x=x, y=y, z=z)
+
+
+def point_from_message(message: geometry_msgs.Point) -> Vector:
+    """Converts a message to a point."""
+    return message.x, message.y, message.z
+
+
+def vector_message(vector: Vector) -> geometry_msgs.Vector3:
+    """Converts a direction or a force to a message."""
+    x, y, z = vector
+    return geometry_msgs.Vector3(x=x, y=y, z=z)
+
+
+def vector_from_message(message: geometry_msgs.Vector3) -> Vector:
+    """Converts a message to a direction or a force."""
+    return message.x, message.y, message.z
+
+
+def color_message(color: Color, *, opacity: float = 1.0) -> std_msgs.ColorRGBA:
+    """Converts a color to a message."""
+    red, green, blue = color
+    return std_msgs.ColorRGBA(r=red, g=green, b=blue, a=opacity)
+
+
+def color_from_message(message: std_msgs.ColorRGBA) -> Color:
+    """Converts a message to a color, without its opacity."""
+    return message.r, message.g, message.b
+
+
+def color_from_code(code: world_control_msgs.ColorCode) -> Color | None:
+    """Returns the color of a code; None removes the highlight."""
+    return _COLORS.get(code)
+
+
+def color_code(color: Color | None) -> world_control_msgs.ColorCode:
+    """Returns the code of the nearest of the five colors that have one."""
+    if color is None:
+        return world_control_msgs.ColorCode.NONE
+    return min(_COLORS, key=lambda code: sum((a - b) ** 2 for a, b in zip(_COLORS[code], color, strict=True)))
 
 
 def error_to_message(error: WorldError) -> mindstage_msgs.Refusal:
-    """Why the world said no, for the wire."""
+    """Converts an error of the world to a message."""
     facts = dict(vars(error))
     facts["near"] = facts.pop("suggestions", ())
     fields = {name: facts[name] for name in mindstage_msgs.Refusal.__struct_fields__ if name in facts}
@@ -220,111 +211,105 @@ def error_to_message(error: WorldError) -> mindstage_msgs.Refusal:
 
 
 def message_to_error(message: mindstage_msgs.Refusal) -> WorldError:
-    """The error that was refused with; of a kind that is not known here, its sentence."""
-    made = WORLD_ERROR_FACTORIES.get(message.kind)
-    return made(message) if made else WorldError(message.text)
+    """Converts a message to an error of its class; a `WorldError` with the text if the class is unknown."""
+    factory = WORLD_ERROR_FACTORIES.get(message.kind)
+    return factory(message) if factory else WorldError(message.text)
 
 
 def error_text(error: EngineError) -> str:
-    """What broke, as the text that ends a call."""
+    """Encodes an engine error as the text of a failed call."""
     facts = {"kind": error.code, **vars(error)}
     return f"{error}\n{msgspec.json.encode(facts).decode()}"
 
 
 def error_from_text(text: str) -> EngineError:
-    """The error that ended a call over there; where the text is anybody's, an error that says the text."""
-    sentence, _, facts = text.partition("\n")
+    """Decodes the text of a failed call; an `EngineError` with the first line if the text has another format."""
+    message, _, fields = text.partition("\n")
     try:
-        known = msgspec.json.decode(facts, type=dict[str, str | float])
-        return ENGINE_ERROR_TYPES[str(known.pop("kind"))](**known)
+        values = msgspec.json.decode(fields, type=dict[str, str | float])
+        return ENGINE_ERROR_TYPES[str(values.pop("kind"))](**values)
     except (msgspec.MsgspecError, KeyError, TypeError):
-        return EngineError(sentence)
+        return EngineError(message)
 
 
 class ConversionNote(msgspec.Struct, frozen=True):
-    """One thing that the other side will not know, or that was assumed because it was not told."""
+    """Information that is lost in a conversion, or a value that was assumed because it was missing."""
 
     field: str
-    """What it is about, such as `facts` or `class`."""
+    """The field, such as `facts` or `class`."""
     ids: tuple[str, ...]
-    """Of the bodies, constraints or lights."""
+    """Ids of the bodies, joints or lights."""
     text: str
 
 
 def merge_notes(notes: Iterable[ConversionNote]) -> tuple[ConversionNote, ...]:
-    """The same with one remark for each field and text, which has all the ids."""
+    """Merges the notes with the same field and text."""
     ids: defaultdict[tuple[str, str], dict[str, None]] = defaultdict(dict)
-    for remark in notes:
-        ids[remark.field, remark.text].update(dict.fromkeys(remark.ids))
-    return tuple(ConversionNote(field, tuple(about), text) for (field, text), about in ids.items())
-
-
-T = TypeVar("T")
-
-FORMAT_VERSION = World(iri=Iri("")).format_version
-"""What this version writes and reads."""
+    for note in notes:
+        ids[note.field, note.text].update(dict.fromkeys(note.ids))
+    return tuple(ConversionNote(field, tuple(merged), text) for (field, text), merged in ids.items())
 
 
 class FormatVersion(msgspec.Struct):
-    """As much of a world as tells whether the rest can be read."""
+    """The field of a world that determines whether the others can be decoded."""
 
     format_version: int
 
 
 def world_to_json(world: World) -> str:
-    """A world as JSON; `format_version` is always in it.
+    """Encodes a world as JSON; `format_version` is always included.
 
     Raises:
-        MessageValidationError: it holds what JSON cannot, such as NaN.
+        MessageValidationError: it has a value that JSON cannot represent, such as NaN.
     """
     try:
-        told = {**msgspec.to_builtins(world, enc_hook=to_python_number), "format_version": world.format_version}
+        fields = {**msgspec.to_builtins(world, enc_hook=to_python_number), "format_version": world.format_version}
     except (TypeError, RecursionError) as error:
         raise MessageValidationError("a world", cause=str(error)) from error
-    return to_json(told, World)
+    return to_json(fields, World)
 
 
 def world_from_json(text: str | bytes) -> World:
-    """The world that `world_to_json` wrote.
+    """Decodes the JSON of `world_to_json`.
 
     Raises:
-        MessageValidationError: it is no such JSON, or that of another version.
+        MessageValidationError: it is not the JSON of a world, or of another version.
     """
     version = from_json(text, FormatVersion).format_version
     if version != FORMAT_VERSION:
         raise MessageValidationError(
             "a world",
             path="format_version",
-            cause=f"it is {version}, and this Mindstage reads {FORMAT_VERSION}",
+            cause=f"it is {version}, and this version of Mindstage reads {FORMAT_VERSION}",
             remedy="use the same version of Mindstage on both sides",
         )
     return from_json(text, World)
 
 
 def to_json(value: object, type: Any = None) -> str:
-    """A part of a world (`BodyPhysics`, a tuple of `Material`s) as JSON.
+    """Encodes a part of a world (`BodyPhysics`, a tuple of `Material`s) as JSON.
 
     Args:
         value: the part.
-        type: how it will be read, where that is not its own type; a tuple's is `tuple[Material, ...]`.
+        type: type for decoding, if it is not that of the value; for a tuple, such as `tuple[Material, ...]`.
 
     Raises:
-        MessageValidationError: it holds what JSON cannot, such as NaN.
+        MessageValidationError: it has a value that JSON cannot represent, such as NaN.
     """
     try:
         text = msgspec.json.encode(value, enc_hook=to_python_number).decode()
     except (TypeError, UnicodeError, RecursionError) as error:
         raise MessageValidationError(_type_name(type or value.__class__), cause=str(error)) from error
-    # msgspec writes NaN and the infinities as null, and a null in the place of a number cannot be read: so read it.
+    # msgspec encodes NaN and infinities as null, which decoding detects, since null is not a number.
     from_json(text, type or value.__class__)
     return text
 
 
 def from_json(text: str | bytes, type: type[T]) -> T:
-    """A part of a world from JSON.
+    """Decodes a part of a world from JSON.
 
     Raises:
-        MessageValidationError: it is no JSON, or not of that type.
+        MessageValidationError: it is not JSON, or not of that type.
     """
     try:
         return msgspec.json.decode(text, type=type)
@@ -332,7 +317,7 @@ def from_json(text: str | bytes, type: type[T]) -> T:
         cause, path = validation_error_details(error)
         raise MessageValidationError(_type_name(type), path=path, cause=cause) from error
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-        raise MessageValidationError(_type_name(type), cause=f"it is no JSON: {error}") from error
+        raise MessageValidationError(_type_name(type), cause=f"it is not JSON: {error}") from error
 
 
 def _type_name(type: Any) -> str:
@@ -340,31 +325,31 @@ def _type_name(type: Any) -> str:
 
 
 class BodyModelDelta(FrozenStruct, frozen=True, kw_only=True):
-    """How a body takes part in the physics from now on."""
+    """Physics of a body from now on."""
 
     size: Vector
-    """In force: assumed where the map has none [m]."""
+    """Effective size: assumed if the map has none [m]."""
     top: BodyId
-    """The body that all others of its rigid assembly hang on; itself where it is that, or alone."""
+    """Root of the rigid assembly that the body belongs to; the body itself if it is the root."""
     hold: Pose = IDENTITY
-    """Where it is in the top's frame."""
+    """Pose in the frame of the root."""
     mobility: Mobility = Mobility.STATIC
-    """Of the whole assembly."""
+    """Mobility of the whole assembly."""
     gravity: bool = True
-    """Whether it falls; of an assembly, as much of it as does counts."""
+    """Whether gravity acts on the body."""
     mass_kg: float = 0.0
-    """In force: estimated where the map has none; 0 for what the physics does not move."""
+    """Effective mass: estimated if the map has none; 0 for a body that is not dynamic [kg]."""
     ghost: bool = False
-    """Whether it collides with nothing."""
+    """Whether the body collides with nothing."""
     solids: tuple[CollisionShape, ...] = ()
-    """All that can be touched of it, in its own frame."""
+    """Collision shapes, in the frame of the body."""
     friction: float | None = None
-    """None leaves it to the engine."""
+    """Coefficient of friction; None is the default of the engine."""
     restitution: float | None = None
 
 
 class JointModelDelta(FrozenStruct, frozen=True, kw_only=True):
-    """Where a constraint's frame is, as seen from either end; its ranges are about where these two coincide."""
+    """Frames of a joint in its parent and its child; where they coincide, the displacement is zero."""
 
     parent: BodyId
     child: BodyId
@@ -373,32 +358,27 @@ class JointModelDelta(FrozenStruct, frozen=True, kw_only=True):
 
 
 class PhysicsModelDelta(FrozenStruct, frozen=True, kw_only=True):
-    """What is different from before, or all of it for a world that is new."""
+    """Difference to the previous physics model; for a new world, the whole model. What is not listed is unchanged."""
 
     bodies: dict[BodyId, BodyModelDelta] = msgspec.field(default_factory=dict)
-    """By id."""
+    """New or changed bodies, by id."""
     apart: tuple[tuple[BodyId, BodyId], ...] = ()
-    """Pairs that do not collide from now on."""
+    """Pairs of bodies that no longer collide."""
     together: tuple[tuple[BodyId, BodyId], ...] = ()
-    """Pairs that may collide again."""
+    """Pairs of bodies that collide again."""
     joints: dict[BodyId, JointModelDelta | None] = msgspec.field(default_factory=dict)
-    """Constraints that hold, by id; None for one that does not."""
+    """Active joints, by id; None for one that is removed."""
     poses: dict[BodyId, Pose] = msgspec.field(default_factory=dict)
-    """Bodies that are put somewhere else, at rest: all that go there, not only the first."""
+    """Bodies that are set to another pose at rest, including those attached to them."""
 
 
 def model_delta_to_json(change: PhysicsModelDelta) -> str:
-    """A change as JSON; what is left out has its default.
+    """Encodes a difference as JSON; fields with their default are left out.
 
     Raises:
-        MessageValidationError: it holds what JSON cannot, such as NaN.
+        MessageValidationError: it has a value that JSON cannot represent, such as NaN.
     """
     return to_json(change)
-
-
-_MESH_NAME = re.compile(r"[0-9a-f]{8,64}\.glb")
-_MAX_SIZE_M = 1e6
-_MESSAGE_ONLY_FIELDS = ("mesh", "material")
 
 
 class GeometryMessage(
@@ -426,69 +406,69 @@ class GeometryMessage(
     support_surfaces: tuple[SupportSurface, ...] = ()
     lights: tuple[AttachedLight, ...] = ()
     mesh: str = ""
-    """Of the file that shows it; empty where there is none."""
+    """Name of the mesh file; empty if there is none."""
     material: PbrMaterial | None = None
-    """Of its solids, where those are shown."""
+    """Material of the collision shapes, if those are displayed."""
 
 
 class GeometryMapMessage(FrozenStruct, frozen=True, kw_only=True, rename={"geometries": "forms"}):
-    """The forms of some bodies; equal ones stand there once."""
+    """The JSON of the geometries of some bodies; equal geometries are listed once."""
 
     bodies: dict[BodyId, str] = msgspec.field(default_factory=dict)
-    """The key of each body's form."""
+    """Key of the geometry of each body."""
     geometries: dict[str, GeometryMessage] = msgspec.field(default_factory=dict)
 
 
 def mesh_name(key: str) -> str:
-    """What the mesh file of a form is called; empty where its key is no digest, and so no name for a file."""
+    """Returns the name of the mesh file of a geometry; empty if its key is not a digest and so not a safe file name."""
     name = f"{key}.glb"
     return name if _MESH_NAME.fullmatch(name) else ""
 
 
-def geometry_to_json(geometry: GeometryMap, *, mesh: Callable[[BodyGeometry], str] = lambda form: "") -> str:
-    """Forms as JSON; an empty string where there are none.
+def geometry_to_json(geometry: GeometryMap, *, mesh: Callable[[BodyGeometry], str] = lambda geometry: "") -> str:
+    """Encodes body geometries as JSON; an empty string if there are none.
 
     Args:
-        forms: by body.
-        mesh: the name of the file that shows a form, or an empty string.
+        geometry: geometries by body.
+        mesh: returns the name of the mesh file of a geometry, or an empty string.
 
     Raises:
-        MessageValidationError: a form holds what JSON cannot, such as NaN.
+        MessageValidationError: a geometry has a value that JSON cannot represent, such as NaN.
     """
     if not geometry:
         return ""
-    each = {form.key: form for form in geometry.values()}
-    written = GeometryMapMessage(
-        bodies={id: form.key for id, form in geometry.items()},
-        geometries={key: _to_message(form, mesh(form)) for key, form in each.items()},
+    by_key = {each.key: each for each in geometry.values()}
+    message = GeometryMapMessage(
+        bodies={id: each.key for id, each in geometry.items()},
+        geometries={key: _to_message(each, mesh(each)) for key, each in by_key.items()},
     )
-    return to_json(written)
+    return to_json(message)
 
 
 def geometry_from_json(
     text: str, *, load_visuals: Callable[[str], tuple[VisualMesh, ...]] = lambda mesh: ()
 ) -> Mapping[BodyId, BodyGeometry]:
-    """The forms that `geometry_to_json` wrote.
+    """Decodes the JSON of `geometry_to_json`.
 
     Args:
-        text: as it came.
-        skins: what is in a mesh file of that name; nothing where it is not at hand.
+        text: the JSON.
+        load_visuals: returns the visual meshes of a mesh file; empty if there is no such file.
 
     Raises:
-        MessageValidationError: it is no such JSON, or says what cannot be built.
+        MessageValidationError: it is not such JSON, or a geometry is invalid.
     """
     if not text:
         return {}
-    written = from_json(text, GeometryMapMessage)
-    forms = {key: _from_message(key, form, load_visuals) for key, form in written.geometries.items()}
-    for id, key in written.bodies.items():
-        if key not in forms:
-            raise MessageValidationError("forms", path=f"bodies.{id}", cause=f"there is no form {key!r} among them")
-    return {id: forms[key] for id, key in written.bodies.items()}
+    message = from_json(text, GeometryMapMessage)
+    geometries = {key: _from_message(key, each, load_visuals) for key, each in message.geometries.items()}
+    for id, key in message.bodies.items():
+        if key not in geometries:
+            raise MessageValidationError("forms", path=f"bodies.{id}", cause=f"no geometry has the key {key!r}")
+    return {id: geometries[key] for id, key in message.bodies.items()}
 
 
 def _shared_fields(geometry: BodyGeometry | GeometryMessage) -> dict[str, Any]:
-    """What both writings of a form have."""
+    """Returns the fields that a body geometry and its message have in common."""
     return {
         name: getattr(geometry, name) for name in GeometryMessage.__struct_fields__ if name not in _MESSAGE_ONLY_FIELDS
     }
@@ -498,7 +478,7 @@ def _to_message(geometry: BodyGeometry, mesh: str) -> GeometryMessage:
     return GeometryMessage(
         **_shared_fields(geometry),
         mesh=mesh,
-        material=max(geometry.visuals, key=lambda skin: len(skin.faces)).material if geometry.visuals else None,
+        material=max(geometry.visuals, key=lambda visual: len(visual.faces)).material if geometry.visuals else None,
     )
 
 
@@ -507,10 +487,10 @@ def _from_message(
 ) -> BodyGeometry:
     if message.mesh and message.mesh != mesh_name(key):
         raise MessageValidationError(
-            "forms", path=f"forms.{key}.mesh", cause=f"{message.mesh!r} is no mesh of that form"
+            "forms", path=f"forms.{key}.mesh", cause=f"{message.mesh!r} is not the mesh of this geometry"
         )
-    for number, solid in enumerate(message.collision_shapes):
-        if cause := _shape_error(solid):
+    for number, shape in enumerate(message.collision_shapes):
+        if cause := _shape_error(shape):
             raise MessageValidationError("forms", path=f"forms.{key}.solids[{number}]", cause=cause)
     return BodyGeometry(
         key=key,
@@ -520,11 +500,11 @@ def _from_message(
 
 
 def _shape_error(shape: CollisionShape) -> str:
-    """Why nothing can be built of it, or an empty string."""
+    """Returns why a collision shape is invalid, or an empty string."""
     if not all(0.0 < extent <= _MAX_SIZE_M for extent in shape.size):
-        return f"its size {shape.size} is none"
+        return f"its size {shape.size} is not positive and at most {_MAX_SIZE_M:g} m"
     if not _is_rigid(shape.pose):
-        return "its pose is none: a place, and a quaternion of norm 1"
+        return "its pose is not finite, or its quaternion is not of norm 1"
     if shape.type is CollisionShapeType.HULL and len(shape.points) < 4:
         return f"a hull has at least 4 points, not {len(shape.points)}"
     return ""

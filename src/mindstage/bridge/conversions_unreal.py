@@ -1,21 +1,16 @@
-"""Models: a body as the wire describes a model, and back.
+"""Conversion between worlds and the messages of UROSWorldControl (`world_control_msgs`).
 
-Unreal finds a mesh by its name, so a model is called like its body's mesh, or else like its class, as the community's
-maps mean it. What a model has no field for and can be said in a few words goes along as tags of the type `Mindstage`,
-always these, in this order and behind all others; so they are found again, and a body's own tags are never taken for
-them:
+Bodies: Unreal finds a mesh by its name, so the name of a model is that of the mesh of the body, or else of its class,
+as in the KnowRob maps. Properties for which a model has no field are added as tags of the type `Mindstage`: always
+these, in this order, behind the tags of the body, so that they cannot be confused with them:
 
-    Iri, Class, Mesh, Shape ("box"), Size ("depth width height"), Untold (the names of fields that the map leaves out)
+    Iri, Class, Mesh, Shape ("box"), Size ("depth width height"), Untold (names of the fields that the map leaves out)
 
-Facts, and the colors of materials, stay behind.
+Facts, and the colors of materials, are lost.
 
-Constraints: a constraint of a world as the wire describes one, and back.
-
-The motions are the same numbers, 0 free, 1 limited, 2 locked; the first model is the parent, the second the child. On
-the wire a range is the same either way from where it was spawned. A range that is not is widened until it is, since a
-drawer that could also go backwards still opens, and one that is cut short does not.
-
-Maps: a whole world as one `spawn_semantic_map`, and back.
+Joints: the motion codes are 0 free, 1 limited, 2 locked; the first model is the parent, the second the child. In
+messages a range is symmetric about the pose at which the joint is spawned. Another range is widened until it is
+symmetric: a drawer that can also move backwards still opens, one with a shortened range does not.
 """
 
 from __future__ import annotations
@@ -53,6 +48,7 @@ __all__ = [
     "body_from_box",
     "body_from_message",
     "iri_from_id",
+    "iri_namespace",
     "joint_from_message",
     "joint_message",
     "materials_from_lists",
@@ -72,7 +68,7 @@ __all__ = [
 
 
 CLASS_NAMESPACE = "http://knowrob.org/kb/knowrob.owl#"
-"""Where a model's class is looked for when only its name is told: the community's maps have theirs there."""
+"""Namespace of the class of a model without the `Class` tag, as in the KnowRob maps."""
 
 TAG_TYPE = "Mindstage"
 TAG_KEYS = ("Iri", "Class", "Mesh", "Shape", "Size", "Untold")
@@ -83,12 +79,14 @@ MOBILITY_CODES = {
     Mobility.KINEMATIC: world_control_msgs.MobilityCode.KINEMATIC,
 }
 MOBILITY_BY_CODE = {code: mobility for mobility, code in MOBILITY_CODES.items()}
+LINEAR_AXES = ("x", "y", "z")
+ANGULAR_AXES = ("swing1", "swing2", "twist")
 
 # -- to the wire -------------------------------------------------------------------------------------------------------
 
 
 def model_message(body: Body) -> world_control_msgs.ModelDescription:
-    """A body for `spawn_semantic_map`."""
+    """Converts a body to a model of `spawn_semantic_map`."""
     return world_control_msgs.ModelDescription(
         name=_mesh_name(body),
         pose=pose_message(body.pose),
@@ -105,12 +103,12 @@ def model_message(body: Body) -> world_control_msgs.ModelDescription:
 def spawn_model_request(
     body: Body, *, parent: str = "", spawn_collision_check: bool = False
 ) -> world_control_msgs.SpawnModel.Request:
-    """A body for `spawn_model`.
+    """Converts a body to a request of `spawn_model`.
 
     Args:
-        body: what to spawn.
-        parent: the id of what it hangs on.
-        spawn_collision_check: do not spawn it into something else.
+        body: the body to spawn.
+        parent: id of the body to which it is attached.
+        spawn_collision_check: do not spawn it if it overlaps another body.
     """
     model = model_message(body)
     return world_control_msgs.SpawnModel.Request(
@@ -121,7 +119,7 @@ def spawn_model_request(
 
 
 def physics_message(physics: BodyPhysics) -> world_control_msgs.PhysicsProperties:
-    """Physics for the wire; what is not told is written as what it is taken for."""
+    """Converts physics properties to a message; missing values are replaced by their defaults."""
     return world_control_msgs.PhysicsProperties(
         mobility=MOBILITY_CODES[physics.mobility or Mobility.STATIC],
         gravity=physics.gravity is not False,
@@ -131,21 +129,21 @@ def physics_message(physics: BodyPhysics) -> world_control_msgs.PhysicsPropertie
 
 
 def tag_message(tag: Tag) -> world_control_msgs.Tag:
-    """A tag for the wire."""
+    """Converts a tag to a message."""
     return world_control_msgs.Tag(type=tag.type, key=tag.key, value=tag.value)
 
 
 def model_tags(body: Body) -> tuple[world_control_msgs.Tag, ...]:
-    """A body's own tags, and behind them what a model has no field for."""
-    told = {name: getattr(body, name) for name in ("label", "mesh", "shape", "size")}
-    told |= {name: getattr(body.physics, name) for name in BodyPhysics.__struct_fields__}
+    """Returns the tags of a body, followed by those for properties for which a model has no field."""
+    fields = {name: getattr(body, name) for name in ("label", "mesh", "shape", "size")}
+    fields |= {name: getattr(body.physics, name) for name in BodyPhysics.__struct_fields__}
     values = (
         body.iri,
         body.cls,
         body.mesh or "",
         body.shape.type.value if body.shape else "",
         " ".join(repr(float(extent)) for extent in body.size or ()),
-        " ".join(name for name, value in told.items() if value is None),
+        " ".join(name for name, value in fields.items() if value is None),
     )
     own = (
         world_control_msgs.Tag(type=TAG_TYPE, key=key, value=value) for key, value in zip(TAG_KEYS, values, strict=True)
@@ -154,15 +152,13 @@ def model_tags(body: Body) -> tuple[world_control_msgs.Tag, ...]:
 
 
 def untranslatable_body_fields(body: Body) -> Iterator[ConversionNote]:
-    """What a model cannot say of a body."""
+    """Yields what a model cannot represent of a body."""
     if body.facts:
-        yield ConversionNote("facts", (body.id,), "a model has no place for facts")
+        yield ConversionNote("facts", (body.id,), "a model has no field for facts")
     if any(material.color is not None for material in body.materials):
-        yield ConversionNote("materials", (body.id,), "a model's materials have names and paths, and no colours")
+        yield ConversionNote("materials", (body.id,), "the materials of a model have names and paths, but no colors")
     if any(set(tag.type + tag.key + tag.value) & set(";,") for tag in body.tags):
-        yield ConversionNote(
-            "tags", (body.id,), "they travel, but Unreal keeps tags as text in which ';' and ',' part them"
-        )
+        yield ConversionNote("tags", (body.id,), "Unreal stores tags as text in which ';' and ',' are separators")
 
 
 def _mesh_name(body: Body) -> str:
@@ -172,7 +168,7 @@ def _mesh_name(body: Body) -> str:
 
 
 def _content_folder(body: Body) -> str:
-    """Where Unreal is to look first, if the mesh is named by a place among its content."""
+    """Returns the folder in which Unreal looks first, if the mesh is named by its path in Unreal's content."""
     return str(PurePosixPath(body.mesh).parent) if body.mesh and body.mesh.startswith("/Game/") else ""
 
 
@@ -188,16 +184,16 @@ Model = world_control_msgs.ModelDescription | world_control_msgs.SpawnModel.Requ
 def body_from_message(
     message: Model, *, id: str = "", namespace: str, path: str = ""
 ) -> tuple[Body, tuple[ConversionNote, ...]]:
-    """The body that a model describes, and what was assumed.
+    """Converts a model to a body, and returns what was assumed.
 
     Args:
-        model: from `spawn_semantic_map` or `spawn_model`.
-        id: its id, where the model itself has none.
-        namespace: what comes before the id in the IRI of a body that does not tell its own.
-        path: where the model stands in the message, for errors.
+        message: a model of `spawn_semantic_map`, or a request of `spawn_model`.
+        id: id of the body if the model has none.
+        namespace: namespace of the IRI of a body without the `Iri` tag.
+        path: path of the model in the message, for errors.
 
     Raises:
-        MessageValidationError: its `Mindstage` tags are broken.
+        MessageValidationError: its `Mindstage` tags are invalid.
     """
     name = BodyId(message.id or id)
     tags = tuple(Tag(type=tag.type, key=tag.key, value=tag.value) for tag in message.tags)
@@ -221,12 +217,12 @@ def body_from_message(
 
 
 def body_from_box(request: world_control_msgs.SpawnProMesh.Request, *, id: str = "", namespace: str) -> Body:
-    """The body that `spawn_pro_mesh` asks for: a box of that size.
+    """Converts a request of `spawn_pro_mesh` to a body: a box.
 
     Args:
-        request: what came.
-        id: its id, where the request has none.
-        namespace: what comes before the id in its IRI.
+        request: the request.
+        id: id of the body if the request has none.
+        namespace: namespace of its IRI.
     """
     name = BodyId(request.id or id)
     tags = tuple(Tag(type=tag.type, key=tag.key, value=tag.value) for tag in request.tags)
@@ -244,12 +240,12 @@ def body_from_box(request: world_control_msgs.SpawnProMesh.Request, *, id: str =
 
 
 def iri_from_id(id: str, namespace: str) -> Iri:
-    """The IRI of something that the wire knows by its id only; some programs have IRIs for ids."""
+    """Returns the IRI of an id; an id that is an IRI is returned as it is."""
     return Iri(id if "://" in id else namespace + id)
 
 
 def physics_from_message(message: world_control_msgs.PhysicsProperties) -> BodyPhysics:
-    """Physics from the wire, where everything is told."""
+    """Converts a message to physics properties."""
     return BodyPhysics(
         mobility=MOBILITY_BY_CODE[message.mobility],
         gravity=message.gravity,
@@ -259,34 +255,34 @@ def physics_from_message(message: world_control_msgs.PhysicsProperties) -> BodyP
 
 
 def materials_from_lists(names: tuple[str, ...], paths: tuple[str, ...]) -> tuple[Material, ...]:
-    """Materials from two lists that run in parallel; what one of them lacks is empty."""
+    """Converts two parallel lists to materials; missing elements of the shorter one are empty."""
     count = max(len(names), len(paths))
     names, paths = names + ("",) * (count - len(names)), paths + ("",) * (count - len(paths))
     return tuple(Material(name=name, path=path) for name, path in zip(names, paths, strict=True))
 
 
 def _with_tag_fields(body: Body, tags: tuple[Tag, ...], notes: dict[str, str], path: str) -> Body:
-    """The body as the tags of ours complete it."""
-    untold = set(notes["Untold"].split())
-    physics = {name: None if name in untold else getattr(body.physics, name) for name in BodyPhysics.__struct_fields__}
+    """Returns the body with the properties in its `Mindstage` tags."""
+    missing = set(notes["Untold"].split())
+    physics = {name: None if name in missing else getattr(body.physics, name) for name in BodyPhysics.__struct_fields__}
     try:
-        shape = None if "shape" in untold else PrimitiveShape(type=PrimitiveType(notes["Shape"]))
-        size = None if "size" in untold else _parse_size(notes["Size"])
+        shape = None if "shape" in missing else PrimitiveShape(type=PrimitiveType(notes["Shape"]))
+        size = None if "size" in missing else _parse_size(notes["Size"])
     except ValueError as error:
         raise MessageValidationError(
             "world_control_msgs/ModelDescription",
             path=f"{path}.tags" if path else "tags",
-            cause=f"a tag of the type {TAG_TYPE} is broken: {error}",
-            remedy="send a shape that is known and three sizes, or leave all tags of that type out",
+            cause=f"a tag of the type {TAG_TYPE} is invalid: {error}",
+            remedy="send a known shape and three extents, or leave out all tags of that type",
         ) from error
     return Body(
         id=body.id,
         iri=Iri(notes["Iri"]),
         cls=Iri(notes["Class"]),
         pose=body.pose,
-        label=None if "label" in untold else body.label or "",
+        label=None if "label" in missing else body.label or "",
         size=size,
-        mesh=None if "mesh" in untold else notes["Mesh"],
+        mesh=None if "mesh" in missing else notes["Mesh"],
         shape=shape,
         physics=BodyPhysics(**physics),
         materials=body.materials,
@@ -295,11 +291,13 @@ def _with_tag_fields(body: Body, tags: tuple[Tag, ...], notes: dict[str, str], p
 
 
 def _assumption_notes(id: str, model: Model) -> Iterator[ConversionNote]:
-    """What is guessed of a model that somebody else described."""
-    yield ConversionNote("size", (id,), "a model does not say how large it is")
-    yield ConversionNote("class", (id,), "only the name of a class is told, and it is taken as one of knowrob's")
+    """Yields what is assumed of a model without `Mindstage` tags."""
+    yield ConversionNote("size", (id,), "a model has no size")
+    yield ConversionNote(
+        "class", (id,), "only the local name of the class is given; the namespace of KnowRob is assumed"
+    )
     if len(model.material_names) != len(model.material_paths):
-        yield ConversionNote("materials", (id,), "names and paths differ in number; what is missing is taken as empty")
+        yield ConversionNote("materials", (id,), "names and paths differ in number; missing ones are assumed empty")
 
 
 def _parse_size(text: str) -> Vector:
@@ -308,16 +306,12 @@ def _parse_size(text: str) -> Vector:
 
 
 def _class_name(tags: tuple[Tag, ...], name: str) -> str:
-    """What the logger called the class, else the mesh's name, which Unreal's maps have from the class."""
+    """Returns the class in the tag of the semantic logger, or else the mesh name, or `Thing`."""
     return next((tag.value for tag in tags if (tag.type, tag.key) == ("SemLog", "Class")), name) or "Thing"
 
 
-LINEAR_AXES = ("x", "y", "z")
-ANGULAR_AXES = ("swing1", "swing2", "twist")
-
-
 def joint_message(joint: Joint) -> world_control_msgs.ConstraintDescription:
-    """A constraint for the wire."""
+    """Converts a joint to a message."""
     return world_control_msgs.ConstraintDescription(
         id=joint.id,
         constraint_details=world_control_msgs.PhysicsConstraintDetails(
@@ -332,33 +326,33 @@ def joint_message(joint: Joint) -> world_control_msgs.ConstraintDescription:
 
 
 def untranslatable_joint_fields(joint: Joint) -> Iterator[ConversionNote]:
-    """What the wire cannot say of a constraint."""
+    """Yields what the message cannot represent of a joint."""
     if joint.facts:
-        yield ConversionNote("facts", (joint.id,), "a constraint has no place for facts there")
+        yield ConversionNote("facts", (joint.id,), "the message has no field for facts")
     if joint.tags:
-        yield ConversionNote("tags", (joint.id,), "a constraint has no place for tags there")
+        yield ConversionNote("tags", (joint.id,), "the message has no field for tags")
     if joint.disable_collision is None:
-        yield ConversionNote("disable_collision", (joint.id,), "what is not told is written as true there")
+        yield ConversionNote("disable_collision", (joint.id,), "a missing value is sent as true")
     if _shifted_axes(joint.linear, LINEAR_AXES) or _shifted_axes(joint.angular, ANGULAR_AXES):
         yield ConversionNote(
-            "middle", (joint.id,), "a range is the same either way there, so it is widened until it is"
+            "middle", (joint.id,), "ranges are symmetric in the message, so it is widened until it is symmetric"
         )
 
 
 def joint_from_message(
     message: world_control_msgs.ConstraintDescription, *, id: str = "", namespace: str
 ) -> tuple[Joint, tuple[ConversionNote, ...]]:
-    """The constraint that is described, and what was left aside.
+    """Converts a message to a joint, and returns what was ignored.
 
     Args:
-        description: from the wire.
-        id: its id, where the description has none.
-        namespace: what comes before the id in its IRI, which the wire does not tell.
+        message: the description of a constraint.
+        id: id of the joint if the message has none.
+        namespace: namespace of its IRI.
     """
     name = BodyId(message.id or id)
     details = message.constraint_details
     linear, angular = details.linear_limits, details.angular_limits
-    constraint = Joint(
+    joint = Joint(
         id=name,
         iri=iri_from_id(name, namespace),
         parent=BodyId(details.id_first_model),
@@ -387,18 +381,18 @@ def joint_from_message(
         ),
         disable_collision=details.disable_collision,
     )
-    return constraint, tuple(_ignored_note(name, details))
+    return joint, tuple(_ignored_notes(name, details))
 
 
 def _linear_message(motion: LinearLimits) -> world_control_msgs.LinearLimits:
-    reach = [
+    offsets = [
         abs(getattr(motion, f"{axis}_middle")) for axis in LINEAR_AXES if getattr(motion, axis) is AxisMotion.LIMITED
     ]
     return world_control_msgs.LinearLimits(
         x_motion=world_control_msgs.MotionCode(motion.x),
         y_motion=world_control_msgs.MotionCode(motion.y),
         z_motion=world_control_msgs.MotionCode(motion.z),
-        limit=motion.limit + max(reach, default=0.0),
+        limit=motion.limit + max(offsets, default=0.0),
         use_advanced=True,
         soft_constraint=motion.soft_limit.enabled,
         stiffness=motion.soft_limit.stiffness,
@@ -411,9 +405,9 @@ def _angular_message(motion: AngularLimits) -> world_control_msgs.AngularLimits:
         swing_1_motion=world_control_msgs.MotionCode(motion.swing1),
         swing_2_motion=world_control_msgs.MotionCode(motion.swing2),
         twist_motion=world_control_msgs.MotionCode(motion.twist),
-        swing_1_limit_angle=_joint_reach(motion, "swing1"),
-        swing_2_limit_angle=_joint_reach(motion, "swing2"),
-        twist_limit_angle=_joint_reach(motion, "twist"),
+        swing_1_limit_angle=_symmetric_limit(motion, "swing1"),
+        swing_2_limit_angle=_symmetric_limit(motion, "swing2"),
+        twist_limit_angle=_symmetric_limit(motion, "twist"),
         use_advanced=True,
         swing_soft_constraint=motion.swing_soft_limit.enabled,
         swing_stiffness=motion.swing_soft_limit.stiffness,
@@ -424,7 +418,7 @@ def _angular_message(motion: AngularLimits) -> world_control_msgs.AngularLimits:
     )
 
 
-def _joint_reach(motion: AngularLimits, axis: str) -> float:
+def _symmetric_limit(motion: AngularLimits, axis: str) -> float:
     limit: float = getattr(motion, f"{axis}_limit")
     middle: float = getattr(motion, f"{axis}_middle")
     return limit + abs(middle) if getattr(motion, axis) is AxisMotion.LIMITED else limit
@@ -438,103 +432,104 @@ def _soft_limit(use_advanced: bool, enabled: bool, stiffness: float, damping: fl
     return SoftLimit(enabled=use_advanced and enabled, stiffness=stiffness, damping=damping)
 
 
-def _ignored_note(id: str, details: world_control_msgs.PhysicsConstraintDetails) -> Iterator[ConversionNote]:
+def _ignored_notes(id: str, details: world_control_msgs.PhysicsConstraintDetails) -> Iterator[ConversionNote]:
     linear, angular = details.linear_limits, details.angular_limits
     if linear.soft_constraint and not linear.use_advanced:
-        yield ConversionNote("soft", (id,), "softness along the axes does not count without use_advanced")
+        yield ConversionNote("soft", (id,), "the linear soft limit is ignored without use_advanced")
     if (angular.swing_soft_constraint or angular.twist_soft_constraint) and not angular.use_advanced:
-        yield ConversionNote("soft", (id,), "softness about the axes does not count without use_advanced")
+        yield ConversionNote("soft", (id,), "the angular soft limits are ignored without use_advanced")
     if angular.angular_roation_offset != geometry_msgs.Vector3():
-        yield ConversionNote("angular_roation_offset", (id,), "it is left aside; turn the pose in its place")
+        yield ConversionNote("angular_roation_offset", (id,), "it is ignored; rotate the pose instead")
     if details.enable_projection:
-        yield ConversionNote("enable_projection", (id,), "how an engine corrects errors is left to the engine")
+        yield ConversionNote("enable_projection", (id,), "it is ignored; engines use their own error correction")
     if details.parent_dominates:
-        yield ConversionNote("parent_dominates", (id,), "it is left aside; make the parent static in its place")
+        yield ConversionNote("parent_dominates", (id,), "it is ignored; make the parent static instead")
 
 
 def spawn_request(world: World) -> world_control_msgs.SpawnSemanticMap.Request:
-    """A world for `spawn_semantic_map`; `untranslatable_fields` tells what is not in it."""
+    """Converts a world to a request of `spawn_semantic_map`; `untranslatable_fields` returns what it leaves out."""
     return world_control_msgs.SpawnSemanticMap.Request(
         models=tuple(model_message(body) for body in world.bodies),
-        constraints=tuple(joint_message(constraint) for constraint in world.joints),
+        constraints=tuple(joint_message(joint) for joint in world.joints),
         relations=tuple(relation_message(attachment) for attachment in world.attachments),
     )
 
 
 def untranslatable_fields(world: World) -> tuple[ConversionNote, ...]:
-    """What of a world `spawn_semantic_map` has no way to say. What is not named here comes back as it was."""
+    """Returns what `spawn_semantic_map` cannot represent of a world; everything else can be converted back."""
     return merge_notes(_untranslatable(world))
 
 
 def world_from_request(
     request: world_control_msgs.SpawnSemanticMap.Request, *, iri: Iri, name: str = "", taken: Container[str] = ()
 ) -> tuple[World, tuple[ConversionNote, ...]]:
-    """The world that a request describes, and what was assumed on the way.
+    """Converts a request of `spawn_semantic_map` to a world, and returns what was assumed.
 
     Args:
-        request: what came.
-        iri: the IRI of the map, which no request tells; those of its things start like it.
-        name: what to call the map.
-        taken: ids that are not to be given to a model or a constraint without one.
+        request: the request.
+        iri: IRI of the map, whose namespace is that of its individuals.
+        name: name of the map.
+        taken: ids that are not given to models and constraints without one.
 
     Raises:
-        MessageValidationError: the tags of a model that Mindstage wrote are broken.
+        MessageValidationError: the `Mindstage` tags of a model are invalid.
     """
-    namespace = _namespace(iri)
-    named = {model.id for model in request.models} | {constraint.id for constraint in request.constraints}
-    told: list[ConversionNote] = []
-    bodies, constraints = [], []
-    for at, model in enumerate(request.models):
-        id = model.id or _generated_id(model.name or "Model", named, taken, told)
-        body, assumed = body_from_message(model, id=id, namespace=namespace, path=f"models[{at}]")
+    namespace = iri_namespace(iri)
+    ids = {model.id for model in request.models} | {constraint.id for constraint in request.constraints}
+    notes: list[ConversionNote] = []
+    bodies, joints = [], []
+    for number, model in enumerate(request.models):
+        id = model.id or _generated_id(model.name or "Model", ids, taken, notes)
+        body, new_notes = body_from_message(model, id=id, namespace=namespace, path=f"models[{number}]")
         bodies.append(body)
-        told += assumed
+        notes += new_notes
     for description in request.constraints:
-        id = description.id or _generated_id("Constraint", named, taken, told)
-        constraint, aside = joint_from_message(description, id=id, namespace=namespace)
-        constraints.append(constraint)
-        told += aside
+        id = description.id or _generated_id("Constraint", ids, taken, notes)
+        joint, new_notes = joint_from_message(description, id=id, namespace=namespace)
+        joints.append(joint)
+        notes += new_notes
     world = World(
         iri=iri,
         name=name,
         bodies=tuple(bodies),
-        joints=tuple(constraints),
+        joints=tuple(joints),
         attachments=tuple(map(attachment_from_message, request.relations)),
     )
-    return world, merge_notes(told)
+    return world, merge_notes(notes)
 
 
 def relation_message(attachment: Attachment) -> world_control_msgs.RelationDescription:
-    """An attachment for the wire."""
+    """Converts an attachment to a message."""
     return world_control_msgs.RelationDescription(parent_id=attachment.parent, child_id=attachment.child)
 
 
 def attachment_from_message(relation: world_control_msgs.RelationDescription) -> Attachment:
-    """An attachment from the wire."""
+    """Converts a message to an attachment."""
     return Attachment(parent=BodyId(relation.parent_id), child=BodyId(relation.child_id))
 
 
 def _untranslatable(world: World) -> Iterator[ConversionNote]:
     for body in world.bodies:
         yield from untranslatable_body_fields(body)
-    for constraint in world.joints:
-        yield from untranslatable_joint_fields(constraint)
-        if constraint.iri != iri_from_id(constraint.id, _namespace(world.iri)):
-            yield ConversionNote("iri", (constraint.id,), "a constraint's IRI is not told; it is taken from its id")
+    for joint in world.joints:
+        yield from untranslatable_joint_fields(joint)
+        if joint.iri != iri_from_id(joint.id, iri_namespace(world.iri)):
+            yield ConversionNote("iri", (joint.id,), "the IRI of a joint is not sent; it is derived from its id")
     for light in world.lights:
-        yield ConversionNote("lights", (light.id,), "there are no lights there")
+        yield ConversionNote("lights", (light.id,), "the message has no field for lights")
     if world.facts or world.resources:
-        yield ConversionNote("facts", (world.iri,), "what is said of the map and of anything but bodies stays behind")
+        yield ConversionNote("facts", (world.iri,), "facts about the map and about anything but bodies are not sent")
 
 
-def _namespace(iri: Iri) -> str:
+def iri_namespace(iri: str) -> str:
+    """Returns the namespace of an IRI; of one without a fragment, the IRI and `#`."""
     return iri.rpartition("#")[0] + "#" if "#" in iri else f"{iri}#"
 
 
-def _generated_id(stem: str, name: set[str], taken: Container[str], notes: list[ConversionNote]) -> str:
-    """An id of its own for something that came without one."""
-    tries = (f"{stem}_{number}" for number in count(1))
-    id = next(each for each in tries if each not in name and each not in taken)
-    name.add(id)
-    notes.append(ConversionNote("id", (id,), "it came without an id and got this one"))
+def _generated_id(stem: str, ids: set[str], taken: Container[str], notes: list[ConversionNote]) -> str:
+    """Returns a new id for an object without one."""
+    candidates = (f"{stem}_{number}" for number in count(1))
+    id = next(each for each in candidates if each not in ids and each not in taken)
+    ids.add(id)
+    notes.append(ConversionNote("id", (id,), "it has no id; this one was generated"))
     return id

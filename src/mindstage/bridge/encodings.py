@@ -1,14 +1,11 @@
-"""CBOR: messages as binary frames (RFC 8949), long arrays of numbers as typed arrays (RFC 8746).
+"""Encodings of messages: CBOR frames and PNG compression; and the nesting depth of JSON.
 
-What came as CBOR becomes JSON text at once, byte strings as base64 as rosbridge has them, so that everything behind
-knows one form only. Tags other than typed arrays are refused: some of them let a short frame grow without end.
+CBOR (RFC 8949) is converted to and from JSON text: long arrays of numbers are typed arrays (RFC 8746), and byte strings
+are base64, as in rosbridge. Other tags are rejected, since some of them let a short frame expand without bound.
 
-Nesting: how deep a JSON text goes, measured before anybody walks down into it.
-
-Text as the pixels of a PNG image in base64, which is how rosbridge compresses messages for browsers.
-
-Images of 8 bits a channel are read: grayscale, RGB and RGBA (whose alpha carries no text), not interlaced. The last row
-is filled up with line feeds, which JSON ignores.
+In PNG compression, as in rosbridge, the pixels of an image in base64 are the JSON text. Images of 8 bits a channel,
+grayscale, RGB or RGBA (without the alpha channel), not interlaced, can be read. The last row is padded with line feeds,
+which JSON ignores.
 """
 
 from __future__ import annotations
@@ -34,14 +31,29 @@ __all__ = ["json_depth", "read_cbor", "read_png", "write_cbor", "write_png"]
 
 _STRING = re.compile(rb'"[^"\\]*(?:\\.[^"\\]*)*"', re.DOTALL)
 _DEPTH_STEPS = bytes.maketrans(b"[{]}", b"\x01\x01\xff\xff")
-"""Into one level, and (-1 as a signed byte) out of it again."""
+"""Maps opening brackets to +1 and closing brackets to -1, as a signed byte."""
 _OTHER_BYTES = bytes(set(range(256)) - set(b"[{]}"))
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_HEADER = struct.Struct(">4x4xIIBBBBB")
+"""Layout of the first chunk: its length and type, then its fields (ISO/IEC 15948, 11.2.2)."""
+_CHANNELS = {0: 1, 2: 3, 6: 4}
+"""Number of channels by color type."""
+_FLOAT64_ARRAY_TAG = 86
+"""Tag of arrays of little-endian float64."""
+_SELF_DESCRIBED_TAG = 55799
+_BUILTIN_TAGS = (0, 1, 2, 3, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000)
+_TYPED_ARRAY_TAGS = {
+    65: ">H", 66: ">I", 67: ">Q", 69: "<H", 70: "<I", 71: "<Q",
+    72: "<b", 73: ">h", 74: ">i", 75: ">q", 77: "<h", 78: "<i", 79: "<q",
+    80: ">e", 81: ">f", 82: ">d", 84: "<e", 85: "<f", 86: "<d",
+}  # fmt: skip
+"""Byte order and type of the numbers by tag. uint8 arrays (64, 68) stay bytes; float128 (83, 87) is rejected."""
 
 
 def json_depth(text: str, *, limit: int) -> int:
-    """How deep arrays and objects nest; a text with too few of them to exceed the limit is not looked at (0).
+    """Returns how deep arrays and objects nest, without parsing; 0 if there are too few brackets to exceed the limit.
 
-    The text need not be JSON: what it says of another text means nothing, and that text is refused later.
+    The text need not be JSON: for another text the result is meaningless, and the parser rejects that text later.
     """
     if text.count("[") + text.count("{") <= limit:
         return 0
@@ -50,94 +62,79 @@ def json_depth(text: str, *, limit: int) -> int:
     return max(accumulate(steps), default=0)
 
 
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_HEADER = struct.Struct(">4x4xIIBBBBB")
-"""The first chunk: its length and type, then its fields (ISO/IEC 15948, 11.2.2)."""
-_CHANNELS = {0: 1, 2: 3, 6: 4}
-"""By color type."""
-
-
 def write_png(text: str) -> str:
-    """The text as an image, nearly square, in base64."""
+    """Encodes a text as the pixels of a nearly square image, in base64."""
     from PIL import Image
 
     data = text.encode()
     width = max(1, isqrt(len(data) // 3))
     height = max(1, -(-len(data) // (3 * width)))
     image = Image.frombytes("RGB", (width, height), data.ljust(3 * width * height, b"\n"))
-    # The event loop waits for this: fast is better than small.
+    # This runs on the event loop, so speed matters more than size.
     image.save(file := io.BytesIO(), "png", compress_level=1)
     return base64.b64encode(file.getvalue()).decode()
 
 
 def read_png(data: str, *, max_bytes: int) -> str:
-    """The text in an image.
+    """Decodes the text in the pixels of an image.
 
-    The size is checked before any pixel is decompressed, and no more pixels are than the header says.
+    The size is checked before any pixel is decompressed, and no more pixels are read than the header declares.
 
     Args:
         data: the image, in base64.
-        most: how many bytes of pixels are read at most.
+        max_bytes: largest size of the pixels.
 
     Raises:
-        MessageValidationError: not such an image, too large, or its pixels are not UTF-8.
+        MessageValidationError: it is not such an image, it is too large, or its pixels are not UTF-8.
     """
     from PIL import Image
 
     try:
         file = base64.b64decode(data, validate=True)
         if not file.startswith(_SIGNATURE):
-            raise ValueError("another signature")
+            raise ValueError("wrong signature")
         width, height, bits, color, _, _, interlaced = _HEADER.unpack_from(file, len(_SIGNATURE))
     except (binascii.Error, struct.error, ValueError) as error:
-        raise MessageValidationError("png", cause=f"it is no PNG in base64 ({error})") from None
+        raise MessageValidationError("png", cause=f"it is not a PNG in base64 ({error})") from None
     if bits != 8 or interlaced or color not in _CHANNELS or not width or not height:
-        raise MessageValidationError("png", cause="only 8-bit grayscale, RGB and RGBA images are read, not interlaced")
+        raise MessageValidationError(
+            "png", cause="only 8-bit grayscale, RGB and RGBA images are supported, not interlaced"
+        )
     if (size := height * width * _CHANNELS[color]) > max_bytes:
-        raise MessageValidationError("png", cause=f"{size} bytes of pixels are too many", remedy=f"at most {max_bytes}")
+        raise MessageValidationError("png", cause=f"its pixels have {size} bytes", remedy=f"at most {max_bytes}")
     try:
         with Image.open(io.BytesIO(file), formats=["PNG"]) as image:
             pixels = (image.convert("RGB") if color == 6 else image).tobytes()
     except (OSError, SyntaxError, ValueError, EOFError, struct.error) as error:  # what Pillow raises for broken files
-        raise MessageValidationError("png", cause=f"its pixels cannot be read ({error})") from None
+        raise MessageValidationError("png", cause=f"its pixels cannot be decoded ({error})") from None
     try:
         return pixels.decode()
     except UnicodeDecodeError as error:
-        raise MessageValidationError("png", cause=f"its pixels are no text ({error.reason})") from None
-
-
-_FLOAT64_ARRAY_TAG = 86
-"""The tag of little-endian doubles."""
-_SELF_DESCRIBED_TAG = 55799
-_BUILTIN_TAGS = (0, 1, 2, 3, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000)
-_TYPED_ARRAY_TAGS = {
-    65: ">H", 66: ">I", 67: ">Q", 69: "<H", 70: "<I", 71: "<Q",
-    72: "<b", 73: ">h", 74: ">i", 75: ">q", 77: "<h", 78: "<i", 79: "<q",
-    80: ">e", 81: ">f", 82: ">d", 84: "<e", 85: "<f", 86: "<d",
-}  # fmt: skip
-"""Tag to byte order and kind of one number. Bytes (64, 68) stay bytes; nobody has 128-bit floats (83, 87)."""
+        raise MessageValidationError("png", cause=f"its pixels are not UTF-8 ({error.reason})") from None
 
 
 def write_cbor(text: str | bytes) -> bytes:
-    """A JSON text as CBOR; arrays of doubles become typed arrays."""
+    """Converts JSON text to CBOR; arrays of floats become typed arrays."""
     return cbor2.dumps(_encode_arrays(msgspec.json.decode(text)))
 
 
 def read_cbor(data: bytes, *, depth: int) -> bytes:
-    """CBOR as JSON text.
+    """Converts CBOR to JSON text.
 
     Args:
-        data: one value.
-        depth: how deep it may nest.
+        data: one encoded value.
+        depth: largest nesting depth.
 
     Raises:
-        MessageValidationError: it is no CBOR, nests deeper, or holds what JSON cannot say.
+        MessageValidationError: it is not CBOR, it nests deeper, or it has values that JSON cannot represent.
     """
     try:
         value = cbor2.loads(data, max_depth=depth, semantic_decoders=_DECODERS, tag_hook=_reject_tag)
         return msgspec.json.encode(value)
     except (cbor2.CBORDecodeError, ValueError, TypeError, OverflowError, RecursionError, MemoryError) as error:
-        raise MessageValidationError("binary frame", cause=f"it is no CBOR that JSON could say ({error})") from None
+        raise MessageValidationError(
+            "binary frame", cause=f"it is not CBOR, or JSON cannot represent it ({error})"
+        ) from None
 
 
 def _encode_arrays(value: object) -> object:
@@ -156,27 +153,25 @@ def _little_endian(numbers: array[float]) -> bytes:
     return numbers.tobytes()
 
 
-def _inflate(format: str) -> Callable[..., list[float]]:
-    from struct import Struct, calcsize
-
-    width = calcsize(format)
+def _typed_array_decoder(format: str) -> Callable[..., list[float]]:
+    width = struct.calcsize(format)
 
     def unpack(data: object, *_: object) -> list[float]:
         if not isinstance(data, bytes) or len(data) % width:
-            raise ValueError("a typed array of another length")
-        return list(Struct(f"{format[0]}{len(data) // width}{format[1]}").unpack(data))
+            raise ValueError("a typed array of the wrong length")
+        return list(struct.Struct(f"{format[0]}{len(data) // width}{format[1]}").unpack(data))
 
     return unpack
 
 
-def _reject_text_default(data: object, *_: object) -> bytes:
+def _decode_byte_array(data: object, *_: object) -> bytes:
     if not isinstance(data, bytes):
-        raise ValueError("a typed array that is no byte string")
+        raise ValueError("a typed array that is not a byte string")
     return data
 
 
 def _reject(*_: object) -> object:
-    raise ValueError("a tag other than those of typed arrays")
+    raise ValueError("a tag that is not of a typed array")
 
 
 def _reject_tag(*_: object) -> object:
@@ -185,8 +180,8 @@ def _reject_tag(*_: object) -> object:
 
 _DECODERS: Mapping[int, Callable[..., Any]] = {
     **dict.fromkeys(_BUILTIN_TAGS, _reject),
-    **{tag: _inflate(kind) for tag, kind in _TYPED_ARRAY_TAGS.items()},
-    64: _reject_text_default,
-    68: _reject_text_default,
+    **{tag: _typed_array_decoder(kind) for tag, kind in _TYPED_ARRAY_TAGS.items()},
+    64: _decode_byte_array,
+    68: _decode_byte_array,
     _SELF_DESCRIBED_TAG: lambda value, *_: value,
 }

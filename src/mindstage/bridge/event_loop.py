@@ -1,11 +1,8 @@
-"""LoopThread: an asyncio loop in a thread of its own, and the ways in from the others.
+"""An asyncio event loop in a thread of its own, and an executor that keeps the order of tasks with the same key.
 
-All state of the bridge belongs to its loop. Other threads hand functions in and wait for at most a while.
-
-Lanes: work for other threads, in order within a lane, lanes beside one another.
-
-Handlers are plain functions that may take their time. The loop must not wait for them, and yet what one client sends
-must be handled in the order it was sent: each client is a lane.
+All state of the bridge belongs to its loop. Other threads submit functions and wait for their results with a timeout.
+Handlers are plain functions that may block, so they run in worker threads; the messages of one client are handled in
+the order in which they were sent, those of several clients concurrently.
 """
 
 from __future__ import annotations
@@ -23,31 +20,34 @@ __all__ = ["EventLoopThread", "KeyedSerialExecutor"]
 
 
 _MAX_WORKERS = 16
+T = TypeVar("T")
+_TIMEOUT_S = 10.0
+"""Time for the loop to run a function that does not block; if it takes longer, the loop is stuck [s]."""
 
 
 class KeyedSerialExecutor:
-    """A few threads that share whatever is to be done; they start when first needed."""
+    """A thread pool in which tasks with the same key run one after the other, in their order."""
 
     def __init__(self, *, workers: int = _MAX_WORKERS, name: str = "mindstage-bridge-worker") -> None:
-        """The threads start with the first work.
+        """Creates the executor; threads start with the first task.
 
         Args:
-            workers: how many lanes move at once.
-            name: of the threads, for debuggers.
+            workers: largest number of threads.
+            name: prefix of the names of the threads, for debuggers.
         """
         self._threads = ThreadPoolExecutor(workers, thread_name_prefix=name)
         self._lock = threading.Lock()
         self._waiting: dict[Hashable, deque[Callable[[], None]]] = {}
-        """Lanes that have work or are at it."""
+        """Queued tasks by key; a key exists while one of its tasks is queued or running."""
         self._closed = False
 
     def submit(self, key: Hashable, task: Callable[[], None], *, max_waiting: int | None = None) -> None:
-        """Queues work, which must not raise; after `close`, nothing.
+        """Queues a task; after `close` it does nothing.
 
         Args:
-            lane: whose turn it is.
-            work: what to do.
-            most: how much may wait in that lane; beyond it the oldest is dropped.
+            key: tasks with the same key run in the order in which they were submitted.
+            task: must not raise.
+            max_waiting: largest number of queued tasks with this key; beyond it, the oldest is dropped.
         """
         with self._lock:
             if self._closed:
@@ -62,12 +62,12 @@ class KeyedSerialExecutor:
             self._threads.submit(self._run_next, key)
 
     def is_busy(self, key: Hashable) -> bool:
-        """Whether something is waiting or being done in a lane."""
+        """Whether a task with this key is queued or running."""
         with self._lock:
             return key in self._waiting
 
     def close(self) -> None:
-        """Drops what waits; what is being done ends by itself."""
+        """Drops the queued tasks; running tasks are not interrupted."""
         with self._lock:
             self._closed = True
             self._waiting.clear()
@@ -78,9 +78,9 @@ class KeyedSerialExecutor:
             queue = self._waiting.get(key)
             if not queue:
                 return
-            work = queue.popleft()
+            task = queue.popleft()
         try:
-            work()
+            task()
         finally:
             with self._lock:
                 if not queue:
@@ -89,20 +89,14 @@ class KeyedSerialExecutor:
                     self._threads.submit(self._run_next, key)
 
 
-T = TypeVar("T")
-
-_TIMEOUT_S = 10.0
-"""How long the loop may take for what should take no time; it is stuck if it takes longer."""
-
-
 class EventLoopThread:
-    """Runs until `close`; a daemon, so that a forgotten one does not keep the process alive."""
+    """An event loop that runs until `close`; its thread is a daemon and does not keep the process alive."""
 
     def __init__(self, name: str = "mindstage-bridge") -> None:
         """Starts the thread.
 
         Args:
-            name: of the thread, for debuggers.
+            name: name of the thread, for debuggers.
         """
         self.loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -110,15 +104,15 @@ class EventLoopThread:
 
     @property
     def closed(self) -> bool:
-        """Whether nothing runs here any more."""
+        """Whether the loop has ended."""
         return self.loop.is_closed() or not self._thread.is_alive()
 
     def is_current_thread(self) -> bool:
-        """Whether the caller is in this very thread, where waiting for the loop would be waiting for oneself."""
+        """Whether the caller runs in the thread of the loop, where waiting for the loop would be a deadlock."""
         return threading.current_thread() is self._thread
 
     def call_soon(self, function: Callable[..., object], *args: object) -> None:
-        """Has the loop call a function, from any thread, without waiting; once closed, nothing is called."""
+        """Calls a function on the loop, from any thread, without waiting; does nothing once the loop is closed."""
         try:
             self.loop.call_soon_threadsafe(function, *args)
         except RuntimeError:
@@ -126,10 +120,10 @@ class EventLoopThread:
                 raise
 
     def call(self, function: Callable[..., T], *args: object) -> T:
-        """Has the loop call a function, from any thread, and gives back what it returns or raises.
+        """Calls a function on the loop, from any thread, and returns its result or raises its exception.
 
         Raises:
-            BridgeError: the loop is closed, or does not come to it.
+            BridgeError: the loop is closed or does not respond.
         """
         if self.is_current_thread():
             return function(*args)
@@ -146,10 +140,10 @@ class EventLoopThread:
         return self._result(future, _TIMEOUT_S)
 
     def run(self, coroutine: Coroutine[Any, Any, T], *, timeout_s: float = _TIMEOUT_S) -> T:
-        """Runs a coroutine on the loop and waits for its end, from any other thread.
+        """Runs a coroutine on the loop and waits for its result, from any other thread.
 
         Raises:
-            BridgeError: the loop is closed, or it did not end in time and was canceled.
+            BridgeError: the loop is closed, or the coroutine did not finish in time and was canceled.
         """
         try:
             self._require_open()
@@ -160,7 +154,7 @@ class EventLoopThread:
         return self._result(future, timeout_s)
 
     def close(self) -> None:
-        """Ends the thread and whatever still runs in it; any number of times."""
+        """Ends the thread and cancels its tasks; calling it again is harmless."""
         if self.loop.is_closed() or self.is_current_thread():
             return
         self.call_soon(self.loop.stop)
@@ -170,17 +164,17 @@ class EventLoopThread:
         asyncio.set_event_loop(self.loop)
         try:
             self.loop.run_forever()
-            left = asyncio.all_tasks(self.loop)
-            for task in left:
+            tasks = asyncio.all_tasks(self.loop)
+            for task in tasks:
                 task.cancel()
-            self.loop.run_until_complete(asyncio.gather(*left, return_exceptions=True))
+            self.loop.run_until_complete(asyncio.gather(*tasks, return_exceptions=True))
             self.loop.run_until_complete(self.loop.shutdown_asyncgens())
         finally:
             self.loop.close()
 
     def _require_open(self) -> None:
         if self.closed:
-            raise BridgeError("the bridge is closed; make a new one")
+            raise BridgeError("the bridge is closed; create a new one")
 
     @staticmethod
     def _result(future: Future[T], timeout_s: float) -> T:
@@ -188,6 +182,6 @@ class EventLoopThread:
             return future.result(timeout_s)
         except TimeoutError:
             if future.done():
-                return future.result()  # the function itself raised it
+                return future.result()  # the function itself raised TimeoutError
             future.cancel()
-            raise BridgeError(f"the bridge's own thread did not come to it within {timeout_s:g} s") from None
+            raise BridgeError(f"the bridge's thread did not respond within {timeout_s:g} s") from None

@@ -1,24 +1,11 @@
-"""Participant: someone at a hub, who offers and calls services, publishes and subscribes, sends and reaches goals.
+"""Nodes: call and provide services, publish and subscribe to topics, send and execute goals of actions.
 
-`LocalNode` is one for everything in its own process, `Client` is one at somebody else's hub; whoever is written against
-`MarkerNode` works with both. Every method may be called from any thread.
+`LocalNode` has the broker in its own process, `RosbridgeClient` is connected to a rosbridge server; both are a `Node`
+with the same methods, which can be called from any thread.
 
-Goals: what is asked of an action, from the side that asks and from the side that does it.
-
-Calling: what one participant has asked for and waits to hear of; everything it began ends, in time.
-
-Serving: what one participant offers, and the handlers that answer for it.
-
-A plain function runs in a worker thread, one call at a time for each caller and in the order they came; a coroutine
-function runs on the loop, beside others. A goal may take hours and so has a thread of its own, lest calls wait for it.
-Whatever a handler raises becomes an answer: nobody waits in vain.
-
-Subscription: one topic's messages on their way to whoever handles them here.
-
-Hub: where clients and this process meet, as rosbridge_server with a ROS master behind it.
-
-Clients advertise services, topics and actions to each other through it. This process takes part by the same words:
-the hub itself is a `MarkerNode`, and its offers are answered without leaving the process.
+Plain functions as handlers run in worker threads, the calls of one caller in their order; coroutine functions run
+on the event loop. Each goal has a thread of its own, since it may take hours. An exception of a handler becomes an
+error response. Every call and every goal ends: with a response, an error, a timeout, or the loss of the connection.
 """
 
 from __future__ import annotations
@@ -93,42 +80,53 @@ __all__ = [
     "Subscription",
 ]
 
+_TIMEOUT_MARGIN_S = 1.0
+"""Added to the timeout that is sent to the provider, so that the timeout on this side ends first [s]."""
+_log = logging.getLogger("mindstage.bridge")
+MAX_GOALS = 32
+"""Largest number of active goals at one node; more are rejected."""
+_MAX_UNSENT = 256
+"""Largest number of published messages that wait for the loop; beyond it, `publish` blocks."""
+_MAX_UNHANDLED = 1024
+"""Largest number of messages that wait for a slow handler; beyond it, the oldest are dropped."""
+T = TypeVar("T")
+
 
 class GoalResult(msgspec.Struct, frozen=True):
-    """How a goal ended without an error: it was reached, given up, or the action itself says that it failed."""
+    """Result of a goal that ended without an error: succeeded, canceled, or aborted by its handler."""
 
     status: GoalStatus
     values: Any
-    """The action's result, as plain values."""
+    """The result of the action, as plain values."""
 
 
 class ClientGoalHandle:
-    """A goal under way, as the one who sent it sees it."""
+    """A goal on the side of its client."""
 
     def __init__(self, action: str, id: Id, cancel: Callable[[Id], None]) -> None:
         self.action = action
         self.id = id
         self.future: Future[GoalResult] = Future()
-        """Its end, for those who do not want to block; it raises what `wait` raises."""
+        """Completes when the goal ends, with the result or the exception of `wait`."""
         self._cancel = cancel
 
     @property
     def done(self) -> bool:
-        """Whether it has ended."""
+        """Whether the goal has ended."""
         return self.future.done()
 
     def cancel(self) -> None:
-        """Asks to give the goal up; `wait` tells whether it was."""
+        """Requests cancellation; the result of `wait` has the final status."""
         self._cancel(self.id)
 
     def wait(self, timeout_s: float = 10.0) -> GoalResult:
-        """Waits for the end.
+        """Waits for the result.
 
         Raises:
-            ServiceTimeoutError: it goes on; cancel it, or wait again.
-            ServiceNotFoundError: nobody offers the action.
-            ServiceCallError: it broke.
-            ConnectionLostError: nobody knows.
+            ServiceTimeoutError: the goal is still active; cancel it, or wait again.
+            ServiceNotFoundError: the action is not advertised.
+            ServiceCallError: the action returned an error.
+            ConnectionLostError: the connection was lost, and the status of the goal is unknown.
         """
         try:
             return self.future.result(timeout_s)
@@ -139,55 +137,51 @@ class ClientGoalHandle:
 
 
 class ServerGoalHandle:
-    """A goal under way, as the handler that reaches for it sees it."""
+    """A goal on the side of the handler that executes it."""
 
     def __init__(self, action: str, id: Id, args: Any, feedback: Callable[[Id, object], None]) -> None:
         self.action = action
         self.id = id
         self.args = args
-        """As sent: an object, or a list of its fields in order."""
+        """The goal as it was sent: an object, or a list of its fields in order."""
         self._feedback = feedback
         self._cancelled = threading.Event()
 
     @property
     def cancel_requested(self) -> bool:
-        """Whether it shall be given up, because someone said so or because whoever wanted it is gone."""
+        """Whether cancellation was requested, or the client has disconnected."""
         return self._cancelled.is_set()
 
     def wait_for_cancel(self, timeout_s: float) -> bool:
-        """Sleeps, and wakes early when the goal shall be given up; tells whether it shall."""
+        """Sleeps, at most until cancellation is requested; returns whether it was."""
         return self._cancelled.wait(timeout_s)
 
     def feedback(self, values: object) -> None:
-        """Tells how it goes, from any thread."""
+        """Sends feedback, from any thread."""
         self._feedback(self.id, values)
 
     def request_cancel(self) -> None:
-        """Makes `cancel_requested` true."""
+        """Sets `cancel_requested`."""
         self._cancelled.set()
 
     @staticmethod
     def succeeded(values: object = None) -> GoalResult:
-        """What the handler returns when the goal was reached; plain values mean the same."""
+        """Returns the result of a goal that succeeded; a handler may also return the values alone."""
         return GoalResult(GoalStatus.SUCCEEDED, values)
 
     @staticmethod
     def canceled(values: object = None) -> GoalResult:
-        """What the handler returns when it gave the goal up."""
+        """Returns the result of a goal that was canceled."""
         return GoalResult(GoalStatus.CANCELED, values)
 
     @staticmethod
     def aborted(values: object = None) -> GoalResult:
-        """What the handler returns when the goal cannot be reached; to say why in words, raise an error instead."""
+        """Returns the result of a goal that failed; to add a message, raise an exception instead."""
         return GoalResult(GoalStatus.ABORTED, values)
 
 
 FeedbackHandler = Callable[[Any], object]
-"""Told how a goal goes, on the bridge's thread: it must not take long."""
-
-_TIMEOUT_MARGIN_S = 1.0
-"""The far side is given this much longer, so that our own clock decides."""
-_log = logging.getLogger("mindstage.bridge")
+"""Called with the feedback of a goal, on the bridge's thread: it must not block."""
 
 
 class _Call:
@@ -198,7 +192,7 @@ class _Call:
 
 
 class PendingCalls:
-    """Calls and goals of one participant that have no answer yet. Belongs to the loop."""
+    """Calls and goals of one node that have not ended. Belongs to the loop."""
 
     def __init__(self, loop: EventLoopThread, send: Callable[[Operation], None]) -> None:
         self._loop = loop
@@ -208,7 +202,7 @@ class PendingCalls:
         self._next_id = count(1)
 
     def call_service(self, service: str, args: msgspec.Raw, timeout_s: float, future: Future[Any]) -> None:
-        """Asks; the future gets the answer's values, or the error."""
+        """Sends a call; the future receives the values of the response, or the error."""
         id = f"call_service:{service}:{next(self._next_id)}"
         timer = self._loop.loop.call_later(timeout_s, self._time_out, id, timeout_s)
         self._calls[id] = _Call(service, future, timer)
@@ -220,23 +214,23 @@ class PendingCalls:
     def send_goal(
         self, action: str, type: str, args: msgspec.Raw, on_feedback: FeedbackHandler | None
     ) -> ClientGoalHandle:
-        """Sends a goal on its way."""
+        """Sends a goal."""
         id = f"send_action_goal:{action}:{next(self._next_id)}"
         goal = ClientGoalHandle(action, id, partial(self._loop.call_soon, self._cancel))
         self._goals[id] = (goal, on_feedback)
         try:
-            told = on_feedback is not None
-            self._send(SendActionGoal(id=id, action=action, action_type=type, args=args, feedback=told))
+            wants_feedback = on_feedback is not None
+            self._send(SendActionGoal(id=id, action=action, action_type=type, args=args, feedback=wants_feedback))
         except BridgeError as error:
             del self._goals[id]
             goal.future.set_exception(error)
         return goal
 
     def on_response(self, response: ServiceResponse) -> None:
-        """Gives a call its answer; one that nobody waits for any more is no harm."""
+        """Completes a call; a response to a call that has ended is ignored."""
         call = None if response.id is None else self._calls.get(response.id)
         if call is None or response.id is None:
-            _log.debug("an answer of %s that nobody waits for", response.service)
+            _log.debug("a response of %s to a call that has ended", response.service)
             return
         try:
             values = _values(call.service, response.values, response.result)
@@ -246,20 +240,20 @@ class PendingCalls:
             self._end_call(response.id, values)
 
     def on_feedback(self, message: ActionFeedback) -> None:
-        """Passes on how a goal goes."""
+        """Calls the feedback handler of a goal."""
         _, handler = self._goals.get(message.id, (None, None))
         if handler is None:
             return
         try:
             handler(_decode_values(message.values))
         except Exception:
-            _log.exception("the feedback handler of %s broke", message.action)
+            _log.exception("the feedback handler of %s failed", message.action)
 
     def on_result(self, result: ActionResult) -> None:
-        """Ends a goal."""
+        """Completes a goal."""
         goal, _ = self._goals.pop("" if result.id is None else result.id, (None, None))
         if goal is None:
-            _log.debug("a result of %s that nobody waits for", result.action)
+            _log.debug("a result of %s for a goal that has ended", result.action)
             return
         try:
             values = _values(result.action, result.values, result.result)
@@ -269,7 +263,7 @@ class PendingCalls:
             goal.future.set_result(GoalResult(_goal_status(result.status), values))
 
     def fail_all(self, error: BridgeError) -> None:
-        """Ends everything: whoever could answer is gone."""
+        """Fails all calls and goals, since the connection is lost."""
         for id in list(self._calls):
             self._end_call(id, error)
         goals, self._goals = self._goals, {}
@@ -281,7 +275,7 @@ class PendingCalls:
             try:
                 self._send(CancelActionGoal(id=id, action=self._goals[id][0].action))
             except BridgeError as error:
-                _log.debug("a goal could not be cancelled: %s", error)  # its end tells of the loss
+                _log.debug("a goal could not be canceled: %s", error)  # the goal fails with the connection
 
     def _time_out(self, id: Id, timeout_s: float) -> None:
         self._end_call(id, ServiceTimeoutError(self._calls[id].service, timeout_s=timeout_s))
@@ -301,10 +295,10 @@ def _values(name: str, raw: msgspec.Raw | msgspec.UnsetType, succeeded: bool) ->
     try:
         values = _decode_values(raw)
     except msgspec.DecodeError as error:
-        raise MessageValidationError(f"the answer of {name}", cause=str(error)) from None
+        raise MessageValidationError(f"the response of {name}", cause=str(error)) from None
     if succeeded:
         return values
-    cause = values if isinstance(values, str) else str(values or "no reason was given")
+    cause = values if isinstance(values, str) else str(values or "no reason given")
     if cause.startswith((f"Service {name} does not exist", f"Action {name} does not exist")):
         raise ServiceNotFoundError(name)
     raise ServiceCallError(name, cause=cause)
@@ -321,42 +315,44 @@ def _goal_status(status: int) -> GoalStatus:
         return GoalStatus.UNKNOWN
 
 
-MAX_GOALS = 32
-"""So many goals may be under way at one participant, whoever sent them; more are refused."""
-
 ServiceHandler = Callable[[Any], object]
-"""Gets the arguments as sent (an object, or a list of its fields) and returns the answer's values: whatever JSON can
-say, structs included. May be a coroutine function. What it raises is told to the caller as `result: false`."""
+"""Called with the arguments as they were sent (an object, or a list of its fields); returns the response as values that
+JSON can represent, structs included. May be a coroutine function. Its exception becomes a response with `result:
+false`.
+"""
 
 ActionHandler = Callable[[ServerGoalHandle], object]
-"""Gets the goal and returns how it ended: a `GoalResult`, or just the values if it was reached. May be a coroutine
-function."""
+"""Called with the goal; returns a `GoalResult`, or the values of the result if the goal succeeded. May be a coroutine
+function.
+"""
 
 
 class HandlerDispatcher:
-    """Answers the calls and reaches the goals of one participant. Belongs to the loop."""
+    """Runs the service and action handlers of one node. Belongs to the loop."""
 
-    def __init__(self, loop: EventLoopThread, lanes: KeyedSerialExecutor, send: Callable[[Operation], None]) -> None:
-        """Nothing is offered yet.
+    def __init__(self, loop: EventLoopThread, executor: KeyedSerialExecutor, send: Callable[[Operation], None]) -> None:
+        """Creates the dispatcher without handlers.
 
         Args:
-            loop: where it belongs.
-            lanes: where plain functions run.
-            send: how answers leave; called on the loop.
+            loop: the loop.
+            executor: runs handlers that are plain functions.
+            send: sends responses; called on the loop.
         """
         self.services: dict[str, ServiceHandler] = {}
         self.quick: set[str] = set()
-        """Those whose handlers never wait, so that they need no thread, unless their caller's turn has not come yet."""
+        """Services whose handlers never block; they run on the loop unless an earlier call of the same caller is
+        pending.
+        """
         self.actions: dict[str, ActionHandler] = {}
         self._loop = loop
-        self._executor = lanes
+        self._executor = executor
         self._send = send
         self._goals: dict[Id, ServerGoalHandle] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._next_id = count(1)
 
     def call(self, name: str, call: CallService, caller: Hashable) -> None:
-        """Answers one call of the service of that name."""
+        """Calls the handler of a service and sends the response."""
         handler = self.services.get(name)
         if handler is None:
             self._send(_call_error_response(call, f"Service {call.service} does not exist"))
@@ -368,45 +364,45 @@ class HandlerDispatcher:
             self._executor.submit(caller, lambda: self._handle_call(handler, call))
 
     def start_goal(self, name: str, request: SendActionGoal) -> None:
-        """Begins to reach for one goal of the action of that name; goals do not wait for each other."""
+        """Starts the handler of an action; goals run concurrently."""
         handler = self.actions.get(name)
         id = f"goal:{next(self._next_id)}" if request.id is None else request.id
-        why = ""
+        cause = ""
         if id in self._goals:
-            why = f"the goal {id!r} is under way"
+            cause = f"the goal {id!r} is active already"
         elif len(self._goals) >= MAX_GOALS:
-            why = f"{MAX_GOALS} goals are under way already; wait until one has ended, or cancel one"
-        if handler is None or why:
-            self._send(_goal_error_result(request, id, why or f"Action {request.action} does not exist"))
+            cause = f"{MAX_GOALS} goals are active already; wait until one has ended, or cancel one"
+        if handler is None or cause:
+            self._send(_goal_error_result(request, id, cause or f"Action {request.action} does not exist"))
             return
         goal = self._goals[id] = ServerGoalHandle(request.action, id, None, self._feedback_sender(request))
         if iscoroutinefunction(handler):
             self.start_task(self._run_goal_async(handler, request, goal))
         else:
-            work = (handler, request, goal)
-            threading.Thread(target=self._run_goal, args=work, name="mindstage-goal", daemon=True).start()
+            args = (handler, request, goal)
+            threading.Thread(target=self._run_goal, args=args, name="mindstage-goal", daemon=True).start()
 
     def cancel(self, request: CancelActionGoal) -> None:
-        """Asks a goal's handler to give up; a goal that has ended needs nothing."""
+        """Requests cancellation of a goal; does nothing if it has ended."""
         if goal := self._goals.get(request.id):
             goal.request_cancel()
 
     def cancel_all(self) -> None:
-        """Asks all handlers to give up: whoever wanted the goals cannot hear of them any more."""
+        """Requests cancellation of all goals, since their clients have disconnected."""
         for goal in self._goals.values():
             goal.request_cancel()
 
-    def start_task(self, work: Coroutine[Any, Any, None]) -> None:
-        """Runs a coroutine, which must not raise, beside everything else."""
-        task = asyncio.ensure_future(work)
-        self._tasks.add(task)  # the loop itself holds tasks but weakly
+    def start_task(self, coroutine: Coroutine[Any, Any, None]) -> None:
+        """Runs a coroutine, which must not raise, as a task."""
+        task = asyncio.ensure_future(coroutine)
+        self._tasks.add(task)  # the loop has weak references only
         task.add_done_callback(self._tasks.discard)
 
     # -- services ------------------------------------------------------------------------------------------------------
 
     def _handle_call(self, handler: ServiceHandler, call: CallService) -> None:
         try:
-            values = _encode_values(handler(_decode_args(call.args)))
+            values = _encode_values(handler(_decode_values(call.args)))
             response = ServiceResponse(id=call.id, service=call.service, values=values, result=True)
         except Exception as error:
             response = _call_error_response(call, _error_reply(call.service, error))
@@ -414,7 +410,7 @@ class HandlerDispatcher:
 
     async def _handle_call_async(self, handler: ServiceHandler, call: CallService) -> None:
         try:
-            values = _encode_values(await _await_if_needed(handler(_decode_args(call.args))))
+            values = _encode_values(await _await_if_needed(handler(_decode_values(call.args))))
             response = ServiceResponse(id=call.id, service=call.service, values=values, result=True)
         except Exception as error:
             response = _call_error_response(call, _error_reply(call.service, error))
@@ -424,18 +420,18 @@ class HandlerDispatcher:
 
     def _feedback_sender(self, request: SendActionGoal) -> Callable[[Id, object], None]:
         def feedback(id: Id, values: object) -> None:
-            told = ActionFeedback(id=id, action=request.action, values=_encode_values(values))
-            self._loop.call_soon(self._send_feedback, told)
+            message = ActionFeedback(id=id, action=request.action, values=_encode_values(values))
+            self._loop.call_soon(self._send_feedback, message)
 
         return feedback
 
     def _send_feedback(self, feedback: ActionFeedback) -> None:
-        if feedback.id in self._goals:  # whoever asked was told of the end already, and shall hear nothing after it
+        if feedback.id in self._goals:  # no feedback after the result
             self._send(feedback)
 
     def _run_goal(self, handler: ActionHandler, request: SendActionGoal, goal: ServerGoalHandle) -> None:
         try:
-            goal.args = _decode_args(request.args)
+            goal.args = _decode_values(request.args)
             result = _goal_result(request, goal.id, handler(goal))
         except Exception as error:
             result = _goal_error_result(request, goal.id, _error_reply(request.action, error))
@@ -443,7 +439,7 @@ class HandlerDispatcher:
 
     async def _run_goal_async(self, handler: ActionHandler, request: SendActionGoal, goal: ServerGoalHandle) -> None:
         try:
-            goal.args = _decode_args(request.args)
+            goal.args = _decode_values(request.args)
             result = _goal_result(request, goal.id, await _await_if_needed(handler(goal)))
         except Exception as error:
             result = _goal_error_result(request, goal.id, _error_reply(request.action, error))
@@ -459,10 +455,6 @@ async def _await_if_needed(result: object) -> object:
     return await result if isinstance(result, Awaitable) else result
 
 
-def _decode_args(args: msgspec.Raw | msgspec.UnsetType) -> Any:
-    return msgspec.json.decode(content(args))
-
-
 def _encode_values(values: object) -> msgspec.Raw:
     return msgspec.Raw(b"{}" if values is None else msgspec.json.encode(values))
 
@@ -470,43 +462,44 @@ def _encode_values(values: object) -> msgspec.Raw:
 def _error_reply(name: str, error: Exception) -> str:
     if isinstance(error, MindstageError):
         return str(error)
-    _log.error("the handler of %s broke", name, exc_info=error)
-    return f"{name} broke: {type(error).__name__}: {error}"
+    _log.error("the handler of %s failed", name, exc_info=error)
+    return f"{name} failed: {type(error).__name__}: {error}"
 
 
 def _call_error_response(call: CallService, reason: str) -> ServiceResponse:
     return ServiceResponse(id=call.id, service=call.service, values=_encode_values(reason), result=False)
 
 
-def _goal_error_result(order: SendActionGoal, id: Id, reason: str) -> ActionResult:
+def _goal_error_result(request: SendActionGoal, id: Id, reason: str) -> ActionResult:
     return ActionResult(
-        id=id, action=order.action, values=_encode_values(reason), status=GoalStatus.ABORTED, result=False
+        id=id, action=request.action, values=_encode_values(reason), status=GoalStatus.ABORTED, result=False
     )
 
 
-def _goal_result(order: SendActionGoal, id: Id, outcome: object) -> ActionResult:
+def _goal_result(request: SendActionGoal, id: Id, outcome: object) -> ActionResult:
     if not isinstance(outcome, GoalResult):
         outcome = GoalResult(GoalStatus.SUCCEEDED, outcome)
     values = _encode_values(outcome.values)
-    return ActionResult(id=id, action=order.action, values=values, status=outcome.status, result=True)
+    return ActionResult(id=id, action=request.action, values=values, status=outcome.status, result=True)
 
 
 MessageHandler = Callable[..., object]
-"""Gets a message as plain values, in a worker thread and in order; or is a coroutine function, and runs on the loop.
-One that asked for it gets the `MessageSender` too, or None where nobody knows who that is."""
+"""Called with a message as plain values, in a worker thread and in the order of the messages; or a coroutine function,
+which runs on the loop. With `with_sender`, it is also called with the `MessageSender`, or None if it is unknown.
+"""
 
 
 class MessageSender(Protocol):
-    """Whoever published a message, at a hub in this process."""
+    """Publisher of a message, at a broker in this process."""
 
     has_left: bool
-    """Whether it has left since."""
+    """Whether it has disconnected since."""
 
     def __hash__(self) -> int: ...
 
 
 class Subscription:
-    """Handles one topic's messages until `close`."""
+    """A subscription to a topic, until `close`."""
 
     def __init__(
         self, request: Subscribe, handler: MessageHandler, close: Callable[[Subscription], None], *, with_sender: bool
@@ -519,16 +512,16 @@ class Subscription:
 
     @property
     def topic(self) -> str:
-        """Where it listens."""
+        """Name of the topic."""
         return self.request.topic
 
     def close(self) -> None:
-        """Ends it, any number of times; what is being handled is handled to its end."""
+        """Ends the subscription; calling it again is harmless. A running handler is not interrupted."""
         self._close(self)
 
 
 class CallbackTask:
-    """One message for one handler, read where it is handled."""
+    """A message and the handler that it is for; the message is decoded when the handler is called."""
 
     def __init__(self, subscription: Subscription, message: Publish, sender: MessageSender | None) -> None:
         self._subscription = subscription
@@ -536,14 +529,14 @@ class CallbackTask:
         self._sender = sender
 
     def __call__(self) -> None:
-        """Handles it, whatever comes of it."""
+        """Calls the handler; an exception is logged."""
         try:
             self._handle()
         except Exception:
             self._log_error()
 
     async def run(self) -> None:
-        """The same where the handler is a coroutine function."""
+        """Calls a handler that is a coroutine function."""
         try:
             await self._handle()
         except Exception:
@@ -555,17 +548,11 @@ class CallbackTask:
         return self._subscription.handler(values, *senders)
 
     def _log_error(self) -> None:
-        _log.exception("the handler of messages on %s broke", self._message.topic)
-
-
-_MAX_UNSENT = 256
-"""So many published messages may wait for the loop; whoever publishes faster than that waits as well."""
-_MAX_UNHANDLED = 1024
-"""So many messages may wait for a slow handler; beyond, the oldest are dropped."""
+        _log.exception("the handler of messages on %s failed", self._message.topic)
 
 
 class Node:
-    """What a hub and a client have in common; they differ in how an operation leaves."""
+    """Base class of nodes; subclasses define how an operation is sent."""
 
     def __init__(self, *, name: str) -> None:
         self._loop = EventLoopThread(name)
@@ -573,7 +560,7 @@ class Node:
         self._dispatcher = HandlerDispatcher(self._loop, self._executor, self._send_if_possible)
         self._pending_calls = PendingCalls(self._loop, self._send)
         self._advertisements: dict[Hashable, Operation] = {}
-        """What is said again to a new peer: offers and subscriptions, in the order they were made."""
+        """Operations that are sent again after a reconnection, in order: advertisements and subscriptions."""
         self._subscriptions: defaultdict[str, list[Subscription]] = defaultdict(list)
         self._next_id = count(1)
         self._backlog = threading.BoundedSemaphore(_MAX_UNSENT)
@@ -581,151 +568,151 @@ class Node:
     # -- services ------------------------------------------------------------------------------------------------------
 
     def create_service(self, name: str, type: str, handler: ServiceHandler, *, quick: bool = False) -> None:
-        """Answers calls of a service from now on; offering it again changes its handler.
+        """Provides a service; if it exists, its handler is replaced.
 
         Args:
             name: such as `/unreal/spawn_model`.
             type: such as `world_control_msgs/SpawnModel`.
-            handler: gets the arguments, returns the answer's values; what it raises is told as `result: false`. A
-                plain function runs in a worker thread, each caller's calls in their order; a coroutine function runs
-                on the bridge's loop and must not block.
-            quick: whether a plain function never waits, so that it may run on the loop too when it is its turn.
+            handler: called with the arguments, returns the values of the response; an exception becomes `result:
+                false`. A plain function runs in a worker thread, the calls of one caller in their order; a coroutine
+                function runs on the bridge's loop and must not block.
+            quick: whether a plain function never blocks, so that it can also run on the loop.
 
         Raises:
             AdvertiseError: the name is taken.
         """
 
-        def offer() -> None:
+        def add() -> None:
             self._advertise(("service", resolve_name(name)), AdvertiseService(service=name, type=type))
             self._dispatcher.services[resolve_name(name)] = handler
             (self._dispatcher.quick.add if quick else self._dispatcher.quick.discard)(resolve_name(name))
 
-        self._loop.call(offer)
+        self._loop.call(add)
 
     def destroy_service(self, name: str) -> None:
-        """Ends an offer; what is being answered is answered."""
+        """Withdraws a service; running calls are answered."""
 
-        def withdraw() -> None:
+        def remove() -> None:
             self._dispatcher.services.pop(resolve_name(name), None)
             self._unadvertise(("service", resolve_name(name)), UnadvertiseService(service=name))
 
-        self._loop.call(withdraw)
+        self._loop.call(remove)
 
     def call_service(self, name: str, args: object = None, *, timeout_s: float = 10.0) -> Any:
-        """Calls a service and waits for its answer.
+        """Calls a service and waits for the response.
 
         Args:
-            name: which.
-            args: whatever JSON can say: an object, a struct, or a list of the fields in order.
-            timeout_s: how long to wait [s].
+            name: name of the service.
+            args: values that JSON can represent: an object, a struct, or a list of the fields in order.
+            timeout_s: timeout [s].
 
         Returns:
-            The answer's values. Whether they tell of a success is between caller and service.
+            The values of the response, whose meaning depends on the type of the service.
 
         Raises:
-            ServiceNotFoundError: nobody offers it.
-            ServiceTimeoutError: it did not answer in time; whether it did it, nobody knows.
-            ServiceCallError: the answer is an error.
-            ConnectionLostError: there is no connection, or none any more.
+            ServiceNotFoundError: the service is not advertised.
+            ServiceTimeoutError: there was no response in time; the service may or may not have been executed.
+            ServiceCallError: the response is an error.
+            ConnectionLostError: there is no connection, or it was lost.
         """
         self._require_other_thread("call_service")
         return self.call_service_async(name, args, timeout_s=timeout_s).result(timeout_s + 10.0)
 
     def call_service_async(self, name: str, args: object = None, *, timeout_s: float = 10.0) -> Future[Any]:
-        """Calls a service without waiting: the future gets what `call_service` returns or raises.
+        """Calls a service without waiting; the future receives the result or the exception of `call_service`.
 
         In a coroutine, await it with `asyncio.wrap_future`.
         """
-        written = _encode_value(args)
+        encoded = _encode_values(args)
         future: Future[Any] = Future()
-        self._loop.call(self._pending_calls.call_service, name, written, timeout_s, future)
+        self._loop.call(self._pending_calls.call_service, name, encoded, timeout_s, future)
         return future
 
     # -- actions -------------------------------------------------------------------------------------------------------
 
     def create_action_server(self, name: str, type: str, handler: ActionHandler) -> None:
-        """Takes goals of an action from now on; each runs by itself, beside the others.
+        """Provides an action; its goals run concurrently.
 
         Args:
             name: such as `/unreal/simulate_steps`.
             type: such as `simulation_interfaces/SimulateSteps`.
-            handler: gets the `ServerGoalHandle`; it tells of its progress by `goal.feedback`, looks at
-                `goal.cancel_requested` now and then, and returns the result's values or a `GoalResult`.
+            handler: called with the `ServerGoalHandle`; sends progress by `goal.feedback`, checks
+                `goal.cancel_requested` regularly, and returns the values of the result or a `GoalResult`.
 
         Raises:
             AdvertiseError: the name is taken.
         """
 
-        def offer() -> None:
+        def add() -> None:
             self._advertise(("action", resolve_name(name)), AdvertiseAction(action=name, type=type))
             self._dispatcher.actions[resolve_name(name)] = handler
 
-        self._loop.call(offer)
+        self._loop.call(add)
 
     def destroy_action_server(self, name: str) -> None:
-        """Takes no more goals; those under way go on."""
+        """Withdraws an action; active goals continue."""
 
-        def withdraw() -> None:
+        def remove() -> None:
             self._dispatcher.actions.pop(resolve_name(name), None)
             self._unadvertise(("action", resolve_name(name)), UnadvertiseAction(action=name))
 
-        self._loop.call(withdraw)
+        self._loop.call(remove)
 
     def send_goal(
         self, action: str, type: str, args: object = None, *, on_feedback: FeedbackHandler | None = None
     ) -> ClientGoalHandle:
-        """Sends a goal; wait for its end with `ClientGoalHandle.wait`, give it up with `ClientGoalHandle.cancel_goal`.
+        """Sends a goal; wait for the result with `ClientGoalHandle.wait`, cancel with `ClientGoalHandle.cancel`.
 
         Args:
-            action: which.
-            type: of the action.
+            action: name of the action.
+            type: type of the action.
             args: the goal.
-            on_feedback: told how it goes, on the bridge's thread.
+            on_feedback: called with feedback, on the bridge's thread.
         """
-        return self._loop.call(self._pending_calls.send_goal, action, type, _encode_value(args), on_feedback)
+        return self._loop.call(self._pending_calls.send_goal, action, type, _encode_values(args), on_feedback)
 
     # -- topics --------------------------------------------------------------------------------------------------------
 
     def advertise(self, topic: str, type: str, *, latch: bool = False) -> None:
-        """Says that messages of that type will come on a topic.
+        """Announces messages on a topic.
 
         Args:
-            topic: which.
-            type: of all its messages.
-            latch: whether those who subscribe later get the last message at once.
+            topic: name of the topic.
+            type: type of all its messages.
+            latch: whether later subscribers receive the last message.
 
         Raises:
-            AdvertiseError: the topic is of another type.
+            AdvertiseError: the topic has another type.
         """
         request = Advertise(topic=topic, type=type, latch=latch)
         self._loop.call(self._advertise, ("topic", resolve_name(topic)), request)
 
     def unadvertise(self, topic: str) -> None:
-        """Says that no more messages will come."""
+        """Ends the announcement of a topic."""
         self._loop.call(self._unadvertise, ("topic", resolve_name(topic)), Unadvertise(topic=topic))
 
     def publish(self, topic: str, type: str, message: object) -> None:
-        """Publishes a message, and advertises the topic first if that was not done.
+        """Publishes a message, and advertises the topic first if necessary.
 
-        It is written as JSON here, in the caller's thread, and then waits for nobody, unless the loop is far behind.
-        Without a connection it is dropped, as a message on a topic that nobody listens to.
+        The message is encoded in the thread of the caller; the call then returns at once, unless the loop is far
+        behind. Without a connection the message is dropped, as one without subscribers.
 
         Args:
-            topic: where.
-            type: the message's type.
-            message: whatever JSON can say, structs included.
+            topic: name of the topic.
+            type: type of the message.
+            message: values that JSON can represent, structs included.
 
         Raises:
-            AdvertiseError: the topic is of another type.
+            AdvertiseError: the topic has another type.
             BridgeError: the loop is stuck or closed.
         """
         self._advertise_once(topic, type)
-        operation = Publish(topic=topic, msg=_encode_value(message))
+        operation = Publish(topic=topic, msg=_encode_values(message))
         if self._loop.is_current_thread():
             self._send_if_possible(operation)
             return
         if self._loop.closed or not self._backlog.acquire(timeout=10.0):
-            raise BridgeError("nothing can be published: the bridge is closed or stuck")
+            raise BridgeError("cannot publish: the bridge is closed or stuck")
 
         def publish() -> None:
             self._backlog.release()
@@ -744,19 +731,19 @@ class Node:
         compression: Compression = Compression.NONE,
         with_sender: bool = False,
     ) -> Subscription:
-        """Handles a topic's messages from now on.
+        """Subscribes to a topic.
 
         Args:
-            topic: which; nobody needs to publish there yet.
-            handler: gets each message, in order; if it is slower than they come, the oldest are dropped.
-            type: what the messages should be; at a far hub, a topic of another type is refused with a status.
-            throttle_ms: the least time between two messages.
-            queue_length: how many messages the sender may keep back while it throttles; it drops the oldest.
-            compression: how they travel.
-            tells_sender: whether the handler gets the `MessageSender` as well.
+            topic: name of the topic, which need not have a publisher yet.
+            handler: called with each message, in order; if it is slower than the messages, the oldest are dropped.
+            type: expected type; at another server, a topic of another type is rejected with a status message.
+            throttle_ms: least time between two messages [ms].
+            queue_length: number of messages that the sender keeps while it throttles; it drops the oldest.
+            compression: encoding of the messages.
+            with_sender: whether the handler is also called with the `MessageSender`.
 
         Raises:
-            MessageValidationError: here at the hub, the topic is of another type.
+            MessageValidationError: the topic has another type, at a broker in this process.
         """
         request = Subscribe(
             id=f"subscribe:{topic}:{next(self._next_id)}",
@@ -767,12 +754,15 @@ class Node:
             compression=compression,
         )
         subscription = Subscription(
-            request, handler, lambda it: self._loop.call(self._unsubscribe, it), with_sender=with_sender
+            request,
+            handler,
+            lambda subscription: self._loop.call(self._unsubscribe, subscription),
+            with_sender=with_sender,
         )
 
         def subscribe() -> None:
             handlers = self._subscriptions[resolve_name(topic)]
-            handlers.append(subscription)  # first: what is latched comes at once
+            handlers.append(subscription)  # before subscribing, since latched messages are sent at once
             try:
                 self._advertise(request.id, request)
             except BridgeError:
@@ -783,16 +773,16 @@ class Node:
         return subscription
 
     def has_subscribers(self, topic: str) -> bool:
-        """Whether anyone may hear a message; asks without waiting."""
+        """Whether a message might be received; does not block."""
         raise NotImplementedError
 
-    # -- what a kind of participant says ---------------------------------------------------------------------------
+    # -- overridden by subclasses --------------------------------------------------------------------------------------
 
     def _send(self, operation: Operation) -> None:
-        """Has an operation leave. On the loop.
+        """Sends an operation; called on the loop.
 
         Raises:
-            ConnectionLostError: there is nobody to send it to.
+            ConnectionLostError: there is no connection.
         """
         raise NotImplementedError
 
@@ -800,23 +790,23 @@ class Node:
         try:
             self._send(operation)
         except ConnectionLostError as error:
-            _log.debug("nobody is there to be told: %s", error)
+            _log.debug("not sent: %s", error)
 
     def _on_status(self, status: Status) -> None:
-        """The other side remarks something about what was sent."""
-        _log.log(logging.WARNING if status.level.value == "error" else logging.INFO, "the hub says: %s", status.msg)
+        """Handles a status message about an operation that was sent."""
+        _log.log(logging.WARNING if status.level.value == "error" else logging.INFO, "status message: %s", status.msg)
 
     def _advertise_once(self, topic: str, type: str) -> None:
         known = self._advertisements.get(("topic", resolve_name(topic)))
         if not isinstance(known, Advertise):
             self.advertise(topic, type)
         elif not same_type(known.type, type):
-            raise AdvertiseError(topic, cause=f"it is of the type {known.type}, not {type}")
+            raise AdvertiseError(topic, cause=f"its type is {known.type}, not {type}")
 
     # -- on the loop ---------------------------------------------------------------------------------------------------
 
     def _receive(self, operation: Operation, sender: MessageSender | None = None) -> None:
-        """Takes what the other side says; `sender` names the client on whose behalf, where that is known."""
+        """Handles a received operation; `sender` is the client from which it comes, if that is known."""
         match operation:
             case Publish():
                 self._handle_message(operation, sender)
@@ -835,7 +825,7 @@ class Node:
             case Status():
                 self._on_status(operation)
             case _:
-                _log.debug("a %s makes no sense here", type(operation).__name__)
+                _log.debug("%s is not valid here", type(operation).__name__)
 
     def _advertise_operations(self) -> Iterator[Operation]:
         yield from self._advertisements.values()
@@ -857,20 +847,20 @@ class Node:
 
     def _handle_message(self, message: Publish, sender: MessageSender | None) -> None:
         for subscription in self._subscriptions[resolve_name(message.topic)]:
-            handling = CallbackTask(subscription, message, sender)
+            task = CallbackTask(subscription, message, sender)
             if subscription.is_async:
-                self._dispatcher.start_task(handling.run())
+                self._dispatcher.start_task(task.run())
             else:
-                self._executor.submit(subscription, handling, max_waiting=_MAX_UNHANDLED)
+                self._executor.submit(subscription, task, max_waiting=_MAX_UNHANDLED)
 
-    def _require_other_thread(self, what: str) -> None:
+    def _require_other_thread(self, method: str) -> None:
         if self._loop.is_current_thread():
             raise BridgeError(
-                f"{what} would wait for itself on the bridge's own thread; there, start_call and await the answer"
+                f"{method} would block the bridge's own thread; there, use call_service_async and await the result"
             )
 
     def _close(self, error: BridgeError) -> None:
-        """Ends everything this participant waits for or works at."""
+        """Fails everything that is pending, and ends the threads."""
         if not self._loop.closed:
             self._loop.call(self._pending_calls.fail_all, error)
             self._loop.call(self._dispatcher.cancel_all)
@@ -878,78 +868,74 @@ class Node:
         self._loop.close()
 
 
-def _encode_value(value: object) -> msgspec.Raw:
-    return msgspec.Raw(b"{}" if value is None else msgspec.json.encode(value))
-
-
-T = TypeVar("T")
-
-
 class _LocalPeer(Peer):
-    """The hub's own process, as a peer at the hub."""
+    """The local node as a peer of its broker."""
 
     is_local = True
 
-    def __init__(self, name: str, hub: LocalNode) -> None:
+    def __init__(self, name: str, node: LocalNode) -> None:
         super().__init__(name)
-        self._hub = hub
+        self._node = node
 
     @property
     def congested(self) -> bool:
         return False
 
     def deliver(
-        self, outgoing: MessageEncoder, route: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
+        self, outgoing: MessageEncoder, reply_format: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
     ) -> None:
-        self._hub._receive(outgoing.operation, sender)
+        self._node._receive(outgoing.operation, sender)
 
 
 class LocalNode(Node):
-    """Starts its thread when made; `Server` lets clients in, `close` ends it all."""
+    """A node with a broker in its own process; `RosbridgeServer` connects clients with it.
+
+    The thread of its event loop runs from its creation until `close`.
+    """
 
     def __init__(self, *, limits: BridgeLimits = DEFAULT_LIMITS, name: str = "/mindstage") -> None:
-        """A hub that nobody has joined yet.
+        """Creates a broker without other peers.
 
         Args:
-            limits: what each client may ask for.
-            name: of this process, as tools that look around show it.
+            limits: limits of each client.
+            name: name of this node, as introspection tools show it.
         """
-        super().__init__(name="mindstage-hub")
+        super().__init__(name="mindstage-node")
         self.limits = limits
         self.broker = Broker(self._loop.loop, limits)
-        """Where clients are plugged in; it belongs to the loop."""
+        """The broker; it belongs to the loop."""
         self._local_peer = _LocalPeer(resolve_name(name), self)
         self._loop.call(self.broker.add_peer, self._local_peer)
 
     @property
     def name(self) -> str:
-        """Of this process, in the directory."""
+        """Name of this node in the graph."""
         return self._local_peer.name
 
     def graph_info(self) -> GraphInfo:
-        """Who and what is here now: what `rosapi` tells."""
+        """Returns the current graph of nodes, services, actions and topics."""
         return self._loop.call(self.broker.graph_info)
 
     def set_service_timeout(self, service: str, timeout_s: float) -> None:
-        """Gives a service longer than the limits' `call_timeout_s` where the caller does not say how long it waits."""
+        """Sets the timeout of a service for calls without one, instead of the limits' `call_timeout_s` [s]."""
         self._loop.call(self.broker.services.timeouts_s.__setitem__, resolve_name(service), timeout_s)
 
     def has_subscribers(self, topic: str) -> bool:
-        """Whether anyone subscribed; asks without waiting, so that making a message may be left out."""
+        """Whether the topic has subscribers; does not block."""
         return self.broker.topics.has_subscribers(topic)
 
     @property
     def closed(self) -> bool:
-        """Whether nothing goes on here any more."""
+        """Whether the node was closed."""
         return self._loop.closed
 
     def run(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Runs a coroutine on the hub's loop and waits for its end: how a server starts and stops."""
+        """Runs a coroutine on the loop and waits for its result."""
         return self._loop.run(coroutine)
 
     def close(self) -> None:
-        """Ends it, any number of times; close its servers first."""
-        self._close(ConnectionLostError("the hub", cause="it was closed"))
+        """Closes the node; calling it again is harmless. Close its servers first."""
+        self._close(ConnectionLostError("the local node", cause="it was closed"))
 
     def __enter__(self) -> LocalNode:
         return self

@@ -1,24 +1,13 @@
-"""Operations: what the two ends of a rosbridge connection say to one another, one struct for each `op`.
+"""The rosbridge v2 protocol without I/O: operations as structs, and their codec.
 
-What a message carries (`msg`, `args`, `call_raw`) stays the JSON text it came as until somebody needs to look into it,
-so that a hub passes it on untouched and unread. Fields nobody knows are ignored, as rosbridge does.
-The fields are those of the rosbridge v2 protocol document of rosbridge_suite; `auth` is rosauth's.
+There is one struct for each `op` of the rosbridge v2 protocol document of rosbridge_suite; `auth` is that of rosauth.
+`MessageDecoder` converts frames to operations and joins fragments, `MessageEncoder` converts an operation to frames,
+once for all recipients. `BridgeLimits` has a bound for every queue, table and timeout of the bridge, so that no peer
+can exhaust the memory or block the event loop.
 
-Limits: how much one end of a connection lets the other one ask for.
-
-Every queue, table and wait of the bridge has its bound here, so that no peer can fill the memory or keep the loop.
-
-Fragments: a text cut into pieces for one who cannot take it whole, and put together again.
-
-The pieces of several messages may come in any order and mixed; each message is held until it is complete, too large
-or too old.
-
-Codec: frames in, operations out, and back; no socket, no clock, no thread.
-
-One `MessageDecoder` stands at the receiving end of a connection and joins what was cut in pieces; an `MessageEncoder` is an
-operation on its way out, encoded once however many peers it goes to.
-
-Protocol: rosbridge v2 without I/O; text or bytes in, typed operations out, and back.
+Payloads (`msg`, `args`, `values`) remain undecoded JSON text, so that a broker forwards them without parsing. Unknown
+fields are ignored, as in rosbridge. Fragments of several messages may arrive interleaved and in any order; an
+incomplete message is discarded when it becomes too large or too old.
 """
 
 from __future__ import annotations
@@ -73,55 +62,65 @@ __all__ = [
 
 
 _MIB = 1 << 20
+_EMPTY_OBJECT = Raw(b"{}")
 
 
 class BridgeLimits(msgspec.Struct, frozen=True, kw_only=True):
-    """The defaults are generous for a robot and its tools, and small beside a machine's memory."""
+    """Limits of a connection, a server and a broker.
+
+    The defaults are generous for a robot and its tools, and small compared with the memory of a machine.
+    """
 
     message_bytes: int = 32 * _MIB
-    """One message, after its fragments were joined and its compression undone."""
+    """Size of one message after fragments were joined and compression was removed."""
     png_bytes: int = 1 * _MIB
-    """What one PNG may hold: undoing its filters is slow work for Python."""
+    """Size of the pixels of one PNG message."""
     cbor_bytes: int = 8 * _MIB
-    """One binary frame: its typed arrays become many times larger while they are read."""
+    """Size of one binary frame; its typed arrays become several times larger when they are decoded."""
     depth: int = 64
-    """How deep arrays and objects may nest."""
+    """Nesting depth of arrays and objects."""
     fragments: int = 4096
-    """Of one message, in both directions."""
+    """Fragments of one message, in both directions."""
     fragmented_messages: int = 16
-    """Begun and not yet complete, of one connection."""
+    """Incomplete messages of one connection."""
     fragment_timeout_s: float = 30.0
-    """A message whose next fragment does not come for so long is forgotten [s]."""
+    """Time between two fragments of a message, after which the message is discarded [s]."""
     connections: int = 256
-    """At one server."""
+    """Connections of one server."""
     calls: int = 256
-    """Service calls of one client that wait for their answer."""
+    """Pending service calls of one client."""
     goals: int = 64
-    """Action goals of one client that are under way."""
+    """Active action goals of one client."""
     orphaned_goal_timeout_s: float = 60.0
-    """So long does the hub wait for the end of a goal that it canceled because its sender is gone [s]."""
+    """Time for the result of a goal that was canceled because its client disconnected [s]."""
     advertisements: int = 1024
-    """Services, actions and topics that one client may offer."""
+    """Services, actions and topics that one client advertises."""
     subscriptions: int = 1024
-    """Of one client."""
+    """Subscriptions of one client."""
     waiting_messages: int = 16384
-    """Ready to be sent to one peer; a peer that reads so slowly that there are more is dropped."""
+    """Queued frames to one peer; a peer that reads so slowly that the limit is exceeded is disconnected."""
     waiting_bytes: int = 64 * _MIB
-    """The same, counted in bytes."""
+    """Total size of the queued frames to one peer."""
     call_timeout_s: float = 10.0
-    """A service call that names no timeout has this one [s]."""
+    """Timeout of a service call that has none of its own [s]."""
     max_call_timeout_s: float = 3600.0
-    """No call may wait longer, whatever it names [s]."""
+    """Longest timeout that a service call can request [s]."""
     auth_timeout_s: float = 10.0
-    """So long may a client that needs a token take to show it [s]."""
+    """Time for a client to authenticate, if a token is required [s]."""
 
 
 DEFAULT_LIMITS = BridgeLimits()
-"""What holds where nobody says otherwise."""
+"""Limits that are used unless others are given."""
 
 
 def split_fragments(text: str, size: int, *, max_fragments: int) -> list[str]:
-    """Pieces of that many characters; of more, if there would be more than `most` of them."""
+    """Splits a text into fragments.
+
+    Args:
+        text: the text.
+        size: number of characters of a fragment.
+        max_fragments: largest number of fragments; if there would be more, the fragments become larger.
+    """
     size = max(size, -(-len(text) // max_fragments), 1)
     return [text[start : start + size] for start in range(0, len(text), size)] or [""]
 
@@ -129,13 +128,13 @@ def split_fragments(text: str, size: int, *, max_fragments: int) -> list[str]:
 class _PartialMessage:
     def __init__(self, total: int, now_s: float) -> None:
         self.total = total
-        self.pieces: dict[int, str] = {}
+        self.fragments: dict[int, str] = {}
         self.length = 0
         self.last_update_s = now_s
 
 
 class FragmentBuffer:
-    """What has come of messages whose other pieces are still on their way."""
+    """Fragments of messages that are not complete yet."""
 
     def __init__(self, limits: BridgeLimits) -> None:
         self._limits = limits
@@ -145,17 +144,17 @@ class FragmentBuffer:
         return len(self._partial)
 
     def add(self, key: Hashable, num: int, total: int, data: str, now_s: float) -> str | None:
-        """Takes a piece; gives the whole text with the last one.
+        """Adds a fragment; returns the whole text with the last one, else None.
 
         Args:
-            key: which message it belongs to.
-            num: which piece it is, from 0.
-            total: of how many.
-            data: the piece.
-            now_s: the present moment, on any clock that only goes forward [s].
+            key: identifies the message.
+            num: index of the fragment, from 0.
+            total: number of fragments of the message.
+            data: text of the fragment.
+            now_s: time of a monotonic clock [s].
 
         Raises:
-            MessageValidationError: it fits no message or exceeds a limit; the message is forgotten.
+            MessageValidationError: the fragment is inconsistent or exceeds a limit; the message is discarded.
         """
         message = self._partial.get(key)
         try:
@@ -166,43 +165,42 @@ class FragmentBuffer:
             self._partial.pop(key, None)
             raise
         message.last_update_s = now_s
-        if len(message.pieces) < message.total:
+        if len(message.fragments) < message.total:
             return None
         del self._partial[key]
-        return "".join(message.pieces[number] for number in range(message.total))
+        return "".join(message.fragments[number] for number in range(message.total))
 
     def expire(self, now_s: float) -> list[Hashable]:
-        """Forgets messages whose next piece did not come in time, and says which."""
-        old = [
-            key for key, each in self._partial.items() if now_s - each.last_update_s > self._limits.fragment_timeout_s
-        ]
-        for key in old:
+        """Discards messages whose next fragment did not arrive in time, and returns their keys."""
+        timeout_s = self._limits.fragment_timeout_s
+        expired = [key for key, message in self._partial.items() if now_s - message.last_update_s > timeout_s]
+        for key in expired:
             del self._partial[key]
-        return old
+        return expired
 
     def _begin(self, key: Hashable, total: int, now_s: float) -> _PartialMessage:
         if total > self._limits.fragments:
-            raise _fragment_error(f"{total} pieces are too many", f"at most {self._limits.fragments}")
+            raise _fragment_error(f"it has {total} fragments", f"at most {self._limits.fragments}")
         if len(self._partial) >= self._limits.fragmented_messages:
-            raise _fragment_error(f"{len(self._partial)} messages are incomplete already", "finish one of them first")
+            raise _fragment_error(f"{len(self._partial)} messages are incomplete", "complete one of them first")
         self._partial[key] = message = _PartialMessage(total, now_s)
         return message
 
     def _add_fragment(self, message: _PartialMessage, num: int, total: int, data: str) -> None:
         if total != message.total:
             raise _fragment_error(
-                f"a piece of {total}, where the others are of {message.total}", "begin the message again"
+                f"total is {total}, and {message.total} in earlier fragments", "send the message again"
             )
         if num >= total:
-            raise _fragment_error(f"there is no piece {num} of {total}", "pieces are counted from 0")
-        if message.pieces.get(num, data) != data:
-            raise _fragment_error(f"piece {num} came twice, and differs", "begin the message again")
-        if num not in message.pieces:
-            message.pieces[num] = data
+            raise _fragment_error(f"num is {num} of {total}", "fragments are numbered from 0")
+        if message.fragments.get(num, data) != data:
+            raise _fragment_error(f"fragment {num} was received twice with different data", "send the message again")
+        if num not in message.fragments:
+            message.fragments[num] = data
             message.length += len(data)
         held = sum(each.length for each in self._partial.values())
         if held > self._limits.message_bytes:
-            raise _fragment_error(f"{held} bytes in pieces are too many", f"at most {self._limits.message_bytes}")
+            raise _fragment_error(f"incomplete messages have {held} bytes", f"at most {self._limits.message_bytes}")
 
 
 def _fragment_error(cause: str, remedy: str) -> MessageValidationError:
@@ -210,7 +208,7 @@ def _fragment_error(cause: str, remedy: str) -> MessageValidationError:
 
 
 Id = str | int
-"""Names an exchange, such as one call and its answer; whoever begins it chooses."""
+"""Identifies an exchange, such as a call and its response; chosen by the side that starts it."""
 
 _Size = Annotated[int, Meta(ge=1)]
 _Count = Annotated[int, Meta(ge=0)]
@@ -220,7 +218,7 @@ _Type = Annotated[str, Meta(max_length=1024)]
 
 
 class Compression(StrEnum):
-    """How a message is packed for the one who asked for it."""
+    """Encoding of the messages to a client, which chooses it."""
 
     NONE = "none"
     PNG = "png"
@@ -230,7 +228,7 @@ class Compression(StrEnum):
 
 
 class StatusLevel(StrEnum):
-    """How grave a status message is; a client hears of its level and what is graver."""
+    """Severity of a status message; a client receives those of its level and of more severe ones."""
 
     NONE = "none"
     ERROR = "error"
@@ -238,13 +236,13 @@ class StatusLevel(StrEnum):
     INFO = "info"
 
     def includes(self, other: StatusLevel) -> bool:
-        """Whether a client that set this level is told of the other one."""
+        """Whether a client at this level receives status messages of another level."""
         order = list(StatusLevel)
         return StatusLevel.NONE is not other and order.index(other) <= order.index(self)
 
 
 class GoalStatus(IntEnum):
-    """What became of an action's goal, as `action_msgs/GoalStatus` counts it."""
+    """Status of the goal of an action, with the codes of `action_msgs/GoalStatus`."""
 
     UNKNOWN = 0
     ACCEPTED = 1
@@ -267,16 +265,16 @@ class _Operation(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_fiel
 
 
 class Advertise(_Operation, frozen=True, kw_only=True):
-    """I will publish on a topic."""
+    """Announces messages on a topic."""
 
     topic: _Name
     type: _Type
     latch: bool = False
-    """Whether the last message is kept for those who subscribe later."""
+    """Whether later subscribers receive the last message."""
 
 
 class Unadvertise(_Operation, frozen=True, kw_only=True):
-    """I will not publish on it any more."""
+    """Ends the announcement of a topic."""
 
     topic: _Name
 
@@ -290,19 +288,19 @@ class Publish(_Operation, frozen=True, kw_only=True):
 
 
 class Subscribe(_Operation, frozen=True, kw_only=True):
-    """I want a topic's messages."""
+    """Requests the messages of a topic."""
 
     topic: _Name
     type: _Type | None = None
     throttle_rate: _NotNegative | None = None
-    """The least time between two messages [ms]."""
+    """Least time between two messages [ms]."""
     queue_length: _Count | None = None
     fragment_size: _Size | None = None
     compression: Compression | None = None
 
 
 class Unsubscribe(_Operation, frozen=True, kw_only=True):
-    """I do not want them any more; with an id, only that subscription ends."""
+    """Ends all subscriptions of a topic; with an id, only that one."""
 
     topic: _Name
 
@@ -311,36 +309,36 @@ class Unsubscribe(_Operation, frozen=True, kw_only=True):
 
 
 class AdvertiseService(_Operation, frozen=True, kw_only=True):
-    """Calls of this service are mine to answer."""
+    """Announces a service of this client."""
 
     service: _Name
     type: _Type
 
 
 class UnadvertiseService(_Operation, frozen=True, kw_only=True):
-    """I do not answer it any more."""
+    """Withdraws a service."""
 
     service: _Name
 
 
 class CallService(_Operation, frozen=True, kw_only=True):
-    """A question, in both directions."""
+    """A service call, in both directions."""
 
     service: _Name
     args: Raw | UnsetType = UNSET
     """An object, or a list of its fields in order."""
     timeout: _NotNegative | None = None
-    """How long the caller waits [s]."""
+    """Timeout of the call [s]."""
     fragment_size: _Size | None = None
     compression: Compression | None = None
 
 
 class ServiceResponse(_Operation, frozen=True, kw_only=True):
-    """Its answer."""
+    """The response to a service call."""
 
     service: _Name
     values: Raw | UnsetType = UNSET
-    """The answer; where `result` is false, the text of the error."""
+    """The response message; the error message if `result` is false."""
     result: bool
 
 
@@ -348,39 +346,39 @@ class ServiceResponse(_Operation, frozen=True, kw_only=True):
 
 
 class AdvertiseAction(_Operation, frozen=True, kw_only=True):
-    """Goals of this action are mine to reach."""
+    """Announces an action of this client."""
 
     action: _Name
     type: _Type
 
 
 class UnadvertiseAction(_Operation, frozen=True, kw_only=True):
-    """I do not take its goals any more."""
+    """Withdraws an action."""
 
     action: _Name
 
 
 class SendActionGoal(_Operation, frozen=True, kw_only=True):
-    """A goal, in both directions."""
+    """A goal for an action, in both directions."""
 
     action: _Name
     action_type: _Type
     args: Raw | UnsetType = UNSET
     feedback: bool = False
-    """Whether the sender wants to hear how it goes."""
+    """Whether the client requests feedback."""
     fragment_size: _Size | None = None
     compression: Compression | None = None
 
 
 class CancelActionGoal(_Operation, frozen=True, kw_only=True):
-    """Give that goal up."""
+    """Cancels a goal."""
 
     id: Id
     action: _Name
 
 
 class ActionFeedback(_Operation, frozen=True, kw_only=True):
-    """How a goal goes."""
+    """Progress of a goal."""
 
     id: Id
     action: _Name
@@ -388,7 +386,7 @@ class ActionFeedback(_Operation, frozen=True, kw_only=True):
 
 
 class ActionResult(_Operation, frozen=True, kw_only=True):
-    """How it ended; a goal that was given up is no error: its `result` is true and its `status` says so."""
+    """Result of a goal. Of a canceled goal, `result` is true and `status` is that of a canceled goal."""
 
     action: _Name
     values: Raw | UnsetType = UNSET
@@ -396,24 +394,24 @@ class ActionResult(_Operation, frozen=True, kw_only=True):
     result: bool
 
 
-# -- about the connection itself ---------------------------------------------------------------------------------------
+# -- the connection ----------------------------------------------------------------------------------------------------
 
 
 class Status(_Operation, frozen=True, kw_only=True):
-    """A remark about something that was sent, by its id."""
+    """A message about an operation, which is identified by its id."""
 
     level: StatusLevel
     msg: str
 
 
 class SetLevel(_Operation, frozen=True, kw_only=True):
-    """Which remarks I want to hear."""
+    """Selects which status messages the client receives."""
 
     level: StatusLevel
 
 
 class Auth(_Operation, frozen=True, kw_only=True):
-    """Who I am: either the token itself, or rosauth's proof that I know it."""
+    """Authentication, by the token itself or by rosauth's hash of it."""
 
     token: str | None = None
     mac: str = ""
@@ -425,21 +423,21 @@ class Auth(_Operation, frozen=True, kw_only=True):
     end: int = 0
 
 
-# -- wrappings ---------------------------------------------------------------------------------------------------------
+# -- wrappers ----------------------------------------------------------------------------------------------------------
 
 
 class Fragment(_Operation, frozen=True, kw_only=True):
-    """A piece of the text of another message."""
+    """A part of the text of another message."""
 
     id: Id
     data: str
     num: _Count
-    """Which piece, from 0."""
+    """Index of the fragment, from 0."""
     total: _Size
 
 
 class Png(_Operation, frozen=True, kw_only=True):
-    """Another message, or a piece of it, as the pixels of an image in base64."""
+    """Another message, or a fragment of it, as the pixels of an image in base64."""
 
     data: str
     num: _Count | None = None
@@ -468,18 +466,16 @@ Operation = (
     | Fragment
     | Png
 )
-"""Everything that can be said."""
-
-_NOTHING = Raw(b"{}")
+"""Any operation."""
 
 
 def content(raw: Raw | UnsetType) -> Raw:
-    """What a message carries; an empty object where it carries nothing, or null."""
-    return _NOTHING if raw is UNSET or bytes(raw) == b"null" else raw
+    """Returns the payload of a message; an empty object if it is missing or null."""
+    return _EMPTY_OBJECT if raw is UNSET or bytes(raw) == b"null" else raw
 
 
 Frame = str | bytes
-"""What a websocket carries: a text frame, or a binary one."""
+"""Payload of a websocket frame: text or binary."""
 
 _decoder: msgspec.json.Decoder[Operation] = msgspec.json.Decoder(Operation)
 _encoder = msgspec.json.Encoder()
@@ -487,7 +483,7 @@ _fragment_numbers = count(1)
 
 
 class _Envelope(msgspec.Struct):
-    """What can be told of a message that is otherwise wrong."""
+    """The parts of an invalid message that can still be decoded."""
 
     id: Id | None = None
     op: str = "message"
@@ -497,7 +493,7 @@ _envelope_decoder = msgspec.json.Decoder(_Envelope)
 
 
 class MessageDecoder:
-    """Understands what one peer sends."""
+    """Decodes the frames of one peer."""
 
     def __init__(self, limits: BridgeLimits) -> None:
         self._limits = limits
@@ -505,29 +501,29 @@ class MessageDecoder:
 
     @property
     def pending_messages(self) -> int:
-        """How many messages wait for more of their fragments."""
+        """Number of incomplete messages."""
         return len(self._fragments)
 
     def decode(self, frame: Frame, now_s: float) -> Operation | None:
-        """What a frame says, or None where it is a fragment of something larger.
+        """Decodes a frame; returns None if it is a fragment of an incomplete message.
 
         Args:
-            frame: as it came.
-            now_s: the present moment, on any clock that only goes forward [s]; fragments grow old by it.
+            frame: payload of the websocket frame.
+            now_s: time of a monotonic clock [s], for the age of fragments.
 
         Raises:
-            MessageValidationError: with the message's id, where it can be read.
+            MessageValidationError: the frame is not a valid message; `id` is set if it can be decoded.
         """
         return self._unwrap(self._decompress(frame), now_s, allowed=(Fragment, Png))
 
     def expire(self, now_s: float) -> list[Id]:
-        """Forgets messages whose fragments stopped coming, and says which."""
+        """Discards messages whose next fragment did not arrive in time, and returns their ids."""
         return [key[1] for key in self._fragments.expire(now_s) if isinstance(key, tuple)]
 
     def _decompress(self, frame: Frame) -> str:
-        most = self._limits.message_bytes if isinstance(frame, str) else self._limits.cbor_bytes
-        if len(frame) > most:
-            raise MessageValidationError("frame", cause=f"{len(frame)} bytes are too many", remedy=f"at most {most}")
+        limit = self._limits.message_bytes if isinstance(frame, str) else self._limits.cbor_bytes
+        if len(frame) > limit:
+            raise MessageValidationError("frame", cause=f"it has {len(frame)} bytes", remedy=f"at most {limit}")
         return frame if isinstance(frame, str) else read_cbor(frame, depth=self._limits.depth).decode()
 
     def _parse(self, text: str) -> Operation:
@@ -541,34 +537,32 @@ class MessageDecoder:
             raise MessageValidationError("message", cause=str(error)) from None
 
     def _unwrap(self, text: str, now_s: float, allowed: tuple[type[Fragment | Png], ...]) -> Operation | None:
-        """The operation itself; a PNG may come in fragments, and nothing else may be wrapped twice."""
+        """Returns the operation itself; a PNG may be fragmented, other nesting of wrappers is an error."""
         operation = self._parse(text)
         if not isinstance(operation, Fragment | Png):
             return operation
         kind = type(operation)
         try:
             if kind not in allowed:
-                raise MessageValidationError(
-                    _type_name(kind), cause="it comes out of another wrapping, which is too much"
-                )
+                raise MessageValidationError(_type_name(kind), cause="it is nested in another fragment or PNG")
             inner = self._decode_inner(operation, now_s)
         except MessageValidationError as error:
             error.id = operation.id
             raise
         return None if inner is None else self._unwrap(inner, now_s, allowed[allowed.index(kind) + 1 :])
 
-    def _decode_inner(self, wrapping: Fragment | Png, now_s: float) -> str | None:
-        data: str | None = wrapping.data
-        if wrapping.num is not None and wrapping.total is not None:
-            key = (type(wrapping), wrapping.id)
-            data = self._fragments.add(key, wrapping.num, wrapping.total, wrapping.data, now_s)
-        if data is None or isinstance(wrapping, Fragment):
+    def _decode_inner(self, wrapper: Fragment | Png, now_s: float) -> str | None:
+        data: str | None = wrapper.data
+        if wrapper.num is not None and wrapper.total is not None:
+            key = (type(wrapper), wrapper.id)
+            data = self._fragments.add(key, wrapper.num, wrapper.total, wrapper.data, now_s)
+        if data is None or isinstance(wrapper, Fragment):
             return data
         return read_png(data, max_bytes=self._limits.png_bytes)
 
 
 class MessageEncoder:
-    """One operation on its way out; each encoding of it is made when first wanted, and once."""
+    """An operation to be sent; each of its encodings is computed when it is first needed, and cached."""
 
     __slots__ = ("_frames", "_text", "operation")
 
@@ -584,12 +578,12 @@ class MessageEncoder:
         *,
         max_fragments: int = 4096,
     ) -> tuple[Frame, ...]:
-        """What to send, in this order.
+        """Returns the frames to send, in this order.
 
         Args:
-            compression: how it is packed; CBOR is never cut in fragments, for it is no text.
-            fragment_size: the most characters one piece may have, if the other end asked for that.
-            most: into how many pieces it may be cut; they grow if there would be more.
+            compression: encoding; CBOR is never fragmented, since it is not text.
+            fragment_size: largest number of characters of a fragment, if the peer set one.
+            max_fragments: largest number of fragments; if there would be more, the fragments become larger.
         """
         key = (compression, fragment_size)
         if key not in self._frames:
@@ -604,11 +598,11 @@ class MessageEncoder:
             text = _encoder.encode(Png(id=self.operation.id, data=write_png(text))).decode()
         if fragment_size is None or len(text) <= fragment_size:
             return (text,)
-        pieces = split_fragments(text, fragment_size, max_fragments=max_fragments)
+        fragments = split_fragments(text, fragment_size, max_fragments=max_fragments)
         id = f"fragment:{next(_fragment_numbers)}"
         return tuple(
-            _encoder.encode(Fragment(id=id, data=piece, num=number, total=len(pieces))).decode()
-            for number, piece in enumerate(pieces)
+            _encoder.encode(Fragment(id=id, data=data, num=number, total=len(fragments))).decode()
+            for number, data in enumerate(fragments)
         )
 
 
@@ -617,10 +611,10 @@ def _type_name(operation: type[Operation]) -> str:
 
 
 def _decode_error(text: str, error: msgspec.ValidationError) -> MessageValidationError:
-    """What is wrong, where, and in which message."""
+    """Returns the error with its cause, its path and the id of the message."""
     cause, _, path = str(error).partition(" - at `$")
     try:
         envelope = _envelope_decoder.decode(text)
-    except (msgspec.DecodeError, RecursionError):  # further on it is worse
+    except (msgspec.DecodeError, RecursionError):  # invalid JSON behind the error
         envelope = _Envelope()
     return MessageValidationError(envelope.op[:64], path=path.strip("`.") or "", cause=cause, id=envelope.id)

@@ -1,15 +1,10 @@
-"""Server: lets clients join a hub over websockets, as rosbridge_server does.
+"""A rosbridge server: connects the clients at its websockets with a `LocalNode`, as rosbridge_server does.
 
-Only this machine reaches it unless told otherwise, and then a token is needed.
+By default it listens on the loopback interface; any other host requires a token. A web page of any origin can open a
+websocket to this machine, and only the `Origin` header identifies it; programs send none.
 
-Access: who may come in, told by a token and, for browsers, by the page that wants to.
-
-A page from anywhere can open a websocket to this very machine; only its `SourceMapView` gives it away. Programs send none.
-
-Connection: one websocket with the protocol on it, the same at both of its ends.
-
-What comes is read in order and handed on at once. What goes waits in a queue with a bound: a peer that lets it fill
-reads too slowly, and is dropped, for the sake of all the others.
+`Connection` is one websocket with the protocol on it, and is used by clients too. Operations are handled in the order
+in which they arrive. The send queue is bounded: a peer that reads so slowly that it fills up is disconnected.
 """
 
 from __future__ import annotations
@@ -51,11 +46,20 @@ __all__ = ["Connection", "RosbridgeServer", "TokenAuth", "is_loopback"]
 
 
 _MAX_CLOCK_SKEW_S = 5.0
-"""rosauth's bound: a proof is no older."""
+"""Largest age of a hash, as in rosauth [s]."""
+_CONGESTION_LIMIT_BYTES = 256 * 1024
+"""Size of the send queue above which a peer counts as congested."""
+_CLOSE_TIMEOUT_S = 5.0
+_MAX_READ_SLICE_S = 0.002
+"""Time for which messages of one peer are handled before other tasks of the loop run [s]."""
+_log = logging.getLogger("mindstage.bridge")
+_PING_INTERVAL_S = 20.0
+_MAX_UNAUTHENTICATED_BYTES = 16 * 1024
+"""Largest message of a client that is not authenticated yet; enough for a token."""
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine itself reaches that host."""
+    """Whether a host can be reached from this machine only."""
     if host.strip("[]").lower() == "localhost":
         return True
     try:
@@ -65,16 +69,16 @@ def is_loopback(host: str) -> bool:
 
 
 class TokenAuth:
-    """Decides; holds the token and tells it to nobody."""
+    """Decides which clients may connect."""
 
     def __init__(self, *, host: str, token: str | None, origins: Collection[str]) -> None:
-        """The rules.
+        """Creates the rules.
 
         Args:
-            host: where the server listens.
-            token: what a client must know, or None.
-            origins: pages that may come in beside those of this machine, such as `https://robot.example`; `null` is
-                what a page has that was opened as a file.
+            host: host on which the server listens.
+            token: token that a client must send, or None.
+            origins: additional origins of web pages, such as `https://robot.example`; pages of this machine are always
+                allowed. `null` is the origin of a page that was opened as a file.
         """
         self._local_only = is_loopback(host)
         self._token = None if token is None else token.encode()
@@ -82,64 +86,56 @@ class TokenAuth:
 
     @property
     def needs_token(self) -> bool:
-        """Whether a client must show one."""
+        """Whether clients must send a token."""
         return self._token is not None
 
     def allows_origin(self, origin: str | None, host: str | None) -> bool:
-        """Whether a browser's page may come in.
+        """Whether a web page may connect.
 
         Args:
-            origin: the handshake's `SourceMapView`; None for a program.
-            host: the handshake's `Host`. A page of that very host may come in where a token protects it; without one
-                its name proves nothing, for whoever owns a name can let it point to this machine.
+            origin: the header `Origin` of the handshake; None for a program.
+            host: the header `Host` of the handshake. A page of the same host is allowed if the server requires a token;
+                without one a host name proves nothing, since its owner can let it resolve to this machine.
         """
         if origin is None or origin.rstrip("/").lower() in self._origins:
             return True
         try:
-            page = urlsplit(origin).hostname or ""
-            here = urlsplit(f"//{host or ''}").hostname or ""
+            origin_host = urlsplit(origin).hostname or ""
+            server_host = urlsplit(f"//{host or ''}").hostname or ""
         except ValueError:
             return False
-        return is_loopback(page) or (not self._local_only and page != "" and page == here)
+        return is_loopback(origin_host) or (not self._local_only and origin_host != "" and origin_host == server_host)
 
     def check_handshake(self, path: str, authorization: str | None) -> bool | None:
-        """Whether the handshake's `?token=` or `Authorization: Bearer` is the token; None if there is neither."""
-        shown = parse_qs(urlsplit(path).query, keep_blank_values=True).get("token", [])
+        """Whether `?token=` or `Authorization: Bearer` of the handshake is the token; None if there is neither."""
+        tokens = parse_qs(urlsplit(path).query, keep_blank_values=True).get("token", [])
         if authorization is not None:
             scheme, _, value = authorization.partition(" ")
             bearer = value.strip() if scheme.lower() == "bearer" else ""
-            shown = [bearer] if bearer or not shown else shown
-        return self._token_matches(shown[0]) if shown else None
+            tokens = [bearer] if bearer or not tokens else tokens
+        return self._token_matches(tokens[0]) if tokens else None
 
     def check_auth(self, auth: Auth, now_s: float) -> bool:
-        """Whether an `auth` shows that the client knows the token: as it is, or by rosauth's hash with it.
+        """Whether an `auth` operation has the token itself or rosauth's hash of it.
 
         Args:
-            auth: what the client says.
-            now_s: the present moment, since 1970 [s].
+            auth: the operation.
+            now_s: Unix time [s].
         """
         if auth.token is not None:
             return self._token_matches(auth.token)
         if abs(now_s - auth.t) > _MAX_CLOCK_SKEW_S or auth.end <= now_s or self._token is None:
             return False
-        said = f"{auth.client}{auth.dest}{auth.rand}{auth.t}{auth.level}{auth.end}"
-        proof = hashlib.sha512(self._token + said.encode("utf-8", "surrogateescape")).hexdigest()
-        return hmac.compare_digest(proof.encode(), auth.mac.encode("utf-8", "surrogateescape"))
+        signed = f"{auth.client}{auth.dest}{auth.rand}{auth.t}{auth.level}{auth.end}"
+        expected = hashlib.sha512(self._token + signed.encode("utf-8", "surrogateescape")).hexdigest()
+        return hmac.compare_digest(expected.encode(), auth.mac.encode("utf-8", "surrogateescape"))
 
     def _token_matches(self, token: str) -> bool:
         return self._token is not None and hmac.compare_digest(self._token, token.encode("utf-8", "surrogateescape"))
 
 
-_CONGESTION_LIMIT_BYTES = 256 * 1024
-"""With so much to be sent, what can wait should wait."""
-_CLOSE_TIMEOUT_S = 5.0
-_MAX_READ_SLICE_S = 0.002
-"""So long are one peer's messages taken at a stretch before the others get their turn [s]."""
-_log = logging.getLogger("mindstage.bridge")
-
-
 class Connection:
-    """Reads until the end, and sends meanwhile. Belongs to the loop."""
+    """A websocket with the protocol on it. Belongs to the loop."""
 
     def __init__(
         self,
@@ -149,44 +145,44 @@ class Connection:
         receive: Callable[[Operation], None],
         send_error: Callable[[str, Id | None], None],
     ) -> None:
-        """The socket is open already.
+        """Creates the connection on an open websocket.
 
         Args:
-            socket: either end's.
-            limits: what the other side may ask of us.
-            receive: told every operation; it may raise a `BridgeError`.
-            complain: told what is wrong with what came, and the id of the message.
+            socket: the websocket, of a client or a server.
+            limits: limits for what the peer sends.
+            receive: called with every operation; may raise a `BridgeError`.
+            send_error: called with the error message and the id of a message that was rejected.
         """
         self._socket = socket
         self._limits = limits
         self._receive = receive
         self._send_error = send_error
-        self._reader = MessageDecoder(limits)
+        self._decoder = MessageDecoder(limits)
         self._outbox: deque[Frame] = deque()
         self._outbox_bytes = 0
         self._has_output = asyncio.Event()
         self._flushed = asyncio.Event()
         self._closing: asyncio.Task[None] | None = None
         self.close_reason = ""
-        """Whose doing the end was, once it is here."""
+        """Why the connection ended; empty while it is open."""
 
     @property
     def congested(self) -> bool:
-        """Whether the other side reads more slowly than it is sent to."""
+        """Whether the peer reads more slowly than messages are queued."""
         return self._outbox_bytes > _CONGESTION_LIMIT_BYTES
 
     async def run(self) -> None:
-        """Reads and sends until the connection ends; returns then, and never raises for it."""
+        """Receives and sends until the connection ends; the end of a connection is not an error."""
         writer = asyncio.create_task(self._write())
         watch = asyncio.create_task(self._expire_fragments())
         loop = asyncio.get_running_loop()
-        turn_ends = 0.0
+        slice_end_s = 0.0
         try:
-            async for frame in self._socket:  # does not wait while there is more, and so would keep the loop
+            async for frame in self._socket:  # does not yield while frames are buffered
                 self._handle_frame(frame)
-                if loop.time() > turn_ends:
+                if loop.time() > slice_end_s:
                     await asyncio.sleep(0)
-                    turn_ends = loop.time() + _MAX_READ_SLICE_S
+                    slice_end_s = loop.time() + _MAX_READ_SLICE_S
         except ConnectionClosed as error:
             self._set_close_reason(_reason(error))
         finally:
@@ -198,11 +194,13 @@ class Connection:
             self._outbox_bytes = 0
         self._set_close_reason(_close_message(self._socket.close_code, self._socket.close_reason))
 
-    def send(self, outgoing: MessageEncoder, route: ReplyFormat = PLAIN_FORMAT) -> None:
-        """Queues an operation; nobody waits for it to be sent."""
+    def send(self, outgoing: MessageEncoder, reply_format: ReplyFormat = PLAIN_FORMAT) -> None:
+        """Queues an operation, without waiting."""
         if self._closing is not None:
             return
-        for frame in outgoing.frames(route.compression, route.fragment_size, max_fragments=self._limits.fragments):
+        for frame in outgoing.frames(
+            reply_format.compression, reply_format.fragment_size, max_fragments=self._limits.fragments
+        ):
             self._outbox.append(frame)
             self._outbox_bytes += len(frame)
         self._flushed.clear()
@@ -211,13 +209,13 @@ class Connection:
             self._abort_slow_reader()
 
     def close(self, reason: str, code: int = CloseCode.NORMAL_CLOSURE) -> None:
-        """Ends the connection, saying why; returns at once."""
+        """Starts to close the connection with a reason; returns at once."""
         if self._closing is None:
             self._set_close_reason(reason)
             self._closing = asyncio.ensure_future(self._close(code, reason))
 
     def abort(self, reason: str) -> None:
-        """Ends the connection without a word: nobody would hear it."""
+        """Ends the connection without a closing handshake."""
         self._set_close_reason(reason)
         if self._closing is None:
             self._closing = asyncio.get_running_loop().create_task(asyncio.sleep(0))
@@ -228,15 +226,15 @@ class Connection:
             return
         operation = None
         try:
-            operation = self._reader.decode(frame, asyncio.get_running_loop().time())
+            operation = self._decoder.decode(frame, asyncio.get_running_loop().time())
             if operation is not None:
                 self._receive(operation)
         except BridgeError as error:
             id = operation.id if operation is not None else getattr(error, "id", None)
             self._send_error(str(error), id)
-        except Exception as error:  # a defect of ours shall cost one message and not the connection
+        except Exception as error:  # an unexpected error must not end the connection
             _log.exception("a message of %s could not be handled", self._peer_name())
-            self._send_error(f"it could not be handled: {type(error).__name__}", operation.id if operation else None)
+            self._send_error(f"internal error: {type(error).__name__}", operation.id if operation else None)
 
     async def _write(self) -> None:
         try:
@@ -249,25 +247,27 @@ class Connection:
                 self._has_output.clear()
                 await self._has_output.wait()
         except ConnectionClosed:
-            return  # the reader notices as well, and tells
+            return  # `run` sets the reason
 
     async def _expire_fragments(self) -> None:
         while True:
             await asyncio.sleep(self._limits.fragment_timeout_s / 2)
-            for id in self._reader.expire(asyncio.get_running_loop().time()):
-                self._send_error(f"the other fragments of {id!r} did not come in time", id)
+            for id in self._decoder.expire(asyncio.get_running_loop().time()):
+                self._send_error(f"the other fragments of {id!r} did not arrive in time", id)
 
     async def _close(self, code: int, reason: str) -> None:
         try:
             async with asyncio.timeout(_CLOSE_TIMEOUT_S):
                 if self._outbox:
-                    await self._flushed.wait()  # what was said before is sent before
+                    await self._flushed.wait()  # queued messages are sent before the close frame
                 await self._socket.close(code, reason[:120])
         except (TimeoutError, ConnectionClosed, OSError):
             self._socket.transport.abort()
 
     def _abort_slow_reader(self) -> None:
-        _log.warning("%s reads too slowly and was dropped: %d messages waited", self._peer_name(), len(self._outbox))
+        _log.warning(
+            "%s reads too slowly and was disconnected: %d messages were queued", self._peer_name(), len(self._outbox)
+        )
         self._outbox.clear()
         self._outbox_bytes = 0
         self.abort("it reads too slowly")
@@ -282,25 +282,26 @@ class Connection:
 
 def _reason(error: ConnectionClosed) -> str:
     close = error.rcvd or error.sent
-    return _close_message(close.code, close.reason) if close else "it broke off"
+    return _close_message(close.code, close.reason) if close else "the connection was lost"
 
 
 def _close_message(code: int | None, reason: str | None) -> str:
     if reason:
         return reason
-    return "it was closed" if code in (CloseCode.NORMAL_CLOSURE, CloseCode.GOING_AWAY) else "it broke off"
+    return (
+        "the connection was closed"
+        if code in (CloseCode.NORMAL_CLOSURE, CloseCode.GOING_AWAY)
+        else "the connection was lost"
+    )
 
 
 _handshake_log = logging.getLogger("mindstage.bridge.handshakes")
-_handshake_log.addHandler(logging.NullHandler())  # what strangers try is told to those who configured logging
+_handshake_log.addHandler(logging.NullHandler())  # failed handshakes are logged only if logging is configured
 _client_numbers = count(1)
-_PING_INTERVAL_S = 20.0
-_MAX_UNAUTHENTICATED_BYTES = 16 * 1024
-"""Enough for a token: nobody fills the memory before it is known who it is."""
 
 
 class _ServerPeer(Peer):
-    """A peer behind a socket."""
+    """A client of the server."""
 
     def __init__(self, socket: ServerConnection, server: RosbridgeServer) -> None:
         super().__init__(f"/client_{next(_client_numbers)}")
@@ -309,7 +310,7 @@ class _ServerPeer(Peer):
             socket, server.node.limits, receive=self._receive, send_error=self._send_error_status
         )
         self.authenticated = False
-        """Whether it has shown what it must; until then it is no peer at the hub."""
+        """Whether the client is authenticated; it is added to the broker only then."""
         self._server = server
 
     @property
@@ -317,9 +318,9 @@ class _ServerPeer(Peer):
         return self.connection.congested
 
     def deliver(
-        self, outgoing: MessageEncoder, route: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
+        self, outgoing: MessageEncoder, reply_format: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
     ) -> None:
-        self.connection.send(outgoing, route)
+        self.connection.send(outgoing, reply_format)
 
     def _receive(self, operation: Operation) -> None:
         if isinstance(operation, Auth):
@@ -327,19 +328,19 @@ class _ServerPeer(Peer):
         elif self.authenticated:
             self._server.node.broker.handle(self, operation)
         else:
-            self.reject("a token is needed: send it by `auth`, by ?token= or as a bearer")
+            self.reject("a token is required: send it by `auth`, as ?token= or as a bearer token")
 
     def _send_error_status(self, text: str, id: Id | None) -> None:
         self.send_status(StatusLevel.ERROR, text, id)
 
     def reject(self, reason: str) -> None:
-        """Tells why, and closes."""
+        """Sends the reason as a status and closes the connection."""
         self.send_status(StatusLevel.ERROR, reason)
         self.connection.close(reason, CloseCode.POLICY_VIOLATION)
 
 
 class RosbridgeServer:
-    """Serves from `start` to `close`; usable as a context."""
+    """Accepts clients between `start` and `close`; can be used as a context manager."""
 
     def __init__(
         self,
@@ -351,22 +352,22 @@ class RosbridgeServer:
         origins: Collection[str] = (),
         ping_interval_s: float | None = _PING_INTERVAL_S,
     ) -> None:
-        """Nothing is served yet.
+        """Creates the server; `start` opens its socket.
 
         Args:
-            hub: what clients join; its limits hold.
-            host: where to listen; anything but this machine's own needs a token.
-            port: where to listen; 0 takes a free one.
-            token: what clients must know: shown by rosbridge's `auth`, by `?token=`, or as `Authorization: Bearer`.
-            origins: pages that browsers may come from, beside those of this machine.
-            ping_s: so often are clients asked for a sign of life, and so long may they take for it [s]; None for those
-                that may be busy for long, and whose end is noticed otherwise.
+            node: the node that clients are connected to; its limits apply.
+            host: host on which to listen; every host but this machine requires a token.
+            port: port on which to listen; 0 selects a free one.
+            token: token that clients must send: in rosbridge's `auth`, as `?token=`, or as `Authorization: Bearer`.
+            origins: additional origins of web pages; pages of this machine are always allowed.
+            ping_interval_s: time between pings, and timeout for the reply [s]; None disables pings, for clients that
+                may be blocked for long and whose end is detected otherwise.
 
         Raises:
-            AuthenticationError: others could reach it, and there is no token.
+            AuthenticationError: the host is not this machine, and there is no token.
         """
         if not token and not is_loopback(host):
-            cause = "everyone in the network could join; give a token, or serve at 127.0.0.1"
+            cause = "every host but this machine requires a token; give a token, or serve at 127.0.0.1"
             raise AuthenticationError(host, cause=cause)
         self.node = node
         self.host = host
@@ -378,27 +379,27 @@ class RosbridgeServer:
 
     @property
     def url(self) -> str:
-        """What a client on this machine connects to."""
+        """URL for a client on this machine."""
         host = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}.get(self.host, self.host)
         return f"ws://{f'[{host}]' if ':' in host else host}:{self.port}"
 
     @property
     def client_count(self) -> int:
-        """How many are here."""
+        """Number of connected clients."""
         return len(self._clients)
 
     def start(self) -> RosbridgeServer:
-        """Lets clients in from now on.
+        """Starts to accept clients.
 
         Raises:
-            BridgeUnavailableError: the address cannot be had.
+            BridgeUnavailableError: the server cannot listen at this address.
         """
         if self._sockets is None:
             self.node.run(self._serve())
         return self
 
     def close(self) -> None:
-        """Sends everyone away and stops listening; any number of times."""
+        """Disconnects all clients and stops listening; calling it again is harmless."""
         if self._sockets is not None and not self.node.closed:
             self.node.run(self._stop())
         self._sockets = None
@@ -410,21 +411,29 @@ class RosbridgeServer:
         self.close()
 
     def authenticate(self, client: _ServerPeer, auth: Auth) -> None:
-        """A client says who it is."""
+        """Handles the `auth` operation of a client."""
         if not self._auth.needs_token or self._auth.check_auth(auth, time.time()):
             self._accept(client)
         else:
-            client.reject("that is not the token")
+            client.reject("invalid token")
 
     # -- on the loop ---------------------------------------------------------------------------------------------------
 
     async def _serve(self) -> None:
         try:
             self._sockets = await serve(
-                self._handle_connection, self.host, self.port, process_request=self._process_request, compression=None,
-                max_size=_MAX_UNAUTHENTICATED_BYTES, ping_interval=self._ping_interval_s, ping_timeout=self._ping_interval_s, close_timeout=2.0,
-                server_header=None, logger=_handshake_log,
-            )  # fmt: skip
+                self._handle_connection,
+                self.host,
+                self.port,
+                process_request=self._process_request,
+                compression=None,
+                max_size=_MAX_UNAUTHENTICATED_BYTES,
+                ping_interval=self._ping_interval_s,
+                ping_timeout=self._ping_interval_s,
+                close_timeout=2.0,
+                server_header=None,
+                logger=_handshake_log,
+            )
         except (OSError, OverflowError) as error:
             cause = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
             raise BridgeUnavailableError(self.host, self.port, cause=cause) from error
@@ -436,31 +445,31 @@ class RosbridgeServer:
             await self._sockets.wait_closed()
 
     def _process_request(self, socket: ServerConnection, request: Request) -> Response | None:
-        """Answers a handshake that may not go on."""
+        """Returns the response to a handshake that is rejected, else None."""
         headers = request.headers
         if not self._auth.allows_origin(headers.get("Origin"), headers.get("Host")):
-            return socket.respond(HTTPStatus.FORBIDDEN, "pages of that origin may not come in\n")
+            return socket.respond(HTTPStatus.FORBIDDEN, "this origin is not allowed\n")
         bearer = headers.get("Authorization")
         if self._auth.needs_token and self._auth.check_handshake(request.path, bearer) is False:
-            why = "a token is needed" if bearer is not None and not bearer.split()[1:] else "that is not the token"
+            why = "a token is required" if bearer is not None and not bearer.split()[1:] else "invalid token"
             return socket.respond(HTTPStatus.UNAUTHORIZED, f"{why}\n")
         if len(self._clients) >= self.node.limits.connections:
-            return socket.respond(HTTPStatus.SERVICE_UNAVAILABLE, "too many clients are here already\n")
+            return socket.respond(HTTPStatus.SERVICE_UNAVAILABLE, "too many clients\n")
         return None
 
     async def _handle_connection(self, socket: ServerConnection) -> None:
         request = socket.request
         path, bearer = (request.path, request.headers.get("Authorization")) if request else ("", None)
-        trusted = not self._auth.needs_token or self._auth.check_handshake(path, bearer) is True
+        authenticated = not self._auth.needs_token or self._auth.check_handshake(path, bearer) is True
         client = _ServerPeer(socket, self)
         self._clients.add(client)
-        if trusted:
+        if authenticated:
             self._accept(client)
-        late = asyncio.get_running_loop().call_later(self.node.limits.auth_timeout_s, self._disconnect, client)
+        auth_timer = asyncio.get_running_loop().call_later(self.node.limits.auth_timeout_s, self._disconnect, client)
         try:
             await client.connection.run()
         finally:
-            late.cancel()
+            auth_timer.cancel()
             self._clients.discard(client)
             self.node.broker.remove_peer(client)
 
@@ -472,4 +481,4 @@ class RosbridgeServer:
 
     def _disconnect(self, client: _ServerPeer) -> None:
         if not client.authenticated:
-            client.reject("no token was shown in time")
+            client.reject("no token was sent in time")

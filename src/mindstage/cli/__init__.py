@@ -1,4 +1,4 @@
-"""Command line: each verb parses, calls a room, and prints what came of it."""
+"""The `mindstage` command. Each verb parses its options, calls the library and prints the result."""
 
 from mindstage.cli.app import main
 

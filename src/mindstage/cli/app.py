@@ -1,7 +1,6 @@
-"""App: all verbs under one name.
+"""The typer application with all verbs, and its entry point.
 
-Nothing heavy is imported here or at the top of a verb's file: a verb loads the rooms it needs when it runs, so that
-help and completion answer at once.
+Modules of the command line import heavy packages inside functions only, so that help and completion are fast.
 """
 
 from __future__ import annotations
@@ -10,16 +9,16 @@ import gc
 import signal
 import sys
 import traceback
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Annotated, NoReturn
 
 import typer
 
 from mindstage import __version__
 from mindstage.cli.ask import ask, questions, sparql, tell
-from mindstage.cli.maps import analyse, compare, convert, validate
+from mindstage.cli.maps import analyze, compare, convert, validate
 from mindstage.cli.options import ExitCode, command
-from mindstage.cli.place import furnish
+from mindstage.cli.place import place
 from mindstage.cli.prolog import prolog
 from mindstage.cli.serve import serve
 from mindstage.cli.shot import shot
@@ -28,20 +27,20 @@ from mindstage.cli.viewer import demo
 
 __all__ = ["app", "main"]
 
-_COMMANDS = {
+_COMMANDS: dict[str, Callable[..., ExitCode]] = {
     function.__name__: function
     for function in (
         demo,
         spawn,
         shot,
-        analyse,
+        analyze,
         validate,
         compare,
         check,
         log,
         serve,
         convert,
-        furnish,
+        place,
         ask,
         questions,
         prolog,
@@ -49,44 +48,46 @@ _COMMANDS = {
         tell,
     )
 }
+_ALIASES: dict[str, Callable[..., ExitCode]] = {"analyse": analyze, "furnish": place}
+"""Former names of verbs, which are not listed in the help."""
 
 
 def _make_app(commands: Iterable[str]) -> typer.Typer:
-    """The command line with some of its verbs; typer inspects the signature of each, which takes a while."""
+    """The application with some of the verbs; inspecting the signatures of all of them is slow."""
     app = typer.Typer(
         name="mindstage",
-        help="Turns what a robot knows about a place into a place it can act in.",
-        epilog="Exit codes: 0 done, or yes; 1 the world says no, or a difference was found; 2 trouble.",
+        help="Simulates semantic maps of robots, answers questions about them, and writes them back.",
+        epilog="Exit codes: 0 success, or yes; 1 no, a difference, or an incomplete world; 2 error.",
         no_args_is_help=True,
         rich_markup_mode="rich",
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     for name in commands:
-        app.command()(command(_COMMANDS[name]))
+        app.command(name, hidden=name in _ALIASES)(command((_COMMANDS | _ALIASES)[name]))
     app.callback()(_options)
     return app
 
 
 def main() -> None:
-    """Runs the command line and ends the process."""
-    # A verb makes many values that it keeps until it ends: looking for garbage among them again and again finds none.
+    """Runs the command line and exits the process."""
+    # A verb keeps most of its objects until it ends, so that frequent garbage collections find nothing.
     gc.set_threshold(50_000, 20, 50)
     signal.signal(signal.SIGTERM, _on_signal)
     try:
-        wanted = sys.argv[1:2]
-        _make_app(wanted if wanted and wanted[0] in _COMMANDS else _COMMANDS)(prog_name="mindstage")
+        verb = sys.argv[1:2]
+        _make_app(verb if verb and verb[0] in _COMMANDS | _ALIASES else _COMMANDS)(prog_name="mindstage")
     except Exception:
-        # A defect of ours. Python would end with 1, which here means "the world says no".
+        # A bug. Python's own exit code would be 1, which means "no" here.
         traceback.print_exc()
-        print("mindstage: this is a defect in Mindstage, please report it", file=sys.stderr)  # noqa: T201
+        print("mindstage: this is a bug in Mindstage, please report it", file=sys.stderr)  # noqa: T201
         sys.exit(ExitCode.ERROR)
     finally:
-        gc.freeze()  # nor is there anything to find when all of it goes
+        gc.freeze()  # a collection at exit would find nothing either
 
 
 def _on_signal(number: int, _: object) -> NoReturn:
-    """Who is told to end closes what it has opened: browsers, engines, pages."""
+    """Exits on SIGTERM, so that browsers, engines and servers are closed."""
     sys.exit(128 + number)
 
 
@@ -101,8 +102,8 @@ def _options(
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
-    """Options that belong to no verb."""
+    """Options of the command itself."""
 
 
-app = _make_app(_COMMANDS)
-"""The whole command line."""
+app = _make_app([*_COMMANDS, *_ALIASES])
+"""The application with all verbs."""

@@ -1,12 +1,6 @@
-"""`mindstage ask`: one of the declared questions.
+"""The verbs `ask`, `questions`, `sparql` and `tell`, which query and change a knowledge base.
 
-Highlight: a question asked of a world that is spawned for it, and its answers lit up there.
-
-`mindstage list_questions`: what can be asked.
-
-`mindstage sparql`: a query straight on the store.
-
-`mindstage tell`: one more thing that the robot knows, or one less.
+With `--highlight`, `ask` spawns the map and highlights the answers in the simulation.
 """
 
 from __future__ import annotations
@@ -58,7 +52,7 @@ from mindstage.cli.viewer import show_page
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine
-    from mindstage.knowledge import KnowledgeBase, RdfTerm, SparqlEndpoint
+    from mindstage.knowledge import KnowledgeBase, RdfTerm
     from mindstage.knowledge.queries import Answers, Question
     from mindstage.scene import Color
     from mindstage.simulation import HighlightResult
@@ -71,18 +65,18 @@ PrintAnswers = Callable[["Answers[Any]", dict[str, object]], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HighlightRun:
-    """How answers are shown."""
+    """Options for asking a question about a spawned map and highlighting its answers."""
 
     color: Color | None
-    """None lights nothing."""
+    """None for no highlight."""
     engine: Engine
-    """Who runs the world; closed in the end."""
+    """The engine; closed at the end."""
     port: int | None
-    """Where the page is served; None for no page."""
+    """The port of the page; None for no page."""
     duration_s: float | None
-    """How long the world lives [s]."""
+    """Duration of the simulation [s]; None for no limit, or for none without a page."""
     quiet: bool
-    """Whether nothing but the answers is printed."""
+    """Whether to print the answers only."""
 
     def ask(
         self,
@@ -93,30 +87,31 @@ class HighlightRun:
         map_name: str | None,
         print_answers: PrintAnswers,
     ) -> Answers[Any]:
-        """Spawns a map, asks, lights the answers up, and shows them; without any there is nothing to show.
+        """Spawns a map, asks the question, highlights the answers and, if there are any, serves the page.
 
         Args:
-            knowledge: what is known.
-            question: what is asked.
-            args: what it is asked about, as typed.
-            map_name: which map is spawned; by default the one that the question is asked about, or the only one.
-            tell: prints the answers, and for programs what there is to add.
+            knowledge: the knowledge base.
+            question: the question.
+            args: its arguments, as text.
+            map_name: the map to spawn; by default the one among the arguments, or the only one.
+            print_answers: prints the answers, and with `--json` the given further fields.
         """
-        with simulation_from_options(knowledge, self.engine) as stage:
+        with simulation_from_options(knowledge, self.engine) as simulation:
             with progress_spinner("spawning"):
-                report = stage.spawn(map_name or _map_of_question(knowledge, question, args))
-                answers = stage.ask(question, **args)
-                shown = stage.highlight(answers, self.color)
+                report = simulation.spawn(map_name or _map_of_question(knowledge, question, args))
+                answers = simulation.ask(question, **args)
+                result = simulation.highlight(answers, self.color)
             print_failures(report)
-            for dark in () if self.quiet else shown.unhighlighted:
-                warn(f"not lit: {dark.id}: {dark.reason}")
-            more = {"engine": stage.engine_name, "spawn": report_json(report)} | _highlight_json(shown, self.color)
+            for item in () if self.quiet else result.unhighlighted:
+                warn(f"not highlighted: {item.id}: {item.reason}")
+            fields: dict[str, object] = {"engine": simulation.engine_name, "spawn": report_json(report)}
+            fields |= _highlight_json(result, self.color)
             if answers and self.port is not None:
-                announce = partial(self._announce, print_answers, answers, shown, more)
-                show_page(stage, port=self.port, duration_s=self.duration_s, announce=announce, quiet=self.quiet)
+                announce = partial(self._announce, print_answers, answers, result, fields)
+                show_page(simulation, port=self.port, duration_s=self.duration_s, announce=announce, quiet=self.quiet)
             else:
-                step_with_progress(stage, self.duration_s or 0.0)
-                print_answers(answers, more)
+                step_with_progress(simulation, self.duration_s or 0.0)
+                print_answers(answers, fields)
         return answers
 
     def _announce(
@@ -124,20 +119,20 @@ class HighlightRun:
         print_answers: PrintAnswers,
         answers: Answers[Any],
         result: HighlightResult,
-        more: dict[str, object],
+        fields: dict[str, object],
         url: str,
     ) -> None:
-        print_answers(answers, more | {"url": url})  # now: whoever reads it wants to look while the world lives
+        print_answers(answers, fields | {"url": url})  # before the simulation ends, since the URL is valid until then
         if not self.quiet:
-            print_line(f"{0 if self.color is None else len(result.highlighted)} lit at {url}")
+            print_line(f"{0 if self.color is None else len(result.highlighted)} highlighted at {url}")
 
 
 def _map_of_question(knowledge: KnowledgeBase, question: Question[Any], args: Mapping[str, str]) -> str | None:
-    """The map that a question is asked about, if it is."""
+    """The map among the arguments of a question, if there is one."""
     from mindstage.knowledge.names import EntityType
 
-    about_maps = [argument.name for argument in question.arguments if argument.value_type is EntityType.MAP]
-    return next((knowledge.names.find(args[name], EntityType.MAP) for name in about_maps if name in args), None)
+    map_arguments = [argument.name for argument in question.arguments if argument.value_type is EntityType.MAP]
+    return next((knowledge.names.find(args[name], EntityType.MAP) for name in map_arguments if name in args), None)
 
 
 def _highlight_json(result: HighlightResult, color: Color | None) -> dict[str, object]:
@@ -153,10 +148,10 @@ def _highlight_json(result: HighlightResult, color: Color | None) -> dict[str, o
 
 
 def questions(*, as_json: AsJson = False) -> ExitCode:
-    """List the questions that `mindstage ask` knows."""
-    from mindstage.knowledge import queries as declared
+    """List the questions of `mindstage ask`."""
+    from mindstage.knowledge.queries import list_questions
 
-    every = declared.list_questions()
+    listed = list_questions()
     if as_json:
         print_json(
             [
@@ -166,27 +161,34 @@ def questions(*, as_json: AsJson = False) -> ExitCode:
                     "text": each.text,
                     "examples": list(each.examples),
                 }
-                for each in every
+                for each in listed
             ]
         )
     else:
         rows = [
             (each.name, " ".join(argument.name for argument in each.arguments), each.text.splitlines()[0])
-            for each in every
+            for each in listed
         ]
-        print_table("", ("question", "arguments", "asks"), rows)
+        print_table("", ("question", "arguments", "description"), rows)
     return ExitCode.OK
 
 
 def sparql(
-    query: Annotated[str, typer.Argument(metavar="QUERY", help="SPARQL 1.1; knowrob: is known.", show_default=False)],
+    query: Annotated[
+        str,
+        typer.Argument(
+            metavar="QUERY", help="SPARQL 1.1; common prefixes such as knowrob: are declared.", show_default=False
+        ),
+    ],
     *,
     maps: MapOptions = None,
     timeout_s: Annotated[
         float,
-        typer.Option("--timeout", metavar="SECONDS", min=0.0, callback=finite, help="When it is stopped."),
+        typer.Option("--timeout", metavar="SECONDS", min=0.0, callback=finite, help="The timeout."),
     ] = 30.0,
-    allow_service: Annotated[bool, typer.Option("--allow-service", help="Let it ask other servers (SERVICE).")] = False,
+    allow_service: Annotated[
+        bool, typer.Option("--allow-service", help="Permit SERVICE, which queries other servers.")
+    ] = False,
     store: StoreFolder = None,
     endpoint: EndpointUrl = None,
     ontologies: Ontologies = None,
@@ -194,14 +196,14 @@ def sparql(
     closure: Closure = False,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Put a SPARQL query to everything that was loaded, or to an endpoint. No result, or ASK's no, ends with 1."""
+    """Run a SPARQL query on the loaded sources, or on an endpoint; exit 1 for no result, or for the answer no."""
     import msgspec
 
     from mindstage.errors import InvalidArgumentError
 
     if closure and endpoint:
-        cause = "an endpoint answers by itself, and hears nothing of what is derived here"
-        raise InvalidArgumentError("--closure", cause=cause, remedy="leave it out, or ask one of the questions")
+        cause = "an endpoint does not contain the statements that are derived here"
+        raise InvalidArgumentError("--closure", cause=cause, remedy="omit it, or ask one of the questions")
     with progress_spinner("querying"):
         knowledge = knowledge_base(
             maps or [], ontologies=ontologies, bundled=bundled, store=store, endpoint=endpoint, closure=closure
@@ -213,8 +215,8 @@ def sparql(
             {name: msgspec.to_builtins(term) for name, term in zip(table.columns, row, strict=True) if term is not None}
             for row in table.rows
         ]
-        told = {"columns": table.columns, "rows": solutions, "truth": table.boolean}
-        print_json(told | {"findings": findings_json(findings)})
+        output = {"columns": table.columns, "rows": solutions, "truth": table.boolean}
+        print_json(output | {"findings": findings_json(findings)})
     else:
         print_findings(findings)
         if table.boolean is not None:
@@ -232,15 +234,17 @@ def _term_text(term: RdfTerm | None) -> str | None:
 
 def tell(
     subject: Annotated[str, typer.Argument(metavar="SUBJECT", help="A class or an individual.", show_default=False)],
-    property: Annotated[str, typer.Argument(metavar="PROPERTY", help="Such as subClassOf.", show_default=False)],
+    property: Annotated[
+        str, typer.Argument(metavar="PROPERTY", help="A property, such as subClassOf.", show_default=False)
+    ],
     value: Annotated[
         str,
         typer.Argument(
-            metavar="VALUE", help="A name, a number, true or false, or a text ('\"5\"' is one).", show_default=False
+            metavar="VALUE", help="A name, a number, true, false, or a string (such as '\"5\"').", show_default=False
         ),
     ],
     *,
-    retract: Annotated[bool, typer.Option("--retract", help="Take it back instead.")] = False,
+    retract: Annotated[bool, typer.Option("--retract", help="Retract the statement instead.")] = False,
     store: StoreFolder = None,
     endpoint: EndpointUrl = None,
     update_endpoint: Annotated[
@@ -248,14 +252,18 @@ def tell(
         typer.Option(
             "--update-endpoint",
             metavar="URL",
-            help="Where the server takes changes, if not beside /query or /sparql as /update.",
+            help="The URL for updates, if it is not /update beside /query or /sparql.",
             show_default=False,
         ),
     ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", metavar="FILE.ttl", help="A file to be loaded with --ontology.", show_default=False
+            "--output",
+            "-o",
+            metavar="FILE.ttl",
+            help="A Turtle file, which is loaded with --ontology.",
+            show_default=False,
         ),
     ] = None,
     maps: MapOptions = None,
@@ -263,82 +271,81 @@ def tell(
     bundled: Bundled = True,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Tell the robot something that stays known: in a store, at an endpoint, or in a file.
+    """Assert or retract a statement, in a store, at an endpoint, or in a file.
 
-    Of a class it means all its members. A name that nobody knows yet takes a prefix, and becomes a class by subClassOf
-    and an individual by type: mindstage tell ms:MilkRack subClassOf Refrigerator -o told.ttl
+    About a class it applies to all its instances. A new name needs a prefix; it becomes a class by subClassOf, and an
+    individual by type: mindstage tell ms:MilkRack subClassOf Refrigerator -o told.ttl
     """
-    from mindstage.knowledge import AssertionFile
+    from mindstage.knowledge import AssertionFile, SparqlEndpoint
     from mindstage.knowledge.tell import parse_value
 
-    where = _store_target(store, endpoint, output)
-    with progress_spinner("telling"):
-        at = _endpoint(endpoint, update_endpoint)
-        knowledge = knowledge_base(maps or [], ontologies=ontologies, bundled=bundled, store=store, endpoint=at)
-        told = AssertionFile(output, knowledge) if output else knowledge
-        done = (told.retract if retract else told.tell)(subject, property, parse_value(value))
+    target_name = _target_name(store, endpoint, output)
+    with progress_spinner("asserting"):
+        sparql_endpoint = None if endpoint is None else SparqlEndpoint(endpoint, update_url=update_endpoint)
+        knowledge = knowledge_base(
+            maps or [], ontologies=ontologies, bundled=bundled, store=store, endpoint=sparql_endpoint
+        )
+        target = AssertionFile(output, knowledge) if output else knowledge
+        done = (target.retract if retract else target.tell)(subject, property, parse_value(value))
     findings = knowledge.findings()
     if as_json:
         statement = {"subject": subject, "property": property, "value": value}
-        print_json({"done": done, "statement": statement, "where": where, "findings": findings_json(findings)})
+        print_json({"done": done, "statement": statement, "where": target_name, "findings": findings_json(findings)})
     else:
         print_findings(findings)
-        print_line(_result_text(f"{subject} {property} {value}", where, retract=retract, done=done))
+        print_line(_result_text(f"{subject} {property} {value}", target_name, retract=retract, done=done))
     return ExitCode.OK if done or not retract else ExitCode.NEGATIVE
 
 
-def _store_target(store: Path | None, endpoint: str | None, output: Path | None) -> str:
-    """Where it is to stay.
+def _target_name(store: Path | None, endpoint: str | None, output: Path | None) -> str:
+    """The store, endpoint or file of an assertion.
 
     Raises:
-        InvalidArgumentError: nowhere, or in several places.
+        InvalidArgumentError: none of them is given, or several.
     """
     from mindstage.errors import InvalidArgumentError
 
-    places = [str(place) for place in (store, endpoint, output) if place is not None]
-    if len(places) == 1:
-        return places[0]
-    cause = "it would be forgotten at once" if not places else "it can stay in one place at a time"
+    targets = [str(target) for target in (store, endpoint, output) if target is not None]
+    if len(targets) == 1:
+        return targets[0]
+    cause = "the statement would not be stored" if not targets else "a statement is stored in one target"
     raise InvalidArgumentError("tell", cause=cause, remedy="give one of --store DIR, --endpoint URL and -o FILE.ttl")
-
-
-def _endpoint(url: str | None, update_url: str | None) -> SparqlEndpoint | None:
-    from mindstage.knowledge import SparqlEndpoint
-
-    return None if url is None else SparqlEndpoint(url, update_url=update_url)
 
 
 def _result_text(statement: str, target: str, *, retract: bool, done: bool) -> str:
     if retract:
-        return f"taken back: {statement}" if done else f"nobody says in {target}: {statement}"
-    return f"told: {statement}" if done else f"known already: {statement}"
+        return f"retracted: {statement}" if done else f"not asserted in {target}: {statement}"
+    return f"asserted: {statement}" if done else f"already asserted: {statement}"
 
 
 _UNBOUND_ARGUMENT = "_"
-"""Leaves an argument out that others follow."""
+"""The text of an omitted positional argument."""
 
 QuestionName = Annotated[
-    str, typer.Argument(metavar="QUESTION", help="Which one; `mindstage questions` lists them.", show_default=False)
+    str,
+    typer.Argument(
+        metavar="QUESTION", help="The name of a question; `mindstage questions` lists them.", show_default=False
+    ),
 ]
 
 Arguments = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="[ARGS]…",
-        help="Names in the question's order (_ leaves one out), or NAME=VALUE. What is left out is asked for.",
+        help="Arguments in the order of the question (_ omits one), or NAME=VALUE. Omitted ones are answered.",
         show_default=False,
     ),
 ]
 
-Why = Annotated[bool, typer.Option("--why", help="Show what led to each answer.")]
+Why = Annotated[bool, typer.Option("--why", help="Explain each answer.")]
 
 ColorOption = Annotated[
     str | None,
     typer.Option(
         "--highlight",
-        metavar="COLOUR",
-        help="Spawn the map and light the answers up there: black, red, blue, green, yellow, none, #rrggbb or "
-        "r,g,b from 0 to 1. The options below are for that.",
+        metavar="COLOR",
+        help="Spawn the map and highlight the answers: black, red, blue, green, yellow, none, #rrggbb or "
+        "r,g,b from 0 to 1. The options below require it.",
         show_default=False,
     ),
 ]
@@ -365,28 +372,28 @@ def ask(
     seconds: Seconds = None,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Ask what the robot knows. Without an answer, say what is missing, and end with 1.
+    """Ask a question; without an answer, print what is missing, and exit 1.
 
-    With --highlight it is asked of the running world: where things are then, and what is open.
+    With --highlight the question is asked about the state of the simulation.
     """
     from mindstage.knowledge.queries import get_question
     from mindstage.scene.colors import parse_color
 
-    # First, so that a mistyped word is told before a long map is read.
-    asked = get_question(question)
-    named = named_args(asked, args or [])
+    # Before the map is read, so that a wrong name fails at once.
+    resolved = get_question(question)
+    named = named_args(resolved, args or [])
     if highlight is None:
         _require_highlight(context)
-        show = None
+        run = None
     else:
-        show = HighlightRun(
+        run = HighlightRun(
             color=parse_color(highlight),
             engine=make_engine(engine),
             port=port if with_viewport else None,
             duration_s=seconds,
             quiet=as_json,
         )
-    with progress_spinner("thinking"):
+    with progress_spinner("loading"):
         knowledge = knowledge_base(
             maps or [],
             ontologies=ontologies,
@@ -396,31 +403,31 @@ def ask(
             endpoint=endpoint,
             closure=closure,
         )
-    tell = partial(_print_result, knowledge, why=why, as_json=as_json)
-    if show is None:
-        answers = knowledge.ask(asked, **named)
-        tell(answers, {})
+    print_answers = partial(_print_result, knowledge, why=why, as_json=as_json)
+    if run is None:
+        answers = knowledge.ask(resolved, **named)
+        print_answers(answers, {})
     else:
-        answers = show.ask(knowledge, asked, named, map_name=map_name, print_answers=tell)
+        answers = run.ask(knowledge, resolved, named, map_name=map_name, print_answers=print_answers)
     return ExitCode.OK if answers else ExitCode.NEGATIVE
 
 
 def _print_result(
-    knowledge: KnowledgeBase, answers: Answers[Any], more: dict[str, object], *, why: bool, as_json: bool
+    knowledge: KnowledgeBase, answers: Answers[Any], fields: dict[str, object], *, why: bool, as_json: bool
 ) -> None:
     from mindstage.knowledge.queries import answers_to_builtins
 
     findings = knowledge.findings()
     if as_json:
-        told = answers_to_builtins(knowledge, answers, explain=why) | more
-        print_json(told | {"assumptions": assumptions_json(knowledge), "findings": findings_json(findings)})
+        output = answers_to_builtins(knowledge, answers, explain=why) | fields
+        print_json(output | {"assumptions": assumptions_json(knowledge), "findings": findings_json(findings)})
     else:
         print_findings(findings)
         _print_answers(knowledge, answers, why=why)
 
 
 def _require_highlight(context: typer.Context) -> None:
-    """Refuses what says how answers are shown where none are.
+    """Rejects options that require `--highlight`.
 
     Raises:
         InvalidArgumentError: there is such an option.
@@ -430,28 +437,28 @@ def _require_highlight(context: typer.Context) -> None:
     options = {"map_name": "--map-name", "engine": "--engine", "with_viewport": "--no-viewport"}
     options |= {"port": "--port", "seconds": "--for"}
     for option in options_given(context, options):
-        raise InvalidArgumentError(option, cause="it says how answers are shown", remedy="give --highlight COLOUR too")
+        raise InvalidArgumentError(option, cause="it requires --highlight", remedy="give --highlight COLOR too")
 
 
 def named_args(question: Question[Any], args: list[str]) -> dict[str, str]:
-    """What was typed, by the question's names for it.
+    """The arguments from the command line, by name.
 
     Raises:
-        InvalidArgumentError: there is more than the question takes, or one of it twice.
+        InvalidArgumentError: there are too many arguments, or one is given twice.
     """
     from mindstage.errors import InvalidArgumentError
 
     names = [argument.name for argument in question.arguments]
     takes = f"it takes {', '.join(names)}"
-    places = iter(names)
+    positions = iter(names)
     named: dict[str, str] = {}
     for arg in args:
         name, equals, value = arg.partition("=")
         if not equals or not name.isidentifier():
-            place = next(places, None)
-            if place is None:
+            position = next(positions, None)
+            if position is None:
                 raise InvalidArgumentError(question.name, cause=f"{arg!r} is one argument too many", remedy=takes)
-            name, value = place, arg
+            name, value = position, arg
         if name in named:
             raise InvalidArgumentError(question.name, cause=f"{name} is given twice", remedy=takes)
         named[name] = value
@@ -459,8 +466,8 @@ def named_args(question: Question[Any], args: list[str]) -> dict[str, str]:
 
 
 def _print_answers(knowledge: KnowledgeBase, answers: Answers[Any], *, why: bool) -> None:
-    for lack in answers.missing:
-        print_line(f"missing: {lack.reason}")
+    for missing in answers.missing:
+        print_line(f"missing: {missing.reason}")
     if not answers and not answers.missing:
         print_line("no answer")
     if not answers:
@@ -476,7 +483,7 @@ def _print_answers(knowledge: KnowledgeBase, answers: Answers[Any], *, why: bool
 
 
 def _table_cells(knowledge: KnowledgeBase, answers: Answers[Any]) -> tuple[list[str], list[list[Cell]]]:
-    """The answers as they are printed, and the class of what was asked for: many individuals are called by a number."""
+    """The columns and rows of a table of answers, with the class of the subjects, since many names are numbers."""
     from mindstage.knowledge.names import EntityType
     from mindstage.knowledge.queries import cell_text, subject_column
 

@@ -1,11 +1,4 @@
-"""`mindstage convert_source_map`: the same place in another dialect, or as a file for other programs.
-
-`mindstage map_statistics`: what a map holds, in numbers.
-
-`mindstage compare`: everything in which two maps differ.
-
-`mindstage validate`: everything odd about maps, and what was done about it.
-"""
+"""The verbs `analyze`, `compare`, `validate` and `convert`, which read maps without an engine."""
 
 from __future__ import annotations
 
@@ -56,13 +49,13 @@ if TYPE_CHECKING:
     from mindstage.knowledge import Finding, KnowledgeBase
     from mindstage.scene import World
 
-__all__ = ["analyse", "compare", "convert", "validate"]
+__all__ = ["analyze", "compare", "convert", "validate"]
 
 
 _COUNT_NAMES = ("classes", "individuals", "objects", "constraints", "relations")
 
 
-def analyse(
+def analyze(
     maps: MapArguments,
     *,
     map_name: MapName = None,
@@ -71,21 +64,21 @@ def analyse(
     robots: Robots = None,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Count what a map holds: classes, individuals, objects, constraints and relations."""
+    """Count the classes, individuals, objects, constraints and relations of maps."""
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled, robots=robots)
-        # Without any map, asking for the only one gives the error that says so.
-        wanted: list[str | None] = [map_name] if map_name else [*knowledge.maps()] or [None]
-        analyses = [knowledge.map_statistics(name) for name in wanted]
+        # Without maps, requesting the only one (None) raises the appropriate error.
+        names: list[str | None] = [map_name] if map_name else [*knowledge.maps()] or [None]
+        analyses = [knowledge.map_statistics(name) for name in names]
     findings = knowledge.findings()
     if as_json:
-        told = [
+        output = [
             {"map": analysis.map}
             | {count: getattr(analysis, count) for count in _COUNT_NAMES}
             | {"assumptions": assumptions_json(knowledge), "findings": findings_json(findings)}
             for analysis in analyses
         ]
-        print_json(told[0] if len(told) == 1 else told)
+        print_json(output[0] if len(output) == 1 else output)
     else:
         print_findings(findings)
         rows = [(analysis.map, *(getattr(analysis, count) for count in _COUNT_NAMES)) for analysis in analyses]
@@ -95,7 +88,7 @@ def analyse(
 
 def compare(
     a: Annotated[str, typer.Argument(metavar="A", help="A semantic map.", show_default=False)],
-    b: Annotated[str, typer.Argument(metavar="B", help="The map to hold against it.", show_default=False)],
+    b: Annotated[str, typer.Argument(metavar="B", help="The map to compare it with.", show_default=False)],
     *,
     map_name: MapName = None,
     ontologies: Ontologies = None,
@@ -103,7 +96,7 @@ def compare(
     delta: Delta = 0.0,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Compare two maps in everything they say; exit 0 if identical, 1 if different, 2 on trouble."""
+    """Compare two maps completely; exit 0 if they are identical, 1 if they differ, 2 on an error."""
     from mindstage.scene import diff
 
     def read(path: str) -> tuple[World, KnowledgeBase]:
@@ -138,15 +131,15 @@ def validate(
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Read maps and list what is odd about them; exit 0 if nothing is, 1 if something, 2 if they cannot be read."""
+    """Read maps and list the findings; exit 0 if there are none, 1 if there are any, 2 if a map cannot be read."""
     with progress_spinner("reading"):
-        numbers = ConventionOptions(units, frame, quaternion)
-        knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled, robots=robots, conventions=numbers)
-        # Without any map, asking for the only one gives the error that says so.
-        wanted: list[str | None] = [map_name] if map_name else [*knowledge.maps()] or [None]
-        worlds = [knowledge.world(name) for name in wanted]
-        told = dict.fromkeys(finding for world in worlds for finding in findings_about(world, knowledge, strict=strict))
-    findings = tuple(told)
+        options = ConventionOptions(units, frame, quaternion)
+        knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled, robots=robots, conventions=options)
+        # Without maps, requesting the only one (None) raises the appropriate error.
+        names: list[str | None] = [map_name] if map_name else [*knowledge.maps()] or [None]
+        worlds = [knowledge.world(name) for name in names]
+        found = (finding for world in worlds for finding in findings_about(world, knowledge, strict=strict))
+        findings = tuple(dict.fromkeys(found))
     if as_json:
         read = [{"map": world.iri} | _counts(world) | import_summary(world, knowledge) for world in worlds]
         severities = Counter(finding.severity.value for finding in findings)
@@ -155,12 +148,10 @@ def validate(
     else:
         print_findings(findings, all=verbose)
         for world in worlds:
-            print_table(world.name, ("", "in the world"), list(_counts(world).items()))
+            print_table(world.name, ("", "count"), list(_counts(world).items()))
             print_import_summary(world, knowledge, verbose=True)
         _print_finding_counts(findings)
-        print_line(
-            f"{len(findings)} finding{'' if len(findings) == 1 else 's'}." if findings else "Nothing odd was found."
-        )
+        print_line(f"{len(findings)} finding{'' if len(findings) == 1 else 's'}." if findings else "No findings.")
     return ExitCode.NEGATIVE if findings else ExitCode.OK
 
 
@@ -177,7 +168,7 @@ def _print_finding_counts(findings: Sequence[Finding]) -> None:
     kinds = Counter((finding.severity.value, finding.property.rpartition("#")[2]) for finding in findings)
     if kinds:
         rows = [(severity, about or "-", number) for (severity, about), number in sorted(kinds.items())]
-        print_table("What is odd", ("severity", "about", "findings"), rows)
+        print_table("Findings", ("severity", "about", "count"), rows)
 
 
 def convert(
@@ -186,8 +177,8 @@ def convert(
         Path,
         typer.Argument(
             metavar="OUT",
-            help="Where to. The suffix says how: .owl or .rdf (RDF/XML), .ttl (Turtle), .mjcf or .xml (MuJoCo), "
-            ".glb (glTF), .tscn (a scene of Godot's, which has to be installed).",
+            help="The file to write. The suffix determines the format: .owl or .rdf (RDF/XML), .ttl (Turtle), .mjcf or "
+            ".xml (MuJoCo), .glb (glTF), .tscn (Godot scene; Godot must be installed).",
             show_default=False,
         ),
     ],
@@ -196,14 +187,14 @@ def convert(
         FileDialect | None,
         typer.Option(
             "--dialect",
-            help="In whose words a map is written: those of the map itself, those that it was converted from, "
-            "SemLog's (2019), or SOMA's (KnowRob 2).",
+            help="The vocabulary of a map: that of the source, that of the map it was converted from, SemLog (2019), "
+            "or SOMA (KnowRob 2).",
             show_default="same",
         ),
     ] = None,
     format: Annotated[
         FileFormat | None,
-        typer.Option("--format", help="How it is written, whatever the suffix of OUT.", show_default=False),
+        typer.Option("--format", help="The format, regardless of the suffix of OUT.", show_default=False),
     ] = None,
     map_name: MapName = None,
     ontologies: Ontologies = None,
@@ -217,7 +208,7 @@ def convert(
     plain_boxes: PlainBoxes = False,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Read a map and write it again: nothing is lost between dialects, and what another format cannot hold is said."""
+    """Convert a map to another dialect, without loss, or to another format, with notes on what it cannot express."""
     kind, chosen = file_format(out, format, dialect=dialect), dialect or FileDialect.SAME
     with progress_spinner("converting"):
         knowledge = knowledge_base(
@@ -229,40 +220,27 @@ def convert(
         )
         world = knowledge.world(map_name)
         findings = findings_about(world, knowledge, strict=strict)
-        notes = _save(world, knowledge, out, kind, chosen, assets=assets, plain_boxes=plain_boxes)
-    words = dialect_name(world, knowledge, kind, chosen)
+        notes = save_world(
+            world,
+            out,
+            knowledge=knowledge,
+            format=kind,
+            dialect=chosen if kind.is_map else None,
+            assets=() if kind.is_map else asset_folders(assets),
+            plain_shapes=plain_boxes,
+            godot=godot_program(),
+        )
+    dialect_written = dialect_name(world, knowledge, kind, chosen)
     if as_json:
-        told = {"map": world.iri, "out": str(out), "bodies": len(world.bodies), "constraints": len(world.joints)}
-        told |= {"format": kind.value, "dialect": words, "notes": list(notes)}
-        print_json(told | {"findings": findings_json(findings)} | import_summary(world, knowledge))
+        output = {"map": world.iri, "out": str(out), "bodies": len(world.bodies), "constraints": len(world.joints)}
+        output |= {"format": kind.value, "dialect": dialect_written, "notes": list(notes)}
+        print_json(output | {"findings": findings_json(findings)} | import_summary(world, knowledge))
     else:
         print_findings(findings)
         for note in notes:
             warn(note)
         print_import_summary(world, knowledge)
-        how = kind.value if words is None else f"{kind.value}, {words}"
-        counted = f"{len(world.bodies)} bodies, {len(world.joints)} constraints"
-        print_line(f"{world.name or world.iri}: {counted} → {out} ({how})")
+        name = kind.value if dialect_written is None else f"{kind.value}, {dialect_written}"
+        counts = f"{len(world.bodies)} bodies, {len(world.joints)} joints"
+        print_line(f"{world.name or world.iri}: {counts} → {out} ({name})")
     return ExitCode.OK
-
-
-def _save(
-    world: World,
-    knowledge: KnowledgeBase,
-    out: Path,
-    format: FileFormat,
-    dialect: FileDialect,
-    *,
-    assets: list[Path] | None,
-    plain_boxes: bool,
-) -> tuple[str, ...]:
-    return save_world(
-        world,
-        out,
-        knowledge=knowledge,
-        format=format,
-        dialect=dialect if format.is_map else None,
-        assets=() if format.is_map else asset_folders(assets),
-        plain_shapes=plain_boxes,
-        godot=godot_program(),
-    )

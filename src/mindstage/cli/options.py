@@ -1,11 +1,7 @@
-"""Options: what several verbs share, each said once.
+"""Options that several verbs share, and the exit codes of all verbs.
 
-Numbers: what was typed about how maps mean theirs, sorted by map.
-
-Outcome: how a verb ends, told to the shell.
-
-The three ends of every call are never mixed: done or yes (0), the world says no (1), trouble that lies outside of it
-(2). Whatever Mindstage raises becomes one line on stderr and, with `--json`, an object on stdout.
+A verb exits with 0 for success or yes, 1 for no or an incomplete world, and 2 for an error. An error of Mindstage is
+one line on stderr and, with `--json`, also an object on stdout.
 """
 
 from __future__ import annotations
@@ -69,17 +65,17 @@ __all__ = [
 
 
 class ConventionOptions(NamedTuple):
-    """The options `--units`, `--frame` and `--guess_quaternion_order`, each as often as it was given."""
+    """The values of the options `--units`, `--frame` and `--quaternion`."""
 
     units: Sequence[str] | None = None
     frame: Sequence[str] | None = None
     quaternion: Sequence[str] | None = None
 
     def by_map(self, maps: Sequence[str]) -> list[UnitConventions]:
-        """For each map, what was said of it; what was said of all maps counts where nothing was said of the one.
+        """The conventions of each map; a value for one map overrides a value for all maps.
 
         Raises:
-            InvalidArgumentError: there are no such units, or no such map.
+            InvalidArgumentError: a value is invalid, or refers to a map that is not loaded.
         """
         from mindstage.knowledge import Handedness, LengthUnit, QuaternionOrder, UnitConventions
 
@@ -101,11 +97,11 @@ def _by_map(option: str, values: Sequence[str] | None, maps: Sequence[str], kind
     choices = {str(choice.value): choice for choice in kind}
     known = {name: at for at, map in enumerate(maps) for name in (map, Path(map).name, Path(map).stem)}
     found: list[Enum | None] = [None] * len(maps)
-    for text in sorted(values or (), key=lambda text: "=" in text):  # what is said of one map comes after, and counts
+    for text in sorted(values or (), key=lambda text: "=" in text):  # values for one map override
         map, equals, value = text.rpartition("=")
         if value.lower() not in choices:
             raise InvalidArgumentError(
-                f"{option} {text}", cause=f"{value!r} is none of them", remedy=f"use {_choices(choices)}"
+                f"{option} {text}", cause=f"{value!r} is not a valid value", remedy=f"use {_choices(choices)}"
             )
         if equals and map not in known:
             raise InvalidArgumentError(
@@ -122,65 +118,65 @@ def _choices(names: Iterable[str]) -> str:
 
 P = ParamSpec("P")
 
-_CLOSE_CALLBACKS: ContextVar[ExitStack | None] = ContextVar("_ENDS", default=None)
-"""What the verb that is running must let go of."""
+_CLOSE_CALLBACKS: ContextVar[ExitStack | None] = ContextVar("_CLOSE_CALLBACKS", default=None)
+"""The callbacks that close the resources of the running verb."""
 
 
 class ExitCode(IntEnum):
-    """The exit codes."""
+    """The exit codes of all verbs."""
 
     OK = 0
-    """It worked; where the verb asks something, the answer is yes."""
+    """Success; of a question, the answer is yes."""
     NEGATIVE = 1
-    """It worked, and the answer is no: maps differ, or something could not be spawned."""
+    """The answer is no, maps differ, or something could not be spawned."""
     ERROR = 2
-    """It did not work: a file, an engine, the command line itself."""
+    """An error of a file, an engine or the command line."""
     INTERRUPTED = 130
     """Ctrl-C."""
     PIPE_CLOSED = 141
-    """Whoever read the output had enough."""
+    """The reader of the output closed the pipe."""
 
 
 def exit_code(error: MindstageError) -> ExitCode:
-    """How an error ends the process."""
+    """The exit code of an error."""
     return ExitCode.NEGATIVE if isinstance(error, WorldError) else ExitCode.ERROR
 
 
 def close_at_end(close: Callable[[], None]) -> None:
-    """Has something closed when the verb ends, however it does."""
-    if ends := _CLOSE_CALLBACKS.get():
-        ends.callback(close)
+    """Registers a callback that runs when the verb ends, normally or by an error."""
+    if callbacks := _CLOSE_CALLBACKS.get():
+        callbacks.callback(close)
 
 
 def command(function: Callable[P, ExitCode]) -> Callable[P, None]:
-    """Makes a function a verb: what it returns or raises becomes the process's end.
+    """Makes a function a verb: its result or error becomes the exit code.
 
     Args:
-        function: its parameter `as_json`, if it has one, decides how errors are told.
+        function: its parameter `as_json`, if it has one, determines whether errors are printed as JSON too.
     """
 
     @wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         as_json = bool(kwargs.get("as_json"))
         try:
-            with ExitStack() as ends:
-                _CLOSE_CALLBACKS.set(ends)
-                outcome = function(*args, **kwargs)
-            sys.stdout.flush()  # a closed pipe shall show here, not while Python shuts down
+            with ExitStack() as callbacks:
+                _CLOSE_CALLBACKS.set(callbacks)
+                code = function(*args, **kwargs)
+            sys.stdout.flush()  # raises BrokenPipeError here instead of at exit
         except MindstageError as error:
-            outcome = exit_code(error)
+            code = exit_code(error)
             _print_error(error, _error_text(error), as_json=as_json)
         except BrokenPipeError:
-            outcome = ExitCode.PIPE_CLOSED
+            code = ExitCode.PIPE_CLOSED
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         except OSError as error:
-            outcome = ExitCode.ERROR
+            code = ExitCode.ERROR
             _print_error(
                 error, f"{error.filename}: {error.strerror}" if error.filename else str(error), as_json=as_json
             )
         except KeyboardInterrupt:
-            outcome = ExitCode.INTERRUPTED
-        raise typer.Exit(outcome)
+            code = ExitCode.INTERRUPTED
+        raise typer.Exit(code)
 
     return run
 
@@ -197,14 +193,14 @@ def _print_error(error: Exception, message: str, *, as_json: bool) -> None:
 
 
 def finite(value: float | None) -> float | None:
-    """Refuses the numbers that are none; typer's own bounds let them pass."""
+    """Rejects NaN and infinity, which the bounds of typer accept."""
     if value is not None and not math.isfinite(value):
-        raise typer.BadParameter(f"{value} is no finite number")
+        raise typer.BadParameter(f"{value} is not a finite number")
     return value
 
 
 def options_given(context: typer.Context, options: Mapping[str, str]) -> Iterator[str]:
-    """Those of some options, by parameter, that stand on the command line, whatever their defaults are."""
+    """Those of the options, given by parameter name, that appear on the command line."""
     for name, option in options.items():
         source = context.get_parameter_source(name)
         if source is not None and source.name == "COMMANDLINE":
@@ -227,7 +223,7 @@ MapOptions = Annotated[
 
 MapName = Annotated[
     str | None,
-    typer.Option("--map-name", metavar="NAME", help="Which map, where several are loaded.", show_default=False),
+    typer.Option("--map-name", metavar="NAME", help="The map to use, if several are loaded.", show_default=False),
 ]
 
 Ontologies = Annotated[
@@ -246,8 +242,7 @@ Robots = Annotated[
     typer.Option(
         "--urdf",
         metavar="FILE",
-        help="A robot's description (URDF or xacro) that holds the places and joints of maps that only name links; "
-        "may be repeated.",
+        help="A robot description (URDF or xacro) that defines the links which the maps refer to; may be repeated.",
         show_default=False,
     ),
 ]
@@ -256,7 +251,7 @@ Bundled = Annotated[
     bool,
     typer.Option(
         " /--no-bundled-ontology",
-        help="Leave out the household ontology that comes with Mindstage.",
+        help="Do not load the bundled household ontology.",
         show_default=False,
     ),
 ]
@@ -272,7 +267,10 @@ AssetFolders = Annotated[
 ]
 
 PageHost = Annotated[
-    str, typer.Option("--host", metavar="HOST", help="Where the page listens; others than this machine need a token.")
+    str,
+    typer.Option(
+        "--host", metavar="HOST", help="The address the page listens at; one that is not local needs a token."
+    ),
 ]
 
 PageToken = Annotated[
@@ -281,7 +279,7 @@ PageToken = Annotated[
         "--token",
         metavar="TOKEN",
         envvar="MINDSTAGE_TOKEN",
-        help="What visitors of the page must know.",
+        help="The token that clients of the page must present.",
         show_default=False,
     ),
 ]
@@ -289,18 +287,18 @@ PageToken = Annotated[
 PlainBoxes = Annotated[
     bool,
     typer.Option(
-        "--plain-boxes", help="Every body is just the box that the map says, without the shapes that knowledge gives."
+        "--plain-boxes", help="Use only the primitive shape of the map for each body, without meshes and shape rules."
     ),
 ]
 
-_PER_MAP = "MAP= before it, with a map's file name, says it of that one only; may be repeated."
+_PER_MAP = "Prefix MAP= (a file name) for one map only; may be repeated."
 
 UnitNames = Annotated[
     list[str] | None,
     typer.Option(
         "--units",
         metavar="[MAP=]UNITS",
-        help=f"What lengths are counted in: m, cm or mm, instead of what the map makes likely. {_PER_MAP}",
+        help=f"The unit of length: m, cm or mm; by default inferred from the map. {_PER_MAP}",
         show_default=False,
     ),
 ]
@@ -310,7 +308,7 @@ FrameNames = Annotated[
     typer.Option(
         "--frame",
         metavar="[MAP=]FRAME",
-        help="Which way axes point: ros (right-handed, y left) or unreal (left-handed, y right).",
+        help="The coordinate frame: ros (right-handed, y left) or unreal (left-handed, y right).",
         show_default=False,
     ),
 ]
@@ -318,25 +316,25 @@ FrameNames = Annotated[
 QuaternionOrders = Annotated[
     list[str] | None,
     typer.Option(
-        "--quaternion", metavar="[MAP=]ORDER", help="Where rotations have w: wxyz or xyzw.", show_default=False
+        "--quaternion", metavar="[MAP=]ORDER", help="The order of quaternions: wxyz or xyzw.", show_default=False
     ),
 ]
 
-Strict = Annotated[bool, typer.Option("--strict", help="Refuse a map about which anything is odd, and end with 2.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Reject a map with findings, and exit with 2.")]
 
 StoreFolder = Annotated[
     Path | None,
     typer.Option(
         "--store",
         metavar="DIR",
-        help="A folder that keeps what is loaded and told; once filled, it does without the sources.",
+        help="The folder of a persistent knowledge base; once filled, the sources are not needed.",
         show_default=False,
     ),
 ]
 
 EndpointUrl = Annotated[
     str | None,
-    typer.Option("--endpoint", metavar="URL", help="A SPARQL server that knows more.", show_default=False),
+    typer.Option("--endpoint", metavar="URL", help="A SPARQL endpoint that is queried too.", show_default=False),
 ]
 
 EngineName = Annotated[
@@ -344,19 +342,21 @@ EngineName = Annotated[
     typer.Option(
         "--engine",
         metavar="ENGINE",
-        help="mujoco (physics), godot (physics, in a Godot that is started for it; godot:window shows it), "
-        "null (everything stands still), or ros://HOST:PORT/NAMESPACE (one far away).",
+        help="mujoco (physics), godot (physics, in a Godot process; godot:window shows its window), "
+        "null (no physics), or ros://HOST:PORT/NAMESPACE (a remote engine).",
     ),
 ]
 
 Delta = Annotated[
     float,
-    typer.Option("--delta", min=0.0, callback=finite, help="How much a number may differ, in its unit (m, rad, kg …)."),
+    typer.Option(
+        "--delta", min=0.0, callback=finite, help="Permitted difference of numbers, in their unit (m, rad, kg …)."
+    ),
 ]
 
 Port = Annotated[
     int,
-    typer.Option("--port", metavar="PORT", min=0, max=65535, help="Where the page is served; 0 takes any free port."),
+    typer.Option("--port", metavar="PORT", min=0, max=65535, help="The port of the page; 0 chooses a free one."),
 ]
 
 Seconds = Annotated[
@@ -366,20 +366,18 @@ Seconds = Annotated[
         metavar="SECONDS",
         min=0.0,
         callback=finite,
-        help="How long the world lives: simulated seconds, or real ones where the viewport shows it.",
+        help="Duration: simulated time, or wall time if the page is shown.",
         show_default=False,
     ),
 ]
 
-WithViewport = Annotated[
-    bool, typer.Option(" /--no-viewport", help="Do not show the world in the browser.", show_default=False)
-]
+WithViewport = Annotated[bool, typer.Option(" /--no-viewport", help="Do not serve the page.", show_default=False)]
 
 Closure = Annotated[
     bool,
-    typer.Option("--closure", help="First derive all that follows by the rules of OWL 2 RL (extra `closure`)."),
+    typer.Option("--closure", help="Derive the OWL 2 RL closure first (extra `closure`)."),
 ]
 
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for other programs.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="List every assumption, not only how many there are.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="List each assumption instead of counts.")]

@@ -1,15 +1,4 @@
-"""Output: results on stdout, as tables for people or JSON for programs; everything else on stderr.
-
-Stopwatch: how long each part of a verb's work took.
-
-Passing: lets simulated time pass, and shows how far it is where that takes a while.
-
-Reading: what a map was taken to mean, for people and for programs; a wrong guess is seen here first.
-
-Report: what became of a world that was spawned, for people and for programs.
-
-Verdict: the difference of two worlds, for people and for programs.
-"""
+"""Output of the verbs: results on stdout, as tables or JSON; warnings and progress on stderr."""
 
 from __future__ import annotations
 
@@ -76,25 +65,25 @@ class Timings:
 
 
 _DEFAULT_WIDTH = 160
-"""Columns [characters] where nobody looks through a window."""
+"""Width of the output if it is not a terminal [characters]."""
 _MAX_FINDINGS = 20
-"""More findings than this are cut short on a terminal; JSON has them all."""
+"""Limit of the printed findings; JSON contains all."""
 
 Cell = str | int | float | None
 
 
 def one_line(text: str) -> str:
-    """The text without line breaks or control characters, which a hostile file could use to rewrite the terminal."""
+    """The text with unprintable characters replaced by spaces, since a file may contain terminal escape sequences."""
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def console(*, stderr: bool = False) -> Console:
-    """The terminal, or whatever stands for it, behind stdout or stderr."""
+    """A rich console for stdout or stderr."""
     from rich.console import Console
 
     class PipeConsole(Console):
         def on_broken_pipe(self) -> None:
-            raise BrokenPipeError  # rich itself would end the process with 1, which means "no" here
+            raise BrokenPipeError  # rich would exit with 1, which means "no" here
 
     terminal = PipeConsole(stderr=stderr, highlight=False, markup=False, emoji=False)
     if not terminal.is_terminal:
@@ -103,19 +92,19 @@ def console(*, stderr: bool = False) -> Console:
 
 
 def print_line(text: str) -> None:
-    """One plain line on stdout, there at once."""
+    """Prints a line on stdout, and flushes it."""
     sys.stdout.write(one_line(text) + "\n")
     sys.stdout.flush()
 
 
 def warn(text: str) -> None:
-    """One yellow line on stderr."""
+    """Prints a yellow line on stderr."""
     console(stderr=True).print(f"mindstage: {one_line(text)}", style="yellow", soft_wrap=True)
 
 
 @contextmanager
 def progress_spinner(text: str) -> Iterator[None]:
-    """Shows a person that something goes on inside; nothing where nobody looks."""
+    """Shows a spinner during the `with` block, if stderr is a terminal."""
     if not sys.stderr.isatty():
         yield
         return
@@ -124,7 +113,7 @@ def progress_spinner(text: str) -> Iterator[None]:
 
 
 def print_json(value: object) -> None:
-    """One JSON document on stdout. What JSON has no number for (infinite, not a number) becomes null."""
+    """Prints a JSON document on stdout; infinity and NaN become null."""
     import msgspec
 
     sys.stdout.write(msgspec.json.format(msgspec.json.encode(value), indent=2).decode() + "\n")
@@ -132,7 +121,7 @@ def print_json(value: object) -> None:
 
 
 def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
-    """A table on stdout; a column that holds numbers is set to the right."""
+    """Prints a table on stdout; columns without text are right-aligned."""
     from rich.table import Table
     from rich.text import Text
 
@@ -145,12 +134,12 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell
         table.add_row(*(Text(one_line(_cell_text(cell))) for cell in line))
     terminal = console()
     if title:
-        terminal.print(Text(one_line(title), style="bold"), soft_wrap=True)  # a narrow table would break its own title
+        terminal.print(Text(one_line(title), style="bold"), soft_wrap=True)  # the title may be wider than the table
     terminal.print(table)
 
 
 def fits_table(columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> bool:
-    """Whether a table needs to break no cell."""
+    """Whether the table fits in the console without wrapping cells."""
     widths = [len(column) for column in columns]
     for row in rows:
         widths = [max(width, len(_cell_text(cell))) for width, cell in zip(widths, row, strict=True)]
@@ -158,7 +147,7 @@ def fits_table(columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> bool:
 
 
 def print_records(columns: Sequence[str], rows: Iterable[Sequence[Cell | Sequence[str]]]) -> None:
-    """The same with a line for each field, and for each of several texts in one; what is empty is left out."""
+    """Prints rows as records, with a line for each field; empty fields are omitted."""
     from textwrap import wrap
 
     from rich.text import Text
@@ -177,17 +166,17 @@ def print_records(columns: Sequence[str], rows: Iterable[Sequence[Cell | Sequenc
 
 
 def print_findings(findings: Sequence[Finding], *, all: bool = False) -> None:
-    """What the knowledge base found odd, on stderr, one line each; errors first, and only so many unless all are."""
-    many = len(findings) if all else _MAX_FINDINGS
+    """Prints findings on stderr, errors first, up to a limit unless `all`."""
+    count = len(findings) if all else _MAX_FINDINGS
     ordered = sorted(findings, key=lambda finding: finding.severity.value)  # "error" comes before "warning"
-    for finding in ordered[:many]:
+    for finding in ordered[:count]:
         warn(str(finding))
-    if len(findings) > many:
-        warn(f"… and {len(findings) - many} more; --json shows all")
+    if len(findings) > count:
+        warn(f"… and {len(findings) - count} more; --json shows all")
 
 
 def findings_json(findings: Iterable[Finding]) -> list[dict[str, object]]:
-    """The findings as they stand in JSON."""
+    """The findings as JSON objects."""
     import msgspec
 
     return [msgspec.to_builtins(finding) for finding in findings]
@@ -200,11 +189,11 @@ def _cell_text(cell: Cell) -> str:
 
 
 _MIN_PROGRESS_S = 1.0
-"""Nobody needs a bar for less [s]."""
+"""A progress bar is shown after this time [s]."""
 
 
 def step_with_progress(simulation: Simulation, duration_s: float) -> float:
-    """Steps the stage and returns how long that took [s]."""
+    """Steps a simulation with a progress bar, and returns the wall time [s]."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("simulating"), BarColumn(), TextColumn("{task.completed:.1f} of {task.total:.1f} s"))
@@ -213,33 +202,33 @@ def step_with_progress(simulation: Simulation, duration_s: float) -> float:
         task = bar.add_task("", total=duration_s, visible=False)
 
         def progress(done_s: float) -> None:
-            waited_s = time.perf_counter() - start
-            bar.update(task, completed=done_s, visible=bar.console.is_terminal and waited_s > _MIN_PROGRESS_S)
+            elapsed_s = time.perf_counter() - start
+            bar.update(task, completed=done_s, visible=bar.console.is_terminal and elapsed_s > _MIN_PROGRESS_S)
 
         simulation.step(duration_s, progress=progress)
     return time.perf_counter() - start
 
 
 def assumptions_json(knowledge: KnowledgeBase, about: World | None = None) -> list[dict[str, object]]:
-    """The assumptions as they stand in JSON; about one map, or about all."""
+    """The assumptions about one map, or about all maps, as JSON objects."""
     import msgspec
 
     return [msgspec.to_builtins(each) for each in knowledge.assumptions() if about is None or each.map == about.iri]
 
 
 def import_summary(world: World, knowledge: KnowledgeBase) -> dict[str, object]:
-    """What was assumed about a map, and how large the world is that came of it."""
+    """The assumptions about a map, and the extent of its world, as JSON objects."""
     import msgspec
 
     from mindstage.scene.bounding_boxes import world_bounds
 
     extent = world_bounds(world)
-    told = None if extent is None else {"size": extent.size} | msgspec.to_builtins(extent)
-    return {"assumptions": assumptions_json(knowledge, world), "extent": told}
+    bounds = None if extent is None else {"size": extent.size} | msgspec.to_builtins(extent)
+    return {"assumptions": assumptions_json(knowledge, world), "extent": bounds}
 
 
 def print_import_summary(world: World, knowledge: KnowledgeBase, *, verbose: bool = False) -> None:
-    """The same as a line, and a table where anything but the usual was assumed."""
+    """Prints the extent of a world, and the assumptions that differ from the defaults, or all with `verbose`."""
     from mindstage.scene.bounding_boxes import world_bounds
 
     extent = world_bounds(world)
@@ -252,31 +241,31 @@ def print_import_summary(world: World, knowledge: KnowledgeBase, *, verbose: boo
 
 
 def _is_default(assumption: Assumption) -> bool:
-    """Whether it is how a world itself has it, without anybody having said so."""
+    """Whether an assumption is the convention of Mindstage itself, and was not given by an option."""
     from mindstage.knowledge.dialects.conventions import SI
 
-    usual = getattr(SI, assumption.topic, None)
-    return usual is not None and usual.value == assumption.value and not assumption.overridden
+    default = getattr(SI, assumption.topic, None)
+    return default is not None and default.value == assumption.value and not assumption.overridden
 
 
 def _print_assumptions(assumptions: Iterable[Assumption]) -> None:
     rows = [
-        (assumption.topic, assumption.value, "told" if assumption.overridden else "assumed", assumption.evidence)
+        (assumption.topic, assumption.value, "given" if assumption.overridden else "assumed", assumption.evidence)
         for assumption in assumptions
     ]
     if rows:
-        print_table("How the map was taken", ("about", "value", "how", "evidence"), rows)
+        print_table("Conventions of the map", ("topic", "value", "source", "evidence"), rows)
 
 
 def is_complete(report: SpawnReport, findings: Iterable[Finding]) -> bool:
-    """Whether all that the map describes is in the world: nothing left out while reading, nothing while spawning."""
+    """Whether everything that the map describes was read and spawned."""
     from mindstage.knowledge import Severity
 
     return report.ok and not any(finding.severity is Severity.ERROR for finding in findings)
 
 
 def report_json(report: SpawnReport) -> dict[str, object]:
-    """The report as it stands in JSON; `warnings` are what the engine assumed, each said in words."""
+    """The report as a JSON object; `warnings` are the assumptions of the engine."""
     import msgspec
 
     return {
@@ -292,45 +281,45 @@ def report_json(report: SpawnReport) -> dict[str, object]:
 
 
 def print_report(report: SpawnReport, *, title: str, verbose: bool) -> None:
-    """The report as tables; failures always one by one, on stderr."""
+    """Prints a report as tables, and its failures on stderr."""
     kinds = (
         ("bodies", report.bodies, report.failed_bodies),
-        ("constraints", report.joints, report.failed_joints),
+        ("joints", report.joints, report.failed_joints),
         ("attachments", report.attachments, report.failed_attachments),
     )
     print_table(title, ("", "spawned", "failed"), [(kind, done, len(failed)) for kind, done, failed in kinds])
     print_failures(report)
     if report.notes and verbose:
         rows = [(note.kind.value, ", ".join(note.ids), note.text) for note in report.notes]
-        print_table("What the map did not say", ("assumption", "about", "what"), rows)
+        print_table("Assumptions of the engine", ("topic", "about", "assumption"), rows)
     elif report.notes:
         counts = Counter(note.kind.value for note in report.notes)
-        print_table("What the map did not say (--verbose lists each)", ("assumption", "times"), counts.most_common())
+        print_table("Assumptions of the engine (--verbose lists each)", ("topic", "count"), counts.most_common())
 
 
 def print_failures(report: SpawnReport) -> None:
-    """What could not be spawned, one by one."""
-    kinds = ("bodies", report.failed_bodies), ("constraints", report.failed_joints)
-    for kind, failures in (*kinds, ("attachments", report.failed_attachments)):
+    """Prints what could not be spawned, a line for each."""
+    kinds = ("body", report.failed_bodies), ("joint", report.failed_joints)
+    for kind, failures in (*kinds, ("attachment", report.failed_attachments)):
         for failure in failures:
-            warn(f"not spawned, of the {kind}: {failure.id}: {failure.reason}")
+            warn(f"{kind} not spawned: {failure.id}: {failure.reason}")
 
 
 _MAX_CHANGES = 20
-"""More changes than this are cut short in a table; JSON has them all."""
+"""Limit of the printed changes; JSON contains all."""
 _MAX_VALUE_LENGTH = 120
-"""A value of more characters than this is cut short, too."""
+"""Longer values are truncated."""
 
 
 def diff_json(diff: WorldDiff, delta: float) -> dict[str, object]:
-    """The difference as it stands in JSON."""
+    """The difference of two worlds as a JSON object."""
     from mindstage.scene import MECHANICAL_KINDS
 
     return diff.to_builtins(delta) | {"identical_mechanics": diff.identical(delta, kinds=MECHANICAL_KINDS)}
 
 
 def losses_json(diff: WorldDiff, lost: Sequence[Statement]) -> dict[str, object]:
-    """What is lost, of the world and of the statements of its map, each once."""
+    """The lost facts of a world and the lost statements of its map, each once, as a JSON object."""
     lines = [{"id": _local_name(each.id), "said": str(each)} for each in lost]
     known = {(line["id"], line["said"]) for line in lines}
     lines += [
@@ -340,32 +329,32 @@ def losses_json(diff: WorldDiff, lost: Sequence[Statement]) -> dict[str, object]
 
 
 def print_losses(lost: Sequence[Statement]) -> None:
-    """The statements of a map that did not come back, as a table."""
+    """Prints the lost statements of a map as a table."""
     rows = [(_local_name(each.id), _value_text(_short_statement(str(each)))) for each in lost]
-    _print_truncated_table("Statements of the map that its file does not make", ("about", "what is said"), rows)
+    _print_truncated_table("Lost statements of the map", ("subject", "statement"), rows)
     if lost:
         print_line(f"{len(lost)} statements of the map are lost.")
 
 
 def print_diff(diff: WorldDiff, delta: float, *, about: World) -> None:
-    """The difference as tables, and a verdict in a sentence.
+    """Prints the difference of two worlds as tables, and a summary.
 
     Args:
-        found: what differs.
-        delta: how much of it is forgiven.
-        about: one of the two, whose classes tell people what an id is.
+        diff: the difference.
+        delta: permitted difference of numbers.
+        about: one of the two worlds, for the classes of the bodies.
     """
     classes: dict[str, str] = {body.id: re.split("[#/]", body.cls)[-1] for body in about.bodies}
     for title, ids in (("Only in A", diff.only_in_a), ("Only in B", diff.only_in_b)):
         _print_truncated_table(title, ("id", "class"), [(only, classes.get(only)) for only in ids])
     numbers, largest = Counter(change.kind.value for change in diff.changed), diff.max_error
     rows = [(kind, number, largest.get(kind)) for kind, number in numbers.most_common()]
-    _print_truncated_table("What differs", ("kind", "changes", "largest error"), rows)
-    told = [change for change in diff.exceeding(delta) if change.kind.value not in {"facts", "tags"}]
-    told.sort(key=lambda change: (change.error is None, -(change.error or 0.0), change.id))
+    _print_truncated_table("Differences", ("kind", "changes", "largest error"), rows)
+    shown = [change for change in diff.exceeding(delta) if change.kind.value not in {"facts", "tags"}]
+    shown.sort(key=lambda change: (change.error is None, -(change.error or 0.0), change.id))
     _print_truncated_table(
         f"Beyond delta {delta:g}",
-        ("id", "class", "what", "A", "B", "error"),
+        ("id", "class", "field", "A", "B", "error"),
         [
             (
                 change.id,
@@ -375,22 +364,22 @@ def print_diff(diff: WorldDiff, delta: float, *, about: World) -> None:
                 _value_text(change.b),
                 change.error,
             )
-            for change in told
+            for change in shown
         ],
     )
     for title, lines in (("Facts and tags only in A", diff.lost), ("Facts and tags only in B", diff.gained)):
         _print_truncated_table(
             title,
-            ("id", "what is said"),
+            ("id", "statement"),
             [(_local_name(line.id), _value_text(_short_statement(str(line)))) for line in lines],
         )
     print_line(_summary(diff, delta))
 
 
 def _print_truncated_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> None:
-    """A table, unless it would be empty, that does not go on for ever."""
+    """Prints the first rows of a table, unless it is empty."""
     if rows:
-        more = f" (the first {_MAX_CHANGES} of {len(rows)}; --json has all)" if len(rows) > _MAX_CHANGES else ""
+        more = f" (the first {_MAX_CHANGES} of {len(rows)}; --json shows all)" if len(rows) > _MAX_CHANGES else ""
         print_table(f"{title}{more}", columns, rows[:_MAX_CHANGES])
 
 
@@ -399,11 +388,11 @@ def _local_name(iri: str) -> str:
 
 
 def _short_statement(statement: str) -> str:
-    """A statement with the names of things cut down to their last part, as people say them."""
-    named = re.sub(
+    """A statement with IRIs shortened to their local names."""
+    shortened = re.sub(
         r"<([^<>]*)>", lambda iri: iri[1] if iri[1].startswith("package:") else _local_name(iri[1]), statement
     )
-    return re.sub(r"\^\^\w+|\btype Restriction[;,. ]*", "", named)
+    return re.sub(r"\^\^\w+|\btype Restriction[;,. ]*", "", shortened)
 
 
 def _value_text(value: object) -> str:
@@ -416,5 +405,5 @@ def _summary(diff: WorldDiff, delta: float) -> str:
 
     if diff.identical(delta):
         return f"Identical at delta {delta:g}."
-    alike = "are" if diff.identical(delta, kinds=MECHANICAL_KINDS) else "are not"
-    return f"Different at delta {delta:g}; poses, masses and limits {alike} identical."
+    verb = "are" if diff.identical(delta, kinds=MECHANICAL_KINDS) else "are not"
+    return f"Different at delta {delta:g}; poses, masses and limits {verb} identical."

@@ -1,4 +1,4 @@
-"""mindstage furnish: things from a list, put into a place where they belong."""
+"""The verb `place`: spawns a map and places a list of items in it."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from mindstage.cli.options import (
     Strict,
     UnitNames,
     Verbose,
+    WithViewport,
 )
 from mindstage.cli.output import (
     Cell,
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
     from mindstage.simulation import Simulation
     from mindstage.simulation.placement_list import PlacementItem, PlacementReport
 
-__all__ = ["furnish"]
+__all__ = ["place"]
 
 
 Items = Annotated[
@@ -54,8 +55,8 @@ Items = Annotated[
     typer.Option(
         "--with",
         metavar="ITEMS",
-        help="A Turtle file of things: what each is, and, if it does not go where such things are kept, where to "
-        "(ms:putOn, ms:putInto). Or CLASS or CLASS:BODY for one thing. May be repeated.",
+        help="A Turtle file of items with their classes and, if they are not to be placed where their class is stored, "
+        "their holders (ms:putOn, ms:putInto). Or CLASS or CLASS:BODY for one item. May be repeated.",
         show_default=False,
     ),
 ]
@@ -66,13 +67,13 @@ Out = Annotated[
         "--out",
         "-o",
         metavar="OUT",
-        help="Write the furnished place as a map (.owl, .rdf, .xml or .ttl) instead of showing it.",
+        help="Write the world as a map (.owl, .rdf, .xml or .ttl) instead of showing it.",
         show_default=False,
     ),
 ]
 
 
-def furnish(
+def place(
     maps: MapArguments,
     *,
     items: Items,
@@ -87,18 +88,16 @@ def furnish(
     strict: Strict = False,
     assets: AssetFolders = None,
     engine: EngineName = "mujoco",
-    with_viewport: Annotated[
-        bool, typer.Option(" /--no-viewport", help="Do not show the world in the browser.", show_default=False)
-    ] = True,
+    with_viewport: WithViewport = True,
     port: Port = 8080,
     seconds: Seconds = None,
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Put things where they belong, on a free spot on which they stay; exit 1 if one of them finds no place."""
-    from mindstage.simulation.placement_list import place_items as furnish_stage
+    """Place items on or in furniture, at free and stable poses; exit 1 if any of them could not be placed."""
+    from mindstage.simulation.placement_list import place_items
 
-    running = make_engine(engine)  # first: a wrong name is told before a long map is read
+    running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
     with progress_spinner("reading"):
         knowledge = knowledge_base(
             maps,
@@ -107,40 +106,37 @@ def furnish(
             robots=robots,
             conventions=ConventionOptions(units, frame, quaternion),
         )
-        listed = [item for each in items for item in _read_items(each, knowledge)]
+        listed = [item for text in items for item in _read_items(text, knowledge)]
         world = knowledge.world(map_name)
     findings = findings_about(world, knowledge, strict=strict)
-    with simulation_from_options(knowledge, running, assets=assets) as stage:
+    with simulation_from_options(knowledge, running, assets=assets) as simulation:
         with progress_spinner("spawning"):
-            report = stage.spawn(world)
-        with progress_spinner("furnishing"):
-            done = furnish_stage(stage, listed)
-        told: dict[str, object] = {
-            "map": world.iri,
-            "engine": stage.engine_name,
-            "spawn": report_json(report),
-        } | _report_json(done)
+            report = simulation.spawn(world)
+        with progress_spinner("placing"):
+            placement = place_items(simulation, listed)
+        output: dict[str, object] = {"map": world.iri, "engine": simulation.engine_name, "spawn": report_json(report)}
+        output |= _report_json(placement)
         if not as_json:
             print_findings(findings)
             print_failures(report)
-            _print_report(done, verbose=verbose)
+            _print_report(placement, verbose=verbose)
         if out is None and with_viewport:
-            print_and_serve(stage, told, port=port, duration_s=seconds, as_json=as_json)
+            print_and_serve(simulation, output, port=port, duration_s=seconds, as_json=as_json)
         else:
-            _finish(stage, told, out, as_json=as_json)
-    return ExitCode.OK if is_complete(report, findings) and not done.unplaced else ExitCode.NEGATIVE
+            _finish(simulation, output, out, as_json=as_json)
+    return ExitCode.OK if is_complete(report, findings) and not placement.unplaced else ExitCode.NEGATIVE
 
 
-def _read_items(texts: str, knowledge: KnowledgeBase) -> tuple[PlacementItem, ...]:
-    """What is meant: a file, or a class."""
+def _read_items(text: str, knowledge: KnowledgeBase) -> tuple[PlacementItem, ...]:
+    """The items of a file, or the item that the text describes."""
     from mindstage.simulation.placement_list import load_items, parse_item
 
-    path = Path(texts)
-    return load_items(path, knowledge) if path.suffix or path.exists() else (parse_item(texts, knowledge),)
+    path = Path(text)
+    return load_items(path, knowledge) if path.suffix or path.exists() else (parse_item(text, knowledge),)
 
 
 def _finish(simulation: Simulation, output: dict[str, object], out: Path | None, *, as_json: bool) -> None:
-    """Writes the place, if wanted, and says so."""
+    """Writes the world, if requested, and prints the output."""
     from mindstage.knowledge import save_map
 
     if out is not None:
@@ -149,23 +145,23 @@ def _finish(simulation: Simulation, output: dict[str, object], out: Path | None,
     if as_json:
         print_json(output if out is None else output | {"out": str(out)})
     elif out is not None:
-        print_line(f"the furnished place → {out}")
+        print_line(f"world → {out}")
 
 
-def _report_json(done: PlacementReport) -> dict[str, object]:
+def _report_json(placement: PlacementReport) -> dict[str, object]:
     import msgspec
 
-    return {"put": msgspec.to_builtins(done.placed), "unplaced": msgspec.to_builtins(done.unplaced)}
+    return {"put": msgspec.to_builtins(placement.placed), "unplaced": msgspec.to_builtins(placement.unplaced)}
 
 
-def _print_report(done: PlacementReport, *, verbose: bool) -> None:
+def _print_report(placement: PlacementReport, *, verbose: bool) -> None:
     rows: list[list[Cell]] = [
-        [put.id, put.support_id, " ".join(f"{number:.2f}" for number in put.pose.position), put.attempts]
-        for put in done.placed
+        [each.id, each.support_id, " ".join(f"{number:.2f}" for number in each.pose.position), each.attempts]
+        for each in placement.placed
     ]
     if rows:
-        columns = ("thing", "where", "at [m]", "spots tried")
+        columns = ("item", "holder", "position [m]", "attempts")
         shown = len(columns) if verbose else len(columns) - 1
-        print_table("Put", columns[:shown], [row[:shown] for row in rows])
-    for each in done.unplaced:
-        warn(f"{each.id} found no place: {each.reason}")
+        print_table("Placed", columns[:shown], [row[:shown] for row in rows])
+    for item in placement.unplaced:
+        warn(f"{item.id} could not be placed: {item.reason}")

@@ -1,4 +1,4 @@
-"""`mindstage prolog`: a console where every question is a predicate."""
+"""The verb `prolog`: a Prolog console in which each question is a predicate."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 __all__ = ["prolog"]
 
 _MAX_SOLUTIONS = 1_000_000
-"""More solutions than this nobody reads."""
+"""Limit of the solutions of `--goal` with `--json`."""
 
 
 _SomeMaps = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="[MAP]…",
-        help="Semantic maps (OWL or Turtle), or bundled:kitchen, all in one knowledge base.",
+        help="Semantic maps (OWL or Turtle), or bundled:kitchen, loaded into one knowledge base.",
         show_default=False,
     ),
 ]
@@ -49,9 +49,9 @@ _Consult = Annotated[
     ),
 ]
 _Timeout = Annotated[
-    float, typer.Option("--timeout", metavar="SECONDS", min=0.001, callback=finite, help="How long --goal may take.")
+    float, typer.Option("--timeout", metavar="SECONDS", min=0.001, callback=finite, help="The timeout of --goal.")
 ]
-_WithViewport = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Show the running world in the browser.")]
+_WithViewport = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page of the simulation.")]
 _AllAsJson = Annotated[bool, typer.Option("--json", help="With --goal: find all solutions, and print them as JSON.")]
 
 
@@ -70,12 +70,12 @@ def prolog(
     port: Port = 8080,
     as_json: _AllAsJson = False,
 ) -> ExitCode:
-    """Ask in Prolog: SWI-Prolog's own toplevel, with every question as a predicate."""
+    """Start SWI-Prolog with each question as a predicate, or run one goal."""
     from mindstage.prolog import PrologConsole, load_library
 
     if as_json and goal is None:
-        raise typer.BadParameter("it goes with --goal", param_hint="--json")
-    load_library()  # first: that it is missing is told before a long map is read
+        raise typer.BadParameter("it requires --goal", param_hint="--json")
+    load_library()  # before the map is read, so that a missing SWI-Prolog fails at once
     running = make_engine(engine)
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps or [], ontologies=ontologies, bundled=bundled, store=store, endpoint=endpoint)
@@ -83,20 +83,20 @@ def prolog(
         print_findings(knowledge.findings())
     with ExitStack() as closing:
         closing.callback(knowledge.close)
-        stage = closing.enter_context(simulation_from_options(knowledge, running))
-        console = closing.enter_context(PrologConsole(stage, at_halt=closing.close))
+        simulation = closing.enter_context(simulation_from_options(knowledge, running))
+        console = closing.enter_context(PrologConsole(simulation, at_halt=closing.close))
         if with_viewport:
-            _open_viewer(stage, closing, port=port)
+            _open_viewer(simulation, closing, port=port)
         _consult(console, consult or [], strict=goal is not None)
         if goal is not None:
             return _run(console, goal, timeout_s=timeout_s, findings=knowledge.findings() if as_json else None)
-        _print_banner(stage)
+        _print_banner(simulation)
         console.toplevel()
     return ExitCode.OK
 
 
 def _run(console: PrologConsole, goal: str, *, timeout_s: float, findings: Sequence[Finding] | None) -> ExitCode:
-    """Runs a goal until its first solution; with findings, finds all of them, and prints everything as JSON."""
+    """Runs a goal until its first solution; with findings, prints all solutions and the findings as JSON."""
     if findings is None:
         return ExitCode.OK if console.holds(goal, timeout_s=timeout_s) else ExitCode.NEGATIVE
     found = console.solutions(goal, limit=_MAX_SOLUTIONS, timeout_s=timeout_s)
@@ -105,28 +105,28 @@ def _run(console: PrologConsole, goal: str, *, timeout_s: float, findings: Seque
 
 
 def _open_viewer(simulation: Simulation, closing: ExitStack, *, port: int) -> None:
-    viewport = open_viewer(simulation, port=port)
-    closing.callback(viewport.close)
+    viewer = open_viewer(simulation, port=port)
+    closing.callback(viewer.close)
     simulation.play()
-    typer.echo(f"The world is open at {viewport.url}", err=True)  # stdout is Prolog's
+    typer.echo(f"The world is served at {viewer.url}", err=True)  # stdout is used by Prolog
 
 
 def _consult(console: PrologConsole, files: list[str], *, strict: bool) -> None:
-    """Loads the user's files; a goal must not be answered by half of its rules, while a person sees what is wrong.
+    """Loads the files of the user.
 
     Raises:
-        SourceParseError: one is not there, or, where it is strict, has errors.
+        SourceParseError: a file does not exist, or, with `strict`, has errors.
     """
     from mindstage.errors import SourceParseError
 
     for file in files:
         errors = console.consult(file)
         if errors and strict:
-            raise SourceParseError(file, cause=f"{errors} error{'s' if errors > 1 else ''} in it, told above")
+            raise SourceParseError(file, cause=f"{errors} error{'s' if errors > 1 else ''} in it, printed above")
 
 
 def _print_banner(simulation: Simulation) -> None:
     if sys.stdin.isatty() and sys.stdout.isatty():
         maps = ", ".join(re.split("[#/]", map)[-1] for map in simulation.knowledge.maps()) or "no map"
-        print_line(f"Mindstage {__version__} in SWI-Prolog knows {maps}. Each question is a predicate:")
-        print_line("questions. lists them, handle_of(Map, Thing, Handle). asks one, halt. or Ctrl-D ends.")
+        print_line(f"Mindstage {__version__} in SWI-Prolog with {maps}. Each question is a predicate:")
+        print_line("questions. lists them, handle_of(Map, Thing, Handle). calls one, halt. or Ctrl-D exits.")

@@ -1,4 +1,4 @@
-"""`mindstage serve`: a stage for a robot's programs, over rosbridge."""
+"""The verb `serve`: a simulation with ROS services, actions and topics over rosbridge."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from mindstage.cli.output import (
     warn,
 )
 from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
-from mindstage.cli.viewer import open_viewer
+from mindstage.cli.viewer import LOOPBACK, open_viewer
 from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
@@ -49,25 +49,31 @@ __all__ = ["serve"]
 
 _POLL_INTERVAL_S = 0.2
 _CONNECT_TIMEOUT_S = 5.0
-"""A rosbridge that is just being started gets so long [s]."""
-_LOOPBACK = "127.0.0.1"
+"""Timeout for a rosbridge that is still starting [s]."""
 
 Maps = Annotated[
     list[str] | None,
     typer.Argument(
-        metavar="[MAP]…", help="A semantic map, or bundled:kitchen; without one the stage is empty.", show_default=False
+        metavar="[MAP]…", help="A semantic map, or bundled:kitchen; without one the world is empty.", show_default=False
     ),
 ]
 BridgePort = Annotated[
-    int, typer.Option("--port", metavar="PORT", min=0, max=65535, help="Where clients connect; 0 takes any free port.")
+    int,
+    typer.Option(
+        "--port", metavar="PORT", min=0, max=65535, help="The port of the rosbridge server; 0 chooses a free one."
+    ),
 ]
 Host = Annotated[
-    str, typer.Option("--host", metavar="HOST", help="Where to listen; others than this machine need a token.")
+    str, typer.Option("--host", metavar="HOST", help="The address to listen at; one that is not local needs a token.")
 ]
 Token = Annotated[
     str | None,
     typer.Option(
-        "--token", metavar="TOKEN", envvar="MINDSTAGE_TOKEN", help="What clients must know.", show_default=False
+        "--token",
+        metavar="TOKEN",
+        envvar="MINDSTAGE_TOKEN",
+        help="The token that clients must present.",
+        show_default=False,
     ),
 ]
 Origins = Annotated[
@@ -75,7 +81,7 @@ Origins = Annotated[
     typer.Option(
         "--origin",
         metavar="URL",
-        help="Let a page from there come in too, such as https://robot.example; may be repeated.",
+        help="Accept connections from pages of this origin, such as https://robot.example; may be repeated.",
         show_default=False,
     ),
 ]
@@ -84,31 +90,36 @@ Connect = Annotated[
     typer.Option(
         "--connect",
         metavar="URL",
-        help="Join the rosbridge there (ws://HOST:PORT) instead of serving one; it is joined again after a loss.",
+        help="Connect to a rosbridge (ws://HOST:PORT) instead of serving one; reconnects if the connection is lost.",
         show_default=False,
     ),
 ]
 Namespace = Annotated[
-    str, typer.Option("--namespace", metavar="NAME", help="What the names of services and topics begin with.")
+    str, typer.Option("--namespace", metavar="NAME", help="The namespace of services, actions and topics.")
 ]
 Seconds = Annotated[
     float | None,
-    typer.Option("--for", metavar="SECONDS", min=0.0, callback=finite, help="End by itself.", show_default=False),
+    typer.Option(
+        "--for", metavar="SECONDS", min=0.0, callback=finite, help="Exit after this wall time.", show_default=False
+    ),
 ]
 
 
-RosOne = Annotated[bool, typer.Option("--ros1", help="Write messages as ROS 1 has them; both are read.")]
+RosOne = Annotated[
+    bool, typer.Option("--ros1", help="Send messages in the format of ROS 1; both formats are received.")
+]
 Worlds = Annotated[
     Path | None,
     typer.Option(
-        "--worlds", metavar="DIR", help="Maps and robots in it may be loaded and spawned.", show_default=False
+        "--worlds",
+        metavar="DIR",
+        help="A folder of maps and robots that clients may load and spawn.",
+        show_default=False,
     ),
 ]
-Paused = Annotated[bool, typer.Option("--paused", help="Let no time pass until somebody says so.")]
-WithPage = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Show the world in the browser too.")]
-PagePort = Annotated[
-    int, typer.Option("--page-port", metavar="PORT", min=0, max=65535, help="Where the page is served.")
-]
+Paused = Annotated[bool, typer.Option("--paused", help="Start paused.")]
+WithPage = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page too.")]
+PagePort = Annotated[int, typer.Option("--page-port", metavar="PORT", min=0, max=65535, help="The port of the page.")]
 
 
 def serve(
@@ -116,7 +127,7 @@ def serve(
     maps: Maps = None,
     *,
     port: BridgePort = 9090,
-    host: Host = _LOOPBACK,
+    host: Host = LOOPBACK,
     token: Token = None,
     origins: Origins = None,
     connect: Connect = None,
@@ -136,7 +147,7 @@ def serve(
     seconds: Seconds = None,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Serve a stage to a robot's programs over rosbridge, under the names that Unreal's plugin has."""
+    """Serve a simulation to ROS clients over rosbridge, under the names of the Unreal plugin."""
     from mindstage.msgs import RosVersion
     from mindstage.ros import RosInterface
 
@@ -144,48 +155,48 @@ def serve(
     running = make_engine(engine)
     knowledge, world = _load_knowledge(maps, map_name, ontologies=ontologies, bundled=bundled, robots=robots)
     quitting = threading.Event()
-    with ExitStack() as open_things:
-        stage = open_things.enter_context(
+    with ExitStack() as resources:
+        simulation = resources.enter_context(
             simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes)
         )
-        participant, url = (
-            _connect(open_things, connect, token)
+        node, url = (
+            _connect(resources, connect, token)
             if connect
-            else _start_server(open_things, host, port, token, origins or [])
+            else _start_server(resources, host, port, token, origins or [])
         )
-        told: dict[str, object] = {"url": url, "namespace": namespace, "engine": stage.engine_name}
-        told |= _spawn(stage, world, as_json=as_json)
+        output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name}
+        output |= _spawn(simulation, world, as_json=as_json)
         ros = RosVersion.ONE if ros1 else RosVersion.TWO
-        face = RosInterface(stage, participant, namespace=namespace, ros=ros, folder=worlds, on_quit=quitting.set)
-        open_things.callback(face.close)
+        interface = RosInterface(simulation, node, namespace=namespace, ros=ros, folder=worlds, on_quit=quitting.set)
+        resources.callback(interface.close)
         if with_viewport:
-            if connect:  # the host and the token are those of the rosbridge there
-                viewport = open_viewer(stage, port=page_port)
+            if connect:  # --host and --token belong to the remote rosbridge
+                viewer = open_viewer(simulation, port=page_port)
             else:
-                viewport = open_viewer(stage, port=page_port, host=host, token=token, origins=origins or [])
-            open_things.callback(viewport.close)
-            told["page"] = viewport.url
-        _announce(told, url=connect is not None, seconds=seconds, as_json=as_json)
+                viewer = open_viewer(simulation, port=page_port, host=host, token=token, origins=origins or [])
+            resources.callback(viewer.close)
+            output["page"] = viewer.url
+        _announce(output, connected=connect is not None, seconds=seconds, as_json=as_json)
         if not paused:
-            stage.play()
-        _run_until_end(stage, quitting, seconds=seconds, quiet=as_json)
+            simulation.play()
+        _run_until_end(simulation, quitting, seconds=seconds, quiet=as_json)
     return ExitCode.OK
 
 
 def _check_options(context: typer.Context, *, connect: str | None, namespace: str, worlds: Path | None) -> None:
-    """Looks at what was typed before anything is begun.
+    """Checks options before anything is started.
 
     Raises:
-        InvalidArgumentError: some of it excludes other things, or is no name or folder.
+        InvalidArgumentError: options are mutually exclusive, or not a ROS name or a folder.
     """
     served = {"port": "--port", "host": "--host", "origins": "--origin"}
     for option in options_given(context, served) if connect is not None else ():
-        raise InvalidArgumentError(option, cause="with --connect nothing is served here", remedy="leave one out")
+        raise InvalidArgumentError(option, cause="with --connect no server is started", remedy="omit one of them")
     if not re.fullmatch(r"/?([A-Za-z]\w*(/[A-Za-z]\w*)*)?/?", namespace, re.ASCII):
         remedy = "use letters, digits, _ and /"
-        raise InvalidArgumentError("--namespace", cause=f"{namespace!r} is no name in ROS", remedy=remedy)
+        raise InvalidArgumentError("--namespace", cause=f"{namespace!r} is not a valid ROS name", remedy=remedy)
     if worlds is not None and not worlds.is_dir():
-        raise InvalidArgumentError("--worlds", cause=f"{worlds} is no folder")
+        raise InvalidArgumentError("--worlds", cause=f"{worlds} is not a folder")
 
 
 def _load_knowledge(
@@ -214,12 +225,12 @@ def _start_server(
 def _connect(resources: ExitStack, url: str, token: str | None) -> tuple[Node, str]:
     from mindstage.bridge import ConnectionState, RosbridgeClient
 
-    def tell(state: ConnectionState) -> None:
+    def warn_if_lost(state: ConnectionState) -> None:
         if state is ConnectionState.LOST:
-            warn(f"the connection to {url} is lost; trying again")
+            warn(f"the connection to {url} is lost; reconnecting")
 
-    client = resources.enter_context(RosbridgeClient(url, token=token or None, on_state=tell))
-    with progress_spinner(f"joining {url}"):
+    client = resources.enter_context(RosbridgeClient(url, token=token or None, on_state=warn_if_lost))
+    with progress_spinner(f"connecting to {url}"):
         return client.wait_connected(_CONNECT_TIMEOUT_S), url
 
 
@@ -233,30 +244,31 @@ def _spawn(simulation: Simulation, world: World | None, *, as_json: bool) -> dic
         print_findings(findings)
         print_report(report, title=world.name, verbose=False)
     if not is_complete(report, findings):
-        warn("not everything of the map stands on the stage; it is served as it is")
+        warn("the map was not spawned completely; the simulation is served nevertheless")
     return {"map": world.iri, "spawn": report_json(report), "findings": findings_json(findings)}
 
 
-def _announce(summary: dict[str, object], *, url: bool, seconds: float | None, as_json: bool) -> None:
+def _announce(summary: dict[str, object], *, connected: bool, seconds: float | None, as_json: bool) -> None:
     if as_json:
         print_json(summary)
         return
     if "page" in summary:
-        print_line(f"The world is open at {summary['page']}")
-    print_line(f"{'Joined' if url else 'Listening at'} {summary['url']}; services are below /{summary['namespace']}")
-    print_line("Ctrl-C ends it." if seconds is None else f"It ends in {seconds:g} s.")
+        print_line(f"The world is served at {summary['page']}")
+    verb = "Connected to" if connected else "Listening at"
+    print_line(f"{verb} {summary['url']}; services are below /{summary['namespace']}")
+    print_line("Press Ctrl-C to exit." if seconds is None else f"Exits after {seconds:g} s.")
 
 
 def _run_until_end(
     simulation: Simulation, quit_requested: threading.Event, *, seconds: float | None, quiet: bool
 ) -> None:
-    """Waits until somebody ends it, and says when the world comes to a stop by itself."""
+    """Waits for a quit request or the end of the duration, and prints errors of the simulation."""
     end = None if seconds is None else time.monotonic() + seconds
-    told = ""
+    printed = ""
     while (left_s := _POLL_INTERVAL_S if end is None else min(_POLL_INTERVAL_S, end - time.monotonic())) > 0.0:
         if quit_requested.wait(left_s):
             return
-        fault = simulation.state.error
-        if fault and fault != told and not quiet:
-            warn(f"the world stands still: {fault}")
-        told = fault
+        error = simulation.state.error
+        if error and error != printed and not quiet:
+            warn(f"the simulation is paused: {error}")
+        printed = error

@@ -1,8 +1,6 @@
-"""Sources: from what was typed to a knowledge base.
+"""Creates the knowledge base, the engine and the simulation of a verb from its options and the environment.
 
-Engine: from the name that was typed to an engine that runs.
-
-Staging: a simulation as a verb's options want it.
+Only this package reads environment variables: `GODOT` and `ROS_PACKAGE_PATH`.
 """
 
 from __future__ import annotations
@@ -42,14 +40,14 @@ __all__ = [
 
 
 def make_engine(name: str) -> Engine:
-    """`mindstage.engines.make_engine` with the Godot that the environment's `GODOT` names; closed when the verb ends.
+    """Makes an engine, with the Godot executable of the environment variable `GODOT`; closed when the verb ends.
 
     Raises:
-        EngineUnavailableError: there is no such engine, it cannot be loaded or started here, or reached.
+        EngineUnavailableError: the engine is unknown, or cannot be loaded, started or reached.
     """
     from mindstage import engines
 
-    # Nothing is drawn with OpenGL here, and looking for it takes longer than all the rest of MuJoCo's loading.
+    # OpenGL is not used here, and searching for it takes most of the import time of MuJoCo.
     os.environ.setdefault("MUJOCO_GL", "disable")
     engine = engines.make_engine(name, godot=godot_program())
     close_at_end(engine.close)
@@ -57,12 +55,12 @@ def make_engine(name: str) -> Engine:
 
 
 def godot_program() -> str | None:
-    """The Godot program that the environment names."""
+    """The Godot executable of the environment variable `GODOT`."""
     return os.environ.get("GODOT") or None
 
 
 def is_remote_engine(name: str) -> bool:
-    """Whether the name is the address of an engine that runs elsewhere, with a world that outlives the verb."""
+    """Whether the name is the URL of a remote engine, whose world outlives the verb."""
     from mindstage.engines import is_remote
 
     return is_remote(name)
@@ -70,23 +68,23 @@ def is_remote_engine(name: str) -> bool:
 
 @contextmanager
 def exclusive(simulation: Simulation) -> Iterator[None]:
-    """Makes sure that a far world is empty to begin with, and leaves it so; any other is so by itself.
+    """Requires the world of a remote engine to be empty, and clears it at the end of the `with` block.
 
     Raises:
-        EngineUnavailableError: something stands there already.
+        EngineUnavailableError: the remote world is not empty.
     """
     if not is_remote_engine(simulation.engine_name):
         yield
         return
-    there = simulation.snapshot()
-    if there.bodies or there.lights or there.facts or there.resources:
-        cause = f"its world is not empty ({there.name or there.iri}, with {len(there.bodies)} bodies)"
-        remedy = "use a stage that has no map yet, as mindstage serve alone starts one"
+    world = simulation.snapshot()
+    if world.bodies or world.lights or world.facts or world.resources:
+        cause = f"its world is not empty ({world.name or world.iri}, with {len(world.bodies)} bodies)"
+        remedy = "use one without a map, as started by mindstage serve without arguments"
         raise EngineUnavailableError(simulation.engine_name, cause=cause, remedy=remedy)
     try:
         yield
     except BaseException:
-        with suppress(MindstageError):  # what went wrong first is what is told
+        with suppress(MindstageError):  # the first error is the relevant one
             simulation.clear()
         raise
     simulation.clear()
@@ -95,16 +93,16 @@ def exclusive(simulation: Simulation) -> Iterator[None]:
 def simulation_from_options(
     knowledge: KnowledgeBase, engine: Engine, *, assets: list[Path] | None = None, plain_boxes: bool = False
 ) -> Simulation:
-    """`mindstage.api.simulation_from_options` for a verb's options.
+    """Makes an empty simulation; see `mindstage.api.make_simulation`.
 
     Args:
-        knowledge: what is known.
-        engine: who runs it.
-        assets: folders of meshes, besides what the map itself names.
-        plain_boxes: whether every body is the primitive shape that the map says, and nothing better.
+        knowledge: the knowledge base.
+        engine: the engine, which the simulation owns.
+        assets: folders of mesh files, in addition to those that the map refers to.
+        plain_boxes: whether each body has only the primitive shape of the map.
 
     Raises:
-        SourceParseError: one of the folders is none.
+        SourceParseError: one of the folders does not exist.
     """
     folders = () if plain_boxes else asset_folders(assets)
     return make_simulation(knowledge, engine, assets=folders, plain_shapes=plain_boxes)
@@ -133,17 +131,17 @@ def knowledge_base(
     robots: Sequence[str] | None = None,
     closure: bool = False,
 ) -> KnowledgeBase:
-    """`mindstage.api.load_knowledge` for a verb's options, with the environment's ROS packages; closed when it ends.
+    """Loads a knowledge base, with the ROS packages of the environment; closed when the verb ends.
 
     Raises:
         SourceParseError: one of them cannot be read.
-        StoreError: the folder cannot be used.
-        InvalidArgumentError: the endpoint's address is none, or both were given; or there are no such units, or no such map.
-        ReasonerUnavailableError: the extra that derives is not installed.
+        StoreError: the store folder cannot be used.
+        InvalidArgumentError: the endpoint is not a URL, options are mutually exclusive, or a convention is invalid.
+        ReasonerUnavailableError: the extra "closure" is not installed.
     """
     if closure and store:
-        cause = "what it derives would be written into what others use"
-        raise InvalidArgumentError("--closure", cause=cause, remedy="load the files themselves, without --store")
+        cause = "it would write derived statements into a store that is shared"
+        raise InvalidArgumentError("--closure", cause=cause, remedy="load the files without --store")
     knowledge = load_knowledge(
         maps,
         ontologies=[*(ontologies or ()), *_ros_packages()],
@@ -159,23 +157,23 @@ def knowledge_base(
 
 
 def findings_about(world: World, knowledge: KnowledgeBase, *, strict: bool = False) -> tuple[Finding, ...]:
-    """Everything odd, an empty world among it: more likely a map that was not understood than an empty place.
+    """The findings of the knowledge base, and one if the world is empty.
 
     Raises:
-        MapRejectedError: there is something, and nothing was to be.
+        MapRejectedError: with `strict`, if there are findings.
     """
     from mindstage.knowledge import Finding, Severity
 
     findings = knowledge.findings()
     if not world.bodies:
-        what = "nothing in it could be read as a body; is it a map?"
-        findings = (*findings, Finding(Severity.WARNING, world.iri, "", what, "the world is empty"))
+        cause = "no bodies were found in it; is it a semantic map?"
+        findings = (*findings, Finding(Severity.WARNING, world.iri, "", cause, "the world is empty"))
     if strict and findings:
         raise MapRejectedError(world.iri, findings=[str(finding) for finding in findings])
     return findings
 
 
 def _ros_packages() -> list[str]:
-    # ROS itself says nothing about folders of that list which do not exist.
+    # As in ROS, folders in the list that do not exist are ignored.
     folders = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
     return [folder for folder in folders if folder and Path(folder).is_dir()]

@@ -1,10 +1,7 @@
-"""`mindstage shot`: a picture of a map's world.
+"""The verb `shot`: renders a picture of a map in a headless browser.
 
-The world stands still while it is taken, so that the same map gives the same picture.
-
-Opening: doors and drawers pulled open, one after the other, as a hand would.
-
-Pointing: what somebody means by a question, by ids or by a class, lit up on a stage.
+Doors and drawers can be opened and bodies highlighted first. The simulation is paused while the picture is taken, so
+that the same map gives the same picture.
 """
 
 from __future__ import annotations
@@ -59,29 +56,30 @@ _SETTLE_S = 0.5
 
 
 def pull_open(simulation: Simulation, world: World, ids: Iterable[str]) -> None:
-    """Pulls each by its handle, if it has one, and lets everything come to rest.
+    """Pulls bodies open, one after the other, by a handle if they have one, and simulates until they rest.
 
     Raises:
-        BodyNotFoundError: one of them is not there.
+        BodyNotFoundError: one of the bodies does not exist.
     """
     from mindstage.scene import BodyId
 
-    wanted = [world.body(BodyId(id)).id for id in ids]
-    frames = {joint.child: joint.parent for joint in world.joints}
-    frames |= {joint.parent: joint.child for joint in world.joints if joint.parent in wanted}
-    for id in wanted:
-        front, frame = world.body(id).pose.position, world.body(frames.get(id, id)).pose.position
-        grip = next((hold.child for hold in world.attachments if hold.parent == id), id)
-        simulation.pull(grip, point=(0.0, 0.0, 0.0), target=_pull_target(world.body(grip).pose.position, front, frame))
+    opened = [world.body(BodyId(id)).id for id in ids]
+    cases = {joint.child: joint.parent for joint in world.joints}
+    cases |= {joint.parent: joint.child for joint in world.joints if joint.parent in opened}
+    for id in opened:
+        front, case = world.body(id).pose.position, world.body(cases.get(id, id)).pose.position
+        handle = next((each.child for each in world.attachments if each.parent == id), id)
+        target = _pull_target(world.body(handle).pose.position, front, case)
+        simulation.pull(handle, point=(0.0, 0.0, 0.0), target=target)
         simulation.step(_PULL_DURATION_S)
-        simulation.release(grip)
-    if wanted:
+        simulation.release(handle)
+    if opened:
         simulation.step(_SETTLE_S)
 
 
-def _pull_target(point: Vector, front: Vector, frame: Vector) -> Vector:
-    """Level, from the middle of a piece of furniture to its front, as far as a hand reaches."""
-    x, y = front[0] - frame[0], front[1] - frame[1]
+def _pull_target(point: Vector, front: Vector, case: Vector) -> Vector:
+    """The point moved horizontally, along the main axis from the center of the case to the front [m]."""
+    x, y = front[0] - case[0], front[1] - case[1]
     if abs(x) < abs(y):
         x = 0.0
     else:
@@ -92,18 +90,18 @@ def _pull_target(point: Vector, front: Vector, frame: Vector) -> Vector:
 
 @dataclass(frozen=True, slots=True)
 class HighlightTarget:
-    """Something to be lit in a color."""
+    """A value of `--highlight`, and its color."""
 
     terms: tuple[str, ...]
-    """A question and what it is asked about, or else ids and names of classes."""
+    """A question and its arguments, or else ids of bodies and names of classes."""
     color: Color | None
 
     def apply(self, simulation: Simulation) -> HighlightResult:
-        """Lights it up.
+        """Highlights the bodies.
 
         Raises:
-            NameNotFoundError: a word is neither a question, a body's id nor a class.
-            InvalidArgumentError: the question is not asked about that.
+            NameNotFoundError: a term is neither a question, the id of a body nor a class.
+            InvalidArgumentError: an argument of the question is invalid.
         """
         from mindstage.knowledge.queries import get_question, list_questions
 
@@ -113,29 +111,29 @@ class HighlightTarget:
             answers = simulation.ask(question, **named_args(question, list(self.terms[1:])))
             return simulation.highlight(answers, self.color)
         world = simulation.snapshot()
-        ids = dict.fromkeys(id for word in self.terms for id in _matching_bodies(simulation, world, word))
+        ids = dict.fromkeys(id for term in self.terms for id in _matching_bodies(simulation, world, term))
         return simulation.highlight(ids, self.color, label=" ".join(self.terms))
 
 
-def _matching_bodies(simulation: Simulation, world: World, word: str) -> Iterator[BodyId]:
-    """The body of that id, or all of that class."""
+def _matching_bodies(simulation: Simulation, world: World, term: str) -> Iterator[BodyId]:
+    """The body of that id, or all bodies of that class."""
     from mindstage.knowledge.names import EntityType
 
     ids = {body.id for body in world.bodies}
-    if word in ids:
-        yield from (id for id in ids if id == word)
+    if term in ids:
+        yield from (id for id in ids if id == term)
         return
     knowledge = simulation.knowledge
     try:
-        cls = knowledge.names.find(word, EntityType.CLASS)
+        cls = knowledge.names.find(term, EntityType.CLASS)
     except NameNotFoundError as error:
         kind = "question, body or class"
-        raise NameNotFoundError(word, entity_type=kind, known=(*ids, *knowledge.names.short_names())) from error
+        raise NameNotFoundError(term, entity_type=kind, known=(*ids, *knowledge.names.short_names())) from error
     yield from (body.id for body in world.bodies if knowledge.is_a(body.cls, cls))
 
 
 class _CameraOptions(TypedDict):
-    """Those fields of a `Screenshot`."""
+    """The fields of `Screenshot` that define the camera."""
 
     position: Vector | None
     look_at: Vector | None
@@ -144,28 +142,29 @@ class _CameraOptions(TypedDict):
 
 
 _COLORS = ("blue", "green", "yellow", "red", "black")
-"""In turn, where nobody says which."""
+"""Default colors of `--highlight`, in turn."""
 
 Output = Annotated[
-    Path, typer.Option("--output", "-o", metavar="FILE.png", help="Where the picture goes.", show_default=False)
+    Path, typer.Option("--output", "-o", metavar="FILE.png", help="The file to write.", show_default=False)
 ]
 From = Annotated[
-    str | None, typer.Option("--from", metavar="X,Y,Z", help="Where the eye is, in metres.", show_default=False)
+    str | None,
+    typer.Option("--from", metavar="X,Y,Z", help="The position of the camera, in meters.", show_default=False),
 ]
 To = Annotated[
     str | None,
     typer.Option(
-        "--to", metavar="X,Y,Z|ID", help="What is in the middle: a point, in metres, or a body that fills the picture."
+        "--to", metavar="X,Y,Z|ID", help="The center of the picture: a point, in meters, or a body that fills it."
     ),
 ]
-Top = Annotated[bool, typer.Option("--top", help="Look straight down, as on a plan.")]
+Top = Annotated[bool, typer.Option("--top", help="View from above.")]
 Section = Annotated[
     float | None,
     typer.Option(
         "--section",
         metavar="HEIGHT",
         callback=finite,
-        help="Leave out all above a height, in metres, to see into rooms.",
+        help="Clip everything above this height, in meters.",
         show_default=False,
     ),
 ]
@@ -174,30 +173,32 @@ Highlights = Annotated[
     typer.Option(
         "--highlight",
         metavar="WHAT",
-        help="Light up the answers to a question ('storage_place_in_environment item=CowsMilk'), bodies by their ids, "
-        "or all of a class; may be repeated.",
+        help="Highlight the answers to a question ('storage_place_in_environment item=CowsMilk'), bodies by id, or all "
+        "bodies of a class; may be repeated.",
         show_default=False,
     ),
 ]
 Colors = Annotated[
     list[str] | None,
-    typer.Option("--colour", metavar="COLOUR", help="Of each --highlight, in their order.", show_default=False),
+    typer.Option(
+        "--color", "--colour", metavar="COLOR", help="The color of each --highlight, in order.", show_default=False
+    ),
 ]
 Opened = Annotated[
     list[str] | None,
-    typer.Option("--open", metavar="ID", help="Pull a door or drawer open first; may be repeated.", show_default=False),
+    typer.Option("--open", metavar="ID", help="Open a door or drawer first; may be repeated.", show_default=False),
 ]
-Selected = Annotated[
-    str | None, typer.Option("--select", metavar="ID", help="A body to draw a frame round.", show_default=False)
-]
+Selected = Annotated[str | None, typer.Option("--select", metavar="ID", help="A body to select.", show_default=False)]
 LabelsOf = Annotated[
-    str, typer.Option("--labels", metavar="WHICH", help="Names beside bodies: none, selected, class or all.")
+    str, typer.Option("--labels", metavar="WHICH", help="Labels of bodies: none, selected, class or all.")
 ]
-Size = Annotated[str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="Of the picture, in pixels.")]
-WholePage = Annotated[bool, typer.Option("--page", help="Show the whole page with its panels, not the world alone.")]
+Size = Annotated[str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="The size of the picture, in pixels.")]
+WholePage = Annotated[bool, typer.Option("--page", help="Include the panels of the page.")]
 Panel = Annotated[
     str,
-    typer.Option("--panel", metavar="NAME", help="The same with this panel in front: outliner, details, add, ask …"),
+    typer.Option(
+        "--panel", metavar="NAME", help="Include the panels, with this one active: outliner, details, add, ask …"
+    ),
 ]
 BrowserPath = Annotated[
     str | None,
@@ -205,15 +206,16 @@ BrowserPath = Annotated[
         "--browser",
         metavar="PROGRAM",
         envvar=["MINDSTAGE_BROWSER", "BROWSER_PATH", "CHROMIUM"],
-        help="Chromium, Chrome or a relative; by default one that is found.",
+        help="Path of Chromium, Chrome or a compatible browser; by default searched for.",
         show_default=False,
     ),
 ]
 Seconds = Annotated[
-    float, typer.Option("--for", metavar="SECONDS", min=0.0, callback=finite, help="Let so much time pass first.")
+    float, typer.Option("--for", metavar="SECONDS", min=0.0, callback=finite, help="Simulated time before the picture.")
 ]
 Timeout = Annotated[
-    float, typer.Option("--timeout", metavar="SECONDS", min=1.0, callback=finite, help="How long taking it may last.")
+    float,
+    typer.Option("--timeout", metavar="SECONDS", min=1.0, callback=finite, help="The timeout of taking the picture."),
 ]
 
 
@@ -245,11 +247,11 @@ def shot(
     engine: EngineName = "mujoco",
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Take a picture of a map's world, without a screen or a GPU, by a browser that is installed here."""
+    """Render a picture of a map in a headless browser; no display or GPU is needed."""
     from mindstage.viewer import Screenshot
     from mindstage.viewer.screenshot import find_browser
 
-    wish = Screenshot(
+    screenshot = Screenshot(
         size=_parse_size(size),
         clip_height=section,
         selected=_parse_id(select),
@@ -260,66 +262,64 @@ def shot(
         timeout_s=timeout_s,
         **_camera_options(position, look_at, top=top),
     )
-    pointers, running = _highlight_targets(highlights or [], colors or []), make_engine(engine)
-    find_browser(browser)  # before a long map is read in vain
+    targets, running = _highlight_targets(highlights or [], colors or []), make_engine(engine)
+    find_browser(browser)  # before the map is read, so that a missing browser fails at once
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled, robots=robots)
         world = knowledge.world(map_name)
-    with simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes) as stage, exclusive(stage):
+    with simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes) as sim, exclusive(sim):
         with progress_spinner("spawning"):
-            report = stage.spawn(world)
+            report = sim.spawn(world)
         print_failures(report)
-        pull_open(stage, world, opened or [])
-        step_with_progress(stage, seconds)
-        lit = [pointer.apply(stage) for pointer in pointers]
-        _take_screenshot(stage, wish, output)
-    told = {"map": world.iri, "picture": str(output), "size": wish.size, "engine": stage.engine_name}
-    _print_result(told | {"spawn": report_json(report)}, lit, as_json=as_json)
+        pull_open(sim, world, opened or [])
+        step_with_progress(sim, seconds)
+        results = [target.apply(sim) for target in targets]
+        _take_screenshot(sim, screenshot, output)
+    summary = {"map": world.iri, "picture": str(output), "size": screenshot.size, "engine": sim.engine_name}
+    _print_result(summary | {"spawn": report_json(report)}, results, as_json=as_json)
     return ExitCode.OK
 
 
 def _take_screenshot(simulation: Simulation, screenshot: Screenshot, output: Path) -> None:
-    from mindstage.viewer import Viewer
+    from mindstage.api import view
 
-    with progress_spinner("taking the picture"), Viewer(simulation, port=0) as viewport:
-        picture = viewport.screenshot(screenshot)
+    with progress_spinner("taking the picture"), view(simulation, port=0) as viewer:
+        picture = viewer.screenshot(screenshot)
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_bytes(picture)
 
 
-def _print_result(summary: dict[str, object], highlights: Sequence[HighlightResult], *, as_json: bool) -> None:
+def _print_result(summary: dict[str, object], results: Sequence[HighlightResult], *, as_json: bool) -> None:
     if as_json:
         groups = [
-            {"lit": list(shown.highlighted), "not_lit": {dark.id: dark.reason for dark in shown.unhighlighted}}
-            for shown in highlights
+            {"lit": list(result.highlighted), "not_lit": {item.id: item.reason for item in result.unhighlighted}}
+            for result in results
         ]
         print_json(summary | {"highlights": groups})
         return
-    for shown in highlights:
-        for dark in shown.unhighlighted:
-            warn(f"not lit: {dark.id}: {dark.reason}")
-    print_line(f"The picture is in {summary['picture']}")
+    for result in results:
+        for item in result.unhighlighted:
+            warn(f"not highlighted: {item.id}: {item.reason}")
+    print_line(f"picture → {summary['picture']}")
 
 
 def _camera_options(position: str | None, look_at: str | None, *, top: bool) -> _CameraOptions:
-    """Where the eye is, and what it looks at.
+    """The camera from `--from`, `--to` and `--top`.
 
     Raises:
-        InvalidArgumentError: some of what was typed says nothing, or excludes other things.
+        InvalidArgumentError: a value is invalid, or options are mutually exclusive.
     """
     from mindstage.scene import BodyId
 
     if top and (position or look_at):
-        raise InvalidArgumentError(
-            "--top", cause="it says by itself where the eye is", remedy="leave --from and --to out"
-        )
+        raise InvalidArgumentError("--top", cause="it defines the camera", remedy="omit --from and --to")
     point = None if look_at is None else _parse_numbers(look_at)
     focus = () if look_at is None or point is not None else (BodyId(look_at),)
     if focus and position:
-        cause = f"{look_at!r} is no point, and a body fills the picture from the usual side"
-        raise InvalidArgumentError("--to", cause=cause, remedy="give X,Y,Z, or leave --from out")
-    eye = None if position is None else _parse_point("--from", position)
-    return {"position": eye, "look_at": point, "focus": focus, "from_above": top}
+        cause = f"{look_at!r} is not a point, and --from requires one"
+        raise InvalidArgumentError("--to", cause=cause, remedy="give X,Y,Z, or omit --from")
+    camera = None if position is None else _parse_point("--from", position)
+    return {"position": camera, "look_at": point, "focus": focus, "from_above": top}
 
 
 def _parse_id(text: str | None) -> BodyId | None:
@@ -335,19 +335,21 @@ def _parse_labels(text: str) -> LabelMode:
         return LabelMode(text)
     except ValueError:
         remedy = f"there is {', '.join(each.value for each in LabelMode)}"
-        raise InvalidArgumentError("--labels", cause=f"{text!r} is none", remedy=remedy) from None
+        raise InvalidArgumentError("--labels", cause=f"{text!r} is not a valid value", remedy=remedy) from None
 
 
 def _parse_size(text: str) -> tuple[int, int]:
     if sides := re.fullmatch(r"(\d{1,6})[xX](\d{1,6})", text):
         return int(sides[1]), int(sides[2])
-    raise InvalidArgumentError("--size", cause=f"{text!r} is no size", remedy="give width and height, such as 1280x800")
+    raise InvalidArgumentError(
+        "--size", cause=f"{text!r} is not a size", remedy="give width and height, such as 1280x800"
+    )
 
 
 def _parse_point(option: str, text: str) -> Vector:
     if (numbers := _parse_numbers(text)) is None:
         raise InvalidArgumentError(
-            option, cause=f"{text!r} is no point", remedy="give three numbers, such as 2,-1.5,1.8"
+            option, cause=f"{text!r} is not a point", remedy="give three numbers, such as 2,-1.5,1.8"
         )
     return numbers
 
@@ -361,29 +363,29 @@ def _parse_numbers(text: str) -> Vector | None:
 
 
 def _highlight_targets(texts: Sequence[str], colors: Sequence[str]) -> list[HighlightTarget]:
-    """What is to be lit, each with its color.
+    """The values of `--highlight` with their colors.
 
     Raises:
-        InvalidArgumentError: there are more colors than things, or nothing is said.
-        InvalidColorError: a color is none.
+        InvalidArgumentError: there are more colors than highlights, or a highlight is empty.
+        InvalidColorError: a color is invalid.
     """
     from mindstage.scene.colors import parse_color
 
     if len(colors) > len(texts):
-        remedy = "give as many --highlight, in their order"
+        remedy = "give at most one for each --highlight"
         raise InvalidArgumentError(
-            "--colour", cause=f"there are {len(colors)} for {len(texts)} --highlight", remedy=remedy
+            "--color", cause=f"there are {len(colors)} for {len(texts)} --highlight", remedy=remedy
         )
-    usual = [_COLORS[at % len(_COLORS)] for at in range(len(texts))]
-    chosen = [*colors, *usual[len(colors) :]]
+    defaults = [_COLORS[at % len(_COLORS)] for at in range(len(texts))]
+    chosen = [*colors, *defaults[len(colors) :]]
     return [HighlightTarget(_split_terms(text), parse_color(color)) for text, color in zip(texts, chosen, strict=True)]
 
 
 def _split_terms(text: str) -> tuple[str, ...]:
     try:
-        words = tuple(shlex.split(text))
+        terms = tuple(shlex.split(text))
     except ValueError as error:
         raise InvalidArgumentError("--highlight", cause=f"{text!r} cannot be read: {error}") from error
-    if not words:
-        raise InvalidArgumentError("--highlight", cause="it says nothing", remedy="give a question, ids, or a class")
-    return words
+    if not terms:
+        raise InvalidArgumentError("--highlight", cause="it is empty", remedy="give a question, ids, or a class")
+    return terms

@@ -1,14 +1,14 @@
-"""`mindstage check`: proves that a map comes back from a running world with nothing lost.
+"""The verbs `spawn`, `log` and `check`: a map is spawned, then simulated, logged or compared with its snapshot.
 
-`mindstage log`: a running world as a semantic map.
-
-`mindstage spawn`: a map as a world that lives.
+They share `spawned_map`, which reads a map and spawns it, and `SpawnedMap`, which prints the result and its exit code.
 """
 
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -38,6 +38,7 @@ from mindstage.cli.options import (
     Strict,
     UnitNames,
     Verbose,
+    WithViewport,
     close_at_end,
     finite,
 )
@@ -72,26 +73,170 @@ from mindstage.cli.viewer import LOOPBACK, check_token_given, print_and_serve
 from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
-    from mindstage.engines import Engine
-    from mindstage.knowledge import KnowledgeBase, SourceMapView
+    from mindstage.engines import Engine, SpawnReport
+    from mindstage.knowledge import Finding, KnowledgeBase, SourceMapView
     from mindstage.scene import Body, Joint, Light, Statement, World, WorldDiff
     from mindstage.simulation import Simulation
 
-__all__ = ["check", "log", "spawn"]
+__all__ = ["SpawnedMap", "check", "log", "spawn", "spawned_map"]
 
 
-Maps = Annotated[
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpawnedMap:
+    """A map that was read and spawned."""
+
+    simulation: Simulation
+    knowledge: KnowledgeBase
+    world: World
+    """The world as the map describes it."""
+    findings: Sequence[Finding]
+    """The findings of the knowledge base."""
+    report: SpawnReport
+    timings: Timings
+    """Wall time of the parts `load` and `spawn`."""
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether everything that the map describes was spawned."""
+        return is_complete(self.report, self.findings)
+
+    def to_json(self) -> dict[str, object]:
+        """The report, the findings and the assumptions as they appear in JSON."""
+        spawned = {"spawn": report_json(self.report), "findings": findings_json(self.findings)}
+        return spawned | import_summary(self.world, self.knowledge)
+
+    def print(self, *, verbose: bool = False) -> None:
+        """Prints the findings, the assumptions and the report."""
+        print_findings(self.findings)
+        print_import_summary(self.world, self.knowledge, verbose=verbose)
+        print_report(self.report, title=self.world.name, verbose=verbose)
+
+
+@contextmanager
+def spawned_map(
+    maps: Sequence[str],
+    map_name: str | None,
+    engine: Engine,
+    *,
+    ontologies: list[str] | None,
+    bundled: bool,
+    robots: list[str] | None,
+    conventions: ConventionOptions,
+    strict: bool,
+    assets: list[Path] | None,
+    plain_boxes: bool,
+    in_empty_world: bool = False,
+) -> Iterator[SpawnedMap]:
+    """Reads a map and spawns it; the simulation is closed at the end of the `with` block.
+
+    Args:
+        maps: the sources, loaded into one knowledge base.
+        map_name: the map to spawn; by default the only one.
+        engine: the engine, which the simulation owns.
+        ontologies: see `knowledge_base`.
+        bundled: see `knowledge_base`.
+        robots: see `knowledge_base`.
+        conventions: see `knowledge_base`.
+        strict: whether a map with findings is rejected.
+        assets: see `simulation_from_options`.
+        plain_boxes: see `simulation_from_options`.
+        in_empty_world: whether a remote world must be empty, and is cleared at the end; see `exclusive`.
+    """
+    timings = Timings()
+    with progress_spinner("reading"), timings.measure("load"):
+        knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled, robots=robots, conventions=conventions)
+        world = knowledge.world(map_name)
+    findings = findings_about(world, knowledge, strict=strict)
+    with ExitStack() as stack:
+        simulation = stack.enter_context(
+            simulation_from_options(knowledge, engine, assets=assets, plain_boxes=plain_boxes)
+        )
+        if in_empty_world:
+            stack.enter_context(exclusive(simulation))
+        with progress_spinner("spawning"), timings.measure("spawn"):
+            report = simulation.spawn(world)
+        yield SpawnedMap(
+            simulation=simulation, knowledge=knowledge, world=world, findings=findings, report=report, timings=timings
+        )
+
+
+# -- spawn -------------------------------------------------------------------------------------------------------------
+
+
+def spawn(
+    maps: MapArguments,
+    *,
+    map_name: MapName = None,
+    ontologies: Ontologies = None,
+    bundled: Bundled = True,
+    robots: Robots = None,
+    units: UnitNames = None,
+    frame: FrameNames = None,
+    quaternion: QuaternionOrders = None,
+    strict: Strict = False,
+    assets: AssetFolders = None,
+    plain_boxes: PlainBoxes = False,
+    engine: EngineName = "mujoco",
+    with_viewport: WithViewport = True,
+    port: Port = 8080,
+    host: PageHost = LOOPBACK,
+    token: PageToken = None,
+    seconds: Seconds = None,
+    verbose: Verbose = False,
+    as_json: AsJson = False,
+) -> ExitCode:
+    """Spawn a map in an engine, print a report, and simulate it; exit 1 if anything could not be spawned."""
+    check_token_given(host, token)
+    running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
+    with spawned_map(
+        maps,
+        map_name,
+        running,
+        ontologies=ontologies,
+        bundled=bundled,
+        robots=robots,
+        conventions=ConventionOptions(units, frame, quaternion),
+        strict=strict,
+        assets=assets,
+        plain_boxes=plain_boxes,
+    ) as spawned:
+        output: dict[str, object] = {"map": spawned.world.iri, "engine": spawned.simulation.engine_name}
+        output |= {"seconds": spawned.timings.seconds} | spawned.to_json()
+        if not as_json:
+            spawned.print(verbose=verbose)
+        if with_viewport:
+            print_and_serve(
+                spawned.simulation, output, port=port, host=host, token=token, duration_s=seconds, as_json=as_json
+            )
+        else:
+            _run(spawned.simulation, output, seconds=seconds or 0.0, as_json=as_json)
+    return ExitCode.OK if spawned.is_complete else ExitCode.NEGATIVE
+
+
+def _run(simulation: Simulation, output: dict[str, object], *, seconds: float, as_json: bool) -> None:
+    wall_s = step_with_progress(simulation, seconds)
+    factor = seconds / wall_s if seconds else None
+    if as_json:
+        print_json(output | {"simulated_s": seconds, "real_time_factor": factor})
+    elif factor:
+        print_line(f"{seconds:g} s simulated in {wall_s:.2f} s: {factor:.1f} times real time")
+
+
+# -- log ---------------------------------------------------------------------------------------------------------------
+
+
+OptionalMaps = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="[MAP]…",
-        help="A semantic map, or bundled:kitchen; without one, what runs in a far engine is logged as it is.",
+        help="A semantic map, or bundled:kitchen; without one, the world of a remote engine is logged.",
         show_default=False,
     ),
 ]
 
 
 def log(
-    maps: Maps = None,
+    maps: OptionalMaps = None,
     *,
     out: Annotated[
         Path,
@@ -112,68 +257,61 @@ def log(
     engine: EngineName = "mujoco",
     seconds: Annotated[
         float,
-        typer.Option("--for", metavar="SECONDS", min=0.0, callback=finite, help="Simulated time before it is logged."),
+        typer.Option("--for", metavar="SECONDS", min=0.0, callback=finite, help="Simulated time before logging."),
     ] = 0.0,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Spawn a map, let time pass, and log the world as it is then; exit 1 if anything could not be spawned.
+    """Spawn a map, simulate it, and write the resulting world as a map; exit 1 if anything could not be spawned.
 
-    Without a map, the world that runs in a far engine is logged.
+    Without a map, the world of a remote engine is written.
     """
-    running = make_engine(engine)  # first: a wrong name is told before a long map is read
+    running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
     if not maps:
-        return _snapshot_remote(running, out, seconds=seconds, as_json=as_json)
-    with progress_spinner("reading"):
-        knowledge = knowledge_base(
-            maps,
-            ontologies=ontologies,
-            bundled=bundled,
-            robots=robots,
-            conventions=ConventionOptions(units, frame, quaternion),
-        )
-        world = knowledge.world(map_name)
-    findings = findings_about(world, knowledge, strict=strict)
-    with simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes) as stage:
-        with progress_spinner("spawning"):
-            report = stage.spawn(world)
-        told = _write(stage, out, seconds=seconds)
+        return _log_remote(running, out, seconds=seconds, as_json=as_json)
+    with spawned_map(
+        maps,
+        map_name,
+        running,
+        ontologies=ontologies,
+        bundled=bundled,
+        robots=robots,
+        conventions=ConventionOptions(units, frame, quaternion),
+        strict=strict,
+        assets=assets,
+        plain_boxes=plain_boxes,
+    ) as spawned:
+        written = _write(spawned.simulation, out, seconds=seconds)
     if as_json:
-        print_json(
-            told
-            | {"spawn": report_json(report), "findings": findings_json(findings)}
-            | import_summary(world, knowledge)
-        )
+        print_json(written | spawned.to_json())
     else:
-        print_findings(findings)
-        print_import_summary(world, knowledge)
-        print_report(report, title=world.name, verbose=False)
-        _print_summary(told)
-    return ExitCode.OK if is_complete(report, findings) else ExitCode.NEGATIVE
+        spawned.print()
+        _print_summary(written)
+    return ExitCode.OK if spawned.is_complete else ExitCode.NEGATIVE
 
 
-def _snapshot_remote(running: Engine, out: Path, *, seconds: float, as_json: bool) -> ExitCode:
-    """Logs what runs somewhere else.
+def _log_remote(engine: Engine, out: Path, *, seconds: float, as_json: bool) -> ExitCode:
+    """Writes the world of a remote engine.
 
     Raises:
-        InvalidArgumentError: the engine is here, and nothing is in it yet.
+        InvalidArgumentError: the engine is a local one, whose world is empty.
     """
     from mindstage.knowledge import KnowledgeBase
     from mindstage.simulation import Simulation
 
-    if not is_remote_engine(running.name):
+    if not is_remote_engine(engine.name):
         remedy = "name a map, or --engine ros://HOST:PORT/NAMESPACE"
-        raise InvalidArgumentError("MAP", cause=f"nothing runs in the engine {running.name!r} yet", remedy=remedy)
-    with Simulation(KnowledgeBase(), running) as stage:
-        told = _write(stage, out, seconds=seconds)
+        raise InvalidArgumentError("MAP", cause=f"the world of the engine {engine.name!r} is empty", remedy=remedy)
+    with Simulation(KnowledgeBase(), engine) as simulation:
+        written = _write(simulation, out, seconds=seconds)
     if as_json:
-        print_json(told)
+        print_json(written)
     else:
-        _print_summary(told)
+        _print_summary(written)
     return ExitCode.OK
 
 
 def _write(simulation: Simulation, out: Path, *, seconds: float) -> dict[str, object]:
-    """Lets time pass, writes the world, and says what was written."""
+    """Simulates, writes the world, and returns a summary of what was written."""
     from mindstage.knowledge import save_map
 
     step_with_progress(simulation, seconds)
@@ -191,74 +329,13 @@ def _write(simulation: Simulation, out: Path, *, seconds: float) -> dict[str, ob
 
 
 def _print_summary(summary: dict[str, object]) -> None:
-    print_line(f"{summary['bodies']} bodies, {summary['constraints']} constraints → {summary['out']}")
+    print_line(f"{summary['bodies']} bodies, {summary['constraints']} joints → {summary['out']}")
 
 
-def spawn(
-    maps: MapArguments,
-    *,
-    map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
-    units: UnitNames = None,
-    frame: FrameNames = None,
-    quaternion: QuaternionOrders = None,
-    strict: Strict = False,
-    assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
-    engine: EngineName = "mujoco",
-    with_viewport: Annotated[
-        bool, typer.Option(" /--no-viewport", help="Do not show the world in the browser.", show_default=False)
-    ] = True,
-    port: Port = 8080,
-    host: PageHost = LOOPBACK,
-    token: PageToken = None,
-    seconds: Seconds = None,
-    verbose: Verbose = False,
-    as_json: AsJson = False,
-) -> ExitCode:
-    """Spawn a map into an engine, report what became of it, and let it live; exit 1 if anything is missing."""
-    check_token_given(host, token)
-    running = make_engine(engine)  # first: a wrong name is told before a long map is read
-    watch = Timings()
-    with progress_spinner("reading"), watch.measure("load"):
-        knowledge = knowledge_base(
-            maps,
-            ontologies=ontologies,
-            bundled=bundled,
-            robots=robots,
-            conventions=ConventionOptions(units, frame, quaternion),
-        )
-        world = knowledge.world(map_name)
-    findings = findings_about(world, knowledge, strict=strict)
-    with simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes) as stage:
-        with progress_spinner("spawning"), watch.measure("spawn"):
-            report = stage.spawn(world)
-        told: dict[str, object] = {"map": world.iri, "engine": stage.engine_name, "spawn": report_json(report)}
-        told |= {"seconds": watch.seconds, "findings": findings_json(findings)} | import_summary(world, knowledge)
-        if not as_json:
-            print_findings(findings)
-            print_import_summary(world, knowledge, verbose=verbose)
-            print_report(report, title=world.name, verbose=verbose)
-        if with_viewport:
-            print_and_serve(stage, told, port=port, host=host, token=token, duration_s=seconds, as_json=as_json)
-        else:
-            _run(stage, told, seconds=seconds or 0.0, as_json=as_json)
-    return ExitCode.OK if is_complete(report, findings) else ExitCode.NEGATIVE
-
-
-def _run(simulation: Simulation, summary: dict[str, object], *, seconds: float, as_json: bool) -> None:
-    wall_s = step_with_progress(simulation, seconds)
-    factor = seconds / wall_s if seconds else None
-    if as_json:
-        print_json(summary | {"simulated_s": seconds, "real_time_factor": factor})
-    elif factor:
-        print_line(f"{seconds:g} s simulated in {wall_s:.2f} s: {factor:.1f} times real time")
-
+# -- check -------------------------------------------------------------------------------------------------------------
 
 _NON_XML_SUFFIXES = frozenset({".ttl", ".nt", ".n3", ".trig", ".nq"})
-"""Maps of these formats may hold names and letters that RDF/XML has no way to write."""
+"""Formats whose names and characters RDF/XML cannot always express."""
 
 
 def check(
@@ -279,56 +356,51 @@ def check(
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Spawn a map, log it back, write it, read it again, and compare; exit 0 only if nothing was lost.
+    """Spawn a map, log it, write it, read it again, and compare; exit 0 only if nothing was lost.
 
-    The world goes the whole way round: map, engine, logger, OWL file in the map's own dialect, map. Compared are the
-    two worlds, and every statement of the map.
+    The round trip is: map, engine, snapshot, OWL file in the dialect of the map, map. The worlds and all statements of
+    the map are compared.
     """
-    if gc.isenabled():  # nothing here makes circular garbage, and all that is made is needed until the end
+    if gc.isenabled():  # this verb creates no reference cycles, and keeps nearly all objects until its end
         gc.disable()
         close_at_end(gc.enable)
-    running = make_engine(engine)  # first: a wrong name is told before a long map is read
-    watch = Timings()
-    with progress_spinner("reading"), watch.measure("load"):
-        knowledge = knowledge_base(
-            maps,
-            ontologies=ontologies,
-            bundled=bundled,
-            robots=robots,
-            conventions=ConventionOptions(units, frame, quaternion),
-        )
-        world = knowledge.world(map_name)
-    findings = findings_about(world, knowledge, strict=strict)
-    with simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes) as stage, exclusive(stage):
-        name = stage.engine_name
-        with progress_spinner("spawning"), watch.measure("spawn"):
-            report = stage.spawn(world)
-        with progress_spinner("logging"), watch.measure("log"):
-            logged = stage.snapshot()
-    with progress_spinner("writing and reading back"), watch.measure("file"):
-        origin = knowledge.source_view(world.iri)
-        name_of_file = (
-            "logged.ttl" if any(Path(map).suffix.lower() in _NON_XML_SUFFIXES for map in maps) else "logged.owl"
-        )
-        written = _file_round_trip(name_of_file, logged, origin, ontologies=ontologies, bundled=bundled)
+    running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
+    with spawned_map(
+        maps,
+        map_name,
+        running,
+        ontologies=ontologies,
+        bundled=bundled,
+        robots=robots,
+        conventions=ConventionOptions(units, frame, quaternion),
+        strict=strict,
+        assets=assets,
+        plain_boxes=plain_boxes,
+        in_empty_world=True,
+    ) as spawned:
+        engine_name, world, timings = spawned.simulation.engine_name, spawned.world, spawned.timings
+        with progress_spinner("logging"), timings.measure("log"):
+            logged = spawned.simulation.snapshot()
+    with progress_spinner("writing and reading back"), timings.measure("file"):
+        origin = spawned.knowledge.source_view(world.iri)
+        needs_turtle = any(Path(map).suffix.lower() in _NON_XML_SUFFIXES for map in maps)
+        name = "logged.ttl" if needs_turtle else "logged.owl"
+        written = _file_round_trip(name, logged, origin, ontologies=ontologies, bundled=bundled)
         written.world(world.iri)
-    with progress_spinner("comparing"), watch.measure("compare"):
+    with progress_spinner("comparing"), timings.measure("compare"):
         by_engine, found, lost = _compare_round_trip(world, logged, written, origin, delta)
     identical = by_engine.identical(delta) and found.identical(delta) and not lost
     if as_json:
-        told = diff_json(found, delta) | losses_json(found, lost) | {"identical": identical, "engine": name}
-        told |= {"identical_before_file": by_engine.identical(delta), "dialect": origin.dialect}
-        told |= {"spawn": report_json(report), "seconds": watch.seconds}
-        print_json(told | {"map": world.iri, "findings": findings_json(findings)} | import_summary(world, knowledge))
+        output = diff_json(found, delta) | losses_json(found, lost) | {"identical": identical, "engine": engine_name}
+        output |= {"identical_before_file": by_engine.identical(delta), "dialect": origin.dialect}
+        print_json(output | {"map": world.iri, "seconds": timings.seconds} | spawned.to_json())
     else:
-        print_findings(findings)
-        print_import_summary(world, knowledge, verbose=verbose)
-        print_report(report, title=world.name, verbose=verbose)
-        print_table("Seconds", tuple(watch.seconds), [[round(spent, 3) for spent in watch.seconds.values()]])
-        # What the engine lost is lost in the file too; shown once, where it happened.
+        spawned.print(verbose=verbose)
+        print_table("Seconds", tuple(timings.seconds), [[round(spent, 3) for spent in timings.seconds.values()]])
+        # A difference caused by the engine is in the file too; it is printed once.
         print_diff(found if by_engine.identical(delta) else by_engine, delta, about=world)
         print_losses(lost)
-    return ExitCode.OK if identical and is_complete(report, findings) else ExitCode.NEGATIVE
+    return ExitCode.OK if identical and spawned.is_complete else ExitCode.NEGATIVE
 
 
 def _file_round_trip(
@@ -345,12 +417,12 @@ def _file_round_trip(
 def _compare_round_trip(
     world: World, logged: World, written: KnowledgeBase, origin: SourceMapView, delta: float
 ) -> tuple[WorldDiff, WorldDiff, tuple[Statement, ...]]:
-    """What the engine changed, what is otherwise after the file, and the statements that it does not make."""
+    """The differences caused by the engine, those after reading the file, and the statements that the file lacks."""
     from mindstage.knowledge import lost_statements
     from mindstage.scene import diff
 
     by_engine, found = diff(world, logged), diff(world, written.world(world.iri))
-    things: Iterable[Body | Joint | Light] = chain(world.bodies, world.joints, world.lights)
+    items: Iterable[Body | Joint | Light] = chain(world.bodies, world.joints, world.lights)
     rounded = {change.id for change in by_engine.changed} - {change.id for change in by_engine.exceeding(delta)}
-    moved = {thing.iri for thing in things if thing.id in rounded}
+    moved = {item.iri for item in items if item.id in rounded}
     return by_engine, found, lost_statements(origin, written.source_view(world.iri), moved=moved)

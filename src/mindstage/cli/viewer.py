@@ -1,7 +1,4 @@
-"""Page: serves the viewport and keeps the world alive until somebody has seen enough.
-
-`mindstage demo`: the bundled kitchen, alive in the browser.
-"""
+"""Serves the page of a simulation from a verb; the verb `demo`, which shows the bundled kitchen."""
 
 from __future__ import annotations
 
@@ -37,30 +34,32 @@ __all__ = [
 LOOPBACK = "127.0.0.1"
 
 _POLL_INTERVAL_S = 0.2
-"""How often it is looked whether time is up, or the world came to a stop [s]."""
+"""Interval at which the deadline and the error of the simulation are checked [s]."""
 
 
 def open_viewer(
     simulation: Simulation, *, port: int, host: str = LOOPBACK, token: str | None = None, origins: Collection[str] = ()
 ) -> Viewer:
-    """Serves the page, on this machine only unless another host is named, which takes a token."""
+    """Serves the page; a host that is not local needs a token."""
     from mindstage.api import view
 
     return view(simulation, host=host, port=port, token=token or None, origins=origins)
 
 
 def check_token_given(host: str, token: str | None) -> None:
-    """Looks at what was typed before a long map is read.
+    """Checks `--host` and `--token` before a map is read.
 
     Raises:
-        InvalidArgumentError: anybody could come to the page.
+        InvalidArgumentError: the host is not local, and there is no token.
     """
     if host != LOOPBACK and not token:
         from mindstage.bridge.server import is_loopback
 
         if not is_loopback(host):
-            remedy = "give --token TOKEN too, or leave it out"
-            raise InvalidArgumentError("--host", cause="everyone in the network could change the world", remedy=remedy)
+            remedy = "give --token TOKEN too, or omit --host"
+            raise InvalidArgumentError(
+                "--host", cause="without a token anyone in the network could change the world", remedy=remedy
+            )
 
 
 def show_page(
@@ -73,16 +72,16 @@ def show_page(
     host: str = LOOPBACK,
     token: str | None = None,
 ) -> None:
-    """Serves the page and keeps the world alive on it.
+    """Serves the page and plays the simulation until Ctrl-C or the end of the duration.
 
     Args:
-        stage: what is shown.
-        port: where; the next one where that is taken.
-        duration_s: how long [s]; for ever without.
-        announce: told the address once the page is there.
-        quiet: whether to keep to oneself how it ends.
-        host: where to listen; others than this machine need a token.
-        token: what visitors must know.
+        simulation: the simulation.
+        port: the port; if it is in use, the next free one.
+        duration_s: wall time [s]; None for no limit.
+        announce: called with the URL when the page is served.
+        quiet: whether to print nothing.
+        host: the address to listen at; one that is not local needs a token.
+        token: the token that clients must present.
     """
     viewport = open_viewer(simulation, port=port, host=host, token=token)
     try:
@@ -102,49 +101,49 @@ def print_and_serve(
     duration_s: float | None,
     as_json: bool,
 ) -> None:
-    """Serves the page, and says where: as JSON together with what there is to tell, which so waits for nobody."""
+    """Serves the page, after printing its URL or, with `as_json`, the summary and the URL."""
 
     def announce(url: str) -> None:
         if as_json:
             print_json({**summary, "url": url})
         else:
-            print_line(f"The world is open at {url}")
+            print_line(f"The world is served at {url}")
 
     show_page(simulation, port=port, host=host, token=token, duration_s=duration_s, announce=announce, quiet=as_json)
 
 
 def open_page(url: str, *, wanted: bool | None) -> None:
-    """Opens the person's browser; unasked only where a person with a screen is there.
+    """Opens a web browser; by default only in a terminal with a graphical display.
 
-    Without a screen Python may start a browser that takes over the terminal.
+    Without a display, Python may start a text browser in the terminal.
     """
-    has_screen = sys.platform in {"darwin", "win32"} or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
-    if wanted if wanted is not None else (has_screen and sys.stdout.isatty()):
+    has_display = sys.platform in {"darwin", "win32"} or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+    if wanted if wanted is not None else (has_display and sys.stdout.isatty()):
         import webbrowser
 
         if not webbrowser.open(url):
-            warn(f"no browser could be started here; open {url} yourself")
+            warn(f"no browser could be started; open {url} manually")
 
 
 def keep_alive(simulation: Simulation, *, duration_s: float | None, quiet: bool = False) -> None:
-    """Plays in real time until the time is up; for ever without one.
+    """Plays a simulation in real time for a duration.
 
     Args:
-        stage: what plays.
-        duration_s: real time, not simulated: somebody may pause the world on the page [s].
-        quiet: whether to keep to oneself how it ends.
+        simulation: the simulation.
+        duration_s: wall time, which does not depend on pauses [s]; None for no limit.
+        quiet: whether to print nothing but errors of the simulation.
     """
     if not quiet:
-        print_line("Ctrl-C ends it." if duration_s is None else f"It ends in {duration_s:g} s.")
+        print_line("Press Ctrl-C to exit." if duration_s is None else f"Exits after {duration_s:g} s.")
     simulation.play()
     end = None if duration_s is None else time.monotonic() + duration_s
-    told = ""
+    printed = ""
     while (left_s := _POLL_INTERVAL_S if end is None else min(_POLL_INTERVAL_S, end - time.monotonic())) > 0.0:
         time.sleep(left_s)
-        fault = simulation.state.error
-        if fault and fault != told:
-            warn(f"the world stands still: {fault}; reset it on the page")
-        told = fault
+        error = simulation.state.error
+        if error and error != printed:
+            warn(f"the simulation is paused: {error}; reset it on the page")
+        printed = error
 
 
 def demo(
@@ -155,30 +154,35 @@ def demo(
     token: PageToken = None,
     open_browser: Annotated[
         bool | None,
-        typer.Option("--open/--no-open", help="Whether to open the page; by default where there is a screen."),
+        typer.Option("--open/--no-open", help="Whether to open a browser; by default only with a graphical display."),
     ] = None,
     seconds: Annotated[
         float | None,
         typer.Option(
-            "--for", metavar="SECONDS", min=0.0, callback=finite, envvar="MINDSTAGE_DEMO_SECONDS", help="End by itself."
+            "--for",
+            metavar="SECONDS",
+            min=0.0,
+            callback=finite,
+            envvar="MINDSTAGE_DEMO_SECONDS",
+            help="Exit after this wall time.",
         ),
     ] = None,
 ) -> ExitCode:
-    """Show the bundled kitchen in the browser: pull its doors and drawers open."""
+    """Show the bundled kitchen in the browser."""
     check_token_given(host, token)
-    with progress_spinner("furnishing the kitchen"):
+    with progress_spinner("loading the kitchen"):
         knowledge = knowledge_base(["bundled:kitchen"], ontologies=None, bundled=True)
         world = knowledge.world()
-        stage = simulation_from_options(knowledge, make_engine(engine))
-    with stage:
+        simulation = simulation_from_options(knowledge, make_engine(engine))
+    with simulation:
         with progress_spinner("spawning"):
-            report = stage.spawn(world)
+            report = simulation.spawn(world)
         print_findings(knowledge.findings())
         print_report(report, title=world.name, verbose=False)
 
         def announce(url: str) -> None:
-            print_line(f"The kitchen is open at {url}")
+            print_line(f"The kitchen is served at {url}")
             open_page(url, wanted=open_browser)
 
-        show_page(stage, port=port, duration_s=seconds, announce=announce, host=host, token=token)
+        show_page(simulation, port=port, duration_s=seconds, announce=announce, host=host, token=token)
     return ExitCode.OK

@@ -1,4 +1,4 @@
-"""Knowledge: semantic maps and ontologies go in, worlds and answers come out, and worlds go back into maps."""
+"""Semantic maps and ontologies: reading and writing maps, answering questions, asserting statements."""
 
 from mindstage.knowledge.assertion_file import AssertionFile
 from mindstage.knowledge.dialects.conventions import (

@@ -1,11 +1,11 @@
-"""Triples: single statements, as RDF's own tools see them: found, told and taken back without being understood.
+"""Files of asserted statements, and access to the triples of a knowledge base.
 
-Questions say more, and `tell` knows what a statement about a class means; this is for those who speak RDF.
+An `AssertionFile` is a Turtle file that can be loaded like any ontology. A new statement is appended to what the file
+contains. A retraction rewrites the file, which is only allowed for files that were created here: others may contain
+comments and number formats that would be lost.
 
-Told files: what was told, as a Turtle file that can be loaded like any ontology.
-
-A statement is written behind what the file says already, whoever wrote that. To take one back the file is written anew,
-which is only done to files that began here: others may hold comments, or numbers to the letter.
+A `TripleStoreView` finds, adds and removes single triples without interpreting them, as RDF tools do; questions and
+`KnowledgeBase.tell` interpret statements about classes.
 """
 
 from __future__ import annotations
@@ -33,31 +33,33 @@ __all__ = ["AssertionFile", "Triple", "TripleStoreView"]
 
 _FIRST_LINE = "# Told to Mindstage, which writes this file anew when something is taken back.\n"
 
+Node = ox.NamedNode | ox.BlankNode
+
 
 class AssertionFile:
-    """One file, and the knowledge base that its statements are understood by."""
+    """A Turtle file of assertions, with the knowledge base that resolves their names."""
 
     def __init__(self, path: Path, knowledge: KnowledgeBase) -> None:
-        """Loads the file where there is one.
+        """Loads the file if it exists.
 
         Raises:
-            InvalidArgumentError: it is not called like a Turtle file.
+            InvalidArgumentError: its name does not end in .ttl.
             SourceParseError: it cannot be read.
         """
         if path.suffix.lower() != ".ttl":
-            raise InvalidArgumentError(str(path), cause="what is told is written as Turtle", remedy="call it .ttl")
+            raise InvalidArgumentError(str(path), cause="assertions are written as Turtle", remedy="call it .ttl")
         self.path = path.resolve()
         self._knowledge = knowledge
         if path.exists():
             knowledge.load((), ontologies=path)
 
     def tell(self, subject: str, property: str, value: AssertableValue) -> bool:
-        """Adds a statement; False where it was known before.
+        """Asserts a statement in the knowledge base and in the file; returns whether it is new.
 
         Raises:
-            NameNotFoundError: nothing has one of the names.
-            AmbiguousNameError: several things have it.
-            InvalidArgumentError: the three make no statement.
+            NameNotFoundError: a name is unknown.
+            AmbiguousNameError: several entities have a name.
+            InvalidArgumentError: the three do not form a statement.
             OSError: the file cannot be written.
         """
         known = set(self._quads(RUNTIME_GRAPH))
@@ -72,17 +74,17 @@ class AssertionFile:
         return bool(new)
 
     def retract(self, subject: str, property: str, value: AssertableValue) -> bool:
-        """Takes a statement back; False where the file does not say it.
+        """Removes a statement from the knowledge base and from the file; returns whether the file had contained it.
 
         Raises:
-            NameNotFoundError: nothing has one of the names.
-            AmbiguousNameError: several things have it.
-            InvalidArgumentError: the three make no statement, or the file began elsewhere.
+            NameNotFoundError: a name is unknown.
+            AmbiguousNameError: several entities have a name.
+            InvalidArgumentError: the three do not form a statement, or the file was not created here.
             OSError: the file cannot be written.
         """
         if not self.path.read_text(encoding="utf-8").startswith(_FIRST_LINE):
-            cause = "others wrote it, and what they wrote besides statements would be lost"
-            raise InvalidArgumentError(str(self.path), cause=cause, remedy="take the statement out by hand")
+            cause = "it was not created by Mindstage, and rewriting it would lose everything besides statements"
+            raise InvalidArgumentError(str(self.path), cause=cause, remedy="remove the statement in an editor")
         graph = ox.NamedNode(self.path.as_uri())
         before = self._quads(graph)
         self._knowledge.retract(subject, property, value)
@@ -100,7 +102,7 @@ class AssertionFile:
 
 
 def _turtle(triples: list[ox.Triple], declared: Mapping[str, str]) -> str:
-    """Statements, after those prefixes of ours that they use and that nobody has declared yet."""
+    """Triples as Turtle, after the standard prefixes that they use and that are not declared yet."""
     text = (ox.serialize(triples, format=ox.RdfFormat.TURTLE, prefixes=PREFIXES) or b"").decode()
     body = "".join(line for line in text.splitlines(keepends=True) if not line.startswith("@prefix "))
     used = (name for name in PREFIXES if re.search(rf"(?<!\w){name}:", body))
@@ -109,20 +111,17 @@ def _turtle(triples: list[ox.Triple], declared: Mapping[str, str]) -> str:
 
 
 def _without_orphaned_blank_nodes(quads: list[ox.Quad]) -> list[ox.Triple]:
-    """Statements without those about things that have no name and that nothing speaks of any more."""
+    """Triples without those about blank nodes that nothing refers to any more."""
     while True:
-        spoken_of = {quad.object for quad in quads}
-        left = [quad for quad in quads if not isinstance(quad.subject, ox.BlankNode) or quad.subject in spoken_of]
+        referenced = {quad.object for quad in quads}
+        left = [quad for quad in quads if not isinstance(quad.subject, ox.BlankNode) or quad.subject in referenced]
         if len(left) == len(quads):
             return [quad.triple for quad in left]
         quads = left
 
 
-Node = ox.NamedNode | ox.BlankNode
-
-
 class Triple(NamedTuple):
-    """One statement; what has no name is called `_:label`."""
+    """One statement; a blank node is written as `_:label`."""
 
     subject: Iri
     property: Iri
@@ -130,7 +129,7 @@ class Triple(NamedTuple):
 
 
 class TripleStoreView:
-    """Everything that a knowledge base was told, statement by statement."""
+    """The statements of a knowledge base as triples."""
 
     def __init__(self, knowledge: KnowledgeBase) -> None:
         self._knowledge = knowledge
@@ -139,15 +138,15 @@ class TripleStoreView:
     def find(
         self, subject: str | None = None, property: str | None = None, value: RdfTerm | None = None
     ) -> Iterator[Triple]:
-        """Statements as they were told, each once; None leaves an end open.
+        """Asserted triples, each once; None matches everything.
 
         Raises:
-            InvalidArgumentError: one of them is no name.
+            InvalidArgumentError: an argument is not a valid name.
         """
         seen = set()
         for quad in self._quads(subject, property, value):
-            about = node_label(quad.subject) or Iri(str(quad.subject))
-            triple = Triple(about, Iri(quad.predicate.value), term_from_node(quad.object))
+            label = node_label(quad.subject) or Iri(str(quad.subject))
+            triple = Triple(label, Iri(quad.predicate.value), term_from_node(quad.object))
             if triple not in seen:
                 seen.add(triple)
                 yield triple
@@ -155,10 +154,10 @@ class TripleStoreView:
     def find_entailed(
         self, subject: str | None = None, property: str | None = None, value: RdfTerm | None = None
     ) -> Iterator[Triple]:
-        """Statements of a property, and of those that imply it or its inverse.
+        """Triples of a property, and of its subproperties and inverses; None matches everything.
 
         Raises:
-            InvalidArgumentError: one of them is no name.
+            InvalidArgumentError: an argument is not a valid name.
         """
         if property is None:
             yield from self.find(subject, None, value)
@@ -166,23 +165,23 @@ class TripleStoreView:
         found: dict[Triple, None] = {}
         for node, forward in self._knowledge.reasoner.properties.used_expressions(Iri(property)):
             if forward:
-                told = self.find(subject, node.value, value)
-                found |= {Triple(one, Iri(property), other): None for one, _, other in told}
+                triples = self.find(subject, node.value, value)
+                found |= {Triple(one, Iri(property), other): None for one, _, other in triples}
             elif value is None or value.kind != "literal":
                 start = None if value is None else _resource_text(value)
-                told = self.find(start, node.value, None if subject is None else _resource_term(subject))
+                triples = self.find(start, node.value, None if subject is None else _resource_term(subject))
                 found |= {
                     Triple(Iri(_resource_text(other)), Iri(property), _resource_term(one)): None
-                    for one, _, other in told
+                    for one, _, other in triples
                     if other.kind != "literal"
                 }
         yield from found
 
     def add(self, subject: str, property: str, value: RdfTerm) -> None:
-        """Tells a statement, whatever it may mean; the next question knows it.
+        """Asserts a triple, which all later questions use.
 
         Raises:
-            InvalidArgumentError: one of them is no name.
+            InvalidArgumentError: an argument is not a valid name.
         """
         quad = ox.Quad(_node(subject), _property(property), _object(value), RUNTIME_GRAPH)
         with self._knowledge.lock:
@@ -190,10 +189,10 @@ class TripleStoreView:
             self._knowledge._invalidate([quad])
 
     def remove(self, subject: str | None = None, property: str | None = None, value: RdfTerm | None = None) -> int:
-        """Takes statements back, whoever told them, and says how many.
+        """Removes all matching triples, asserted or loaded, and returns their number; None matches everything.
 
         Raises:
-            InvalidArgumentError: one of them is no name.
+            InvalidArgumentError: an argument is not a valid name.
         """
         with self._knowledge.lock:
             quads = list(self._quads(subject, property, value))
@@ -205,9 +204,9 @@ class TripleStoreView:
         return len(quads)
 
     def _quads(self, subject: str | None, property: str | None, value: RdfTerm | None) -> Iterator[ox.Quad]:
-        about = None if subject is None else _node(subject)
-        link = None if property is None else _property(property)
-        yield from self._store.quads_for_pattern(about, link, None if value is None else _object(value))
+        subject_node = None if subject is None else _node(subject)
+        predicate = None if property is None else _property(property)
+        yield from self._store.quads_for_pattern(subject_node, predicate, None if value is None else _object(value))
 
 
 def _resource_term(name: str) -> RdfTerm:
@@ -221,7 +220,7 @@ def _resource_text(term: RdfTerm) -> str:
 def _property(name: str) -> ox.NamedNode:
     node = _node(name)
     if isinstance(node, ox.BlankNode):
-        raise InvalidArgumentError(name, cause="a property has a name")
+        raise InvalidArgumentError(name, cause="a property cannot be a blank node")
     return node
 
 

@@ -1,13 +1,11 @@
-"""Endpoints: servers that answer SPARQL 1.1's protocol over HTTP.
+"""SPARQL endpoints over HTTP, and a triple store on top of one.
 
-Every request has a time in which it must be done whole, and every reply a size that it must not pass. Nobody but the
-address that was given is ever spoken to: no proxy, no redirection.
+A request has a time limit for the whole exchange, and a reply has a size limit. No other address is contacted: proxies
+and redirections are not followed.
 
-The store that lives elsewhere: an endpoint's statements, fetched in bulk when somebody first asks for their like.
-
-A statement's like are all with its property. What reasoning needs comes with one request, each further property with
-one more, and all of it stays: what others change at the endpoint meanwhile is not seen. Things without a name hang
-together as far as they come with one request, unless the server calls them the same each time.
+The store fetches statements in bulk and caches them: those that reasoning needs in one request, and every other
+property in one request when it is first used. Later changes at the endpoint by others are not noticed. Blank nodes are
+identified within one request only, unless the server keeps their labels.
 """
 
 from __future__ import annotations
@@ -51,31 +49,55 @@ N_TRIPLES = "application/n-triples"
 
 _CHUNK_SIZE = 256 * 1024
 _MAX_SHOWN = 300
-"""Letters of a server's own words that an error repeats."""
+"""The number of characters of a server's message that an error repeats."""
+
+_RDF_NAMES = "type first rest"
+_RDFS_NAMES = "subClassOf subPropertyOf domain range"
+_OWL_NAMES = """allValuesFrom cardinality complementOf disjointWith disjointUnionOf equivalentClass equivalentProperty
+    hasSelf hasValue imports intersectionOf inverseOf maxCardinality maxQualifiedCardinality members minCardinality
+    minQualifiedCardinality onClass onDataRange onDatatype onProperty oneOf propertyChainAxiom propertyDisjointWith
+    qualifiedCardinality sameAs someValuesFrom unionOf versionIRI withRestrictions"""
+_BULK_PREDICATES = (
+    *(RDF + name for name in _RDF_NAMES.split()),
+    *(RDFS + name for name in _RDFS_NAMES.split()),
+    *(OWL + name for name in _OWL_NAMES.split()),
+    *map(dul, ("hasPart", "hasComponent", "isPartOf", "isComponentOf")),
+    *map(soma, ("hasPhysicalComponent", "isPhysicalComponentOf")),
+    *(CHILD, PARENT, DESCRIBED_IN_MAP),
+)
+"""The properties that reasoning reads, and those that relate blank nodes."""
+_BATCH_SIZE = 1000
+"""The number of names in one request."""
+_STATEMENTS_QUERY = """SELECT ?s ?p ?o ?g WHERE {
+    %s { GRAPH ?g { ?s ?p ?o } } UNION { ?s ?p ?o FILTER NOT EXISTS { GRAPH ?other { ?s ?p ?o } } }
+}"""
+"""Statements with their graphs; each once, even if the default graph of the endpoint is the union of all graphs."""
+_NAMED_GRAPH_QUERY = "CONSTRUCT {{ ?s ?p ?o }} WHERE {{ GRAPH {graph} {{ ?s ?p ?o }} }}"
+_DEFAULT_GRAPH_QUERY = "CONSTRUCT { ?s ?p ?o } WHERE { ?s ?p ?o FILTER NOT EXISTS { GRAPH ?g { ?s ?p ?o } } }"
 
 
 class HttpReply:
-    """What a server said yes with."""
+    """A successful response."""
 
     def __init__(self, media_type: str, body: bytes) -> None:
         self.media_type = media_type
-        """Its media type, without parameters."""
+        """The media type, without parameters."""
         self.body = body
 
 
 class SparqlEndpoint:
-    """One server's address; a connection lives as long as a request."""
+    """The address of a SPARQL server; a connection is made for each request."""
 
     def __init__(self, url: str, *, update_url: str | None = None, timeout_s: float = 30.0) -> None:
-        """Takes addresses; nothing is sent yet.
+        """Checks the addresses; sends nothing yet.
 
         Args:
-            url: where queries go, such as `http://localhost:7878/query`; it may hold a user's name and password.
-            update_url: where changes go; by default beside `query` or `sparql` as `update`, else the same address.
-            timeout_s: how long any request may take [s].
+            url: the query URL, such as `http://localhost:7878/query`; it may contain a user name and password.
+            update_url: the update URL; by default `url` with `update` in place of a final `query` or `sparql`.
+            timeout_s: the time limit of a request [s].
 
         Raises:
-            InvalidArgumentError: it is no address of HTTP.
+            InvalidArgumentError: an address is not a URL of HTTP.
         """
         self._url_parts = _parse_url(url)
         self._update_url_parts = _parse_url(update_url) if update_url else _update_url(self._url_parts)
@@ -87,24 +109,24 @@ class SparqlEndpoint:
     def query(
         self, query: str, *, accept: str = f"{JSON_RESULTS}, {N_TRIPLES}", timeout_s: float | None = None
     ) -> HttpReply:
-        """Puts a query to the server.
+        """Sends a query.
 
         Raises:
-            EndpointUnreachableError: nobody answers there, or not in time.
-            EndpointError: the server says no, or too much.
+            EndpointUnreachableError: the server does not respond, or not in time.
+            EndpointError: the server refuses the query, or the response is too large.
         """
         return self._post(self._url_parts, {"query": query}, accept, timeout_s or self.timeout_s)
 
     def update(self, update: str) -> None:
-        """Has the server change what it keeps, which not every one allows.
+        """Sends an update, which not all servers allow.
 
         Raises:
-            EndpointUnreachableError: nobody answers there, or not in time.
-            EndpointError: the server says no.
+            EndpointUnreachableError: the server does not respond, or not in time.
+            EndpointError: the server refuses the update.
         """
         self._post(self._update_url_parts, {"update": update}, "*/*", self.timeout_s)
 
-    def _post(self, url_parts: SplitResult, form: Mapping[str, str], accept: str, timeout_s: float) -> HttpReply:
+    def _post(self, url_parts: SplitResult, fields: Mapping[str, str], accept: str, timeout_s: float) -> HttpReply:
         from http.client import HTTPException
 
         deadline = time.monotonic() + timeout_s
@@ -115,7 +137,7 @@ class SparqlEndpoint:
             headers["Authorization"] = f"Basic {base64.b64encode(user.encode()).decode('ascii')}"
         try:
             target = urlunsplit(("", "", url_parts.path or "/", url_parts.query, ""))
-            connection.request("POST", target, urlencode(form).encode("ascii"), headers)
+            connection.request("POST", target, urlencode(fields).encode("ascii"), headers)
             _set_deadline(deadline, connection)
             response = connection.getresponse()
             kind = response.headers.get_content_type()
@@ -140,27 +162,27 @@ class SparqlEndpoint:
 def _read(
     response: http.client.HTTPResponse, connection: http.client.HTTPConnection, deadline: float, limit: int
 ) -> bytes:
-    """The body, or a little more than is allowed of it."""
+    """The body, or slightly more than the limit of it."""
     from http.client import IncompleteRead
 
     body = bytearray()
     while len(body) <= limit:
         _set_deadline(deadline, connection)
-        piece = response.read1(_CHUNK_SIZE)
-        if not piece:
+        chunk = response.read1(_CHUNK_SIZE)
+        if not chunk:
             break
-        body += piece
+        body += chunk
     if response.length:
         raise IncompleteRead(bytes(body[:0]), response.length)
     return bytes(body)
 
 
 def _set_deadline(deadline: float, connection: http.client.HTTPConnection) -> None:
-    left = deadline - time.monotonic()
-    if left <= 0:
+    remaining = deadline - time.monotonic()
+    if remaining <= 0:
         raise TimeoutError
-    if connection.sock is not None:  # else the server has said that this is all, and closed it
-        connection.sock.settimeout(left)
+    if connection.sock is not None:  # else the server has closed the connection after the response
+        connection.sock.settimeout(remaining)
 
 
 def _connection(url_parts: SplitResult, timeout_s: float) -> http.client.HTTPConnection:
@@ -190,20 +212,20 @@ def _update_url(url_parts: SplitResult) -> SplitResult:
 
 
 def _redacted_url(url_parts: SplitResult) -> str:
-    """An address without what is secret in it."""
+    """The URL without user name and password."""
     return urlunsplit(url_parts._replace(netloc=url_parts.netloc.rpartition("@")[2]))
 
 
 def _http_error(url_parts: SplitResult, response: http.client.HTTPResponse, body: bytes) -> EndpointError:
-    where = response.headers.get("Location")
-    words = " ".join(body.decode("utf-8", "replace").split())[:_MAX_SHOWN]
+    location = response.headers.get("Location")
+    message = " ".join(body.decode("utf-8", "replace").split())[:_MAX_SHOWN]
     remedy = {
         401: "give a name and password in the address: http://NAME:PASSWORD@HOST/…",
-        403: "the server does not let you; ask whoever runs it",
+        403: "the server denies access; ask its administrator",
         404: "is that the address where it takes SPARQL?",
         405: "is that the address where it takes SPARQL, and does it allow that?",
-    }.get(response.status, f"it points to {where}; give that address, if you trust it" if where else "")
-    cause = f"{response.status} {response.reason}" + (f": {words}" if words and words != response.reason else "")
+    }.get(response.status, f"it points to {location}; give that address, if you trust it" if location else "")
+    cause = f"{response.status} {response.reason}" + (f": {message}" if message and message != response.reason else "")
     return EndpointError(_redacted_url(url_parts), cause=cause, remedy=remedy, status=response.status)
 
 
@@ -217,52 +239,25 @@ def _error_cause(error: Exception) -> str:
     return (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
 
 
-_RDF_NAMES = "type first rest"
-_RDFS_NAMES = "subClassOf subPropertyOf domain range"
-_OWL_NAMES = """allValuesFrom cardinality complementOf disjointWith disjointUnionOf equivalentClass equivalentProperty
-    hasSelf hasValue imports intersectionOf inverseOf maxCardinality maxQualifiedCardinality members minCardinality
-    minQualifiedCardinality onClass onDataRange onDatatype onProperty oneOf propertyChainAxiom propertyDisjointWith
-    qualifiedCardinality sameAs someValuesFrom unionOf versionIRI withRestrictions"""
-
-_BULK_PREDICATES = (
-    *(RDF + word for word in _RDF_NAMES.split()),
-    *(RDFS + word for word in _RDFS_NAMES.split()),
-    *(OWL + word for word in _OWL_NAMES.split()),
-    *map(dul, ("hasPart", "hasComponent", "isPartOf", "isComponentOf")),
-    *map(soma, ("hasPhysicalComponent", "isPhysicalComponentOf")),
-    *(CHILD, PARENT, DESCRIBED_IN_MAP),
-)
-"""What reasoning reads, and what blank nodes hang together by."""
-
-_BATCH_SIZE = 1000
-"""Names that one request asks about."""
-_STATEMENTS_QUERY = """SELECT ?s ?p ?o ?g WHERE {
-    %s { GRAPH ?g { ?s ?p ?o } } UNION { ?s ?p ?o FILTER NOT EXISTS { GRAPH ?other { ?s ?p ?o } } }
-}"""
-"""Each with its graph; an endpoint whose default graph is all of them together tells each once all the same."""
-_NAMED_GRAPH_QUERY = "CONSTRUCT {{ ?s ?p ?o }} WHERE {{ GRAPH {graph} {{ ?s ?p ?o }} }}"
-_DEFAULT_GRAPH_QUERY = "CONSTRUCT { ?s ?p ?o } WHERE { ?s ?p ?o FILTER NOT EXISTS { GRAPH ?g { ?s ?p ?o } } }"
-
-
 class SparqlEndpointStore:
-    """A `TripleStore` of two: what is loaded here stays here, what is told goes to the endpoint."""
+    """A `TripleStore` of a local part, with the loaded sources, and an endpoint, which assertions are written to."""
 
     def __init__(self, endpoint: SparqlEndpoint) -> None:
-        """Asks nothing yet."""
+        """Sends nothing yet."""
         self._endpoint = endpoint
         self._local = OxigraphStore()
         self._local_graphs: set[object] = {INFERRED_GRAPH}
-        """Graphs of this side."""
+        """The graphs of the local part."""
         self._cache = ox.Store()
         self._fetched: set[tuple[str, str]] = set()
         self._fetch_lock = threading.Lock()
 
     def sources(self) -> list[Source]:
-        """The endpoint's graphs, in the order of their names, as what worlds can be made from.
+        """The graphs of the endpoint, sorted by name, as sources that worlds can be read from.
 
         Raises:
-            EndpointUnreachableError: nobody answers there, or not in time.
-            EndpointError: the server says no.
+            EndpointUnreachableError: the server does not respond, or not in time.
+            EndpointError: the server refuses the request.
         """
         self._fetch("p", _BULK_PREDICATES)
         named = [
@@ -291,11 +286,11 @@ class SparqlEndpointStore:
         graph_name: ox.NamedNode | ox.BlankNode | ox.DefaultGraph | None = None,
         /,
     ) -> Iterator[ox.Quad]:
-        """All statements that fit, of one graph or of all; None fits everything.
+        """All matching statements of one graph, or of all graphs; None matches everything.
 
         Raises:
-            EndpointUnreachableError: nobody answers there, or not in time.
-            EndpointError: the server says no.
+            EndpointUnreachableError: the server does not respond, or not in time.
+            EndpointError: the server refuses the request.
         """
         if graph_name in self._local_graphs:
             return self._local.quads_for_pattern(subject, predicate, object, graph_name)
@@ -311,13 +306,13 @@ class SparqlEndpointStore:
         return chain(self._local.quads_for_pattern(*pattern), self._cache.quads_for_pattern(*pattern))
 
     def query(self, query: str, *, timeout_s: float, allow_service: bool = False) -> SparqlResult:
-        """Puts a query to the endpoint as it is; what was loaded here is not in it.
+        """Sends a query to the endpoint; the sources that are loaded here are not queried.
 
         Raises:
-            SparqlSyntaxError: the server does not take it, or it asks for what it may not.
-            SparqlTimeoutError: the answer did not come in time.
-            EndpointUnreachableError: nobody answers there.
-            EndpointError: the server says no.
+            SparqlSyntaxError: the query is not valid or not allowed.
+            SparqlTimeoutError: the time limit was exceeded.
+            EndpointUnreachableError: the server does not respond.
+            EndpointError: the server refuses the request.
         """
         check_query(query, allow_service=allow_service)
         if not timeout_s > 0:
@@ -331,7 +326,7 @@ class SparqlEndpointStore:
             raise
         except EndpointError as error:
             if error.status == 400:
-                raise SparqlSyntaxError(error.cause, remedy=f"so says {self._endpoint}") from error
+                raise SparqlSyntaxError(error.cause, remedy=f"the error was reported by {self._endpoint}") from error
             raise
         if reply.media_type == N_TRIPLES:
             return triples_table(self._parse(reply.body))
@@ -341,7 +336,7 @@ class SparqlEndpointStore:
             raise self._invalid_reply(error) from error
 
     def _fetch(self, position: str, names: Iterable[str]) -> None:
-        """Fetches all statements that have one of the names at a place (s, p, o, or "" for all there are), once."""
+        """Fetches all statements with one of the names at a position (s, p, o, or "" for all statements), once."""
         with self._fetch_lock:
             missing = [name for name in names if (position, name) not in self._fetched]
             for start in range(0, len(missing), _BATCH_SIZE):
@@ -359,7 +354,7 @@ class SparqlEndpointStore:
         self._fetched.update((position, name) for name in names)
 
     def _map_neighbors(self, individual: ox.NamedNode) -> list[str]:
-        """The thing, and everything else in its map: who looks at one individual will look at the others."""
+        """An individual and all others in its map, which are likely to be needed next."""
         within = ox.NamedNode(DESCRIBED_IN_MAP)
         maps = [quad.object for quad in self._cache.quads_for_pattern(individual, within, None)]
         found = (quad.subject for map in maps for quad in self._cache.quads_for_pattern(None, within, map))
@@ -382,64 +377,64 @@ class SparqlEndpointStore:
 
     def _invalid_reply(self, error: Exception) -> EndpointError:
         remedy = "is that the address where it takes SPARQL?"
-        return EndpointError(str(self._endpoint), cause=f"its reply is none of SPARQL's: {error}", remedy=remedy)
+        return EndpointError(str(self._endpoint), cause=f"its reply is not in a SPARQL format: {error}", remedy=remedy)
 
-    # -- what is loaded here -------------------------------------------------------------------------------------------
+    # -- loaded sources ------------------------------------------------------------------------------------------------
 
     def load(self, data: bytes, format: ox.RdfFormat, *, base_iri: str, to_graph: ox.NamedNode) -> None:
-        """Parses a text into a graph of this side.
+        """Parses a document into a graph of the local part.
 
         Raises:
-            SyntaxError: it is not in that format; nothing was added.
+            SyntaxError: the document is not in that format; nothing was added.
         """
         self._local.load(data, format, base_iri=base_iri, to_graph=to_graph)
         self._local_graphs.add(to_graph)
 
     def remove_graph(self, graph: ox.NamedNode, /) -> None:
-        """Takes all statements of a graph of this side away."""
+        """Removes all statements of a graph of the local part."""
         self._local.remove_graph(graph)
         self._local_graphs -= {graph} - {INFERRED_GRAPH}
 
-    # -- what is told there --------------------------------------------------------------------------------------------
+    # -- assertions ----------------------------------------------------------------------------------------------------
 
     def add(self, quad: ox.Quad, /) -> None:
         """Adds a statement at the endpoint.
 
         Raises:
-            EndpointUnreachableError: nobody answers there, or not in time.
-            EndpointError: the server says no.
+            EndpointUnreachableError: the server does not respond, or not in time.
+            EndpointError: the server refuses the request.
         """
         self.extend([quad])
 
     def extend(self, quads: Iterable[ox.Quad], /) -> None:
-        """Adds statements at the endpoint that share their things without a name; what was derived stays here.
+        """Adds statements with common blank nodes at the endpoint; materialized statements stay in the local part.
 
         Raises:
-            EndpointUnreachableError: nobody answers there, or not in time.
-            EndpointError: the server says no.
+            EndpointUnreachableError: the server does not respond, or not in time.
+            EndpointError: the server refuses the request.
         """
-        told = list(quads)
-        self._local.extend(quad for quad in told if quad.graph_name == INFERRED_GRAPH)
-        told = [quad for quad in told if quad.graph_name != INFERRED_GRAPH]
-        if not told:
+        all_quads = list(quads)
+        self._local.extend(quad for quad in all_quads if quad.graph_name == INFERRED_GRAPH)
+        asserted = [quad for quad in all_quads if quad.graph_name != INFERRED_GRAPH]
+        if not asserted:
             return
-        parts = " ".join(_in_graph(quad, f"{quad.subject} {quad.predicate} {quad.object} .") for quad in told)
+        parts = " ".join(_in_graph(quad, f"{quad.subject} {quad.predicate} {quad.object} .") for quad in asserted)
         self._endpoint.update(f"INSERT DATA {{ {parts} }}")
-        self._cache.extend(told)
+        self._cache.extend(asserted)
 
     def remove(self, quad: ox.Quad, /) -> None:
-        """Takes a statement away at the endpoint; a thing without a name is known there by what is said of it.
+        """Removes a statement at the endpoint; a blank node is identified there by its statements.
 
         Raises:
-            InvalidArgumentError: a source of this side says it.
-            EndpointUnreachableError: nobody answers there, or not in time.
-            EndpointError: the server says no.
+            InvalidArgumentError: the statement is in a source that is loaded here.
+            EndpointUnreachableError: the server does not respond, or not in time.
+            EndpointError: the server refuses the request.
         """
         if next(self._local.quads_for_pattern(quad.subject, quad.predicate, quad.object, quad.graph_name), None):
             raise InvalidArgumentError(
                 f"{quad.subject} {quad.predicate}",
-                cause="a source of this side says it, such as the bundled ontology, and not the endpoint",
-                remedy="for the endpoint's own word, ask it alone (--no-bundled-ontology)",
+                cause="it is in a source that is loaded here, such as the bundled ontology, and not at the endpoint",
+                remedy="to use the endpoint's statements only, give --no-bundled-ontology",
             )
         names: dict[ox.BlankNode, str] = {}
         pattern = " ".join(_sparql_pattern(self._cache, quad, names, (f"?b{number}" for number in count())))
@@ -450,7 +445,7 @@ class SparqlEndpointStore:
         self._cache.remove(quad)
 
     def close(self) -> None:
-        """Forgets what was fetched and loaded."""
+        """Drops everything that was fetched and loaded."""
         self._local.close()
         self._cache = ox.Store()
         self._fetched.clear()
@@ -463,7 +458,7 @@ def _in_graph(quad: ox.Quad, statements: str) -> str:
 def _sparql_pattern(
     store: ox.Store, quad: ox.Quad, names: dict[ox.BlankNode, str], variables: Iterator[str]
 ) -> Iterator[str]:
-    """A statement and all that is known of the blank nodes in it, with variables for these."""
+    """A statement and all statements about the blank nodes in it, with variables for these."""
     new = [node for node in (quad.subject, quad.object) if isinstance(node, ox.BlankNode) and node not in names]
     names.update((node, next(variables)) for node in new)
     yield f"{_sparql_term(quad.subject, names)} {quad.predicate} {_sparql_term(quad.object, names)} ."

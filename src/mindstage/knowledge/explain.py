@@ -1,4 +1,4 @@
-"""Words: how answers are explained and expressions read, in short names."""
+"""Explanations: statements, class expressions and missing knowledge as text with local names."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ _RESTRICTION_TEXT = {
 
 
 def statement_line(statement: ObjectTriple) -> str:
-    """A triple."""
+    """A triple as text."""
     return f"{local_name(statement.subject)} {local_name(statement.property)} {local_name(statement.object)}"
 
 
-def expression_text(expression: Expression | None) -> str:  # noqa: PLR0911 (one a kind)
-    """An expression as people read it."""
+def expression_text(expression: Expression | None) -> str:  # noqa: PLR0911 (one per type)
+    """A class expression as text."""
     match expression:
         case NamedClass(iri):
             return local_name(iri)
@@ -76,7 +76,7 @@ def expression_text(expression: Expression | None) -> str:  # noqa: PLR0911 (one
 
 
 def restriction_text(restriction: Restriction) -> str:
-    """A restriction: what every member has."""
+    """A restriction as text, without the class that has it."""
     property = f"{'inverse of ' if restriction.inverse else ''}{local_name(restriction.property)}"
     number = "" if restriction.cardinality is None else f" {restriction.cardinality}"
     filler = (
@@ -86,37 +86,37 @@ def restriction_text(restriction: Restriction) -> str:
 
 
 def restriction_line(cls: Iri, restriction: Restriction) -> str:
-    """What a class says of all its members."""
+    """A restriction of a class as text."""
     return f"every {local_name(cls)}: {restriction_text(restriction)}"
 
 
 def subclass_line(path: Iterable[Iri]) -> Iterator[str]:
-    """The way from a class up to another one; nothing where they are the same."""
+    """The path from a class up to a superclass as text; nothing if they are the same."""
     names = [local_name(cls) for cls in path]
     if len(names) > 1:
         yield " is a ".join(names)
 
 
 def subproperty_line(path: Iterable[Iri]) -> Iterator[str]:
-    """The way from a property to one that it implies; nothing where they are the same."""
+    """The path from a property to one that it implies as text; nothing if they are the same."""
     names = [local_name(property) for property in path]
     if len(names) > 1:
         yield " implies ".join(names)
 
 
 def membership_lines(reasoner: Reasoner, individual: Iri, cls: Iri) -> Iterator[str]:
-    """Why an individual is of a class."""
+    """Why an individual is a member of a class."""
     types = [own for own in reasoner.types_of(individual) if reasoner.is_a(own, cls)]
     nearest = min(types, key=lambda own: (len(reasoner.classes.path(own, cls)), own))
-    if ground := reasoner.justification(individual, nearest):
-        yield from _justification_lines(reasoner, individual, ground)
+    if justification := reasoner.justification(individual, nearest):
+        yield from _justification_lines(reasoner, individual, justification)
     else:
         yield statement_line(ObjectTriple(individual, TYPE, nearest))
     yield from subclass_line(reasoner.classes.path(nearest, cls))
 
 
 def _justification_lines(reasoner: Reasoner, individual: Iri, justification: Justification) -> Iterator[str]:
-    """Why an individual is of a class that nobody says it is of."""
+    """Why an individual is a member of an inferred class."""
     yield from dict.fromkeys(map(statement_line, justification.statements))
     cls, property = local_name(justification.cls), local_name(justification.property or "")
     if justification.property:
@@ -136,29 +136,28 @@ def _justification_lines(reasoner: Reasoner, individual: Iri, justification: Jus
 
 
 def missing_description(reasoner: Reasoner, individual: Iri | None, map: Iri | None) -> Iterator[MissingKnowledge]:
-    """What nobody told of an individual that is not in a map."""
+    """The missing statement if an individual is not in a map, or a map is empty."""
     if individual:
         where = "any map" if map is None else local_name(map)
         cls = reasoner.class_of(individual) or THING
-        yield MissingKnowledge(
-            cls, DESCRIBED_IN_MAP, f"{local_name(individual)} is not in {where}: no describedInMap says so"
-        )
+        reason = f"{local_name(individual)} is not in {where}: there is no describedInMap statement"
+        yield MissingKnowledge(cls, DESCRIBED_IN_MAP, reason)
     elif map:
-        yield MissingKnowledge(
-            SEMANTIC_MAP, DESCRIBED_IN_MAP, f"nothing is in {local_name(map)}: no describedInMap leads there"
-        )
+        reason = f"nothing is in {local_name(map)}: there is no describedInMap statement"
+        yield MissingKnowledge(SEMANTIC_MAP, DESCRIBED_IN_MAP, reason)
     elif not reasoner.members_by_map:
-        why = "no semantic map is known: nothing is a SemanticEnvironmentMap, and no describedInMap leads to one"
-        yield MissingKnowledge(SEMANTIC_MAP, TYPE, why)
+        reason = "no semantic map is loaded: there is no SemanticEnvironmentMap and no describedInMap statement"
+        yield MissingKnowledge(SEMANTIC_MAP, TYPE, reason)
 
 
 def missing_file(map: Iri) -> Iterator[MissingKnowledge]:
-    """What is missing of a map that was only told of."""
-    yield MissingKnowledge(SEMANTIC_MAP, DESCRIBED_IN_MAP, f"{local_name(map)} was only told of: no file describes it")
+    """The missing statement if a map exists in assertions only."""
+    reason = f"{local_name(map)} is only asserted: no loaded file describes it"
+    yield MissingKnowledge(SEMANTIC_MAP, DESCRIBED_IN_MAP, reason)
 
 
 def missing_instance(cls: Iri, individual: Iri | None, map: Iri | None) -> MissingKnowledge:
-    """What nobody told where a class has no individual in a map, or this one is not of it."""
+    """The missing statement if a class has no individual in a map, or the given one is not a member of it."""
     if individual is not None:
         return MissingKnowledge(cls, TYPE, f"{local_name(individual)} is no {local_name(cls)}")
     where = "any map" if map is None else local_name(map)
@@ -166,6 +165,6 @@ def missing_instance(cls: Iri, individual: Iri | None, map: Iri | None) -> Missi
 
 
 def individual_text(reasoner: Reasoner, individual: Iri) -> str:
-    """An individual with its class, since many have names that tell nothing."""
+    """An individual with its class, since the names of individuals are often generated."""
     cls = reasoner.class_of(individual)
     return local_name(individual) if cls is None else f"{local_name(individual)} ({local_name(cls)})"

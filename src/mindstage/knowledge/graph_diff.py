@@ -1,10 +1,7 @@
-"""Losses: what a map's sources say and a written file does not, statement by statement.
+"""The difference between two maps on the level of statements: what a written file does not contain of its source.
 
-Two graphs are held against each other as worlds are, one level below: by what they state. Numbers count by their
-value, things without a name by what is said about them. What a writer names itself (poses, limits) is taken as part of
-the thing that it belongs to.
-
-Origins: what a map was before it became a world, for those who hold the two against each other.
+Numbers are compared by value, and blank nodes by their statements. Nested resources that a writer names itself (poses,
+limits) are compared as part of the individual that they belong to.
 """
 
 from __future__ import annotations
@@ -23,7 +20,7 @@ from mindstage.knowledge.dialects.unit_conversion import (
     restore_facts,
 )
 from mindstage.knowledge.rdf import Graph, gc_paused, is_part_name, merge_graphs
-from mindstage.knowledge.rdf_mapping import properties as words
+from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.rdf_mapping.nested import NESTED_RESOURCES
 from mindstage.knowledge.rdf_mapping.properties import PropertyCodec
 from mindstage.knowledge.vocabulary import CHILD, PARENT
@@ -34,13 +31,13 @@ __all__ = ["SourceMapView", "canonical_statement", "lost_statements"]
 
 @dataclass(frozen=True, slots=True)
 class SourceMapView:
-    """One map as its sources tell it."""
+    """The statements of one map, as its sources contain them."""
 
     source_map: SourceMap
-    """All that the reader of its dialect has at hand."""
+    """The map with all that is needed to read its dialect."""
 
     def before_conversion(self) -> SourceMapView | None:
-        """The map as it was before its numbers were converted; None where it does not say that they were."""
+        """The map before its numbers were converted; None if it does not declare a conversion."""
         graph, map = self.source_map.graph, self.source_map.map
         conventions = original_conventions(graph.get(map, ()))
         if conventions is None:
@@ -51,43 +48,42 @@ class SourceMapView:
 
     @property
     def map(self) -> Iri:
-        """Which one it is."""
+        """The IRI of the map."""
         return self.source_map.map
 
     @property
     def dialect(self) -> str:
-        """What kind of map it is."""
+        """The name of the map's dialect."""
         return detect_dialect(without_restatements(self.source_map)).name
 
 
 _ORIGINAL_ROLES = {original_property(role): role for role in (PARENT, CHILD)}
 _NESTED_BY_PROPERTY = {part.property: part for part in NESTED_RESOURCES}
 _NUMBER_CODECS: Mapping[Iri, PropertyCodec[object]] = {
-    word.property: word
-    for each in vars(words).values()
-    for word in (each if isinstance(each, tuple) else (each,))
-    if isinstance(word, PropertyCodec) and word.by_value
+    codec.property: codec
+    for each in vars(codecs).values()
+    for codec in (each if isinstance(each, tuple) else (each,))
+    if isinstance(codec, PropertyCodec) and codec.by_value
 }
 
 
 def lost_statements(
     before: SourceMapView, after: SourceMapView, *, moved: Container[Iri] = ()
 ) -> tuple[Statement, ...]:
-    """The statements of one map that another one, written from it, does not make.
+    """The statements of a map that are missing in another map that was written from it.
 
-    Takes a time that grows with the number of statements. What the second one says beyond the first is no loss, and
-    what it says in other words is none if it says which: numbers that it keeps from before they were converted, and
-    places that stand where another dialect has them.
+    The time is linear in the number of statements. Additional statements of the second map are ignored, and so are
+    differences in form that it declares: numbers from before a conversion, and properties of another dialect.
 
     Args:
-        before: the map.
-        after: what was written and read again.
-        moved: things that are somewhere else by now; numbers about them, and about their parts, may differ.
+        before: the source map.
+        after: the written map, read again.
+        moved: individuals that have moved; numbers of these and of their nested resources may differ.
     """
     with gc_paused():
-        told = _as_resources(before, before.source_map.graph)
-        said = _as_resources(after, _graph_in_all_dialects(after), include_nested=True)
-        lost = diff(told, said).lost
+        source = _as_resources(before, before.source_map.graph)
+        written = _as_resources(after, _graph_in_all_dialects(after), include_nested=True)
+        lost = diff(source, written).lost
     parts = {
         fact.value.iri
         for subject, facts in before.source_map.graph.items()
@@ -106,20 +102,20 @@ def _is_number(statement: Statement) -> bool:
 
 
 def canonical_statement(fact: PropertyAssertion) -> PropertyAssertion:
-    """The statement as we would write it, if it says a number."""
-    word = _NUMBER_CODECS.get(fact.property)
-    if word is None:
+    """A numeric statement in the form that `mindstage` writes; any other statement unchanged."""
+    codec = _NUMBER_CODECS.get(fact.property)
+    if codec is None:
         return fact
-    value = word.decode(fact.value)
+    value = codec.decode(fact.value)
     return (
         fact
-        if value is None or not word.round_trips(value, fact.value)
-        else PropertyAssertion(fact.property, word.encode(value))
+        if value is None or not codec.round_trips(value, fact.value)
+        else PropertyAssertion(fact.property, codec.encode(value))
     )
 
 
 def _graph_in_all_dialects(source_view: SourceMapView) -> Graph:
-    """What a map says, in its own words and in those that it says they stand for."""
+    """The statements of a map, together with those of other dialects and units that it declares them to restate."""
     plain = SourceMapView(without_restatements(source_view.source_map))
     graphs = [source_view.source_map.graph, plain.source_map.graph]
     if (before := plain.before_conversion()) is not None:
@@ -133,12 +129,12 @@ def _graph_in_all_dialects(source_view: SourceMapView) -> Graph:
 
 
 def _with_original_property(fact: PropertyAssertion) -> PropertyAssertion:
-    """A relation that a reader has put another name on, under its own one."""
+    """A relation that the reader has renamed, with its original property."""
     return PropertyAssertion(_ORIGINAL_ROLES.get(fact.property, fact.property), fact.value)
 
 
 def _as_resources(source_view: SourceMapView, graph: Graph, *, include_nested: bool = False) -> World:
-    """The statements of a graph by what they are about: parts count as their wholes, or as both."""
+    """The statements of a graph as resources; nested ones count as part of their owners, or as both."""
     members = frozenset(source_view.source_map.members)
     parts = {
         fact.value.iri
@@ -148,16 +144,16 @@ def _as_resources(source_view: SourceMapView, graph: Graph, *, include_nested: b
         and _is_generated_nested(subject, fact, graph)
         and fact.value.iri not in members
     }
-    told = (
+    resources = (
         (subject, tuple(dict.fromkeys(_flattened(facts, parts, graph))))
         for subject, facts in graph.items()
         if include_nested or subject not in parts
     )
-    return World(iri=source_view.map, resources=tuple(NamedResource(subject, facts) for subject, facts in told))
+    return World(iri=source_view.map, resources=tuple(NamedResource(subject, facts) for subject, facts in resources))
 
 
 def _is_generated_nested(subject: Iri, fact: PropertyAssertion, graph: Graph) -> bool:
-    """Whether a writer may have given this part its name."""
+    """Whether a writer may have named this nested resource."""
     part = _NESTED_BY_PROPERTY.get(fact.property)
     if part is None or not isinstance(fact.value, IriRef):
         return False
@@ -166,7 +162,7 @@ def _is_generated_nested(subject: Iri, fact: PropertyAssertion, graph: Graph) ->
 
 
 def _flattened(facts: Sequence[PropertyAssertion], parts: Container[Iri], graph: Graph) -> Iterator[PropertyAssertion]:
-    """What is said about a thing, and of its parts, each under the names of both."""
+    """The statements about an individual and its nested resources, the latter under both properties."""
     for fact in facts:
         value = fact.value
         inner: Sequence[PropertyAssertion] | None = None

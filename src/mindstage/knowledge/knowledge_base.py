@@ -1,9 +1,7 @@
-"""The knowledge base: what was loaded, as one store for questions and as one world for each map.
+"""The knowledge base: loaded maps and ontologies as one triple store for questions, and each map as a world.
 
-Answering: the side of a knowledge base that questions are put to.
-
-Nothing here is made before the first question comes. What changes is looked at again, and nothing else is; answers are
-kept until then. Any thread may ask and tell: one takes its turn after the other.
+Nothing is indexed before it is first used. A change updates only what depends on it, and answers are cached until then.
+Methods may be called from any thread: `KnowledgeBase.lock` serializes them.
 """
 
 from __future__ import annotations
@@ -14,7 +12,7 @@ from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
+from typing import Any, Self, TypeVar, overload
 
 import pyoxigraph as ox
 
@@ -31,8 +29,8 @@ from mindstage.knowledge.map_statistics import MapStatistics, map_statistics
 from mindstage.knowledge.names import NameIndex
 from mindstage.knowledge.owl import node_label
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH, InferredTriples, materialize_owl_rl
-from mindstage.knowledge.questions import AnswerCache
-from mindstage.knowledge.rdf import Finding, Severity, TripleStore, gc_paused, local_name
+from mindstage.knowledge.questions import AnswerCache, AnswerRow, Answers, Question
+from mindstage.knowledge.rdf import Finding, Severity, SparqlResult, TripleStore, gc_paused, local_name
 from mindstage.knowledge.rdf_mapping.nested import nest_blank_nodes
 from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.reasoner_properties import node_from_label
@@ -43,240 +41,14 @@ from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, S
 from mindstage.scene import Body, FactValue, Iri, IriRef, Joint, Light, Literal, PropertyAssertion, World
 from mindstage.scene.display import counted
 
-if TYPE_CHECKING:
-    from mindstage.knowledge.questions import AnswerRow, Answers, Question
-    from mindstage.knowledge.rdf import SparqlResult
-
-__all__ = ["Answering", "KnowledgeBase"]
+__all__ = ["KnowledgeBase"]
 
 
-R = TypeVar("R", bound="AnswerRow")
+R = TypeVar("R", bound=AnswerRow)
 
 
-class Answering:
-    """Asked, taught and queried; `KnowledgeBase` is what it knows."""
-
-    lock: RLock
-    """Held by whoever asks or tells, and by whoever takes several looks at the index that must fit together."""
-    _store: TripleStore
-    _worlds: dict[Iri, World]
-
-    if TYPE_CHECKING:
-
-        def maps(self) -> tuple[Iri, ...]: ...  # noqa: D102
-        def world(self, map: str | None = None) -> World: ...  # noqa: D102
-
-    @overload
-    def ask(self, question: Question[R], **args: object) -> Answers[R]: ...
-    @overload
-    def ask(self, question: str, **args: object) -> Answers[Any]: ...
-    def ask(self, question: Question[Any] | str, **args: object) -> Answers[Any]:
-        """All answers to a question.
-
-        >>> from mindstage.knowledge import KnowledgeBase
-        >>> [row.place for row in KnowledgeBase().ask("storage_place", item="CowsMilk")]
-        ['http://knowrob.org/kb/knowrob.owl#Refrigerator']
-
-        Args:
-            question: its name, or the question itself, whose rows a type checker then knows.
-            args: names short, with prefix or whole; what is left out is asked for.
-
-        Raises:
-            QuestionNotFoundError: there is none of that name.
-            InvalidArgumentError: it has no such argument, or the argument no such value.
-            NameNotFoundError: nothing has that name.
-            AmbiguousNameError: several things have it.
-        """
-        key = (question, *args.items())
-        remembered = self._answer_cache  # what is worked out while something changes goes where nobody looks any more
-        try:
-            if (known := remembered.get(key)) is not None:
-                return known
-        except TypeError:  # a list, say, which the question itself refuses
-            key = ()
-        asked = _question(question)
-        answers = asked.ask(self, args)  # type: ignore[arg-type]
-        if key and not asked.uses_current_state:
-            remembered.put(key, answers)
-        return answers
-
-    def explain(self, question: Question[R] | str, row: R) -> tuple[str, ...]:
-        """The statements and classes that led to an answer, one a line; none where the answer is plainly told.
-
-        Raises:
-            QuestionNotFoundError: there is none of that name.
-            InvalidArgumentError: the row is no answer to this question.
-        """
-        asked = _question(question)
-        if not isinstance(row, asked.row):
-            raise InvalidArgumentError(asked.name, cause=f"{type(row).__name__} is no answer to it")
-        return asked.explain_answer(self, row)  # type: ignore[arg-type]
-
-    def tell(self, subject: str, property: str, value: AssertableValue) -> bool:
-        """Adds a statement; the next question knows it. What the worlds of maps hold stays as their files tell it.
-
-        Gives False where it was said already.
-
-        Of a class it means all its members: `tell("Breadbasket", "typePrimaryFunction-containerFor", "Bread")`. A
-        subject that nobody knows yet must be given with prefix or whole, and becomes a class by "subClassOf" and an
-        individual by "type".
-
-        Raises:
-            NameNotFoundError: nothing has one of the names.
-            AmbiguousNameError: several things have it.
-            InvalidArgumentError: the three make no statement.
-        """
-        with self.lock:
-            quads = AssertionStore(self._store, self.reasoner, self.names).tell(subject, property, value)
-            self._invalidate(quads)
-        return bool(quads)
-
-    def retract(self, subject: str, property: str, value: AssertableValue) -> bool:
-        """Takes a statement back, whether it was told or read from a source; False where nobody said it.
-
-        What follows from other statements is not touched, and neither are files or the worlds read from them. What
-        `derive` has added is dropped, since it may not follow any more.
-
-        Raises:
-            NameNotFoundError: nothing has one of the names.
-            AmbiguousNameError: several things have it.
-            InvalidArgumentError: the three make no statement.
-        """
-        with self.lock:
-            quads = AssertionStore(self._store, self.reasoner, self.names).retract(subject, property, value)
-            self._invalidate(quads)
-            if quads:
-                self.forget_derived()
-        return bool(quads)
-
-    def derive(self) -> int:
-        """Adds all that follows from what is known by the rules of OWL 2 RL, and says how many statements that is.
-
-        Nobody needs it for the usual questions, which follow classes, parts and places themselves. It finds the rest:
-        things that are the same because a property has one value only, say, and what follows from that. What is told or
-        loaded later is not in it until somebody derives again, and a retraction drops it. The worlds of maps stay as
-        they are.
-
-        Raises:
-            ReasonerUnavailableError: the extra "closure" is not installed.
-        """
-        with self.lock:
-            self.forget_derived()
-            quads = list(materialize_owl_rl(self._store.quads_for_pattern(None, None, None)))
-            self._store.extend(quads)
-            self._invalidate_all()
-        return len(quads)
-
-    def forget_derived(self) -> bool:
-        """Drops what was derived; False where nothing was."""
-        with self.lock:
-            if not InferredTriples(self._store):
-                return False
-            self._store.remove_graph(INFERRED_GRAPH)
-            self._invalidate_all()
-        return True
-
-    def sparql(self, query: str, *, timeout_s: float = 30.0, allow_service: bool = False) -> SparqlResult:
-        """Puts a SPARQL 1.1 query to the store: all sources are one graph, and each is one of its own besides.
-
-        The prefixes knowrob, ms, owl, rdf, rdfs, xsd, dul and soma are known. It runs in a process of its own, which
-        takes no more than 2 GiB and ends with its time. An endpoint gets the query as it is, and answers it alone.
-
-        Args:
-            query: SELECT, ASK, CONSTRUCT or DESCRIBE.
-            timeout_s: how long it may take [s]; it is stopped then.
-            allow_service: whether it may ask other servers (SERVICE).
-
-        Raises:
-            SparqlSyntaxError: it is no query, asks for what it may not, or for more than can be had.
-            SparqlTimeoutError: it did not end in time.
-            EndpointUnreachableError: nobody answers at the endpoint.
-            EndpointError: the endpoint says no.
-        """
-        return self._store.query(query, timeout_s=timeout_s, allow_service=allow_service)
-
-    # -- for the questions ---------------------------------------------------------------------------------------------
-
-    @cached_property
-    def reasoner(self) -> Reasoner:
-        """What follows from everything that is known."""
-        return Reasoner(self._store)
-
-    @cached_property
-    def names(self) -> NameIndex:
-        """What things are called."""
-        return NameIndex(self._store, self.reasoner)
-
-    def facts_of(self, individual: Iri, *, runtime_only: bool = False) -> tuple[PropertyAssertion, ...]:
-        """What the store says of an individual besides its classes and maps; only what was told at run time, if asked.
-
-        Things without a name are named by their labels in the store.
-        """
-        graph = RUNTIME_GRAPH if runtime_only else None
-        quads = self._store.quads_for_pattern(node_from_label(individual), None, None, graph)
-        quads = (quad for quad in quads if quad.graph_name != INFERRED_GRAPH)
-        told = (quad for quad in quads if quad.predicate.value not in {TYPE, DESCRIBED_IN_MAP})
-        facts = {PropertyAssertion(Iri(quad.predicate.value), _value(quad.object)) for quad in told}
-        return tuple(sorted(facts, key=repr))
-
-    def scene_entity(self, individual: Iri, map: Iri) -> Body | Joint | Light | None:
-        """What an individual is in the world of a map, where it has a place there."""
-        if map not in self._scene_entities:
-            world = self.world(map) if map in self.maps() else World(iri=map)
-            things: Iterable[Body | Joint | Light] = chain(world.bodies, world.joints, world.lights)
-            self._scene_entities[map] = {each.iri: each for each in things}
-        return self._scene_entities[map].get(individual)
-
-    @cached_property
-    def _answer_cache(self) -> AnswerCache:
-        return AnswerCache()
-
-    @cached_property
-    def _scene_entities(self) -> dict[Iri, dict[Iri, Body | Joint | Light]]:
-        return {}
-
-    def _invalidate(self, quads: Sequence[ox.Quad]) -> None:
-        """Looks again at what these statements are about, which were added or removed."""
-        nodes = (node for quad in quads for node in quad.triple)
-        self.names.add(Iri(node.value) for node in nodes if isinstance(node, ox.NamedNode))
-        if self.reasoner.update(quads):  # the world of a map may have been read with other classes
-            self._worlds.clear()
-            self._drop_cached("_placed", "_hierarchy")
-        self._drop_cached("_remembered", "_shaping")
-
-    def _invalidate_all(self, graphs: Iterable[ox.NamedNode] | None = None) -> None:
-        """Forgets what followed from what was known before; what was asked about is looked at again.
-
-        Args:
-            graphs: all that was added; None where something else has changed.
-        """
-        if graphs is not None and "index" in self.__dict__:
-            names = [name for graph in graphs for name in self.reasoner.add_graph(graph)]
-            self.names.add(names)
-        self._worlds.clear()
-        self._drop_cached(*(() if graphs is not None else ("index", "names")))
-        self._drop_cached("_placed", "_hierarchy", "_remembered", "_shaping")
-
-    def _drop_cached(self, *names: str) -> None:
-        for name in names:
-            self.__dict__.pop(name, None)
-
-
-def _question(question: Question[R] | str) -> Question[Any]:
-    from mindstage.knowledge.questions import get_question
-
-    return get_question(question) if isinstance(question, str) else question
-
-
-def _value(node: object) -> FactValue:
-    if isinstance(node, ox.Literal):
-        datatype = None if node.language or node.datatype.value == xsd("string") else Iri(node.datatype.value)
-        return Literal(node.value, datatype, node.language)
-    return IriRef(node_label(node) or Iri(str(node)))
-
-
-class KnowledgeBase(Answering):
-    """Loads semantic maps and ontologies, and tells what they say.
+class KnowledgeBase:
+    """Loads semantic maps and ontologies, reads worlds from the maps and answers questions about both.
 
     >>> from mindstage.knowledge import KnowledgeBase, bundled_kitchen
     >>> knowledge = KnowledgeBase()
@@ -291,22 +63,25 @@ class KnowledgeBase(Answering):
         store: StrPath | None = None,
         endpoint: SparqlEndpoint | str | None = None,
     ) -> None:
-        """Makes a knowledge base that knows nothing but, unless told otherwise, the bundled household ontology.
+        """Creates a knowledge base that contains the bundled household ontology only, or nothing.
 
         Args:
-            bundled_ontology: whether it knows that; a folder keeps what it was made with.
-            store: a folder that keeps all that is loaded and told, and has it again when it is opened the next time.
-                A source that has changed since is then read anew, and a finding says so.
-            endpoint: a SPARQL server, with whose statements those loaded here are joined. What is told goes there.
+            bundled_ontology: whether to load the bundled ontology; an existing folder keeps the choice that it was
+                created with.
+            store: a folder that persists everything that is loaded and asserted. Sources that have changed since the
+                folder was last open are read again, which is reported as a finding.
+            endpoint: a SPARQL server whose statements are joined with the sources that are loaded here. Assertions are
+                written to it.
 
         Raises:
-            StoreError: the folder cannot be used, for the reason it gives.
-            InvalidArgumentError: the endpoint's address is none, or both were given.
+            StoreError: the folder cannot be used, for the stated reason.
+            InvalidArgumentError: the endpoint's address is not a URL, or both `store` and `endpoint` were given.
         """
         if store is not None and endpoint is not None:
             cause = "it is kept in a folder or at an endpoint, not in both"
             raise InvalidArgumentError("a knowledge base", cause=cause, remedy="give one of them")
         self.lock = RLock()
+        """Serializes reads and writes; hold it for several reads of `reasoner` that must be consistent."""
         self._registry = SourceRegistry(
             folder=store, endpoint=SparqlEndpoint(endpoint) if isinstance(endpoint, str) else endpoint
         )
@@ -332,8 +107,10 @@ class KnowledgeBase(Answering):
         return f"<{type(self).__name__}: {counted(len(names), 'map')}{listed}, {sources}>"
 
     def close(self) -> None:
-        """Lets go of the folder, which others may then open, and of processes; any number of times."""
+        """Ends the query processes and closes the folder, which others may then open. May be called repeatedly."""
         self._registry.close()
+
+    # -- sources and maps ----------------------------------------------------------------------------------------------
 
     def load(
         self,
@@ -344,22 +121,23 @@ class KnowledgeBase(Answering):
         urdf_files: StrPath | Iterable[StrPath] = (),
         follow_imports: bool = True,
     ) -> None:
-        """Reads files and all that they import, transitively and each once.
+        """Reads files and everything that they import, transitively and each file once.
 
-        An import that is not there, or cannot be read, is a finding; the rest is loaded. Nothing is ever fetched.
+        An import that is missing or cannot be read is reported as a finding, and the rest is loaded. Nothing is ever
+        fetched from the network.
 
         Args:
-            paths: a map or several, or robots' descriptions (URDF, xacro); more may follow later, and they stay apart.
+            paths: one or several maps or robot descriptions (URDF, xacro). Maps from different calls stay separate.
                 "bundled:kitchen" is the kitchen that comes with Mindstage.
-            ontologies: files, `package://NAME/rest`, or folders of ROS packages that such names are looked up in.
-            conventions: units, frame and order of quaternions of these maps; what is None in it is decided by what the
-                maps hold, and told as one of the `assumption_notes`.
-            robots: descriptions that hold the places and joints of these maps, where those only name links.
-            follow_imports: False for what a stranger wrote: then no other file is read, whatever it imports.
+            ontologies: files, `package://NAME/rest`, or folders of ROS packages to resolve such names in.
+            conventions: units, handedness and quaternion order of these maps; what is None is detected from the maps
+                and listed by `assumptions`.
+            urdf_files: robot descriptions that hold the poses and joints of maps that only name links.
+            follow_imports: False for untrusted files: no other file is read then, whatever they import.
 
         Raises:
-            SourceParseError: one of the files cannot be read, for the reason it gives; nothing has changed then.
-            StoreError: the folder can only be read.
+            SourceParseError: one of the files cannot be read, for the stated reason; nothing has changed then.
+            StoreError: the folder is read-only.
         """
         with self.lock:
             read = self._registry.load(
@@ -372,9 +150,9 @@ class KnowledgeBase(Answering):
             self._invalidate_all(read)
 
     def ontologies_only(self) -> KnowledgeBase:
-        """Another one, in memory, that knows the same ontologies and no map: a map read there may be one of these anew.
+        """Another knowledge base, in memory, with the same ontologies and no map: the same map can be loaded there.
 
-        What is at an endpoint, or was told meanwhile, it does not know.
+        Statements at an endpoint and assertions made at run time are not copied.
         """
         with self.lock:
             maps = {source.name for source in self._registry.map_sources()}
@@ -385,11 +163,11 @@ class KnowledgeBase(Answering):
 
     @property
     def store(self) -> TripleStore:
-        """Where its statements are kept."""
+        """The triple store with all statements."""
         return self._store
 
     def sources(self) -> tuple[Path, ...]:
-        """The files that are loaded, imported ones among them."""
+        """The files that are loaded, including imported ones."""
         return tuple(self._registry.sources)
 
     def maps(self) -> tuple[Iri, ...]:
@@ -398,14 +176,14 @@ class KnowledgeBase(Answering):
         return tuple(dict.fromkeys(found))
 
     def world(self, map: str | None = None) -> World:
-        """One map as plain data.
+        """One map as a world.
 
         Args:
             map: its IRI or local name; None for the only one.
 
         Raises:
-            MapNotFoundError: there is none, or none of that name.
-            AmbiguousMapError: nobody said which one of several, or several have that local name.
+            MapNotFoundError: no map is loaded, or none has that name.
+            AmbiguousMapError: several maps are loaded and no name was given, or several have that local name.
         """
         with self.lock:
             iri = self._resolve_map(map)
@@ -415,25 +193,25 @@ class KnowledgeBase(Answering):
             return self._worlds[iri]
 
     def source_view(self, map: str | None = None) -> SourceMapView:
-        """What the sources tell of one map, before anybody makes a world of it.
+        """The statements of one map as its sources contain them, before a world is read from them.
 
         Raises:
-            MapNotFoundError: there is none, or none of that name.
-            AmbiguousMapError: nobody said which one of several, or several have that local name.
+            MapNotFoundError: no map is loaded, or none has that name.
+            AmbiguousMapError: several maps are loaded and no name was given, or several have that local name.
         """
         with self.lock:
             return SourceMapView(self._source_map(self._resolve_map(map)))
 
     def find_file(self, name: str) -> Path | None:
-        """The file that the name of a mesh stands for (`package://…`, or a path beside its map), if it is at hand."""
+        """The file that a mesh name refers to (`package://…`, or a path relative to its map); None if there is none."""
         return self._registry.find_file(name)
 
     def map_statistics(self, map: str | None = None) -> MapStatistics:
-        """One map in numbers.
+        """Counts of the classes, individuals, objects, joints and relations of one map.
 
         Raises:
-            MapNotFoundError: there is none, or none of that name.
-            AmbiguousMapError: nobody said which one of several, or several have that local name.
+            MapNotFoundError: no map is loaded, or none has that name.
+            AmbiguousMapError: several maps are loaded and no name was given, or several have that local name.
         """
         with self.lock:
             iri = self._resolve_map(map)
@@ -441,31 +219,211 @@ class KnowledgeBase(Answering):
             return map_statistics(iri, graph, census[iri], self._taxonomy)
 
     def findings(self) -> tuple[Finding, ...]:
-        """What was odd in the sources so far; loading and reading worlds adds to it."""
+        """Problems found in the sources so far; loading sources and reading worlds adds to them."""
         return tuple(self._registry.findings)
 
     def assumptions(self) -> tuple[Assumption, ...]:
-        """What had to be decided about the maps whose worlds were read so far, with the evidence."""
+        """Conventions that were detected for the maps whose worlds were read so far, with the evidence."""
         return (*self._registry.assumptions, *self._assumptions.values())
+
+    # -- questions -----------------------------------------------------------------------------------------------------
+
+    @overload
+    def ask(self, question: Question[R], **args: object) -> Answers[R]: ...
+    @overload
+    def ask(self, question: str, **args: object) -> Answers[Any]: ...
+    def ask(self, question: Question[Any] | str, **args: object) -> Answers[Any]:
+        """All answers to a question.
+
+        >>> from mindstage.knowledge import KnowledgeBase
+        >>> [row.place for row in KnowledgeBase().ask("storage_place", item="CowsMilk")]
+        ['http://knowrob.org/kb/knowrob.owl#Refrigerator']
+
+        Args:
+            question: its name, or the question itself, which types the rows.
+            **args: names: local, with a prefix, or whole IRIs; arguments that are left out are open.
+
+        Raises:
+            QuestionNotFoundError: no question has that name.
+            InvalidArgumentError: the question has no such argument, or the value is not valid for it.
+            NameNotFoundError: a name is unknown.
+            AmbiguousNameError: several entities have a name.
+        """
+        key = (question, *args.items())
+        cache = self._answer_cache  # a change during the question drops this cache, and with it an outdated answer
+        try:
+            if (cached := cache.get(key)) is not None:
+                return cached
+        except TypeError:  # an unhashable value such as a list, which the question itself refuses
+            key = ()
+        declared = _question(question)
+        answers = declared.ask(self, args)
+        if key and not declared.uses_current_state:
+            cache.put(key, answers)
+        return answers
+
+    def explain(self, question: Question[R] | str, row: R) -> tuple[str, ...]:
+        """The statements and classes that led to an answer, one per line; empty for a question without explanations.
+
+        Raises:
+            QuestionNotFoundError: no question has that name.
+            InvalidArgumentError: the row is not an answer to this question.
+        """
+        declared = _question(question)
+        if not isinstance(row, declared.row):
+            raise InvalidArgumentError(declared.name, cause=f"{type(row).__name__} is no answer to it")
+        return declared.explain_answer(self, row)
+
+    # -- statements ----------------------------------------------------------------------------------------------------
+
+    def tell(self, subject: str, property: str, value: AssertableValue) -> bool:
+        """Asserts a statement, which all later questions use. The worlds of maps are still read from their files only.
+
+        A statement about a class holds for all its members: `tell("Breadbasket", "typePrimaryFunction-containerFor",
+        "Bread")`. An unknown subject must be given with a prefix or as a whole IRI, and becomes a class by "subClassOf"
+        or an individual by "type".
+
+        Returns:
+            Whether the statement is new.
+
+        Raises:
+            NameNotFoundError: a name is unknown.
+            AmbiguousNameError: several entities have a name.
+            InvalidArgumentError: the three do not form a statement.
+        """
+        with self.lock:
+            quads = AssertionStore(self._store, self.reasoner, self.names).tell(subject, property, value)
+            self._invalidate(quads)
+        return bool(quads)
+
+    def retract(self, subject: str, property: str, value: AssertableValue) -> bool:
+        """Removes a statement, whether it was asserted at run time or read from a source.
+
+        Statements that it was inferred from stay, and so do files and the worlds read from them. What `derive` has
+        added is dropped, since it may no longer follow.
+
+        Returns:
+            Whether there was such a statement.
+
+        Raises:
+            NameNotFoundError: a name is unknown.
+            AmbiguousNameError: several entities have a name.
+            InvalidArgumentError: the three do not form a statement.
+        """
+        with self.lock:
+            quads = AssertionStore(self._store, self.reasoner, self.names).retract(subject, property, value)
+            self._invalidate(quads)
+            if quads:
+                self.forget_derived()
+        return bool(quads)
+
+    def derive(self) -> int:
+        """Adds everything that follows by the rules of OWL 2 RL, and returns the number of statements added.
+
+        The usual questions do not need it, since they follow classes, parts and poses themselves. It finds the rest,
+        for example individuals that are the same because a property is functional, and what follows from that. It does
+        not cover statements asserted or loaded later, and a retraction drops it. The worlds of maps do not change.
+
+        Raises:
+            ReasonerUnavailableError: the extra "closure" is not installed.
+        """
+        with self.lock:
+            self.forget_derived()
+            quads = list(materialize_owl_rl(self._store.quads_for_pattern(None, None, None)))
+            self._store.extend(quads)
+            self._invalidate_all()
+        return len(quads)
+
+    def forget_derived(self) -> bool:
+        """Drops what `derive` has added; returns whether there was anything."""
+        with self.lock:
+            if not InferredTriples(self._store):
+                return False
+            self._store.remove_graph(INFERRED_GRAPH)
+            self._invalidate_all()
+        return True
+
+    def sparql(self, query: str, *, timeout_s: float = 30.0, allow_service: bool = False) -> SparqlResult:
+        """Runs a SPARQL 1.1 query: the default graph is the union of all sources, and each source is a named graph.
+
+        The prefixes knowrob, ms, owl, rdf, rdfs, xsd, dul and soma are declared. The query runs in a separate process
+        that is limited to 2 GiB of memory and ends at the timeout. With an endpoint, the server alone evaluates it.
+
+        Args:
+            query: SELECT, ASK, CONSTRUCT or DESCRIBE.
+            timeout_s: time limit [s].
+            allow_service: whether the query may use other servers (SERVICE).
+
+        Raises:
+            SparqlSyntaxError: the query is not valid, not allowed, or its answer too large.
+            SparqlTimeoutError: the time limit was exceeded.
+            EndpointUnreachableError: the endpoint does not respond.
+            EndpointError: the endpoint refuses the query.
+        """
+        return self._store.query(query, timeout_s=timeout_s, allow_service=allow_service)
 
     # -- classes -------------------------------------------------------------------------------------------------------
 
     def ancestors(self, cls: Iri) -> tuple[Iri, ...]:
-        """The superclasses of a class, the nearest first, without itself."""
+        """The superclasses of a class, the nearest first, without the class itself."""
         return self._taxonomy.ancestors(cls)
 
     def descendants(self, cls: Iri) -> frozenset[Iri]:
-        """The subclasses of a class at any depth, without itself."""
+        """The subclasses of a class at any depth, without the class itself."""
         return self._taxonomy.descendants(cls)
 
     def is_a(self, cls: Iri, ancestor: Iri) -> bool:
-        """Whether one class is the other or below it."""
+        """Whether a class is another class or one of its subclasses."""
         return self._taxonomy.is_a(cls, ancestor)
 
     def shape_rule(self, cls: Iri) -> ShapeRule:
-        """How things of a class are shaped, what of and whether they give light, as far as it is known or guessed."""
+        """The shape, material and light of objects of a class, as far as they are declared or can be guessed."""
         with self.lock:
             return self._shape_resolver.rule(cls)
+
+    # -- for the questions ---------------------------------------------------------------------------------------------
+
+    @cached_property
+    def reasoner(self) -> Reasoner:
+        """The reasoner over all statements."""
+        return Reasoner(self._store)
+
+    @cached_property
+    def names(self) -> NameIndex:
+        """The index of names."""
+        return NameIndex(self._store, self.reasoner)
+
+    def facts_of(self, individual: Iri, *, runtime_only: bool = False) -> tuple[PropertyAssertion, ...]:
+        """The asserted statements about an individual, without its classes and its map; blank nodes by label.
+
+        Args:
+            individual: its IRI, or `_:label`.
+            runtime_only: whether to give only what was asserted at run time.
+        """
+        graph = RUNTIME_GRAPH if runtime_only else None
+        quads = self._store.quads_for_pattern(node_from_label(individual), None, None, graph)
+        facts = {
+            PropertyAssertion(Iri(quad.predicate.value), _value(quad.object))
+            for quad in quads
+            if quad.graph_name != INFERRED_GRAPH and quad.predicate.value not in {TYPE, DESCRIBED_IN_MAP}
+        }
+        return tuple(sorted(facts, key=repr))
+
+    def scene_entity(self, individual: Iri, map: Iri) -> Body | Joint | Light | None:
+        """The body, joint or light of a map that an individual describes; None if it has no pose there."""
+        if map not in self._scene_entities:
+            world = self.world(map) if map in self.maps() else World(iri=map)
+            entities: Iterable[Body | Joint | Light] = chain(world.bodies, world.joints, world.lights)
+            self._scene_entities[map] = {each.iri: each for each in entities}
+        return self._scene_entities[map].get(individual)
+
+    @cached_property
+    def _answer_cache(self) -> AnswerCache:
+        return AnswerCache()
+
+    @cached_property
+    def _scene_entities(self) -> dict[Iri, dict[Iri, Body | Joint | Light]]:
+        return {}
 
     @cached_property
     def _shape_resolver(self) -> ShapeRuleResolver:
@@ -483,7 +441,33 @@ class KnowledgeBase(Answering):
                         pairs.append((Iri(quad.object.value), Iri(quad.subject.value)))
         return ClassHierarchy(pairs)
 
-    # -- maps ----------------------------------------------------------------------------------------------------------
+    def _invalidate(self, quads: Sequence[ox.Quad]) -> None:
+        """Updates what depends on these statements, which were added or removed."""
+        nodes = (node for quad in quads for node in quad.triple)
+        self.names.add(Iri(node.value) for node in nodes if isinstance(node, ox.NamedNode))
+        if self.reasoner.update(quads):  # the world of a map may have been read with other classes
+            self._worlds.clear()
+            self._drop_cached("_scene_entities", "_taxonomy")
+        self._drop_cached("_answer_cache", "_shape_resolver")
+
+    def _invalidate_all(self, graphs: Iterable[ox.NamedNode] | None = None) -> None:
+        """Drops everything that was derived from the statements.
+
+        Args:
+            graphs: the graphs that were added, which an existing reasoner and name index are updated with; None if
+                anything else has changed.
+        """
+        if graphs is None:
+            self._drop_cached("reasoner", "names")
+        elif "reasoner" in self.__dict__:
+            names = [name for graph in graphs for name in self.reasoner.add_graph(graph)]
+            self.names.add(names)
+        self._worlds.clear()
+        self._drop_cached("_scene_entities", "_taxonomy", "_answer_cache", "_shape_resolver")
+
+    def _drop_cached(self, *names: str) -> None:
+        for name in names:
+            self.__dict__.pop(name, None)
 
     def _resolve_map(self, requested: str | None) -> Iri:
         maps = self.maps()
@@ -499,7 +483,7 @@ class KnowledgeBase(Answering):
     def _source_map(self, map: Iri) -> SourceMap:
         graph, census = self._registry.map_graph(map)
         graph = nest_blank_nodes(without_other_maps(graph, map, census))
-        # Nesting gives other labels to what has no name, individuals of the map among it.
+        # Nesting relabels blank nodes, which individuals of the map may be.
         members = census[map] if graph.keys() >= set(census[map]) else individuals_by_map(graph).get(map, ())
         return SourceMap(
             map=map,
@@ -515,18 +499,33 @@ class KnowledgeBase(Answering):
         )
 
     def _conventions_of(self, map: Iri) -> UnitConventions:
-        """What the user said about the sources that tell of a map."""
-        library = self._registry
-        told = (
-            library.conventions.get(source.path) for source in library.map_sources() if map in library.maps_in(source)
+        """The conventions that were given for the sources that describe a map."""
+        registry = self._registry
+        given = (
+            registry.conventions.get(source.path)
+            for source in registry.map_sources()
+            if map in registry.maps_in(source)
         )
-        return next((each for each in told if each), UnitConventions())
+        return next((each for each in given if each), UnitConventions())
 
     def _add_assumption(self, assumption: Assumption) -> None:
         self._assumptions[assumption.map, assumption.topic] = assumption
 
     def _add_finding(self, severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
         self._registry.findings[Finding(severity, individual, property, problem, action)] = None
+
+
+def _question(question: Question[R] | str) -> Question[Any]:
+    from mindstage.knowledge.queries import get_question  # declares all questions
+
+    return get_question(question) if isinstance(question, str) else question
+
+
+def _value(node: object) -> FactValue:
+    if isinstance(node, ox.Literal):
+        datatype = None if node.language or node.datatype.value == xsd("string") else Iri(node.datatype.value)
+        return Literal(node.value, datatype, node.language)
+    return IriRef(node_label(node) or Iri(str(node)))
 
 
 def _as_list(paths: StrPath | Iterable[StrPath]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Analyzes: maps in numbers, as the thesis has them in its table."""
+"""Statistics of maps: the numbers of individuals, joints and relations that the thesis tabulates."""
 
 from __future__ import annotations
 
@@ -16,38 +16,38 @@ __all__ = ["MapStatistics", "is_constraint", "map_statistics"]
 
 
 class MapStatistics(msgspec.Struct, frozen=True, kw_only=True):
-    """A map in numbers."""
+    """The statistics of one map."""
 
     map: Iri
     classes: int
-    """Different classes that its individuals are said to be of, constraints' included; OWL's own words are none."""
+    """The number of different classes of its individuals, including joints; OWL's own classes are not counted."""
     individuals: int
-    """All that is described in the map."""
+    """Everything that is described in the map."""
     objects: int
-    """Individuals that are not constraints."""
+    """Individuals that are not joints."""
     constraints: int
     relations: int
-    """Different pairs of parent and child: of objects, whichever side tells it, and the two ends of a constraint."""
+    """Different pairs of parent and child: those of objects, stated on either side, and the two ends of joints."""
 
 
 def is_constraint(types: Sequence[Iri], hierarchy: ClassHierarchy) -> bool:
-    """Whether something of these classes joins two others."""
+    """Whether an individual of these classes is a joint."""
     return any(hierarchy.is_a(cls, CONSTRAINT) for cls in types)
 
 
 def map_statistics(map: Iri, graph: Graph, members: Sequence[Iri], hierarchy: ClassHierarchy) -> MapStatistics:
-    """Counts what is told, before anything is understood or left out."""
+    """Computes the statistics from the statements of a map, before a world is read from it."""
     types = {member: types_of(graph[member]) for member in members}
     constraints = {member for member in members if is_constraint(types[member], hierarchy)}
     objects = types.keys() - constraints
-    told = {cls for classes in types.values() for cls in classes if not cls.startswith((OWL, RDFS))}
+    asserted = {cls for classes in types.values() for cls in classes if not cls.startswith((OWL, RDFS))}
     relations = {
         pair for member in objects for pair in _relation_pairs(member, graph[member]) if objects.issuperset(pair)
     }
     relations |= {pair for member in constraints for pair in _endpoint_pairs(graph[member])}
     return MapStatistics(
         map=map,
-        classes=len(told),
+        classes=len(asserted),
         individuals=len(members),
         objects=len(objects),
         constraints=len(constraints),

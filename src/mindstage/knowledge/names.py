@@ -1,4 +1,4 @@
-"""The name book: what people call things, short (`CowsMilk`), with a prefix (`knowrob_iri:CowsMilk`) or whole."""
+"""Names of entities: local names (`CowsMilk`), prefixed names (`knowrob:CowsMilk`) and whole IRIs."""
 
 from __future__ import annotations
 
@@ -26,29 +26,29 @@ PREFIXES = {
     "dul": DUL,
     "soma": SOMA,
 }
-"""The prefixes that names may have."""
+"""The prefixes that names may have, with their namespaces."""
 
 _BUILT_IN_PROPERTIES = (TYPE, *(Iri(RDFS + name) for name in ("subClassOf", "subPropertyOf", "label", "comment")))
 
 
 class EntityType(StrEnum):
-    """What a name can be the name of."""
+    """What a name refers to."""
 
     CLASS = "class"
     INDIVIDUAL = "individual"
     MAP = "map"
     PROPERTY = "property"
     VALUE = "class, individual or text"
-    """What has no such name is taken as it is."""
+    """An unknown name is taken as text."""
 
 
 _NAMED_TYPES = (EntityType.CLASS, EntityType.INDIVIDUAL, EntityType.MAP, EntityType.PROPERTY)
 
 
 class NameIndex:
-    """All names, found when the first is asked for and kept from then on.
+    """Resolves names. The index is built at its first use and then updated.
 
-    It remembers what things are called, and asks the index what they are now.
+    It stores names only; what a name refers to at present is looked up in the reasoner.
     """
 
     def __init__(self, store: QuadSource, reasoner: Reasoner) -> None:
@@ -57,19 +57,19 @@ class NameIndex:
         self._reasoner = reasoner
 
     def add(self, names: Iterable[Iri]) -> None:
-        """Adds names that have come up since."""
-        if "_book" in self.__dict__:
+        """Adds the names of new statements."""
+        if "_names" in self.__dict__:
             for name in names:
                 self._add_name(self._names, name)
 
     def find(self, name: str, entity_type: EntityType) -> Iri:
-        """What a name means.
+        """Resolves a name of a given type.
 
-        An individual may also be called by the name of its class, where it is the only one of that class.
+        An individual can also be given by the name of its class, if it is the only member.
 
         Raises:
-            NameNotFoundError: nothing of that kind has the name.
-            AmbiguousNameError: several have it.
+            NameNotFoundError: nothing of that type has the name.
+            AmbiguousNameError: several entities of that type have it.
         """
         if entity_type is EntityType.VALUE:
             known = self.find_any(name)
@@ -85,24 +85,24 @@ class NameIndex:
         return found
 
     def find_any(self, name: str) -> tuple[Iri, EntityType] | None:
-        """What a name means, whatever it is; None where nothing has it.
+        """Resolves a name of any type; returns the IRI and its type, or None.
 
         Raises:
-            AmbiguousNameError: several things of one kind have it.
+            AmbiguousNameError: several entities of one type have the name.
         """
         found = ((self._resolve(name, kind), kind) for kind in _NAMED_TYPES)
         return next(((iri, kind) for iri, kind in found if iri), None)
 
     def complete(self, prefix: str, entity_type: EntityType, *, limit: int) -> list[tuple[str, Iri]]:
-        """What somebody may be about to type: names that begin so, then those with it inside, the shortest first.
+        """Completes a name: names that start with the text, then those that contain it, the shortest first.
 
         Args:
-            start: the beginning of a name, in any case; or of one with its prefix.
-            kind: of what it is the name.
-            most: so many are given.
+            prefix: the beginning of a name, in any case, optionally after a prefix such as `knowrob:`.
+            entity_type: what the names refer to.
+            limit: the maximum number of results.
 
         Returns:
-            Pairs of what to type and what it means.
+            Pairs of a name and the IRI that it refers to.
         """
         found: list[tuple[str, Iri]] = []
         for name in sorted(
@@ -115,18 +115,18 @@ class NameIndex:
         return found[:limit]
 
     def short_names(self) -> Iterable[str]:
-        """Every short name."""
+        """All local names."""
         return (name for kind in _NAMED_TYPES for name in self._names_of_type(kind))
 
     def _containing(self, text: str) -> Iterable[str]:
-        whole = expand_prefix(text)
-        if whole != text:
-            return (name for name, iris in self._names.items() if any(iri.startswith(whole) for iri in iris))
-        small = text.casefold()
-        return (name for name in self._names if small in name.casefold())
+        iri_prefix = expand_prefix(text)
+        if iri_prefix != text:
+            return (name for name, iris in self._names.items() if any(iri.startswith(iri_prefix) for iri in iris))
+        folded = text.casefold()
+        return (name for name in self._names if folded in name.casefold())
 
     def _resolve(self, name: str, entity_type: EntityType) -> Iri | None:
-        """What of a kind has a name; None where nothing does."""
+        """Resolves a name of a given type; None if there is none."""
         found = self._candidates(name, entity_type)
         if not found and entity_type is EntityType.INDIVIDUAL:
             found = self._sole_members(name) or self._mentioned_only(name)
@@ -146,7 +146,7 @@ class NameIndex:
         )
 
     def _mentioned_only(self, name: str) -> list[Iri]:
-        """What only statements by other properties speak of: a part, say, that nobody says anything else about."""
+        """A resource without a type and a map that occurs in other statements, such as a part."""
         whole = expand_prefix(name)
         kinds = (EntityType.CLASS, EntityType.MAP, EntityType.PROPERTY)
         if ":" not in whole or any(self._has_type(whole, kind) for kind in kinds):
@@ -155,20 +155,20 @@ class NameIndex:
             node = ox.NamedNode(whole)
         except ValueError:
             return []
-        told = (self._store.quads_for_pattern(node, None, None), self._store.quads_for_pattern(None, None, node))
-        return [whole] if any(next(iter(quads), None) for quads in told) else []
+        uses = (self._store.quads_for_pattern(node, None, None), self._store.quads_for_pattern(None, None, node))
+        return [whole] if any(next(iter(quads), None) for quads in uses) else []
 
     def _has_type(self, iri: Iri, entity_type: EntityType) -> bool:
-        index = self._reasoner
+        reasoner = self._reasoner
         match entity_type:
             case EntityType.CLASS:
-                return index.is_class(iri)
+                return reasoner.is_class(iri)
             case EntityType.MAP:
-                return iri in index.members_by_map
+                return iri in reasoner.members_by_map
             case EntityType.INDIVIDUAL:
-                return index.is_individual(iri)
+                return reasoner.is_individual(iri)
             case EntityType.PROPERTY:
-                return iri in _BUILT_IN_PROPERTIES or index.is_property(iri)
+                return iri in _BUILT_IN_PROPERTIES or reasoner.is_property(iri)
             case EntityType.VALUE:
                 return any(self._has_type(iri, each) for each in _NAMED_TYPES)
 
@@ -177,11 +177,11 @@ class NameIndex:
 
     @cached_property
     def _names(self) -> dict[str, dict[Iri, None]]:
-        """By short name; it may hold names of what is gone, and of what is nothing that can be asked about."""
-        book: dict[str, dict[Iri, None]] = {}
+        """IRIs by local name; may contain those of removed entities, and of resources of no type."""
+        names: dict[str, dict[Iri, None]] = {}
         for iri in (*_BUILT_IN_PROPERTIES, *dict.fromkeys(self._reasoner.all_names())):
-            self._add_name(book, iri)
-        return book
+            self._add_name(names, iri)
+        return names
 
     def _add_name(self, names: dict[str, dict[Iri, None]], iri: Iri) -> None:
         if not iri.startswith("_:"):
@@ -189,7 +189,7 @@ class NameIndex:
 
 
 def expand_prefix(name: str) -> Iri:
-    """A name with its prefix written out; other names as they are, without angle brackets."""
+    """Expands a prefixed name; any other name is returned without angle brackets."""
     prefix, colon, rest = name.partition(":")
     if colon and prefix in PREFIXES:
         return Iri(PREFIXES[prefix] + rest)
@@ -197,7 +197,7 @@ def expand_prefix(name: str) -> Iri:
 
 
 def compact_iri(iri: Iri) -> str:
-    """A name with its prefix, where there is one."""
+    """The prefixed name of an IRI if there is a prefix for it, else the IRI."""
     return next((f"{prefix}:{iri[len(base) :]}" for prefix, base in PREFIXES.items() if iri.startswith(base)), iri)
 
 

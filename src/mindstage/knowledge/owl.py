@@ -1,4 +1,4 @@
-"""Expressions: what ontologies say of a class without a name, from unions to restrictions, as plain values."""
+"""OWL class expressions as plain values, and a parser for them."""
 
 from __future__ import annotations
 
@@ -32,9 +32,13 @@ _FIRST, _REST, _NIL = RDF + "first", RDF + "rest", RDF + "nil"
 _UNION, _INTERSECTION, _INVERSE = OWL + "unionOf", OWL + "intersectionOf", OWL + "inverseOf"
 _COMPLEMENT, _ONE_OF = OWL + "complementOf", OWL + "oneOf"
 
+_QUALIFIERS = (OWL + "onClass", OWL + "onDataRange")
+_DEFINING_PROPERTIES = (_UNION, _INTERSECTION, _COMPLEMENT, _ONE_OF)
+_CLASS_VALUED = (OWL + "someValuesFrom", OWL + "allValuesFrom", *_QUALIFIERS)
+
 
 class RestrictionType(StrEnum):
-    """How a restriction binds a property."""
+    """The kind of a property restriction."""
 
     SOME = "someValuesFrom"
     ALL = "allValuesFrom"
@@ -58,65 +62,62 @@ _VALUE_RESTRICTIONS = {
     OWL + "allValuesFrom": RestrictionType.ALL,
     HAS_VALUE: RestrictionType.HAS_VALUE,
 }
-_QUALIFIERS = (OWL + "onClass", OWL + "onDataRange")
-_DEFINING_PROPERTIES = (_UNION, _INTERSECTION, _COMPLEMENT, _ONE_OF)
-_CLASS_VALUED = (OWL + "someValuesFrom", OWL + "allValuesFrom", *_QUALIFIERS)
 EXPRESSION_PROPERTIES = (
     *(_FIRST, _REST, *_DEFINING_PROPERTIES, _INVERSE, ON_PROPERTY, OWL + "hasSelf"),
     *(*_VALUE_RESTRICTIONS, *_CARDINALITIES, *_QUALIFIERS),
 )
-"""The properties that expressions are built with."""
+"""The properties that class expressions are made of."""
 
 
 class NamedClass(msgspec.Struct, frozen=True):
-    """A class, datatype or individual that has a name."""
+    """A named class, datatype or individual."""
 
     iri: Iri
 
 
 class LiteralValue(msgspec.Struct, frozen=True):
-    """A literal."""
+    """A literal as a value."""
 
     literal: Literal
 
 
 class UnionOf(msgspec.Struct, frozen=True):
-    """A union."""
+    """A union of classes."""
 
     members: tuple[Expression, ...]
 
 
 class IntersectionOf(msgspec.Struct, frozen=True):
-    """An intersection."""
+    """An intersection of classes."""
 
     members: tuple[Expression, ...]
 
 
 class OneOf(msgspec.Struct, frozen=True):
-    """An enumeration of individuals or values."""
+    """An enumeration of individuals or literals."""
 
     members: tuple[Expression, ...]
 
 
 class ComplementOf(msgspec.Struct, frozen=True):
-    """A complement."""
+    """The complement of a class."""
 
     expression: Expression
 
 
 class Restriction(msgspec.Struct, frozen=True):
-    """All things whose property has such values."""
+    """The class of all individuals whose values of a property satisfy a condition."""
 
     property: Iri
     restriction_type: RestrictionType
     filler: Expression | None = None
-    """What the values are; None where only their number matters."""
+    """The class of the values, or the value; None for an unqualified cardinality."""
     cardinality: int | None = None
     inverse: bool = False
-    """Whether the property is meant backwards."""
+    """Whether the condition is on the inverse of the property."""
 
     def implies_existence(self) -> bool:
-        """Whether there surely is a value of such a class, and not only none of another."""
+        """Whether every member has a value of the filler's class: not for conditions that only exclude other values."""
         if self.restriction_type is RestrictionType.SOME:
             return True
         return (
@@ -127,7 +128,7 @@ class Restriction(msgspec.Struct, frozen=True):
 
 
 class UnparsedExpression(msgspec.Struct, frozen=True):
-    """An expression that has no meaning: broken, or in a circle."""
+    """An expression without a meaning: incomplete or cyclic."""
 
 
 Expression = (
@@ -136,14 +137,14 @@ Expression = (
 
 
 def node_label(node: object) -> Iri | None:
-    """The name or label of a node; None for a literal."""
+    """The IRI or blank node label (`_:label`) of a node; None for a literal."""
     if isinstance(node, ox.NamedNode):
         return Iri(node.value)
     return Iri("_:" + node.value) if isinstance(node, ox.BlankNode) else None
 
 
 def named_classes(expression: Expression | None) -> Iterator[Iri]:
-    """The classes that an expression is put together from by unions and intersections."""
+    """The named classes in an expression, inside unions and intersections."""
     match expression:
         case NamedClass(iri):
             yield iri
@@ -153,52 +154,52 @@ def named_classes(expression: Expression | None) -> Iterator[Iri]:
 
 
 class ClassExpressionParser:
-    """Reads expressions, each once, out of the statements that it was given."""
+    """Parses class expressions from the statements that it was given, and caches them."""
 
     def __init__(self, quads: Iterable[ox.Quad] = ()) -> None:
-        """Learns the first statements."""
+        """Adds the first statements."""
         self._statements_by_node: dict[Iri, dict[str, list[object]]] = {}
         self._parsed: dict[Iri, Expression] = {}
         self._visited: set[Iri] = set()
         self._defined_classes: dict[Iri, None] = {}
         self.restricted_properties: dict[Iri, None] = {}
-        """The properties that restrictions are about."""
+        """The properties in restrictions."""
         self.fillers: dict[Iri, None] = {}
-        """The classes and datatypes that their values are of."""
+        """The classes and datatypes in restrictions."""
         self.add(quads)
 
     def add(self, quads: Iterable[ox.Quad]) -> bool:
-        """Takes in statements by properties of `EXPRESSION_PROPERTIES`; False where one changes what was read before."""
-        fresh = True
+        """Adds statements with `EXPRESSION_PROPERTIES`; returns False if they change expressions parsed before."""
+        is_new = True
         for quad in quads:
             name = node_label(quad.subject)
             if name is None:
                 continue
             property, value = quad.predicate.value, quad.object
-            told = self._statements_by_node.setdefault(name, {}).setdefault(property, [])
-            if value not in told:
-                fresh = fresh and name not in self._visited
-                told.append(value)
-                if len(told) > 1:
-                    told.sort(key=str)  # the store has no order to rely on
+            values = self._statements_by_node.setdefault(name, {}).setdefault(property, [])
+            if value not in values:
+                is_new = is_new and name not in self._visited
+                values.append(value)
+                if len(values) > 1:
+                    values.sort(key=str)  # the store has no defined order
                 if property == ON_PROPERTY and isinstance(value, ox.NamedNode):
                     self.restricted_properties[Iri(value.value)] = None
                 elif property in _CLASS_VALUED and isinstance(value, ox.NamedNode):
                     self.fillers[Iri(value.value)] = None
                 elif property in _DEFINING_PROPERTIES and not name.startswith("_:"):
                     self._defined_classes[name] = None
-        return fresh
+        return is_new
 
     def definitions(self) -> Iterator[tuple[Iri, Expression]]:
-        """Named classes that are themselves said to be a union, an intersection, a complement or an enumeration."""
+        """Named classes that are declared as a union, an intersection, a complement or an enumeration."""
         for name in self._defined_classes:
-            told = self._statements_of(name)
+            statements = self._statements_of(name)
             for property in _DEFINING_PROPERTIES:
-                for value in told.get(property, ()):
+                for value in statements.get(property, ()):
                     yield name, self._build({property: [value]}, frozenset({name}))
 
     def parse(self, node: object, enclosing: frozenset[Iri] = frozenset()) -> Expression:
-        """The expression that a node stands for."""
+        """The class expression of a node."""
         if isinstance(node, ox.Literal):
             datatype = None if node.language else Iri(node.datatype.value)
             return LiteralValue(Literal(node.value, datatype, node.language))
@@ -207,31 +208,33 @@ class ClassExpressionParser:
             return UnparsedExpression()
         if isinstance(node, ox.NamedNode):
             return NamedClass(name)
-        if enclosing:  # in a circle, what is read depends on where one enters it
+        if enclosing:  # in a cycle, the result depends on where it is entered
             return self._build(self._statements_of(name), enclosing | {name})
         if name not in self._parsed:
             self._parsed[name] = self._build(self._statements_of(name), frozenset({name}))
         return self._parsed[name]
 
     def names(self) -> Iterator[Iri]:
-        """Every name in what it was given, whether or not an expression with it was read yet."""
-        for name, told in self._statements_by_node.items():
+        """All names in the statements, possibly repeated."""
+        for name, statements in self._statements_by_node.items():
             yield name
-            yield from (Iri(node.value) for nodes in told.values() for node in nodes if isinstance(node, ox.NamedNode))
+            yield from (
+                Iri(node.value) for nodes in statements.values() for node in nodes if isinstance(node, ox.NamedNode)
+            )
 
     def list_items(self, head: object) -> Sequence[object]:
-        """What a list holds, as far as it goes."""
+        """The items of an RDF list, up to the first error."""
         items: list[object] = []
         seen: set[Iri] = set()
         while (name := node_label(head)) and name != _NIL and name not in seen:
             seen.add(name)
-            told = self._statements_of(name)
-            items.extend(told.get(_FIRST, ())[:1])
-            head = next(iter(told.get(_REST, ())), None)
+            statements = self._statements_of(name)
+            items.extend(statements.get(_FIRST, ())[:1])
+            head = next(iter(statements.get(_REST, ())), None)
         return items
 
     def property_expression(self, node: object) -> tuple[Iri, bool] | None:
-        """The property that a node stands for, and whether it is meant forwards."""
+        """The property of a node and whether it is used forwards; False for an inverse. None if it is neither."""
         property, forward = node_label(node), True
         if property and property.startswith("_:"):
             property, forward = node_label(self._statements_of(property).get(_INVERSE, [None])[0]), False
@@ -244,11 +247,11 @@ class ClassExpressionParser:
     def _build(self, statements: dict[str, list[object]], enclosing: frozenset[Iri]) -> Expression:
         if ON_PROPERTY in statements:
             return self._restriction(statements, enclosing)
-        shapes: tuple[tuple[str, Callable[[tuple[Expression, ...]], Expression]], ...]
-        shapes = ((_UNION, UnionOf), (_INTERSECTION, IntersectionOf), (_ONE_OF, OneOf))
-        for property, shape in shapes:
+        constructors: tuple[tuple[str, Callable[[tuple[Expression, ...]], Expression]], ...]
+        constructors = ((_UNION, UnionOf), (_INTERSECTION, IntersectionOf), (_ONE_OF, OneOf))
+        for property, constructor in constructors:
             if property in statements:
-                return shape(
+                return constructor(
                     tuple(self.parse(member, enclosing) for member in self.list_items(statements[property][0]))
                 )
         return (
@@ -258,17 +261,17 @@ class ClassExpressionParser:
         )
 
     def _restriction(self, statements: dict[str, list[object]], enclosing: frozenset[Iri]) -> Expression:
-        line = self.property_expression(statements[ON_PROPERTY][0])
-        if line is None:
+        expression = self.property_expression(statements[ON_PROPERTY][0])
+        if expression is None:
             return UnparsedExpression()
-        property, inverse = line[0], not line[1]
-        for word, kind in _VALUE_RESTRICTIONS.items():
-            if word in statements:
-                return Restriction(property, kind, self.parse(statements[word][0], enclosing), inverse=inverse)
-        for word, kind in _CARDINALITIES.items():
-            number = statements.get(word, [None])[0]
+        property, inverse = expression[0], not expression[1]
+        for key, kind in _VALUE_RESTRICTIONS.items():
+            if key in statements:
+                return Restriction(property, kind, self.parse(statements[key][0], enclosing), inverse=inverse)
+        for key, kind in _CARDINALITIES.items():
+            number = statements.get(key, [None])[0]
             if isinstance(number, ox.Literal) and number.value.isdecimal():
-                fillers = [self.parse(statements[word][0], enclosing) for word in _QUALIFIERS if word in statements]
+                fillers = [self.parse(statements[name][0], enclosing) for name in _QUALIFIERS if name in statements]
                 return Restriction(property, kind, fillers[0] if fillers else None, int(number.value), inverse)
         return (
             Restriction(property, RestrictionType.HAS_SELF, inverse=inverse)

@@ -1,7 +1,7 @@
-"""Derivation: all that follows by the rules of OWL 2 RL, worked out by `reasonable` when somebody asks for it.
+"""Materialization of everything that follows by the rules of OWL 2 RL, with the library `reasonable`.
 
-What follows stands in a graph of its own, so that it can be dropped again. SPARQL sees it as it is. Questions, which
-have their own ways for classes, parts and places, only look there for what they could not know without it.
+The inferred statements are kept in a named graph, so that they can be dropped. SPARQL queries include them. Questions,
+which have their own inference for classes, parts and poses, use them for what they could not infer otherwise.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from mindstage.knowledge.vocabulary import OWL, RDF, RDFS, THING, XSD
 __all__ = ["INFERRED_GRAPH", "InferredTriples", "materialize_owl_rl"]
 
 INFERRED_GRAPH = ox.NamedNode("http://mindstage.org/derived")
-"""The graph of what was derived."""
+"""The graph of the materialized statements."""
 
 _BUILT_IN = (OWL, RDF, RDFS, XSD)
 
 
 class AssertedTriples:
-    """A store without what was derived from it."""
+    """A store without the materialized statements."""
 
     def __init__(self, store: QuadSource) -> None:
         self._store = store
@@ -38,35 +38,35 @@ class AssertedTriples:
         graph_name: ox.NamedNode | ox.BlankNode | ox.DefaultGraph | None = None,
         /,
     ) -> Iterator[ox.Quad]:
-        """All statements that fit; None fits everything."""
+        """All matching statements; None matches everything."""
         quads = self._store.quads_for_pattern(subject, predicate, object, graph_name)
         return (quad for quad in quads if quad.graph_name != INFERRED_GRAPH)
 
 
 class InferredTriples:
-    """What was derived, apart from what was told."""
+    """The materialized statements of a store."""
 
     def __init__(self, store: QuadSource) -> None:
         self._store = store
         self._has_inferred = next(iter(store.quads_for_pattern(None, None, None, INFERRED_GRAPH)), None) is not None
 
     def __bool__(self) -> bool:
-        """Whether there is anything."""
+        """Whether there are any."""
         return self._has_inferred
 
     def asserted(self) -> QuadSource:
-        """The store without it."""
+        """The store without the materialized statements."""
         return AssertedTriples(self._store) if self._has_inferred else self._store
 
     def quads_for_pattern(
         self, subject: SubjectNode | ox.Triple | None, predicate: ox.NamedNode | None, object: ObjectNode | None, /
     ) -> Iterable[ox.Quad]:
-        """All derived statements that fit; None fits everything."""
+        """All matching materialized statements; None matches everything."""
         return self._store.quads_for_pattern(subject, predicate, object, INFERRED_GRAPH) if self._has_inferred else ()
 
 
 def materialize_owl_rl(quads: Iterable[ox.Quad]) -> Iterator[ox.Quad]:
-    """What follows from these statements and is not among them; what is true of everything is left out.
+    """The statements that follow from others, without these and without tautologies.
 
     Raises:
         ReasonerUnavailableError: `reasonable` is not installed.
@@ -75,27 +75,27 @@ def materialize_owl_rl(quads: Iterable[ox.Quad]) -> Iterator[ox.Quad]:
         reasonable, rdflib = import_module("reasonable"), import_module("rdflib")
     except ImportError as error:
         raise ReasonerUnavailableError(cause=str(error)) from error
-    told = {quad.triple for quad in quads}
+    asserted = {quad.triple for quad in quads}
     reasoner = reasonable.PyReasoner()
-    reasoner.from_graph([triple for each in told if (triple := _to_rdflib(each, rdflib))])
+    reasoner.from_graph([triple for each in asserted if (triple := _to_rdflib(each, rdflib))])
     for triple in reasoner.reason():
         subject, predicate, value = (_from_rdflib(term, rdflib) for term in triple)
         if isinstance(subject, ox.Literal) or not isinstance(predicate, ox.NamedNode):
             continue
         found = ox.Triple(subject, predicate, value)
-        if found not in told and not _is_trivial(found):
+        if found not in asserted and not _is_trivial(found):
             yield ox.Quad(subject, predicate, value, INFERRED_GRAPH)
 
 
 def _is_trivial(triple: ox.Triple) -> bool:
-    """Whether it is true whatever anybody told."""
+    """Whether a statement is true in every ontology."""
     subject, value = triple.subject, triple.object
-    about_words = isinstance(subject, ox.NamedNode) and subject.value.startswith(_BUILT_IN)
-    return about_words or subject == value or value == ox.NamedNode(THING)
+    is_built_in = isinstance(subject, ox.NamedNode) and subject.value.startswith(_BUILT_IN)
+    return is_built_in or subject == value or value == ox.NamedNode(THING)
 
 
 def _to_rdflib(triple: ox.Triple, rdflib: Any) -> tuple[Any, Any, Any] | None:
-    """A statement in the terms that the reasoner reads; None for a statement about a statement."""
+    """A statement as rdflib terms; None for a statement about a statement."""
     terms = [_term(node, rdflib) for node in triple]
     return None if None in terms else (terms[0], terms[1], terms[2])
 

@@ -1,30 +1,20 @@
-"""Question: the declaration of one, which is all that any surface needs to ask it.
+"""The declaration of questions, from which every interface (Python, CLI, Prolog, ROS, viewer) is made.
 
-A question is a generator with a docstring. Its arguments, by their types, say what may be asked about; its rows say
-what is answered. Every argument may be left out. What it knows beyond that hangs on it:
-
-    @question
-    def siblings(kb: QuestionContext, cls: ClassName | None = None) -> Iterator[Sibling]: ...
-
-    @siblings.because           # why a row is an answer, line by line
-    def _why(kb: QuestionContext, row: Sibling) -> Iterator[str]: ...
-
-    @siblings.lacking           # what nobody has told yet, where there is no answer
-    def _lacking(kb: QuestionContext, cls: ClassName | None = None) -> Iterator[Missing]: ...
-
-One that looks at how things are just now has a last argument `*, present: StateAccess` (see `current_state`), which it is handed
-and which nobody who asks sees; so has what tells what it lacks.
-
-Moment: a place as it was told, and as it is now.
-
-A question that looks at the present asks for it by its last argument, which no surface sees:
+A question is a generator function with a docstring. The types of its arguments declare what can be given, and its row
+type declares the columns of the answers. Every argument is optional. Further functions are registered on it:
 
     @question
-    def where_is(kb: QuestionContext, thing: IndividualName | None = None, *, present: Present) -> Iterator[Where]: ...
+    def siblings(kb: QuestionContext, cls: ClassName | None = None) -> Iterator[SiblingClasses]: ...
 
-Asked of a knowledge base alone, everything is where its map tells. Asked of a stage, it is where the engine has it.
+    @siblings.explain           # why a row is an answer, line by line
+    def _explain(kb: QuestionContext, row: SiblingClasses) -> Iterator[str]: ...
 
-Remembering: what was answered since anything has changed, for who asks again.
+    @siblings.missing           # which statements are missing if there is no answer
+    def _missing(kb: QuestionContext, cls: ClassName | None = None) -> Iterator[MissingKnowledge]: ...
+
+A question about the current state has the additional keyword argument `present: StateAccess`, and so has its function
+for missing statements. It is passed by `Question.ask` and is not part of any interface. Without a simulation, the
+state is that of the maps.
 """
 
 from __future__ import annotations
@@ -74,6 +64,18 @@ __all__ = [
     "subject_column",
 ]
 
+MAP_SOURCE = "map"
+"""The `WorldState.source` of a map that no engine simulates."""
+CacheKey = tuple[object, ...]
+ClassName = Annotated[Iri, EntityType.CLASS]
+IndividualName = Annotated[Iri, EntityType.INDIVIDUAL]
+MapName = Annotated[Iri, EntityType.MAP]
+PropertyName = Annotated[Iri, EntityType.PROPERTY]
+ValueName = Annotated[str, EntityType.VALUE]
+_MAX_NAMED_ROWS = 3
+"""The number of rows that are named in the repr of answers."""
+_QUESTIONS: dict[str, Question[Any]] = {}
+
 
 class QuestionContext(Protocol):
     """The part of `KnowledgeBase` that questions use."""
@@ -108,47 +110,43 @@ class QuestionContext(Protocol):
         """The statements that led to an answer."""
 
 
-MAP_SOURCE = "map"
-"""Who tells of a place that no engine runs."""
-
-
 class WorldState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """A place at one moment."""
+    """The state of a scene at one point in time."""
 
     world: World
-    """Everything as it is."""
+    """All entities in their current state."""
     spawned: tuple[World, ...]
-    """The same as it was spawned, map by map."""
+    """The same entities as they were spawned, one world per map."""
     joint_positions: Mapping[BodyId, tuple[float, ...]] | None = None
-    """How far each constraint has moved since: x, y, z [m], twist, swing2, swing1 [rad]; None where nobody knows."""
+    """Displacement of each joint since then: x, y, z [m], twist, swing2, swing1 [rad]; None if it is unknown."""
     source: str = MAP_SOURCE
-    """Who says so: the engine's name, or "map"."""
+    """Where the state comes from: the name of the engine, or "map"."""
 
     def map_of_body(self) -> dict[BodyId, Iri]:
         """The map that each body came from."""
-        told = {body.id: world.iri for world in reversed(self.spawned) for body in world.bodies}
-        return {body.id: told.get(body.id, self.world.iri) for body in self.world.bodies}
+        maps = {body.id: world.iri for world in reversed(self.spawned) for body in world.bodies}
+        return {body.id: maps.get(body.id, self.world.iri) for body in self.world.bodies}
 
 
 class StateAccess:
-    """What a question sees of the present: made for one asking, and looked up only if it is wanted."""
+    """Gives one question access to the current state, which is fetched at most once and only if it is used."""
 
     def __init__(self, kb: QuestionContext, fetch_state: Callable[[], WorldState] | None = None) -> None:
-        """Nothing is looked at yet.
+        """Fetches nothing yet.
 
         Args:
-            kb: tells of the maps that no engine runs.
-            take: asks the engine how things are, at most once; None without an engine.
+            kb: provides the maps that no engine simulates.
+            fetch_state: returns the engine's current state; None without an engine.
         """
         self._kb = kb
         self._fetch_state = fetch_state
 
     def fetch(self) -> None:
-        """Looks now, and not when somebody first wants to know."""
-        self._engine_state  # noqa: B018 - kept from now on
+        """Fetches the state of the engine now, which would otherwise happen at its first use."""
+        self._engine_state  # noqa: B018 - cached from now on
 
     def states(self, map: Iri | None = None) -> tuple[WorldState, ...]:
-        """The place that the engine runs, and each map that is not spawned in it; or only where one map is."""
+        """The state of the simulated scene and of each map that is not spawned in it; of one map only, if given."""
         running = self._engine_state
         spawned = {world.iri for world in running.spawned} if running else set()
         here = [running] if running and (map is None or map in spawned) else []
@@ -156,7 +154,7 @@ class StateAccess:
         return (*here, *(self._map_state(each) for each in elsewhere))
 
     def find_individual(self, name: str) -> Iri | None:
-        """Something that stands in the engine, by its IRI or its body's id: a program may have spawned it."""
+        """The IRI of a simulated body, by IRI or body id: it may have been spawned without any map."""
         bodies = self._engine_state.world.bodies if self._engine_state else ()
         return next((body.iri for body in bodies if name in (body.iri, body.id)), None)
 
@@ -169,17 +167,14 @@ class StateAccess:
         return WorldState(world=world, spawned=(world,))
 
 
-CacheKey = tuple[object, ...]
-
-
 class AnswerCache:
-    """The last answers, up to so many rows."""
+    """The most recent answers, up to a maximum number of rows."""
 
     def __init__(self, max_rows: int = 50_000) -> None:
-        """Remembers nothing yet.
+        """Creates an empty cache.
 
         Args:
-            most_rows: how many rows are kept at most; an answer without rows counts as one.
+            max_rows: the maximum number of rows; an answer without rows counts as one.
         """
         self._max_rows = max_rows
         self._row_count = 0
@@ -187,15 +182,15 @@ class AnswerCache:
         self._answers: dict[CacheKey, Answers[Any]] = {}
 
     def get(self, key: CacheKey) -> Answers[Any] | None:
-        """What was answered, if it is still known.
+        """The cached answers for a key; None if there are none.
 
         Raises:
-            TypeError: something in the key cannot be remembered, such as a list.
+            TypeError: the key is not hashable.
         """
         return self._answers.get(key)
 
     def put(self, key: CacheKey, answers: Answers[Any]) -> None:
-        """Remembers an answer, and forgets the oldest ones if there is no room for it."""
+        """Caches answers, and removes the oldest ones as needed."""
         size = max(1, len(answers))
         with self._lock:
             if size > self._max_rows or key in self._answers:
@@ -206,28 +201,21 @@ class AnswerCache:
             self._row_count += size
 
 
-ClassName = Annotated[Iri, EntityType.CLASS]
-IndividualName = Annotated[Iri, EntityType.INDIVIDUAL]
-MapName = Annotated[Iri, EntityType.MAP]
-PropertyName = Annotated[Iri, EntityType.PROPERTY]
-ValueName = Annotated[str, EntityType.VALUE]
-
-
 class AnswerRow(msgspec.Struct, frozen=True, kw_only=True, dict=True):
-    """One answer. A field that is called like an argument has its value where that was given.
+    """One answer. A field with the name of a question argument has the value that was given for it.
 
-    `subject` and `individual` depend on what was asked, so they exist on the rows of `Answers` only.
+    `subject` and `individual` depend on the arguments, so they exist on the rows of `Answers` only.
     """
 
     default_column: ClassVar[str] = ""
-    """The field that is meant first where nobody says otherwise; the first argument if empty."""
+    """The field that is the subject if several arguments were left out; the first of those if empty."""
 
     @property
     def subject(self) -> Iri:
-        """The name that was asked for, which `highlight` uses: of `handle_of` a door, its handle.
+        """The IRI that the question asked for, which `highlight` uses: for `handle_of` with a door, its handle.
 
         Raises:
-            AttributeError: the row is not of `Answers`, or holds no names.
+            AttributeError: the row does not belong to `Answers`, or contains no names.
         """
         column = self._origin().subject_column
         if column is None:
@@ -236,7 +224,7 @@ class AnswerRow(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 
     @property
     def subject_kind(self) -> EntityType:
-        """What kind of name `subject` is: an individual, a class, a map or a property.
+        """The entity type of `subject`: an individual, a class, a map or a property.
 
         Raises:
             AttributeError: as for `subject`.
@@ -249,9 +237,9 @@ class AnswerRow(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 
     @property
     def individual(self) -> Iri:
-        """The IRI of the individual that the answer is about: `subject`, or the member of the class that `subject` is.
+        """The IRI of the individual that the answer is about: `subject`, or the only member of the class `subject`.
 
-        The answers to some questions have a field of this name, which it is then.
+        Rows with a field of this name have the field's value instead.
 
         Raises:
             NameNotFoundError: no individual of that class is loaded.
@@ -268,7 +256,7 @@ class AnswerRow(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 
     @property
     def instances(self) -> tuple[Iri, ...]:
-        """The IRIs of the individuals that the answer is about: `subject`, or all members of the class that it is.
+        """The IRIs of the individuals that the answer is about: `subject`, or all members of the class `subject`.
 
         Raises:
             AttributeError: as for `individual`.
@@ -293,22 +281,18 @@ class AnswerRow(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 R = TypeVar("R", bound=AnswerRow)
 
 
-_MOST_NAMED = 3
-"""So many rows are named where answers are printed in one line."""
-
-
 class MissingKnowledge(msgspec.Struct, frozen=True):
-    """What nobody has told, for want of which there is no answer."""
+    """A statement whose absence explains why a question has no answer."""
 
     cls: Iri
     property: Iri
     reason: str
     is_filler: bool = False
-    """Whether nobody says of anything that it has the property with this class, rather than of the class itself."""
+    """Whether `cls` is missing as the filler of the property, rather than as its subject."""
 
 
 class Answers(Sequence[R]):
-    """All answers, in the question's order; and where there is none, what is missing."""
+    """All answers to a question, in its order; if there are none, the missing statements."""
 
     def __init__(
         self,
@@ -321,16 +305,16 @@ class Answers(Sequence[R]):
     ) -> None:
         self.question = question
         self.args: Mapping[str, object] = MappingProxyType(dict(args))
-        """What was asked about, with names written out."""
+        """The given arguments, with names resolved to IRIs."""
         self.missing = tuple(missing)
         self._rows = tuple(rows)
-        self._kb = None if kb is None else ref(kb)  # the knowledge base remembers answers: no circle
+        self._kb = None if kb is None else ref(kb)  # weak, since the knowledge base caches answers
         for row in self._rows:
             row.__dict__["_answers"] = self
 
     @cached_property
     def subject_column(self) -> str | None:
-        """The column of what was asked for: an individual, if there is one, else a class, property or map."""
+        """The column that was asked for: an individual if there is one, else a class or property, else a map."""
         names = (EntityType.INDIVIDUAL,), (EntityType.CLASS, EntityType.PROPERTY), (EntityType.MAP,)
         return next((column for kinds in names if (column := self.answer_column(*kinds))), None)
 
@@ -344,26 +328,26 @@ class Answers(Sequence[R]):
             return tuple(dict.fromkeys(found))
 
     def to_dicts(self) -> list[dict[str, Any]]:
-        """The rows as dicts of plain values (texts, numbers, lists): `pandas.DataFrame(answers.to_dicts())`."""
+        """The rows as dicts of plain values (strings, numbers, lists): `pandas.DataFrame(answers.to_dicts())`."""
         return [msgspec.to_builtins(row) for row in self._rows]
 
     def answer_column(self, *value_types: object) -> str | None:
-        """The column of such names that the question was after: the handle of a door that was given.
+        """The column of one of these types that was asked for: for the handles of a given door, the handle.
 
-        Of several arguments that were left out it is the one that answers are about, or else the first; where all were
-        given, the last.
+        Of several arguments that were left out it is the row's `default_column`, or else the first; if all were given,
+        the last.
         """
-        columns, about = self.question.columns, self.question.row.default_column
+        columns, default = self.question.columns, self.question.row.default_column
         names = [argument.name for argument in self.question.arguments if columns.get(argument.name) in value_types]
         free = [name for name in names if name not in self.args]
-        return about if about in (free or names) else next(iter(free or names[-1:]), None)
+        return default if default in (free or names) else next(iter(free or names[-1:]), None)
 
     @overload
     def __getitem__(self, at: int) -> R: ...
     @overload
     def __getitem__(self, at: slice) -> Sequence[R]: ...
     def __getitem__(self, at: int | slice) -> R | Sequence[R]:
-        """One answer, or some."""
+        """One answer, or a slice of them."""
         return self._rows[at]
 
     def __len__(self) -> int:
@@ -374,8 +358,8 @@ class Answers(Sequence[R]):
         lack = f", {len(self.missing)} missing" if self.missing else ""
         column, names = self.subject_column, ""
         if column is not None and self._rows:
-            first = [local_name(str(getattr(row, column))) for row in self._rows[:_MOST_NAMED]]
-            names = f" ({', '.join(first)}{', …' if self._rows[_MOST_NAMED:] else ''})"
+            first = [local_name(str(getattr(row, column))) for row in self._rows[:_MAX_NAMED_ROWS]]
+            names = f" ({', '.join(first)}{', …' if self._rows[_MAX_NAMED_ROWS:] else ''})"
         return f"<{type(self).__name__} to {self.question.name}({asked}): {counted(len(self), 'row')}{names}{lack}>"
 
     def _repr_html_(self) -> str:
@@ -388,29 +372,29 @@ class Answers(Sequence[R]):
 
 @dataclass(frozen=True, slots=True)
 class QuestionArgument:
-    """What a question may be asked about."""
+    """An argument of a question."""
 
     name: str
     value_type: EntityType | type
-    """What kind of name it is, or the type of a plain value."""
+    """The entity type of a name, or the type of a plain value."""
     default: object
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """All that it may be, where that is little."""
+        """The allowed values of an enumeration; empty for other types."""
         is_closed = isinstance(self.value_type, type) and issubclass(self.value_type, Enum)
         return tuple(str(each.value) for each in self.value_type) if is_closed else ()  # type: ignore[union-attr]
 
     @property
     def type_text(self) -> str:
-        """What people call its kind."""
+        """The type in words, for help texts and messages."""
         if isinstance(self.value_type, EntityType):
             return self.value_type.value
         return " | ".join(self.choices) or ("number" if self.value_type in {int, float} else self.value_type.__name__)
 
 
 class Question(Generic[R]):
-    """One declared question."""
+    """A declared question."""
 
     def __init__(self, function: Callable[..., Iterator[R]]) -> None:
         self.name = function.__name__
@@ -418,7 +402,7 @@ class Question(Generic[R]):
         self.examples = tuple(
             line.strip() for line in inspect.cleandoc(function.__doc__ or "").partition("Examples:\n")[2].splitlines()
         )
-        """What to type after `mindstage ask`."""
+        """Arguments of `mindstage ask`, one example per line."""
         self._function = function
         self._explain: Callable[[QuestionContext, R], Iterator[str]] | None = None
         self._find_missing: Callable[..., Iterator[MissingKnowledge]] | None = None
@@ -429,13 +413,13 @@ class Question(Generic[R]):
 
     @cached_property
     def row(self) -> type[R]:
-        """What its answers are."""
+        """The type of its answers."""
         (row,) = get_args(self._hints["return"])
         return row  # type: ignore[no-any-return]
 
     @cached_property
     def arguments(self) -> tuple[QuestionArgument, ...]:
-        """In the order of the declaration."""
+        """Its arguments, in the order of the declaration."""
         parameters = list(inspect.signature(self._function).parameters.values())[1:]
         asked = (each for each in parameters if each.kind is not each.KEYWORD_ONLY)
         return tuple(QuestionArgument(each.name, _value_type(self._hints[each.name]), each.default) for each in asked)
@@ -450,27 +434,27 @@ class Question(Generic[R]):
 
     @cached_property
     def uses_current_state(self) -> bool:
-        """Whether the answers depend on where things are just now."""
+        """Whether the answers depend on the current state of a simulation."""
         return "present" in inspect.signature(self._function).parameters
 
     @property
     def has_explanation(self) -> bool:
-        """Whether it says why a row is an answer."""
+        """Whether `explain_answer` gives reasons."""
         return self._explain is not None
 
     @cached_property
     def columns(self) -> Mapping[str, object]:
-        """The fields of its rows: what kind of name each is, or the type of a plain value."""
+        """The fields of its rows, with the entity type of names and the Python type of plain values."""
         hints = get_type_hints(self.row, include_extras=True)
         return {name: _value_type(hints[name]) for name in self.row.__struct_fields__}
 
     def explain(self, function: Callable[[QuestionContext, R], Iterator[str]]) -> Callable[..., Iterator[str]]:
-        """Declares how it explains an answer."""
+        """Registers the function that explains an answer."""
         self._explain = function
         return function
 
     def missing(self, function: Callable[..., Iterator[MissingKnowledge]]) -> Callable[..., Iterator[MissingKnowledge]]:
-        """Declares how it tells what is missing; the function takes the question's arguments."""
+        """Registers the function that finds the missing statements; it takes the question's arguments."""
         self._find_missing = function
         return function
 
@@ -478,23 +462,23 @@ class Question(Generic[R]):
         """All answers.
 
         Args:
-            kb: who is asked.
-            args: names short, with prefix or whole; None leaves an argument free.
-            present: how things are just now; without it, as the maps tell.
+            kb: the knowledge base.
+            args: names: local, with a prefix, or whole IRIs; None leaves an argument open.
+            present: access to the current state; without it, the state of the maps is used.
 
         Raises:
-            InvalidArgumentError: it has no such argument, or the argument no such value.
-            NameNotFoundError: nothing has that name.
-            AmbiguousNameError: several things have it.
+            InvalidArgumentError: the question has no such argument, or the value is not valid for it.
+            NameNotFoundError: a name is unknown.
+            AmbiguousNameError: several entities have a name.
         """
         now = present or StateAccess(kb)
         if self.uses_current_state:
-            now.fetch()  # while others may still ask: the engine may take its time
+            now.fetch()  # before taking the lock, since the engine may take a while
         with kb.lock:
             return self._answers(kb, args, now)
 
     def explain_answer(self, kb: QuestionContext, row: R) -> tuple[str, ...]:
-        """The statements and classes that led to an answer, one a line."""
+        """The statements and classes that led to an answer, one per line."""
         with kb.lock:
             return tuple(self._explain(kb, row)) if self._explain else ()
 
@@ -508,9 +492,9 @@ class Question(Generic[R]):
         rows: Iterable[R] = dict.fromkeys(self._function(kb, **found, **view))
         bound = [name for name in found if name in self._fields]
         if bound:
-            told, asked = attrgetter(*bound), [found[name] for name in bound]
-            wanted = asked[0] if len(bound) == 1 else tuple(asked)
-            rows = [row for row in rows if told(row) == wanted]
+            values_of, given = attrgetter(*bound), [found[name] for name in bound]
+            wanted = given[0] if len(bound) == 1 else tuple(given)
+            rows = [row for row in rows if values_of(row) == wanted]
         answers = tuple(rows)
         missing = () if answers or self._find_missing is None else tuple(self._find_missing(kb, **found, **view))
         return Answers(self, found, answers, missing, kb=kb)
@@ -537,7 +521,7 @@ class Question(Generic[R]):
             raise InvalidArgumentError(f"{self.name}, {name}", cause=cause, remedy=remedy) from error
 
     def _resolve_name(self, kb: QuestionContext, state_access: StateAccess, name: str, entity_type: EntityType) -> Iri:
-        """What a name stands for; of a question that looks at the present also what only the engine knows."""
+        """Resolves a name; for a question about the current state also that of a body which only the engine has."""
         try:
             return kb.names.find(name, entity_type)
         except NameNotFoundError:
@@ -551,11 +535,8 @@ class Question(Generic[R]):
             return spawned
 
 
-_QUESTIONS: dict[str, Question[Any]] = {}
-
-
 def question(function: Callable[..., Iterator[R]]) -> Question[R]:
-    """Declares a question; its name must be new."""
+    """Declares a question under the function's name, which must be unique."""
     declared = Question(function)
     if declared.name in _QUESTIONS:
         raise ValueError(f"there are two questions {declared.name}")
@@ -569,10 +550,10 @@ def list_questions() -> tuple[Question[Any], ...]:
 
 
 def get_question(name: str) -> Question[Any]:
-    """One question; its name may be written with hyphens.
+    """The question with a name, in which hyphens stand for underscores.
 
     Raises:
-        QuestionNotFoundError: there is none.
+        QuestionNotFoundError: there is no such question.
     """
     try:
         return _QUESTIONS[name.replace("-", "_")]
@@ -581,7 +562,7 @@ def get_question(name: str) -> Question[Any]:
 
 
 def _value_type(hint: Any) -> EntityType | type:
-    """What a type means for people: `ClassName | None` is a class."""
+    """The entity type or Python type of a type hint: CLASS for `ClassName | None`."""
     alternatives = [each for each in get_args(hint) if each is not type(None)]
     if hasattr(hint, "__metadata__"):
         return hint.__metadata__[0]  # type: ignore[no-any-return]
@@ -594,29 +575,29 @@ def _value_type(hint: Any) -> EntityType | type:
 
 
 def answers_to_builtins(kb: QuestionContext, answers: Answers[Any], *, explain: bool = False) -> dict[str, Any]:
-    """What `mindstage ask --json` promises, as dicts, lists, texts and numbers.
+    """The answers as dicts, lists, strings and numbers: the JSON schema of `mindstage ask --json`.
 
-    Each answer has its fields, and besides `iri`, `id` and `class` of what was asked for (see `subject_column`). The
-    class of a class is itself.
+    Each answer has its fields and the `iri`, `id` and `class` of what was asked for (see `subject_column`). The class
+    of a class is itself.
     """
-    about = subject_column(answers)
+    column = subject_column(answers)
     return {
         "question": answers.question.name,
         "args": dict(answers.args),
-        "answers": [_answer(kb, answers, about, row, explain=explain) for row in answers],
+        "answers": [_answer(kb, answers, column, row, explain=explain) for row in answers],
         "missing": [{"class": lack.cls, "property": lack.property, "why": lack.reason} for lack in answers.missing],
     }
 
 
 def subject_column(answers: Answers[Any]) -> str | None:
-    """The column of what was asked for; maps, which most answers name besides, only where there is nothing else."""
+    """The column that was asked for; a map, which most answers have besides, only if there is nothing else."""
     return answers.answer_column(EntityType.CLASS, EntityType.INDIVIDUAL, EntityType.PROPERTY) or answers.answer_column(
         EntityType.MAP
     )
 
 
-def cell_text(value: object) -> str | int | float | None:  # noqa: PLR0911 (one a kind)
-    """A field as people read it in a table: names short, numbers as numbers."""
+def cell_text(value: object) -> str | int | float | None:  # noqa: PLR0911 (one per type)
+    """A field as shown in a table: names shortened, numbers as numbers."""
     match value:
         case bool():
             return "yes" if value else "no"
@@ -651,12 +632,12 @@ def _numbers(numbers: tuple[float, ...]) -> str:
 def _answer(
     kb: QuestionContext, answers: Answers[Any], subject_column: str | None, row: AnswerRow, *, explain: bool
 ) -> dict[str, Any]:
-    told: dict[str, Any] = {}
+    record: dict[str, Any] = {}
     if subject_column is not None:
         iri: Iri = getattr(row, subject_column)
         is_individual = answers.question.columns[subject_column] in {EntityType.INDIVIDUAL, EntityType.MAP}
-        told = {"iri": iri, "id": local_name(iri), "class": kb.reasoner.class_of(iri) if is_individual else iri}
-    told |= msgspec.to_builtins(row)
+        record = {"iri": iri, "id": local_name(iri), "class": kb.reasoner.class_of(iri) if is_individual else iri}
+    record |= msgspec.to_builtins(row)
     if explain:
-        told["why"] = list(kb.explain(answers.question, row))
-    return told
+        record["why"] = list(kb.explain(answers.question, row))
+    return record

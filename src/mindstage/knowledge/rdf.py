@@ -1,23 +1,8 @@
-"""Graphs: what a source says, exactly, as facts by subject.
+"""RDF data: graphs and triple stores, IRIs and local names, results of SPARQL queries, and findings about sources.
 
-The store of pyoxigraph rounds typed numbers (177.512833 becomes 177.51283), so a map is not read from it but from
-here, where every literal keeps its text.
-
-Bulk work: many small values at once, without Python looking for garbage among them again and again.
-
-Findings: what a source says that could not be taken as it stands, and what was done instead.
-
-Names: the ids that individuals have in a world, and the names that their parts get where nobody gave one.
-
-Triple stores: where statements are kept, whoever keeps them.
-
-The index and the questions read patterns and know nothing else; whether they come from memory, from a folder or from a
-server is the store's own affair.
-
-Letters: what XML has no room for, and where a name begins.
-
-Nearly all texts and names are plain ASCII. The patterns for the rest take milliseconds to make, more than all else
-that is done when this room is first imported, so they are made when something needs them.
+A `Graph` keeps the text of every literal. Maps are read from graphs, since pyoxigraph's store rounds typed numbers
+(177.512833 becomes 177.51283). The reasoner and the questions read patterns from a `TripleStore`, which may be in
+memory, in a folder or on a server.
 """
 
 from __future__ import annotations
@@ -62,40 +47,54 @@ __all__ = [
     "xml_local_name",
 ]
 
+_LAST_SEPARATOR = re.compile(r".*#|.*/|.*:", re.DOTALL)
+SubjectNode = ox.NamedNode | ox.BlankNode
+ObjectNode = ox.NamedNode | ox.BlankNode | ox.Literal | ox.Triple
+_START = (
+    "A-Z_a-z\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u02ff\u0370-\u037d\u037f-\u1fff\u200c-\u200d\u2070-\u218f"
+    "\u2c00-\u2fef\u3001-\ud7ff\uf900-\ufdcf\ufdf0-\ufffd\U00010000-\U000effff"
+)
+_PLAIN_LAST_NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9.-]*\Z")
+Graph = Mapping[Iri, Sequence[PropertyAssertion]]
+"""Subjects and their assertions, both in the order of the source. Blank nodes are labels (`_:x`)."""
+STRING = XSD + "string"
+is_generated_label = re.compile(r"_:[a-f][0-9a-f]{19,31}").fullmatch
+"""Matches the random labels that the parser gives to blank nodes without a label in the source."""
+
 
 @contextmanager
 def gc_paused() -> Iterator[None]:
-    """Pauses the search for circular garbage, of which plain data has none.
+    """Pauses Python's garbage collection while many small objects without cycles are made.
 
-    The search goes through all that is alive whenever that has grown by a quarter; while a world of 10,000 bodies is
-    made, that is a third of the whole time.
+    The collector visits all live objects whenever their number has grown by a quarter, which takes a third of the time
+    of making a world of 10,000 bodies.
     """
-    searching = gc.isenabled()
+    was_enabled = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        if searching:
+        if was_enabled:
             gc.enable()
 
 
 class Severity(StrEnum):
-    """How much of what was meant is missing in the world."""
+    """How much a problem in a source affects the world."""
 
     WARNING = "warning"
-    """Something had to be chosen or ignored; the thing itself is there."""
+    """Something was assumed or ignored; the entity exists."""
     ERROR = "error"
-    """A thing is not there. What is said about it is kept all the same."""
+    """The entity is not in the world. Its statements are kept."""
 
 
 class Finding(msgspec.Struct, frozen=True, rename={"problem": "what", "action": "did"}):
-    """One oddity of a source, and how it was met; none of them loses a statement."""
+    """A problem in a source, and how it was handled; all statements are kept."""
 
     severity: Severity
     individual: str
-    """The IRI that it is about, or the file."""
+    """The IRI of the individual, or the file."""
     property: str
-    """The IRI of the property that is odd or missing; empty where it is about the whole."""
+    """The IRI of the wrong or missing property; empty if the problem does not concern a single property."""
     problem: str
     action: str
 
@@ -105,32 +104,29 @@ class Finding(msgspec.Struct, frozen=True, rename={"problem": "what", "action": 
 
 
 class FindingSink(Protocol):
-    """Where findings go while a source is read."""
+    """Collects findings while a source is read."""
 
     def __call__(self, severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
-        """Keeps one finding."""
-
-
-_LAST_SEPARATOR = re.compile(r".*#|.*/|.*:", re.DOTALL)
+        """Adds a finding."""
 
 
 def namespace_of(iri: str) -> str:
-    """All of an IRI before its local name."""
+    """The part of an IRI before its local name."""
     match = _LAST_SEPARATOR.match(iri)
     return match[0] if match and match.end() < len(iri) else ""
 
 
 def local_name(iri: str) -> str:
-    """What comes after the last "#", or else "/", or else ":"; the whole IRI where nothing comes after it."""
+    """The part of an IRI after the last "#", or else "/", or else ":"; the whole IRI if that is empty."""
     return iri[len(namespace_of(iri)) :]
 
 
 def assign_ids(explicit: Mapping[Iri, str], iris: Iterable[Iri]) -> dict[Iri, BodyId]:
-    """Ids that differ from one another.
+    """Assigns unique ids to individuals.
 
     Args:
-        explicit: ids that were told; all different.
-        iris: the others, which are called by their local name, with a number behind it from the second on.
+        explicit: the ids that the source states, all different.
+        iris: the other individuals, whose ids are their local names, numbered from the second on.
     """
     ids = {iri: BodyId(id) for iri, id in explicit.items()}
     taken = set(explicit.values())
@@ -146,7 +142,7 @@ def assign_ids(explicit: Mapping[Iri, str], iris: Iterable[Iri]) -> dict[Iri, Bo
 
 
 def part_name(owner: Iri, suffix: str, used_names: Container[str]) -> Iri:
-    """The name of an individual's part, such as "cup-pose"."""
+    """An unused IRI for a part of an individual, such as "cup-pose"."""
     name = f"{owner}-{suffix}"
     if name not in used_names:
         return Iri(name)
@@ -154,17 +150,13 @@ def part_name(owner: Iri, suffix: str, used_names: Container[str]) -> Iri:
 
 
 def is_part_name(name: str, owner: Iri, suffix: str) -> bool:
-    """Whether `part_name` may have given this name."""
+    """Whether `part_name` may have generated this name."""
     start = f"{owner}-{suffix}"
     return name.startswith(start) and re.fullmatch(r"(-\d+)?", name[len(start) :]) is not None
 
 
-SubjectNode = ox.NamedNode | ox.BlankNode
-ObjectNode = ox.NamedNode | ox.BlankNode | ox.Literal | ox.Triple
-
-
 class QuadSource(Protocol):
-    """What the index reads from."""
+    """Read access to statements."""
 
     def quads_for_pattern(
         self,
@@ -174,11 +166,11 @@ class QuadSource(Protocol):
         graph_name: ox.NamedNode | ox.BlankNode | ox.DefaultGraph | None = None,
         /,
     ) -> Iterator[ox.Quad]:
-        """All statements that fit, of one graph or of all; None fits everything."""
+        """All matching statements of one graph, or of all graphs; None matches everything."""
 
 
 class RdfTerm(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One value of a solution."""
+    """An RDF term as plain data."""
 
     kind: str
     """iri, blank, literal or triple."""
@@ -188,105 +180,89 @@ class RdfTerm(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class SparqlResult(msgspec.Struct, frozen=True):
-    """What a query found: a truth (ASK), triples (CONSTRUCT, DESCRIBE) or solutions (SELECT)."""
+    """The result of a query: a boolean (ASK), triples (CONSTRUCT, DESCRIBE) or solutions (SELECT)."""
 
     columns: tuple[str, ...]
     rows: tuple[tuple[RdfTerm | None, ...], ...]
     boolean: bool | None = None
-    """The answer of ASK, and None of any other."""
+    """The result of ASK; None for other queries."""
 
 
 class TripleStore(QuadSource, Protocol):
-    """What a knowledge base keeps its statements in.
+    """Read and write access to statements.
 
-    Each call is done whole or not at all. Reading is safe from several threads, writing from one at a time.
+    Every call is atomic. Reads may come from several threads, writes from one at a time.
     """
 
     def add(self, quad: ox.Quad, /) -> None:
-        """Adds a statement; adding it twice is adding it once."""
+        """Adds a statement; has no effect if it exists."""
 
     def extend(self, quads: Iterable[ox.Quad], /) -> None:
-        """Adds statements that share their things without a name."""
+        """Adds statements with common blank nodes."""
 
     def remove(self, quad: ox.Quad, /) -> None:
-        """Takes a statement away, if it is there."""
+        """Removes a statement, if it exists."""
 
     def load(self, data: bytes, format: ox.RdfFormat, *, base_iri: str, to_graph: ox.NamedNode) -> None:
-        """Parses a text into a graph.
+        """Parses a document into a graph.
 
         Raises:
-            SyntaxError: it is not in that format; nothing was added.
+            SyntaxError: the document is not in that format; nothing was added.
         """
 
     def remove_graph(self, graph: ox.NamedNode, /) -> None:
-        """Takes all statements of a graph away."""
+        """Removes all statements of a graph."""
 
     def query(self, query: str, *, timeout_s: float, allow_service: bool = False) -> SparqlResult:
-        """Answers a SPARQL query, or stops it when its time is over.
+        """Evaluates a SPARQL query, and stops it at the time limit.
 
         Raises:
-            SparqlSyntaxError: it is no query, asks for what it may not, or for more than can be had.
-            SparqlTimeoutError: it did not end in time.
+            SparqlSyntaxError: the query is not valid, not allowed, or its answer too large.
+            SparqlTimeoutError: the time limit was exceeded.
         """
 
     def close(self) -> None:
-        """Lets go of files, processes and connections; any number of times."""
-
-
-_START = (
-    "A-Z_a-z\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u02ff\u0370-\u037d\u037f-\u1fff\u200c-\u200d\u2070-\u218f"
-    "\u2c00-\u2fef\u3001-\ud7ff\uf900-\ufdcf\ufdf0-\ufffd\U00010000-\U000effff"
-)
-_PLAIN_LAST_NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9.-]*\Z")
+        """Closes files, processes and connections. May be called repeatedly."""
 
 
 def find_forbidden_character(text: str) -> re.Match[str] | None:
-    """The first letter that no XML file can hold, not even escaped."""
+    """The first character that XML cannot contain, not even escaped."""
     return None if text.isascii() and text.isprintable() else _forbidden_pattern().search(text)
 
 
 def remove_forbidden_characters(text: str) -> str:
-    """The text without letters that no XML file can hold."""
+    """The text without the characters that XML cannot contain."""
     return text if text.isascii() and text.isprintable() else _forbidden_pattern().sub("", text)
 
 
 def xml_local_name(iri: str) -> re.Match[str] | None:
-    """The longest end of an IRI that is a name in XML."""
+    """The longest suffix of an IRI that is a name in XML."""
     return (_PLAIN_LAST_NAME if iri.isascii() else _local_name_pattern()).search(iri)
 
 
-@cache
+@cache  # compiled at first use: it takes milliseconds, and most text is ASCII
 def _forbidden_pattern() -> re.Pattern[str]:
     return re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-@cache
+@cache  # as above
 def _local_name_pattern() -> re.Pattern[str]:
     return re.compile(rf"[{_START}][{_START}0-9.\u00b7\u0300-\u036f\u203f-\u2040-]*\Z")
 
 
-Graph = Mapping[Iri, Sequence[PropertyAssertion]]
-"""Subjects and their facts, both in the order of the source. Things without a name have a label here (`_:x`)."""
-
-STRING = XSD + "string"
-
-is_generated_label = re.compile(r"_:[a-f][0-9a-f]{19,31}").fullmatch
-"""Matches the labels that the parser draws by lot, for things to which the source gives not even a label."""
-
-
 def graph_from_quads(quads: Iterable[ox.Quad], used_labels: set[str]) -> Graph:
-    """Gathers parsed statements, each once.
+    """Collects parsed statements by subject, each once.
 
     Args:
-        quads: as the parser gives them.
-        taken: labels that stand for something in other sources; those of this one join them.
+        quads: the parsed statements.
+        used_labels: blank node labels of other sources, which are not used again; those of this source are added.
 
     Raises:
-        ValueError: a statement is about statements (RDF 1.2), which facts have no form for.
+        ValueError: a statement is about a statement (RDF 1.2), which assertions cannot represent.
     """
     labels = _BlankNodeLabels(used_labels)
     graph: dict[Iri, list[PropertyAssertion]] = {}
-    same: dict[str, Iri] = {}  # one string for each name, so that it is hashed and kept once
+    same: dict[str, Iri] = {}  # interns names, so that each is hashed and stored once
     with gc_paused():
         for quad in quads:
             node = quad.subject
@@ -317,18 +293,18 @@ def graph_from_quads(quads: Iterable[ox.Quad], used_labels: set[str]) -> Graph:
 
 
 def merge_graphs(graphs: Sequence[Graph]) -> Graph:
-    """What several sources say together, each statement once."""
+    """The union of several graphs, each statement once."""
     if len(graphs) == 1:
         return graphs[0]
-    told: dict[Iri, dict[PropertyAssertion, None]] = {}
+    merged: dict[Iri, dict[PropertyAssertion, None]] = {}
     for graph in graphs:
         for subject, facts in graph.items():
-            told.setdefault(subject, {}).update(dict.fromkeys(facts))
-    return {subject: list(facts) for subject, facts in told.items()}
+            merged.setdefault(subject, {}).update(dict.fromkeys(facts))
+    return {subject: list(facts) for subject, facts in merged.items()}
 
 
 class _BlankNodeLabels:
-    """One source's labels, none of which stands for anything in another source."""
+    """The blank node labels of one source, made unique across sources."""
 
     def __init__(self, used: set[str]) -> None:
         self._used = used
@@ -338,7 +314,7 @@ class _BlankNodeLabels:
         if isinstance(term, ox.NamedNode):
             return Iri(term.value)
         if not isinstance(term, ox.BlankNode):
-            raise ValueError("a statement about statements (RDF 1.2) has no place in a world")
+            raise ValueError("a statement about a statement (RDF 1.2) cannot be part of a world")
         label = self.assigned.get(term.value)
         if label is None:
             label = self.assigned[term.value] = self._unused(Iri(f"_:{term.value}"))

@@ -1,25 +1,18 @@
-"""The index: classes, restrictions and individuals of a store, arranged so that questions are look-ups.
+"""The reasoner: the classes, restrictions and individuals of a triple store, indexed for the questions.
 
-It is made when the first question comes. From then on it is told of each change, and looks again at just what that
-concerns; the statements about individuals stay in the store, where they are looked up.
+It is built for the first question, and then updated with each change. Statements about individuals stay in the store
+and are looked up there. The asserted classes of individuals are completed by inference: from definitions, from
+anonymous types, and for individuals without a type from the domains and ranges of their properties.
 
-Two names are two things here: that they are the same (owl:sameAs, and what follows from properties that have one value
-only) is found by `KnowledgeBase.derive`.
-
-Individuals: who is of which class and in which map, as told.
-
-Membership: the classes that individuals are of although nobody says so.
-
-A definition makes members of all that falls under it, a type without a name says what it consists of, and what nobody
-gave a type gets one by the domain or range of a property that it has.
+Different names are different individuals here; that two are the same (owl:sameAs, functional properties) is only found
+by `KnowledgeBase.derive`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from functools import cached_property
-from typing import Any
 
 import msgspec
 import pyoxigraph as ox
@@ -44,7 +37,9 @@ from mindstage.knowledge.reasoner_classes import (
     CLASS_AXIOM_PROPERTIES,
     ClassAxioms,
     ClassRestriction,
+    QuadsByPredicate,
     SufficientCondition,
+    discard_from_group,
 )
 from mindstage.knowledge.reasoner_properties import (
     PROPERTY_AXIOM_PROPERTIES,
@@ -91,35 +86,47 @@ PROPERTY_TYPE_IRIS = (Iri(RDF + "Property"), *(Iri(f"{OWL}{kind}Property") for k
 _DECLARATION_TYPES = frozenset({OWL_CLASS, *PROPERTY_TYPE_IRIS})
 _PART_CLASSES = frozenset(part.cls for part in NESTED_RESOURCES)
 
-QuadsByPredicate = Callable[[str], Iterable[ox.Quad]]
+
+ProofStatements = tuple[ObjectTriple, ...]
+_NO_JUSTIFICATIONS: Mapping[Iri, Justification] = {}
+_PART_PROPERTIES = (
+    CHILD,
+    *map(knowrob, ("parts", "physicalParts", "properPhysicalParts")),
+    *map(dul, ("hasPart", "hasComponent")),
+)
+_PART_OF_PROPERTIES = (PARENT, *map(dul, ("isPartOf", "isComponentOf")))
+_PART_EXPRESSIONS: tuple[PropertyExpression, ...] = (
+    *((property, True) for property in (*_PART_PROPERTIES, soma("hasPhysicalComponent"))),
+    *((property, False) for property in (*_PART_OF_PROPERTIES, soma("isPhysicalComponentOf"))),
+)
 
 
 class IndividualIndex:
-    """Types and maps of individuals."""
+    """The asserted types and maps of individuals."""
 
     def __init__(self, asserted: QuadsByPredicate) -> None:
-        """Reads all that is told."""
+        """Reads all type and map statements."""
         self.types: dict[Iri, tuple[Iri, ...]] = {}
-        """By individual, sorted; what only ontologies are made of is left out."""
+        """By individual, sorted; without the classes of OWL, RDFS and RDF."""
         self.anonymous_types: dict[Iri, dict[ox.BlankNode, None]] = {}
-        """Types without a name, by individual."""
+        """Class expressions without a name, by individual."""
         self.members: dict[Iri, dict[Iri, None]] = {}
-        """By class, as told."""
+        """By class, as asserted."""
         self.declared: dict[Iri, dict[Iri, None]] = {kind: {} for kind in _DECLARATION_TYPES}
-        """Classes and properties, by what they are said to be."""
+        """Classes and properties, by the type of their declaration."""
         self.members_by_map: dict[Iri, dict[Iri, None]] = {}
         """By map; the poses and limits of individuals are not counted as individuals."""
         self.maps_of: dict[Iri, tuple[Iri, ...]] = {}
         self.untyped: dict[Iri, None] = {}
-        """Residents of which nobody says what they are."""
+        """Individuals of a map that have no type."""
         self.members_by_map_and_class: dict[tuple[Iri, Iri], dict[Iri, None]] = {}
-        """By map and class, as told."""
+        """By map and class, as asserted."""
         self._nested_resources: dict[Iri, tuple[Iri, ...]] = {}
-        """The maps of what is a part of another individual and nothing else."""
+        """The maps of resources that only belong to another individual, such as poses."""
         self.add(asserted)
 
     def add(self, asserted: QuadsByPredicate) -> None:
-        """Adds more."""
+        """Adds more statements."""
         touched: dict[Iri, None] = {}
         for quad in asserted(TYPE):
             self._add_type(quad.subject, quad.object, touched)
@@ -127,7 +134,7 @@ class IndividualIndex:
         for quad in asserted(DESCRIBED_IN_MAP):
             if individual := node_label(quad.subject):
                 described.setdefault(individual, []).append(quad.object)
-        for individual in touched:  # who was in a map before may be of another class there now
+        for individual in touched:  # members of a map may have got another class
             if individual in self.maps_of or individual in self._nested_resources:
                 described.setdefault(individual, [])
         for individual, maps in described.items():
@@ -135,7 +142,7 @@ class IndividualIndex:
             self._set_maps(individual, {*before, *_map_names(individual, maps)})
 
     def update(self, individual: Iri, types: Iterable[object], maps: Iterable[object]) -> None:
-        """Forgets an individual and takes in what is told of it now."""
+        """Replaces everything about an individual by its current types and maps."""
         self._set_maps(individual, ())
         for cls in self.types.pop(individual, ()):
             self._remove_from_class(cls, individual)
@@ -143,8 +150,8 @@ class IndividualIndex:
         for declared in self.declared.values():
             declared.pop(individual, None)
         node = ox.BlankNode(individual[2:]) if individual.startswith("_:") else ox.NamedNode(individual)
-        for told in types:
-            self._add_type(node, told, {})
+        for each in types:
+            self._add_type(node, each, {})
         self._set_maps(individual, set(_map_names(individual, maps)))
 
     def _add_type(self, subject: object, cls: object, touched: dict[Iri, None]) -> None:
@@ -170,19 +177,19 @@ class IndividualIndex:
                 self.members_by_map.setdefault(individual, {})
 
     def _remove_from_class(self, cls: Iri, individual: Iri) -> None:
-        _discard_from_group(self.members, cls, individual)
+        discard_from_group(self.members, cls, individual)
         if cls == SEMANTIC_MAP and not self.members_by_map[individual]:
             del self.members_by_map[individual]
 
     def _set_maps(self, individual: Iri, maps: Iterable[Iri]) -> None:
-        """Makes these the maps of an individual, with the classes that it now has."""
+        """Replaces the maps of an individual, using its current classes."""
         types = self.types.get(individual, ())
         for map in self.maps_of.pop(individual, ()):
             self.members_by_map[map].pop(individual)
             if not self.members_by_map[map] and map not in self.members.get(SEMANTIC_MAP, ()):
                 del self.members_by_map[map]
             for cls in types:
-                _discard_from_group(self.members_by_map_and_class, (map, cls), individual)
+                discard_from_group(self.members_by_map_and_class, (map, cls), individual)
         self.untyped.pop(individual, None)
         self._nested_resources.pop(individual, None)
         if maps and types and _PART_CLASSES.issuperset(types):
@@ -204,20 +211,8 @@ def _map_names(individual: Iri, maps: Iterable[object]) -> Iterator[Iri]:
     return (name for map in maps if (name := node_label(map)) and name != individual)
 
 
-def _discard_from_group(groups: dict[Any, dict[Any, None]], key: object, item: object) -> None:
-    """Takes an item from a group, and the group with its last one."""
-    group = groups.get(key, {})
-    group.pop(item, None)
-    if not group:
-        groups.pop(key, None)
-
-
-ProofStatements = tuple[ObjectTriple, ...]
-_NO_JUSTIFICATIONS: Mapping[Iri, Justification] = {}
-
-
 class InferenceRule(StrEnum):
-    """How somebody became a member."""
+    """How the class of an individual was inferred."""
 
     DOMAIN = "domain"
     RANGE = "range"
@@ -227,22 +222,22 @@ class InferenceRule(StrEnum):
 
 
 class Justification(msgspec.Struct, frozen=True):
-    """Why an individual is of a class that nobody says it is of."""
+    """Why an individual is a member of an inferred class."""
 
     cls: Iri
     rule: InferenceRule
     statements: ProofStatements
     property: Iri | None = None
-    """Whose domain or range the class is."""
+    """The property whose domain or range the class is."""
     expression: Expression | None = None
-    """What the individual falls under, or is said to be."""
+    """The expression that the individual is an instance of, or its anonymous type."""
 
 
 class InstanceChecker:
-    """What follows for individuals from one state of an index."""
+    """Infers the classes of individuals, for one state of a reasoner."""
 
     def __init__(self, reasoner: Reasoner, store: QuadSource, inferred: InferredTriples) -> None:
-        """Works out what definitions make of the individuals that they may be about, until nothing more follows."""
+        """Applies all definitions to the individuals that may satisfy them, until nothing more follows."""
         self._reasoner = reasoner
         self._store = store
         self._inferred = inferred
@@ -262,7 +257,7 @@ class InstanceChecker:
                 self._inferred_members.setdefault(cls, {})[individual] = None
 
     def members(self, cls: Iri) -> Iterable[Iri]:
-        """Individuals that became members of this very class."""
+        """Individuals that were inferred to be members of exactly this class."""
         members = self._inferred_members.get(cls, ())
         if not self._inferred:
             return members
@@ -270,30 +265,30 @@ class InstanceChecker:
         return dict.fromkeys((*members, *(name for quad in quads if (name := node_label(quad.subject)))))
 
     def justifications(self, individual: Iri) -> Mapping[Iri, Justification]:
-        """The classes that an individual became a member of, and why."""
-        grounds = self._by_definition.get(individual, _NO_JUSTIFICATIONS)
+        """The inferred classes of an individual, with their justifications."""
+        justified = self._by_definition.get(individual, _NO_JUSTIFICATIONS)
         if individual not in self._reasoner.types and individual not in self._reasoner.individuals.anonymous_types:
             if individual not in self._by_domain_range:
                 self._by_domain_range[individual] = {
-                    ground.cls: ground for ground in self._domain_range_justifications(individual)
+                    each.cls: each for each in self._domain_range_justifications(individual)
                 }
-            grounds = {**self._by_domain_range[individual], **grounds}
-        return {**self._owl_rl_justifications(individual, grounds), **grounds} if self._inferred else grounds
+            justified = {**self._by_domain_range[individual], **justified}
+        return {**self._owl_rl_justifications(individual, justified), **justified} if self._inferred else justified
 
     def _owl_rl_justifications(self, individual: Iri, known: Iterable[Iri]) -> dict[Iri, Justification]:
-        """Classes that were derived, as far as they do not follow anyway."""
+        """Classes that were materialized, except those that follow from the others."""
         above = self._reasoner.classes.above
         implied = {cls for each in (*self._reasoner.types.get(individual, ()), *known) for cls in above(each)}
         quads = self._inferred.quads_for_pattern(node_from_label(individual), ox.NamedNode(TYPE), None)
         names = {Iri(quad.object.value) for quad in quads if isinstance(quad.object, ox.NamedNode)}
         new = {name for name in names - implied if not name.startswith((OWL, RDFS, RDF))}
-        special = {cls for cls in new if not any(cls != other and cls in above(other) for other in new)}
-        return {cls: Justification(cls, InferenceRule.OWL_RL, ()) for cls in sorted(special or new)}
+        most_specific = {cls for cls in new if not any(cls != other and cls in above(other) for other in new)}
+        return {cls: Justification(cls, InferenceRule.OWL_RL, ()) for cls in sorted(most_specific or new)}
 
     def is_affected_by(self, quads: Sequence[ox.Quad]) -> bool:
-        """Whether other classes may follow for somebody after such statements have come or gone.
+        """Whether the inferred classes may change when these statements are added or removed.
 
-        Those about classes, properties and types always matter, and are not looked at here.
+        Statements about classes, properties and types always have an effect and are not checked here.
         """
         if self._definition_properties is None:
             return True
@@ -304,26 +299,26 @@ class InstanceChecker:
 
     @cached_property
     def _definition_properties(self) -> frozenset[Iri] | None:
-        """The properties that some definition is about; None where chains lead from any of them to any other."""
+        """The properties that definitions use; None if chains may relate them to any other property."""
         properties = self._reasoner.properties
-        wanted = {
+        used = {
             each
             for condition in self._reasoner.axioms.sufficient_conditions
             for each in _decisive_properties(condition.expression)
         }
-        if wanted and properties.has_chains:
+        if used and properties.has_chains:
             return None
-        return frozenset(line for property in wanted for line in properties.implying_properties(property))
+        return frozenset(implying for property in used for implying in properties.implying_properties(property))
 
     # -- domains and ranges --------------------------------------------------------------------------------------------
 
     def _domain_range_justifications(self, individual: Iri) -> Iterator[Justification]:
         node = node_from_label(individual)
         properties = self._reasoner.properties
-        told = [(quad, True) for quad in self._store.quads_for_pattern(node, None, None)]
-        told += [(quad, False) for quad in self._store.quads_for_pattern(None, None, node)]
+        quads = [(quad, True) for quad in self._store.quads_for_pattern(node, None, None)]
+        quads += [(quad, False) for quad in self._store.quads_for_pattern(None, None, node)]
         found: dict[Iri, Justification] = {}
-        for quad, is_subject in sorted(told, key=lambda each: (str(each[0].predicate), str(each[0]))):
+        for quad, is_subject in sorted(quads, key=lambda each: (str(each[0].predicate), str(each[0]))):
             one, other = node_label(quad.subject), node_label(quad.object)
             property = Iri(quad.predicate.value)
             text = getattr(quad.object, "value", str(quad.object))
@@ -336,16 +331,16 @@ class InstanceChecker:
     # -- definitions ---------------------------------------------------------------------------------------------------
 
     def _anonymous_types(self, individual: Iri) -> Iterator[Expression]:
-        """The types of an individual that have no name."""
-        reader = self._reasoner.axioms.parser
-        return (reader.parse(node) for node in self._reasoner.individuals.anonymous_types.get(individual, ()))
+        """The anonymous types of an individual."""
+        parser = self._reasoner.axioms.parser
+        return (parser.parse(node) for node in self._reasoner.individuals.anonymous_types.get(individual, ()))
 
     def _add_member(self, individual: Iri, justification: Justification) -> None:
         self._by_definition.setdefault(individual, {})[justification.cls] = justification
         self._inferred_members.setdefault(justification.cls, {})[individual] = None
 
     def _apply_condition(self, condition: SufficientCondition) -> bool:
-        """Finds new members of one class; whether there were any."""
+        """Adds the new members of one class; returns whether there were any."""
         expression, found = condition.expression, False
         for individual in sorted(set(self._candidates(expression))):
             if not self._is_instance(individual, condition.cls):
@@ -358,7 +353,7 @@ class InstanceChecker:
         return found
 
     def _candidates(self, expression: Expression | None) -> Iterator[Iri]:
-        """All individuals that may fall under an expression, and some that do not."""
+        """A superset of the instances of an expression."""
         match expression:
             case NamedClass(iri):
                 for below in self._reasoner.classes.below(iri):
@@ -380,17 +375,17 @@ class InstanceChecker:
 
     def _is_instance(self, individual: Iri, cls: Iri) -> bool:
         classes = self._reasoner.classes
-        told = (*self._reasoner.types.get(individual, ()), *self.justifications(individual))
-        return any(cls in classes.above(each) for each in told)
+        types = (*self._reasoner.types.get(individual, ()), *self.justifications(individual))
+        return any(cls in classes.above(each) for each in types)
 
     def _proof(self, individual: Iri, expression: Expression | None) -> ProofStatements | None:
-        """The statements that bring an individual under an expression; None where they do not."""
+        """The statements that make an individual an instance of an expression; None if it is none."""
         match expression:
             case NamedClass(iri):
                 return () if self._is_instance(individual, iri) else None
             case IntersectionOf(members):
                 proofs = [self._proof(individual, member) for member in members]
-                return None if None in proofs else tuple(line for proof in proofs for line in proof or ())
+                return None if None in proofs else tuple(step for proof in proofs for step in proof or ())
             case UnionOf(members):
                 proofs = [self._proof(individual, member) for member in members]
                 return next((proof for proof in proofs if proof is not None), None)
@@ -405,13 +400,13 @@ class InstanceChecker:
         return None
 
     def _restriction_proof(self, individual: Iri, restriction: Restriction) -> ProofStatements | None:
-        """The statements by which an individual surely has such a value."""
+        """The statements that give an individual a value as the restriction requires."""
         if not _is_provable(restriction):
             return None
         reached = self._reasoner.properties.values_with_paths(
             restriction.property, individual, backwards=restriction.inverse
         )
-        return next((way for value, way in reached if self._satisfies(individual, restriction, value)), None)
+        return next((path for value, path in reached if self._satisfies(individual, restriction, value)), None)
 
     def _satisfies(self, individual: Iri, restriction: Restriction, value: NamedClass | LiteralValue) -> bool:
         filler = restriction.filler
@@ -425,14 +420,14 @@ class InstanceChecker:
 
 
 def _is_provable(restriction: Restriction) -> bool:
-    """Whether statements can show it: nobody says that there are no more of them, or that two names mean two things."""
+    """Whether statements can prove it in an open world without unique names: upper bounds and counts above 1 cannot."""
     if restriction.restriction_type is RestrictionType.MIN_CARDINALITY:
         return restriction.cardinality == 1
     return restriction.restriction_type in {RestrictionType.SOME, RestrictionType.HAS_VALUE, RestrictionType.HAS_SELF}
 
 
 def _decisive_properties(expression: Expression | None) -> Iterator[Iri]:
-    """The properties that decide whether something falls under an expression."""
+    """The properties that decide whether an individual is an instance of an expression."""
     match expression:
         case IntersectionOf(members) | UnionOf(members):
             for member in members:
@@ -443,7 +438,7 @@ def _decisive_properties(expression: Expression | None) -> Iterator[Iri]:
 
 
 def _conjunct_classes(expression: Expression) -> Iterator[Iri]:
-    """The named classes that something surely is of when it falls under an expression."""
+    """The named classes of all instances of an expression."""
     match expression:
         case NamedClass(iri):
             yield iri
@@ -453,36 +448,24 @@ def _conjunct_classes(expression: Expression) -> Iterator[Iri]:
 
 
 def _search_cost(expression: Expression) -> int:
-    """Where to look first: a name leads to its members alone."""
+    """Sort key for where to search first: named classes and enumerations list their instances."""
     return 0 if isinstance(expression, NamedClass | OneOf) else 1
 
 
-_PART_PROPERTIES = (
-    CHILD,
-    *map(knowrob, ("parts", "physicalParts", "properPhysicalParts")),
-    *map(dul, ("hasPart", "hasComponent")),
-)
-_PART_OF_PROPERTIES = (PARENT, *map(dul, ("isPartOf", "isComponentOf")))
-_PART_EXPRESSIONS: tuple[PropertyExpression, ...] = (
-    *((word, True) for word in (*_PART_PROPERTIES, soma("hasPhysicalComponent"))),
-    *((word, False) for word in (*_PART_OF_PROPERTIES, soma("isPhysicalComponentOf"))),
-)
-
-
 class PartOfStep(msgspec.Struct, frozen=True):
-    """A thing that another one is made of, or is a part of."""
+    """An individual that is a part of another one, or the whole of it."""
 
     individual: Iri
     depth: int
     path: tuple[ObjectTriple, ...]
-    """The statements on the way there."""
+    """The statements that lead to it."""
 
 
 class Reasoner:
-    """What follows from a store, as it stands now."""
+    """Answers what follows from a triple store in its current state."""
 
     def __init__(self, store: QuadSource) -> None:
-        """Reads classes, restrictions, types and maps; everything else is looked up when it is asked for."""
+        """Reads classes, restrictions, types and maps; everything else is looked up when it is needed."""
         self._inferred = InferredTriples(store)
         self._store = self._inferred.asserted()
         self.axioms = ClassAxioms(self._quads_with_predicate)
@@ -492,99 +475,101 @@ class Reasoner:
 
     @property
     def classes(self) -> TransitiveClosure[Iri]:
-        """Who is below whom."""
+        """The transitive closure of the subclass relation."""
         return self.axioms.class_closure
 
     @property
     def types(self) -> dict[Iri, tuple[Iri, ...]]:
-        """The classes of individuals, as told."""
+        """The asserted classes, by individual."""
         return self.individuals.types
 
     @property
     def members_by_map(self) -> dict[Iri, dict[Iri, None]]:
-        """By map, who is described in it."""
+        """The individuals that are described in a map, by map."""
         return self.individuals.members_by_map
 
     @property
     def maps_of(self) -> dict[Iri, tuple[Iri, ...]]:
-        """By individual, the maps that it is described in."""
+        """The maps that an individual is described in, by individual."""
         return self.individuals.maps_of
 
     @cached_property
     def properties(self) -> PropertyHierarchy:
-        """How properties follow from one another."""
+        """The hierarchy of properties."""
         return PropertyHierarchy(self._store, self.axioms.parser, self._inferred)
 
     @cached_property
     def instance_checker(self) -> InstanceChecker:
-        """The classes that follow for individuals."""
+        """The inferred classes of individuals."""
         return InstanceChecker(self, self._store, self._inferred)
 
     # -- change --------------------------------------------------------------------------------------------------------
 
     def add_graph(self, graph: ox.NamedNode) -> set[Iri]:
-        """Takes in a graph that has been added to the store, and gives the names that came up."""
-        told = {
-            word: list(self._store.quads_for_pattern(None, ox.NamedNode(word), None, graph))
-            for word in (TYPE, DESCRIBED_IN_MAP, *CLASS_AXIOM_PROPERTIES, *PROPERTY_AXIOM_PROPERTIES)
+        """Updates the reasoner with a graph that was added to the store, and returns the names in it."""
+        quads_by_property = {
+            property: list(self._store.quads_for_pattern(None, ox.NamedNode(property), None, graph))
+            for property in (TYPE, DESCRIBED_IN_MAP, *CLASS_AXIOM_PROPERTIES, *PROPERTY_AXIOM_PROPERTIES)
         }
-        if not self.axioms.add(told.__getitem__):
+        if not self.axioms.add(quads_by_property.__getitem__):
             self.axioms = ClassAxioms(self._quads_with_predicate)
-        self.individuals.add(told.__getitem__)
-        self._drop_cached("properties", "membership")
-        nodes = (node for quads in told.values() for quad in quads for node in (quad.subject, quad.object))
+        self.individuals.add(quads_by_property.__getitem__)
+        self._drop_cached("properties", "instance_checker")
+        nodes = (node for quads in quads_by_property.values() for quad in quads for node in (quad.subject, quad.object))
         return {Iri(node.value) for node in nodes if isinstance(node, ox.NamedNode)}
 
     def update(self, quads: Iterable[ox.Quad]) -> bool:
-        """Looks again at what statements are about that have been added to the store, or removed from it.
+        """Updates everything that depends on statements that were added to the store or removed from it.
 
         Returns:
-            Whether what is known of classes has changed.
+            Whether statements about classes are among them.
         """
         quads = list(quads)
-        words = {quad.predicate.value for quad in quads}
-        of_classes = not CLASS_AXIOM_PROPERTIES.isdisjoint(words)
-        anew = of_classes and not self._update_classes(
+        predicates = {quad.predicate.value for quad in quads}
+        of_classes = not CLASS_AXIOM_PROPERTIES.isdisjoint(predicates)
+        reset = of_classes and not self._update_classes(
             [q for q in quads if q.predicate.value in CLASS_AXIOM_PROPERTIES]
         )
         subjects = (quad.subject for quad in quads if quad.predicate.value in {TYPE, DESCRIBED_IN_MAP})
         for node in dict.fromkeys(subjects):
             if name := node_label(node):
                 self.individuals.update(name, self._objects(node, TYPE), self._objects(node, DESCRIBED_IN_MAP))
-        becomes = {quad.object.value for quad in quads if isinstance(quad.object, ox.NamedNode)}
-        if anew or not (PROPERTY_AXIOM_PROPERTIES.isdisjoint(words) and PROPERTY_TYPES.isdisjoint(becomes)):
-            self._drop_cached("properties", "membership")
-        elif of_classes or TYPE in words or DESCRIBED_IN_MAP in words or self._affects_membership(quads):
-            self._drop_cached("membership")
+        objects = {quad.object.value for quad in quads if isinstance(quad.object, ox.NamedNode)}
+        if reset or not (PROPERTY_AXIOM_PROPERTIES.isdisjoint(predicates) and PROPERTY_TYPES.isdisjoint(objects)):
+            self._drop_cached("properties", "instance_checker")
+        elif of_classes or TYPE in predicates or DESCRIBED_IN_MAP in predicates or self._affects_membership(quads):
+            self._drop_cached("instance_checker")
         if "properties" in self.__dict__:
             self.properties.clear_usage_cache()
         return of_classes
 
     def _affects_membership(self, quads: Sequence[ox.Quad]) -> bool:
-        """Whether the classes that were found to follow for individuals may be others now."""
-        return "membership" in self.__dict__ and self.instance_checker.is_affected_by(quads)
+        """Whether the inferred classes of individuals may have changed."""
+        return "instance_checker" in self.__dict__ and self.instance_checker.is_affected_by(quads)
 
     def _update_classes(self, quads: Sequence[ox.Quad]) -> bool:
-        """Takes in statements about classes; False where expressions have changed, and all was read anew."""
-        there = [self._is_asserted(quad) for quad in quads]
-        built = [
-            (quad, told)
-            for quad, told in zip(quads, there, strict=True)
+        """Updates the class axioms; returns False if expressions have changed and all of them were read again."""
+        asserted = [self._is_asserted(quad) for quad in quads]
+        expressions = [
+            (quad, is_asserted)
+            for quad, is_asserted in zip(quads, asserted, strict=True)
             if quad.predicate.value in EXPRESSION_PROPERTIES
         ]
-        if not all(told for _, told in built) or not self.axioms.parser.add(quad for quad, _ in built):
+        if not all(is_asserted for _, is_asserted in expressions) or not self.axioms.parser.add(
+            quad for quad, _ in expressions
+        ):
             self.axioms = ClassAxioms(self._quads_with_predicate)
             return False
         self.axioms.add_definitions()
-        for quad, is_told in zip(quads, there, strict=True):
+        for quad, is_asserted in zip(quads, asserted, strict=True):
             if quad.predicate.value not in EXPRESSION_PROPERTIES:
-                self.axioms.update(quad.triple, is_asserted=is_told)
+                self.axioms.update(quad.triple, is_asserted=is_asserted)
         return True
 
     def _is_asserted(self, quad: ox.Quad) -> bool:
-        """Whether some graph has the statement."""
-        told = self._store.quads_for_pattern(quad.subject, quad.predicate, quad.object)
-        return next(iter(told), None) is not None
+        """Whether any graph contains the statement."""
+        quads = self._store.quads_for_pattern(quad.subject, quad.predicate, quad.object)
+        return next(iter(quads), None) is not None
 
     def _drop_cached(self, *names: str) -> None:
         for name in names:
@@ -600,37 +585,38 @@ class Reasoner:
     # -- classes -------------------------------------------------------------------------------------------------------
 
     def is_a(self, cls: Iri, ancestor: Iri) -> bool:
-        """Whether one class is the other or below it."""
+        """Whether a class is another class or one of its subclasses."""
         return ancestor in self.classes.above(cls)
 
     def are_disjoint(self, first: Iri, second: Iri) -> bool:
-        """Whether nothing can be of both classes: they, or two classes above them, are told to be disjoint."""
+        """Whether two classes have no common member: they, or two of their superclasses, are asserted disjoint."""
         others = self.classes.above(second)
         return any(each in others for above in self.classes.above(first) for each in self.axioms.disjoint_with(above))
 
     def restrictions(self, cls: Iri) -> Iterator[ClassRestriction]:
-        """What a class says itself, then what it inherits, the nearest first."""
+        """The restrictions of a class, then those that it inherits, the nearest first."""
         for owner in self.classes.above(cls):
             yield from self.axioms.class_restrictions(owner)
 
     def restricted_classes(self) -> Iterable[Iri]:
-        """Classes that say something themselves."""
+        """The classes that have restrictions of their own."""
         return self.axioms.restricted_classes()
 
     def restrictions_with_filler(self, property: Iri, cls: Iri) -> Iterator[ClassRestriction]:
-        """What classes say of a class by a property, or one that implies it; what they inherit is not repeated."""
+        """Restrictions of a property or of its subproperties to a class; inherited restrictions are not repeated."""
         for sub in self.properties.sub_properties(property):
             yield from self.axioms.restrictions_with_filler(sub, cls)
 
     def restrictions_on(self, property: Iri) -> Iterator[ClassRestriction]:
-        """What all classes say by a property, or one that implies it."""
+        """Restrictions of a property or of its subproperties, of all classes."""
         for sub in self.properties.sub_properties(property):
             yield from self.axioms.restrictions_on(sub)
 
     def subsuming_class(self, expression: Expression | None, cls: Iri) -> Iri | None:
-        """The class for which another one falls under an expression: the nearest of a union's, the farthest of all.
+        """The class in an expression that subsumes a class: the nearest in a union, the farthest in an intersection.
 
-        None where it does not fall under it.
+        Returns:
+            None if the expression does not subsume the class.
         """
         match expression:
             case NamedClass(iri):
@@ -652,40 +638,40 @@ class Reasoner:
     # -- individuals ---------------------------------------------------------------------------------------------------
 
     def members(self, cls: Iri, map: Iri | None = None) -> list[Iri]:
-        """Individuals of a class and of those below it, each once; of one map, or of all and none."""
+        """The individuals of a class and of its subclasses, each once: those of one map, or all."""
         found: dict[Iri, None] = {}
         for below in self.classes.below(cls):
-            told = (
+            asserted = (
                 self.individuals.members.get(below)
                 if map is None
                 else self.individuals.members_by_map_and_class.get((map, below))
             )
-            if told:
-                found |= told
+            if asserted:
+                found |= asserted
             for individual in self.instance_checker.members(below):
                 if map is None or map in self.maps_of.get(individual, ()):
                     found[individual] = None
         return sorted(found)
 
     def is_member(self, individual: Iri, cls: Iri) -> bool:
-        """Whether an individual is of a class."""
+        """Whether an individual is a member of a class."""
         classes = self.classes
-        return any(cls in classes.above(told) for told in self.types_of(individual))
+        return any(cls in classes.above(own) for own in self.types_of(individual))
 
     def types_of(self, individual: Iri) -> tuple[Iri, ...]:
-        """The classes that an individual is said to be of, and those that follow without their superclasses."""
-        told = self.types.get(individual, ())
-        grounds = self.instance_checker.justifications(individual)
-        return told if not grounds else tuple(dict.fromkeys((*told, *sorted(grounds))))
+        """The asserted classes of an individual, then the inferred ones; superclasses are not listed."""
+        asserted = self.types.get(individual, ())
+        inferred = self.instance_checker.justifications(individual)
+        return asserted if not inferred else tuple(dict.fromkeys((*asserted, *sorted(inferred))))
 
     def justification(self, individual: Iri, cls: Iri) -> Justification | None:
-        """Why an individual is of this very class, where nobody says so."""
+        """Why an individual is a member of exactly this class; None if that is asserted."""
         return (
             None if cls in self.types.get(individual, ()) else self.instance_checker.justifications(individual).get(cls)
         )
 
     def individuals_in(self, map: Iri, individual: Iri | None = None) -> Sequence[Iri]:
-        """Who is described in a map, in one order; only this one, if it is."""
+        """The sorted individuals that are described in a map; only the given one, if it is."""
         if individual is not None:
             return [individual] if map in self.maps_of.get(individual, ()) else []
         if map not in self._sorted_members:
@@ -693,29 +679,29 @@ class Reasoner:
         return self._sorted_members[map]
 
     def class_of(self, individual: Iri) -> Iri | None:
-        """The most special class that an individual is of; one that was derived only where nobody says any."""
+        """The most specific class of an individual; a materialized one only if no other is known."""
         if individual not in self._class_cache:
             self._class_cache[individual] = self._most_specific_class(individual)
         return self._class_cache[individual]
 
     def _most_specific_class(self, individual: Iri) -> Iri | None:
-        grounds = self.instance_checker.justifications(individual)
+        justifications = self.instance_checker.justifications(individual)
         types = self.types.get(individual, ())
         types = (
             *types,
-            *(cls for cls, ground in grounds.items() if not types or ground.rule is not InferenceRule.OWL_RL),
+            *(cls for cls, each in justifications.items() if not types or each.rule is not InferenceRule.OWL_RL),
         )
         if len(types) < 2:
             return types[0] if types else None
         return max(types, key=lambda cls: (len(self.classes.above(cls)), cls))
 
     def is_individual(self, iri: Iri) -> bool:
-        """Whether something is told of an individual: a class or a map."""
+        """Whether an individual of this name has a type or a map."""
         individuals = self.individuals
         return iri in individuals.types or iri in individuals.maps_of or iri in individuals.anonymous_types
 
     def is_class(self, iri: Iri) -> bool:
-        """Whether it is the name of a class."""
+        """Whether this is the name of a class."""
         if iri in self.individuals.declared[OWL_CLASS] or iri in self.individuals.members:
             return not iri.startswith("_:")
         if iri.startswith(("_:", XSD)):
@@ -723,16 +709,16 @@ class Reasoner:
         return iri in self.axioms or self.properties.is_domain_or_range(iri) or bool(self.instance_checker.members(iri))
 
     def is_property(self, iri: Iri) -> bool:
-        """Whether it is the name of a property."""
+        """Whether this is the name of a property."""
         declared = any(iri in self.individuals.declared[kind] for kind in PROPERTY_TYPE_IRIS)
         return declared or iri in self.axioms.parser.restricted_properties or iri in self.properties
 
     def declared_classes(self) -> Iterator[Iri]:
-        """Every class that has a name."""
+        """All named classes."""
         return (name for name in dict.fromkeys(self.all_names()) if self.is_class(name))
 
     def all_names(self) -> Iterator[Iri]:
-        """Every name of an individual, a class or a property, some of them more than once."""
+        """All names of individuals, classes and properties, possibly repeated."""
         individuals = self.individuals
         yield from (*individuals.types, *individuals.maps_of, *individuals.anonymous_types, *individuals.members_by_map)
         yield from individuals.members
@@ -744,33 +730,32 @@ class Reasoner:
     # -- parts ---------------------------------------------------------------------------------------------------------
 
     def parts(self, whole: Iri, *, through_joints: bool = False) -> Iterator[PartOfStep]:
-        """All that a thing is made of, to any depth, the nearest first; it is no part of itself, even in a circle.
+        """All parts of an individual to any depth, the nearest first; never the individual itself, even in a cycle.
 
         Args:
-            whole: the thing.
-            through_joints: whether the second of two things that a constraint joins counts as a part of the first, and
-                the constraint as one between them.
+            whole: the individual.
+            through_joints: whether the child of a joint counts as a part of its parent, with the joint between them.
         """
         return self._walk_parts(whole, backwards=False, through_joints=through_joints)
 
     def wholes(self, part: Iri, *, through_joints: bool = False) -> Iterator[PartOfStep]:
-        """All that a thing is a part of, the nearest first."""
+        """All individuals that an individual is a part of, the nearest first."""
         return self._walk_parts(part, backwards=True, through_joints=through_joints)
 
     def _walk_parts(self, start: Iri, *, backwards: bool, through_joints: bool) -> Iterator[PartOfStep]:
         seen = {start}
         waiting = [PartOfStep(start, 0, ())]
-        for derived in (False, True) if self._inferred else (False,):  # what is told says more of the way
+        for inferred in (False, True) if self._inferred else (False,):  # asserted paths are more informative
             for here in waiting:
-                steps = self._part_steps(here.individual, backwards=backwards, inferred=derived)
-                for thing, way in sorted(steps, key=lambda step: step[0]):
-                    if thing not in seen and (through_joints or not self._is_joint_path(way)):
-                        seen.add(thing)
-                        waiting.append(PartOfStep(thing, here.depth + 1, (*here.path, *way)))
+                steps = self._part_steps(here.individual, backwards=backwards, inferred=inferred)
+                for neighbor, path in sorted(steps, key=lambda step: step[0]):
+                    if neighbor not in seen and (through_joints or not self._is_joint_path(path)):
+                        seen.add(neighbor)
+                        waiting.append(PartOfStep(neighbor, here.depth + 1, (*here.path, *path)))
                         yield waiting[-1]
 
     def _is_joint_path(self, path: Sequence[ObjectTriple]) -> bool:
-        """Whether a constraint says it: with the words for wholes and parts it names the two things that it joins."""
+        """Whether the statements are about a joint, which has part-of properties for the two bodies it connects."""
         return any(self.is_member(statement.subject, CONSTRAINT) for statement in path)
 
     def _part_steps(self, individual: Iri, *, backwards: bool, inferred: bool) -> Iterator[InferenceStep]:

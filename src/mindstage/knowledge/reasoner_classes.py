@@ -1,7 +1,6 @@
-"""Axioms: what is told of classes, and what each single statement of that adds to or takes from the whole.
+"""Class axioms: subclasses, restrictions, definitions and disjointness, updated statement by statement.
 
-Every statement has its own consequences. They are counted, so that a statement can come and go, in whatever order, and
-leave what others say as it was.
+The axioms that follow from each statement are counted, so that statements can be added and removed in any order.
 """
 
 from __future__ import annotations
@@ -29,39 +28,46 @@ from mindstage.knowledge.taxonomy import TransitiveClosure
 from mindstage.knowledge.vocabulary import EQUIVALENT_CLASS, OWL, SUBCLASS_OF
 from mindstage.scene import Iri
 
-__all__ = ["CLASS_AXIOM_PROPERTIES", "ClassAxioms", "ClassRestriction", "SufficientCondition"]
+__all__ = [
+    "CLASS_AXIOM_PROPERTIES",
+    "ClassAxioms",
+    "ClassRestriction",
+    "QuadsByPredicate",
+    "SufficientCondition",
+    "discard_from_group",
+]
 
 _DISJOINT = Iri(OWL + "disjointWith")
 CLASS_AXIOM_PROPERTIES = frozenset({SUBCLASS_OF, EQUIVALENT_CLASS, _DISJOINT, *EXPRESSION_PROPERTIES})
-"""The properties that tell something of classes."""
+"""The properties of statements about classes."""
 
 QuadsByPredicate = Callable[[str], Iterable[ox.Quad]]
-"""All statements by a property, or those of one graph."""
+"""Returns all statements with a predicate, of the store or of one graph."""
 
 
 class ClassRestriction(msgspec.Struct, frozen=True):
-    """What a class says of all its members."""
+    """A restriction on all members of a class."""
 
     cls: Iri
     restriction: Restriction
 
 
 class SubClassEdge(msgspec.Struct, frozen=True):
-    """One class is directly below another."""
+    """A class and a direct superclass of it."""
 
     subclass: Iri
     superclass: Iri
 
 
 class SufficientCondition(msgspec.Struct, frozen=True):
-    """Whatever falls under the expression is a member of the class."""
+    """An expression whose instances are members of the class."""
 
     cls: Iri
     expression: Expression
 
 
 class DisjointClasses(msgspec.Struct, frozen=True):
-    """Nothing is of both classes."""
+    """Two classes without common members."""
 
     first: Iri
     second: Iri
@@ -71,13 +77,13 @@ Axiom = ClassRestriction | SubClassEdge | SufficientCondition | DisjointClasses
 
 
 class ClassAxioms:
-    """Classes, their restrictions and definitions."""
+    """The classes, restrictions and definitions of a triple store."""
 
     def __init__(self, asserted: QuadsByPredicate) -> None:
-        """Reads all that is told."""
+        """Reads all axioms."""
         self.class_closure: TransitiveClosure[Iri] = TransitiveClosure()
         self.sufficient_conditions: dict[SufficientCondition, None] = {}
-        """The definitions that make individuals members, where a name alone does not."""
+        """The definitions that make individuals members, besides plain subclasses."""
         self.parser = ClassExpressionParser()
         self._axioms_by_triple: dict[ox.Triple, tuple[Axiom, ...]] = {}
         self._counts: dict[Axiom, int] = {}
@@ -90,66 +96,66 @@ class ClassAxioms:
         self.add(asserted)
 
     def add(self, asserted: QuadsByPredicate) -> bool:
-        """Adds more; False where it changes what expressions meant, so that everything must be read anew."""
-        fresh = self.parser.add(quad for property in EXPRESSION_PROPERTIES for quad in asserted(property))
-        if fresh:
+        """Adds statements; returns False if they change existing expressions, so that everything must be read again."""
+        is_new = self.parser.add(quad for property in EXPRESSION_PROPERTIES for quad in asserted(property))
+        if is_new:
             for property in (SUBCLASS_OF, EQUIVALENT_CLASS, _DISJOINT):
                 for quad in asserted(property):
                     self._add_axioms(quad.triple, self._axioms_of(quad.triple))
             self.add_definitions()
-        return fresh
+        return is_new
 
     def add_definitions(self) -> None:
-        """Takes in named classes that are themselves said to be expressions."""
+        """Adds the named classes that are class expressions themselves."""
         for cls, expression in self.parser.definitions():
-            # A definition is told by several statements; its key is one that no source can tell.
+            # Several statements make up a definition; its key is a triple that does not occur in any source.
             key = ox.Triple(ox.NamedNode(cls), ox.NamedNode(OWL + "definition"), ox.Literal(repr(expression)))
             self._add_axioms(
                 key, (*_subclass_axioms(NamedClass(cls), expression), *_subclass_axioms(expression, NamedClass(cls)))
             )
 
     def update(self, triple: ox.Triple, *, is_asserted: bool) -> None:
-        """Makes what a statement by one of the three properties says true, or no longer so."""
+        """Adds or removes the axioms that follow from a statement about classes."""
         if is_asserted:
             self._add_axioms(triple, self._axioms_of(triple))
         else:
-            for consequence in self._axioms_by_triple.pop(triple, ()):
-                self._retract_axiom(consequence)
+            for axiom in self._axioms_by_triple.pop(triple, ()):
+                self._retract_axiom(axiom)
 
-    # -- looking things up ---------------------------------------------------------------------------------------------
+    # -- look-up -------------------------------------------------------------------------------------------------------
 
     def own_restrictions(self, cls: Iri) -> Sequence[Restriction]:
-        """What a class says itself."""
-        return [told.restriction for told in self._sorted_group(self._by_class, cls)]
+        """The restrictions of a class, without inherited ones."""
+        return [owned.restriction for owned in self._sorted_group(self._by_class, cls)]
 
     def restricted_classes(self) -> list[Iri]:
-        """Classes that say something themselves."""
+        """The classes with restrictions of their own."""
         return sorted(self._by_class)
 
     def class_restrictions(self, cls: Iri) -> Sequence[ClassRestriction]:
-        """The same, with the class."""
+        """The restrictions of a class, without inherited ones, as `ClassRestriction`."""
         return self._sorted_group(self._by_class, cls)
 
     def restrictions_with_filler(self, property: Iri, cls: Iri) -> Sequence[ClassRestriction]:
-        """What classes say of another one by this very property."""
+        """Restrictions of exactly this property to a class."""
         return self._sorted_group(self._by_property_and_filler, (property, cls))
 
     def restrictions_on(self, property: Iri) -> Sequence[ClassRestriction]:
-        """What classes say by this very property, forwards."""
+        """Restrictions of exactly this property, not of its inverse."""
         return self._sorted_group(self._by_property, property)
 
     def disjoint_with(self, cls: Iri) -> Iterable[Iri]:
-        """The classes that are told to have no member in common with this one."""
+        """The classes that are asserted to have no common member with a class."""
         return self._disjoint.get(cls, ())
 
     def names(self) -> Iterator[Iri]:
-        """Every name that may be, or become, the name of a class."""
+        """All names that may be those of classes."""
         nodes = (node for triple in self._axioms_by_triple for node in (triple.subject, triple.object))
         yield from (Iri(node.value) for node in nodes if isinstance(node, ox.NamedNode))
         yield from self.parser.names()
 
     def __contains__(self, cls: object) -> bool:
-        """Whether something is told of the class."""
+        """Whether the class has an axiom."""
         return (
             cls in self.class_closure
             or cls in self._by_class
@@ -169,7 +175,7 @@ class ClassAxioms:
             self._sorted_cache[place] = sorted(groups[key], key=_sort_key)
         return self._sorted_cache[place]
 
-    # -- consequences --------------------------------------------------------------------------------------------------
+    # -- axioms --------------------------------------------------------------------------------------------------------
 
     def _axioms_of(self, triple: ox.Triple) -> Iterator[Axiom]:
         one, other = self.parser.parse(triple.subject), self.parser.parse(triple.object)
@@ -183,8 +189,8 @@ class ClassAxioms:
     def _add_axioms(self, key: ox.Triple, axioms: Iterable[Axiom]) -> None:
         if key not in self._axioms_by_triple:
             self._axioms_by_triple[key] = tuple(dict.fromkeys(axioms))
-            for consequence in self._axioms_by_triple[key]:
-                self._assert_axiom(consequence)
+            for axiom in self._axioms_by_triple[key]:
+                self._assert_axiom(axiom)
 
     def _assert_axiom(self, axiom: Axiom) -> None:
         self._counts[axiom] = count = self._counts.get(axiom, 0) + 1
@@ -213,18 +219,18 @@ class ClassAxioms:
                 self.class_closure.discard(lower, upper)
             case ClassRestriction(cls, restriction):
                 self._sorted_cache.clear()
-                _discard_from_group(self._by_class, cls, axiom)
+                discard_from_group(self._by_class, cls, axiom)
                 for groups, key in self._indexes_for(restriction):
-                    _discard_from_group(groups, key, axiom)
+                    discard_from_group(groups, key, axiom)
             case SufficientCondition():
                 del self.sufficient_conditions[axiom]
             case DisjointClasses(one, other):
-                _discard_from_group(self._disjoint, one, other)
+                discard_from_group(self._disjoint, one, other)
 
     def _indexes_for(
         self, restriction: Restriction
     ) -> Iterator[tuple[dict[Any, dict[ClassRestriction, None]], object]]:
-        """Where a restriction is to be found: by its property, and by what it speaks of."""
+        """The indexes, with keys, that a restriction belongs to: by its property and by its fillers."""
         if restriction.inverse:
             return
         yield self._by_property, restriction.property
@@ -238,7 +244,7 @@ class ClassAxioms:
 
 
 def _subclass_axioms(one: Expression, other: Expression) -> Iterator[Axiom]:
-    """Whatever falls under the one falls under the other."""
+    """The axioms that follow if every instance of one expression is an instance of the other."""
     if isinstance(one, NamedClass):
         yield from _superclass_axioms(one.iri, other)
     if isinstance(other, NamedClass):
@@ -275,10 +281,12 @@ def _disjoint_axioms(one: Expression, other: Expression) -> Iterator[Axiom]:
         yield DisjointClasses(other.iri, one.iri)
 
 
-def _discard_from_group(groups: dict[Any, dict[Any, None]], key: object, item: object) -> None:
-    groups[key].pop(item, None)
-    if not groups[key]:
-        del groups[key]
+def discard_from_group(groups: dict[Any, dict[Any, None]], key: object, item: object) -> None:
+    """Removes an item from a group, and the group if it is empty."""
+    group = groups.get(key, {})
+    group.pop(item, None)
+    if not group:
+        groups.pop(key, None)
 
 
 def _sort_key(restriction_of_class: ClassRestriction) -> tuple[str, str, str, str]:

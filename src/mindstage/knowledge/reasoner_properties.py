@@ -1,10 +1,8 @@
-"""Properties: what follows from subproperties, inverse, symmetric and transitive ones, and from chains of them.
+"""Property axioms: subproperties, inverse, symmetric and transitive properties, and property chains.
 
-Chains: the values of a property that follow when properties are put one behind another, in circles too.
-
-`hasPart` after `hasPart` is a transitive property, `locatedIn` after `partOf` may be `locatedIn` again. Whatever is
-asked for on the way is asked for once, and hears of each value as soon as it is found, so that no circle goes on for
-ever.
+`hasPart` after `hasPart` is a transitive property; `locatedIn` after `partOf` may again be `locatedIn`. Chains may
+refer to each other in cycles: each goal of a search is opened once, and every value found is passed to all goals that
+depend on it, so the search terminates.
 """
 
 from __future__ import annotations
@@ -46,12 +44,25 @@ __all__ = [
 S = TypeVar("S")
 
 PropertyExpression = tuple[Iri, bool]
-"""A property, read forwards or backwards."""
+"""A property and whether it is followed forwards; False for its inverse."""
 PropertyChain = tuple[PropertyExpression, ...]
+
+_CHAIN = Iri(OWL + "propertyChainAxiom")
+_DOMAIN, _RANGE = Iri(RDFS + "domain"), Iri(RDFS + "range")
+_IMPLICATIONS = (
+    (Iri(RDFS + "subPropertyOf"), False, False),
+    (Iri(OWL + "equivalentProperty"), True, False),
+    (Iri(OWL + "inverseOf"), True, True),
+)
+"""The axiom; whether it holds in both directions; whether it inverts the property."""
+PROPERTY_AXIOM_PROPERTIES = frozenset({_CHAIN, _DOMAIN, _RANGE, *(axiom for axiom, _, _ in _IMPLICATIONS)})
+"""The properties of statements about properties."""
+PROPERTY_TYPES = frozenset(Iri(OWL + name) for name in ("TransitiveProperty", "SymmetricProperty"))
+"""The types of properties that have consequences."""
 
 
 class ChainGoal(NamedTuple):
-    """What is asked for: all that lies one step, or any number of them, along a line from a thing."""
+    """One goal of a search: all values of a property expression, one step or any number of steps from an individual."""
 
     property_expression: PropertyExpression
     start: Iri
@@ -59,7 +70,7 @@ class ChainGoal(NamedTuple):
 
 
 class ChainContinuation(NamedTuple, Generic[S]):
-    """Who wants to hear of a goal's values: another goal, once the rest of a chain was followed too."""
+    """What follows from a goal's values: a value of another goal, after the rest of a chain."""
 
     goal: ChainGoal
     remaining: PropertyChain
@@ -67,7 +78,7 @@ class ChainContinuation(NamedTuple, Generic[S]):
 
 
 class ChainSearch(Generic[S]):
-    """One question's way through the statements."""
+    """A search for the values of property expressions, including chains and transitive properties."""
 
     def __init__(
         self,
@@ -76,13 +87,13 @@ class ChainSearch(Generic[S]):
         transitive: Container[Iri],
         asserted_values: Callable[[PropertyExpression, Iri], Iterable[tuple[Iri, tuple[S, ...]]]],
     ) -> None:
-        """Finds nothing yet.
+        """Creates a search without goals.
 
         Args:
-            lattice: which line implies which.
-            chains: by the property that they imply.
-            transitive: properties that are followed to the end.
-            told: the told values of a line, each with its statement.
+            property_closure: which property expression implies which.
+            chains: the chains that imply a property, by property.
+            transitive: the transitive properties.
+            asserted_values: the asserted values of a property expression, each with its statement.
         """
         self._property_closure = property_closure
         self._chains = chains
@@ -95,32 +106,31 @@ class ChainSearch(Generic[S]):
     def values(
         self, property_expression: PropertyExpression, start: Iri, *, transitive: bool = True
     ) -> Mapping[Iri, tuple[S, ...]]:
-        """Everything along a line, with the statements on the way there.
+        """All values of a property expression, with the statements that lead to them.
 
         Args:
-            line: what is asked for.
-            thing: where it starts.
-            transitive: whether the line itself is followed to the end, where it is transitive; those below it are.
+            property_expression: the property and its direction.
+            start: the individual to start from.
+            transitive: whether to repeat the expression itself if it is transitive; those that imply it are repeated.
         """
         goal = ChainGoal(property_expression, start, transitive)
         self._open_goal(goal)
         while self._queue:
-            wish, value, way = self._queue.popleft()
-            self._on_value(wish, value, way)
+            continuation, value, path = self._queue.popleft()
+            self._on_value(continuation, value, path)
         return self._found[goal]
 
     def _open_goal(self, goal: ChainGoal) -> None:
         if goal in self._found:
             return
         self._found[goal], self._continuations[goal] = {}, []
-        for line in self._property_closure.below(goal.property_expression):
-            property, forward = line
-            follows = property in self._transitive and line != goal.property_expression
-            if follows:
-                self._subscribe(ChainGoal(line, goal.start, transitive=True), ChainContinuation(goal, (), ()))
+        for expression in self._property_closure.below(goal.property_expression):
+            property, forward = expression
+            if property in self._transitive and expression != goal.property_expression:
+                self._subscribe(ChainGoal(expression, goal.start, transitive=True), ChainContinuation(goal, (), ()))
                 continue
-            for value, way in self._asserted_values(line, goal.start):
-                self._queue.append((ChainContinuation(goal, (), ()), value, way))
+            for value, path in self._asserted_values(expression, goal.start):
+                self._queue.append((ChainContinuation(goal, (), ()), value, path))
             for chain in self._chains.get(property, ()):
                 links = chain if forward else tuple((link, not ahead) for link, ahead in reversed(chain))
                 self._subscribe(
@@ -130,7 +140,7 @@ class ChainSearch(Generic[S]):
     def _subscribe(self, goal: ChainGoal, continuation: ChainContinuation[S]) -> None:
         self._open_goal(goal)
         self._continuations[goal].append(continuation)
-        self._queue.extend((continuation, value, way) for value, way in self._found[goal].items())
+        self._queue.extend((continuation, value, path) for value, path in self._found[goal].items())
 
     def _on_value(self, continuation: ChainContinuation[S], value: Iri, path: tuple[S, ...]) -> None:
         path = (*continuation.path, *path)
@@ -152,22 +162,8 @@ class ChainSearch(Generic[S]):
             )
 
 
-_CHAIN = Iri(OWL + "propertyChainAxiom")
-_DOMAIN, _RANGE = Iri(RDFS + "domain"), Iri(RDFS + "range")
-_IMPLICATIONS = (
-    (Iri(RDFS + "subPropertyOf"), False, False),
-    (Iri(OWL + "equivalentProperty"), True, False),
-    (Iri(OWL + "inverseOf"), True, True),
-)
-"""Words; whether each works both ways; whether it turns the direction."""
-PROPERTY_AXIOM_PROPERTIES = frozenset({_CHAIN, _DOMAIN, _RANGE, *(word for word, _, _ in _IMPLICATIONS)})
-"""The properties that tell something of properties."""
-PROPERTY_TYPES = frozenset(Iri(OWL + name) for name in ("TransitiveProperty", "SymmetricProperty"))
-"""What properties can be said to be that has consequences."""
-
-
 class ObjectTriple(msgspec.Struct, frozen=True):
-    """One triple between two things, as told."""
+    """A triple between two resources."""
 
     subject: Iri
     property: Iri
@@ -175,30 +171,30 @@ class ObjectTriple(msgspec.Struct, frozen=True):
 
 
 InferenceStep = tuple[Iri, tuple[ObjectTriple, ...]]
-"""A thing, and the statements that lead there."""
+"""An individual, and the statements that lead to it."""
 
 
 class DomainRange(msgspec.Struct, frozen=True):
-    """What everything at one end of a property is."""
+    """The class of everything at one end of a property."""
 
     property: Iri
     is_domain: bool
-    """Whether the start of the property is meant (rdfs:domain), and not its end (rdfs:range)."""
+    """Whether the class is that of the subjects (rdfs:domain), not of the values (rdfs:range)."""
     cls: Iri
 
 
 class PropertyHierarchy:
-    """How properties follow from one another, and the values that follow from that."""
+    """The property axioms of a triple store, and the values that follow from them."""
 
     def __init__(
         self, store: QuadSource, parser: ClassExpressionParser | None = None, inferred: InferredTriples | None = None
     ) -> None:
-        """Reads what is told of properties; statements about individuals stay in the store.
+        """Reads the axioms; statements about individuals stay in the store.
 
         Args:
-            store: where everything is that was told.
-            reader: knows the lists and expressions that chains, domains and ranges are written with.
-            derived: what was derived from it.
+            store: the asserted statements.
+            parser: parses lists and class expressions; None creates one.
+            inferred: the materialized statements, if any.
         """
         self._store = store
         self._inferred = inferred
@@ -206,11 +202,11 @@ class PropertyHierarchy:
         self._parser = parser = parser or ClassExpressionParser()
         self._chains = self._read_chains(parser)
         self._domains_ranges = {
-            word: {
+            axiom: {
                 iri: tuple(_named_conjuncts(map(parser.parse, nodes)))
-                for iri, nodes in self._objects_by_subject(word).items()
+                for iri, nodes in self._objects_by_subject(axiom).items()
             }
-            for word in (_DOMAIN, _RANGE)
+            for axiom in (_DOMAIN, _RANGE)
         }
         self._bounding_classes = {
             cls for bounds in self._domains_ranges.values() for classes in bounds.values() for cls in classes
@@ -226,28 +222,28 @@ class PropertyHierarchy:
         self.sub_properties = cache(self._compute_sub_properties)
 
     def _compute_sub_properties(self, property: Iri) -> tuple[Iri, ...]:
-        """The property itself and those that imply it in the same direction, the nearest first."""
+        """The property and its subproperties, the nearest first, without inverses."""
         return tuple(iri for iri, forward in self._property_closure.below((property, True)) if forward)
 
     def super_properties(self, property: Iri) -> tuple[Iri, ...]:
-        """The property itself and those that it implies in the same direction, the nearest first."""
+        """The property and its superproperties, the nearest first, without inverses."""
         return tuple(iri for iri, forward in self._property_closure.above((property, True)) if forward)
 
     def implying_properties(self, property: Iri) -> Iterator[Iri]:
-        """The property itself and all that imply it or its inverse."""
+        """The property and all that imply it or its inverse."""
         return (iri for iri, _ in self._property_closure.below((property, True)))
 
     @property
     def has_chains(self) -> bool:
-        """Whether some property follows from others put one behind another."""
+        """Whether any property follows from a chain."""
         return any(self._chains.values())
 
     def implication_path(self, property: Iri, upper: Iri) -> tuple[Iri, ...]:
-        """How one property implies the other, step by step."""
+        """The properties through which one implies another, from the first to the last."""
         return tuple(iri for iri, _ in self._property_closure.path((property, True), (upper, True)))
 
     def all_names(self) -> Iterator[Iri]:
-        """Every property that something is told of, and the classes that they lead to; some more than once."""
+        """All properties with axioms and the classes of their domains and ranges, possibly repeated."""
         yield from (iri for iri, _ in self._property_closure)
         yield from (
             *self._domains_ranges[_DOMAIN],
@@ -257,29 +253,32 @@ class PropertyHierarchy:
         )
 
     def __contains__(self, iri: object) -> bool:
-        """Whether something is told of the property."""
-        told = (iri, True) in self._property_closure or (iri, False) in self._property_closure
+        """Whether the property has an axiom."""
+        in_closure = (iri, True) in self._property_closure or (iri, False) in self._property_closure
         return (
-            told or iri in self._domains_ranges[_DOMAIN] or iri in self._domains_ranges[_RANGE] or iri in self._chains
+            in_closure
+            or iri in self._domains_ranges[_DOMAIN]
+            or iri in self._domains_ranges[_RANGE]
+            or iri in self._chains
         )
 
     def domains_ranges(self, property: Iri, *, as_subject: bool) -> Iterator[DomainRange]:
-        """What everything is that has the property, or that is its value; implied properties count."""
+        """The classes of all subjects or all values of a property, including those of implied properties."""
         for iri, forward in self._property_closure.above((property, True)):
             is_start = forward == as_subject
             for cls in self._domains_ranges[_DOMAIN if is_start else _RANGE].get(iri, ()):
                 yield DomainRange(iri, is_start, cls)
 
     def used_expressions(self, property: Iri) -> tuple[tuple[ox.NamedNode, bool], ...]:
-        """The properties that imply this one, forwards or backwards, as far as anybody uses them."""
+        """The property expressions that imply a property and that occur in the store."""
         return self._used_cache(((property, True),))
 
     def is_domain_or_range(self, cls: Iri) -> bool:
-        """Whether the class is the domain or range of some property."""
+        """Whether a class is the domain or range of a property."""
         return cls in self._bounding_classes
 
     def clear_usage_cache(self) -> None:
-        """Some property may be used now that nobody used before, or the other way round."""
+        """Must be called when statements were added or removed: other properties may be in use."""
         self._used_cache.cache_clear()
 
     # -- values --------------------------------------------------------------------------------------------------------
@@ -287,31 +286,31 @@ class PropertyHierarchy:
     def steps(
         self, expressions: tuple[PropertyExpression, ...], individual: Iri, *, backwards: bool = False
     ) -> Iterator[InferenceStep]:
-        """One step away: by a told statement of a property that implies one of these, or by a chain that does."""
+        """Individuals one step away: by an asserted statement whose property implies an expression, or by a chain."""
         for node, forward in self._used_cache(expressions):
             yield from _asserted_steps(self._store, node, individual, forwards=forward != backwards)
         for iri, forward in self._chain_cache(expressions):
-            line = (iri, forward != backwards)
-            yield from self._new_search().values(line, individual, transitive=False).items()
+            expression = (iri, forward != backwards)
+            yield from self._new_search().values(expression, individual, transitive=False).items()
 
     def inferred_steps(
         self, expressions: tuple[PropertyExpression, ...], individual: Iri, *, backwards: bool = False
     ) -> Iterator[InferenceStep]:
-        """One step away by a statement that was derived."""
+        """Individuals one step away by a materialized statement."""
         if self._inferred:
             for iri, forward in self._implying_expressions(expressions):
                 yield from _asserted_steps(self._inferred, ox.NamedNode(iri), individual, forwards=forward != backwards)
 
     def values(self, property: Iri, individual: Iri, *, backwards: bool = False) -> tuple[Iri, ...]:
-        """All values that follow; a transitive property is followed to the end, and so are transitive ones below it."""
+        """All values of a property, following transitive properties and chains."""
         return tuple(self._new_search().values((property, not backwards), individual))
 
     def values_with_paths(
         self, property: Iri, individual: Iri, *, backwards: bool = False
     ) -> Iterator[tuple[NamedClass | LiteralValue, tuple[ObjectTriple, ...]]]:
-        """All values that follow, texts and numbers too, with the statements that lead there."""
-        for name, way in self._new_search().values((property, not backwards), individual).items():
-            yield NamedClass(name), way
+        """All values of a property, including literals, with the statements that lead to them."""
+        for name, path in self._new_search().values((property, not backwards), individual).items():
+            yield NamedClass(name), path
         for iri, forward in self.used_expressions(property):
             for quad in (
                 self._store.quads_for_pattern(node_from_label(individual), iri, None) if forward != backwards else ()
@@ -320,12 +319,12 @@ class PropertyHierarchy:
                     yield value, (ObjectTriple(individual, Iri(iri.value), Iri(value.literal.text)),)
 
     def candidate_subjects(self, property: Iri, *, backwards: bool = False) -> Iterator[Iri]:
-        """All things that may have a value of the property, and some that do not."""
+        """A superset of the individuals that have a value of the property."""
         waiting: dict[PropertyExpression, None] = {(property, not backwards): None}
         done: set[PropertyExpression] = set()
         while waiting:
-            line, _ = waiting.popitem()
-            for iri, forward in self._property_closure.below(line).keys() - done:
+            expression, _ = waiting.popitem()
+            for iri, forward in self._property_closure.below(expression).keys() - done:
                 done.add((iri, forward))
                 for quad in self._quads_with_predicate(iri):
                     if name := node_label(quad.subject if forward else quad.object):
@@ -335,31 +334,31 @@ class PropertyHierarchy:
                     waiting[first, ahead == forward] = None
 
     def _new_search(self) -> ChainSearch[ObjectTriple]:
-        def told(line: PropertyExpression, thing: Iri) -> Iterator[InferenceStep]:
-            return _asserted_steps(self._store, ox.NamedNode(line[0]), thing, forwards=line[1])
+        def asserted_values(expression: PropertyExpression, individual: Iri) -> Iterator[InferenceStep]:
+            return _asserted_steps(self._store, ox.NamedNode(expression[0]), individual, forwards=expression[1])
 
-        return ChainSearch(self._property_closure, self._chains, self._transitive, told)
+        return ChainSearch(self._property_closure, self._chains, self._transitive, asserted_values)
 
     def _implying_expressions(self, expressions: tuple[PropertyExpression, ...]) -> dict[PropertyExpression, None]:
-        return {below: None for line in expressions for below in self._property_closure.below(line)}
+        return {below: None for expression in expressions for below in self._property_closure.below(expression)}
 
     def _compute_used(self, expressions: tuple[PropertyExpression, ...]) -> tuple[tuple[ox.NamedNode, bool], ...]:
-        """What implies one of these, as far as anybody uses it."""
+        """The expressions that imply one of these and that occur in the store."""
         below = [(ox.NamedNode(iri), forward) for iri, forward in self._implying_expressions(expressions)]
-        return tuple(line for line in below if next(iter(self._quads_with_predicate(line[0].value)), None))
+        return tuple(each for each in below if next(iter(self._quads_with_predicate(each[0].value)), None))
 
     def _compute_chained(self, expressions: tuple[PropertyExpression, ...]) -> tuple[PropertyExpression, ...]:
-        """Those of the lines that some chain implies."""
+        """Those of the expressions that a chain implies."""
         return tuple(
-            line for line in expressions if any(self._chains.get(iri) for iri, _ in self._property_closure.below(line))
+            each for each in expressions if any(self._chains.get(iri) for iri, _ in self._property_closure.below(each))
         )
 
     # -- reading -------------------------------------------------------------------------------------------------------
 
     def _implication_pairs(self) -> Iterator[tuple[PropertyExpression, PropertyExpression]]:
-        """A property read forwards or backwards implies another one, read forwards or backwards."""
-        for word, mirrored, inverse in _IMPLICATIONS:
-            for quad in self._quads_with_predicate(word):
+        """Pairs of property expressions of which the first implies the second."""
+        for axiom, mirrored, inverse in _IMPLICATIONS:
+            for quad in self._quads_with_predicate(axiom):
                 if isinstance(quad.subject, ox.NamedNode) and isinstance(quad.object, ox.NamedNode):
                     one, other = Iri(quad.subject.value), Iri(quad.object.value)
                     for forward in (True, False):
@@ -375,10 +374,10 @@ class PropertyHierarchy:
         for iri, heads in self._objects_by_subject(_CHAIN).items():
             chains[iri] = []
             for head in heads:
-                lines = [parser.property_expression(item) for item in parser.list_items(head)]
-                if lines and None not in lines:
-                    chains[iri].append(tuple(line for line in lines if line))
-        return {iri: tuple(sorted(told)) for iri, told in chains.items()}
+                links = [parser.property_expression(item) for item in parser.list_items(head)]
+                if links and None not in links:
+                    chains[iri].append(tuple(link for link in links if link))
+        return {iri: tuple(sorted(each)) for iri, each in chains.items()}
 
     def _objects_by_subject(self, predicate: Iri) -> dict[Iri, list[object]]:
         found: dict[Iri, list[object]] = {}
@@ -398,7 +397,7 @@ class PropertyHierarchy:
 def _asserted_steps(
     store: QuadSource | InferredTriples, property: ox.NamedNode, individual: Iri, *, forwards: bool
 ) -> Iterator[InferenceStep]:
-    """The told values of one property, or what has the thing as its value."""
+    """The asserted values of a property, or the subjects that have the individual as value."""
     node = node_from_label(individual)
     if forwards:
         for quad in store.quads_for_pattern(node, property, None):
@@ -411,7 +410,7 @@ def _asserted_steps(
 
 
 def _named_conjuncts(expressions: Iterable[Expression]) -> list[Iri]:
-    """The named classes that all of these promise together."""
+    """The named classes of everything that is an instance of all expressions."""
     found: set[Iri] = set()
     for expression in expressions:
         match expression:
@@ -423,5 +422,5 @@ def _named_conjuncts(expressions: Iterable[Expression]) -> list[Iri]:
 
 
 def node_from_label(name: Iri) -> ox.NamedNode | ox.BlankNode:
-    """The node that has the name or label."""
+    """The node of an IRI or of a blank node label (`_:label`)."""
     return ox.BlankNode(name[2:]) if name.startswith("_:") else ox.NamedNode(name)

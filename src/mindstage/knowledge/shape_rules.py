@@ -1,34 +1,24 @@
-"""Notions: everything that a store says of forms, materials and light, gathered by what it is said of.
+"""Shape rules: the shape, material and light of the objects of a class, resolved from annotations in ontologies.
 
-The words are annotation properties of `ms:`, so that no reasoner draws conclusions from the look of things:
+The annotation properties are in `ms:`; they have no effect on reasoning:
 
 | property | of | value |
 |---|---|---|
-| `ms:shapedAs` | class | a form, or another class that it is shaped like |
-| `ms:builtAs` | form | the name of the builder that makes it |
-| below `ms:formParameter` | class, form | a parameter: `ms:shelfCount` is the builder's `shelf_count` |
-| `ms:madeOf`; below it `ms:frontMadeOf` ... | class, form | a material, of the whole or of the part with that role |
-| `ms:inColour`; `ms:frontInColour` ... | class, form, material | `#rrggbb` or a name; classes choose one of several |
+| `ms:shapedAs` | class | a shape, or another class with the same shape |
+| `ms:builtAs` | shape | the name of the shape template that builds it |
+| below `ms:formParameter` | class, shape | a parameter: `ms:shelfCount` is the template's `shelf_count` |
+| `ms:madeOf`; below it `ms:frontMadeOf` ... | class, shape | a material, of the whole or of the part with that role |
+| `ms:inColour`; `ms:frontInColour` ... | class, shape, material | `#rrggbb` or a name; classes choose one of several |
 | `ms:givesLight`, `ms:lightColour`, `ms:lightIntensity` | class | `point`, `spot`, `directional` or `none`; cd or lx |
 | `ms:metalness`, `ms:roughness`, `ms:opacity`, `ms:glow` | material | factors from 0 to 1 |
 | `ms:density`, `ms:friction`, `ms:restitution` | material, class | kg/m3, and numbers from 0 |
-| `ms:typicalSize` | class | depth, width and height [m] of things whose size nobody tells |
-| `ms:nameWord` | class, material | a word in names of unknown classes that stands for it, besides its label |
+| `ms:typicalSize` | class | depth, width and height [m] of objects without a size |
+| `ms:nameWord` | class, material | a word in the names of unknown classes that refers to it, besides its label |
 
-Shape rules: what is known of the form of a class's things, as plain values.
-
-Words: what the name of a class says about its things, where nobody else does.
-
-Substances: what the parts of things are made of, as light and touch meet it.
-
-The resolver: from what ontologies say of forms, materials and light to one rule for each class.
-
-What is said of a class holds for all below it, the most special first, each statement on its own: a subclass of which
-only a color is told keeps the form and the material that it inherits. What is shaped as another class has all that is
-told of that one, and a form has defaults of its own. Where nobody says how a class is shaped, its name is searched for
-the words for known classes: a guess, and called one.
-
-Shaping: how things of a class look, feel and shine, as far as ontologies say so; nothing of it answers questions.
+An annotation of a class holds for all its subclasses, unless a more specific class overrides that property: a subclass
+with only a color keeps the inherited shape and material. A class that is shaped as another one has all annotations of
+that class, and a shape has defaults of its own. For a class without a shape, words in its name that refer to known
+classes are used, which is marked as a guess.
 """
 
 from __future__ import annotations
@@ -74,74 +64,74 @@ __all__ = [
 ShapeParameter = bool | int | float | str
 
 DEFAULT_ROLE = "body"
-"""The role of whatever has no other: the material of the thing as a whole."""
+"""The role of parts without another role: the material of the whole object."""
 
 DEFAULT_SHAPE = "box"
-"""The kind of what nobody knows better."""
+"""The shape type of classes without any annotation."""
 
 
 @dataclass(frozen=True, slots=True)
 class PartMaterial:
-    """What a part of a thing is made of."""
+    """The material of a part of an object."""
 
     pbr_material: PbrMaterial
     density: float | None = None
     """[kg/m3]."""
     friction: float | None = None
-    """Sliding, against something alike."""
+    """The coefficient of sliding friction against the same material."""
     restitution: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class LightRule:
-    """The light that a thing gives."""
+    """The light that an object emits."""
 
     light_type: LightType
     color: Color = (1.0, 1.0, 1.0)
     intensity: float = 1.0
-    """[cd], or [lx] of a directional one."""
+    """[cd], or [lx] for a directional light."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShapeRule:
-    """What is known of the form of a class's things."""
+    """The shape, materials and light of the objects of a class."""
 
     cls: Iri
     shape_type: str = DEFAULT_SHAPE
-    """The name of a form: "drawer", say."""
+    """The name of a shape template, such as "drawer"."""
     source: GeometrySource = GeometrySource.MAP
     reason: str = ""
-    """Who says so, in one line."""
+    """Where the rule comes from, in one line."""
     parameters: Mapping[str, ShapeParameter]
-    """As the form names them: `shelf_count`. A form need not have all of them."""
+    """By the template's parameter names, such as `shelf_count`. A template need not have all of them."""
     materials: Mapping[str, PartMaterial]
-    """By role; that of `DEFAULT_ROLE` is always there."""
+    """By role; there is always one for `DEFAULT_ROLE`."""
     light: LightRule | None = None
     size: Vector | None = None
-    """Of a typical one: depth, width, height [m]."""
+    """The typical depth, width and height [m]."""
     issues: tuple[str, ...] = ()
-    """What was told and could not be taken as told."""
+    """Annotations that could not be used."""
 
     @property
     def default_material(self) -> PartMaterial:
-        """Of the thing as a whole."""
+        """The material of the whole object."""
         return self.materials[DEFAULT_ROLE]
 
 
-_PARTS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+\d*|\d+")
+_WORD_PATTERN = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+\d*|\d+")
 
 
 def name_tokens(iri: str) -> tuple[str, ...]:
-    """The words of a name in lower case: codes, numbers and what tells homonyms apart are left out.
+    """The words of a name in lower case, without codes, numbers and suffixes that distinguish homonyms.
 
-    `IAIDrawerW60H29` is a drawer, `Table-PieceOfFurniture` a table.
+    The words of `IAIDrawerW60H29` are ("drawer",), those of `Table-PieceOfFurniture` ("table",).
     """
-    parts = _PARTS.findall(local_name(iri).split("-")[0])
+    parts = _WORD_PATTERN.findall(local_name(iri).split("-")[0])
     return tuple(part.lower() for part in parts if len(part) > 1 and not (part.isupper() or part.isdigit()))
 
 
 def name_suffixes(words: tuple[str, ...]) -> Iterator[str]:
-    """What a name may be about, the most telling first: how it ends, the longest first, then each word before that."""
+    """What a name may refer to, the most likely first: its endings, the longest first, then each word before that."""
     for start in range(len(words)):
         yield from singular_forms(" ".join(words[start:]))
     for word in reversed(words[:-1]):
@@ -149,12 +139,12 @@ def name_suffixes(words: tuple[str, ...]) -> Iterator[str]:
 
 
 def singular_forms(word: str) -> tuple[str, ...]:
-    """A word, and what it may be the plural of."""
+    """A word, and the words that it may be the plural of."""
     return tuple(dict.fromkeys((word, word.removesuffix("s"), word.removesuffix("es"))))
 
 
 def stable_hash(text: str) -> int:
-    """A number that a text falls on, the same every time."""
+    """A hash of a text that is the same in every process."""
     return int.from_bytes(blake2s(text.encode(), digest_size=4).digest(), "big")
 
 
@@ -172,10 +162,10 @@ _NUMBERS = frozenset(XSD + name for name in ("integer", "int", "decimal", "doubl
 
 
 class ShapeAnnotations:
-    """What is said, by subject; of several values the one that does not come with Mindstage."""
+    """The annotations of a triple store by subject; other values take precedence over those bundled with Mindstage."""
 
     def __init__(self, store: QuadSource) -> None:
-        """Reads everything."""
+        """Reads all annotations."""
         self._store = store
         self._issues: dict[Iri, list[str]] = {}
         self.shaped_as = self._single_values(_SHAPED_AS, _iri)
@@ -191,55 +181,57 @@ class ShapeAnnotations:
         in_color = (*self._sub_properties(_IN_COLOR), _IN_COLOR)
         self.colors = {_role(each, "InColour"): self._all_values(each, _color) for each in in_color}
         self.lights = self._single_values(_GIVES_LIGHT, _light)
-        """None for what is said to give none."""
+        """None for a class that is annotated to emit no light."""
         self.light_colors = self._single_values(_LIGHT_COLOR, _color)
         self.light_intensities = self._single_values(_LIGHT_INTENSITY, _positive)
         self.sizes = self._single_values(ms("typicalSize"), _size)
         self.material_factors = {name: self._single_values(ms(name), _positive) for name in MATERIAL_FACTORS}
-        self.materials = {material for told in self.made_of.values() for material in told.values()}
+        self.materials = {material for values in self.made_of.values() for material in values.values()}
 
     @property
     def roles(self) -> Iterable[str]:
-        """The parts of forms for which some material or color is told, `DEFAULT_ROLE` among them."""
+        """The roles for which there is a material or a color, including `DEFAULT_ROLE`."""
         return dict.fromkeys((*self.made_of, *self.colors))
 
     def material_words(self, subject: Iri) -> Iterator[str]:
-        """The words for a material."""
+        """The words that refer to a material."""
         for property in (LABEL, _WORD):
             for quad in self._quads(property, ox.NamedNode(subject)):
                 yield str(getattr(quad.object, "value", "")).lower()
 
     def all_words(self) -> Iterator[tuple[str, Iri]]:
-        """All words for classes and materials: first those meant for it, then their labels."""
+        """All words that refer to classes and materials: those of `ms:nameWord`, then the labels."""
         yield from self.primary_words()
         yield from self._labels(LABEL)
 
     def primary_words(self) -> Iterator[tuple[str, Iri]]:
-        """The words meant for it alone."""
+        """The words of `ms:nameWord`."""
         return self._labels(_WORD)
 
     def add_issue(self, subject: Iri, text: str) -> None:
-        """Keeps in mind that something was told that cannot be so."""
-        told = self._issues.setdefault(subject, [])
-        if text not in told:
-            told.append(text)
+        """Records an annotation that could not be used."""
+        issues = self._issues.setdefault(subject, [])
+        if text not in issues:
+            issues.append(text)
 
     def issues_of(self, subjects: Iterable[Iri]) -> Iterator[str]:
-        """What could not be taken as told of these."""
+        """The annotations of these subjects that could not be used."""
         for subject in subjects:
             yield from (f"{local_name(subject)}: {text}" for text in self._issues.get(subject, ()))
 
     # -- reading -------------------------------------------------------------------------------------------------------
 
     def _sub_properties(self, property: Iri) -> list[Iri]:
-        told = self._store.quads_for_pattern(None, ox.NamedNode(_SUBPROPERTY), ox.NamedNode(property))
-        return sorted({Iri(quad.subject.value) for quad in told if isinstance(quad.subject, ox.NamedNode)} - {property})
+        quads = self._store.quads_for_pattern(None, ox.NamedNode(_SUBPROPERTY), ox.NamedNode(property))
+        return sorted(
+            {Iri(quad.subject.value) for quad in quads if isinstance(quad.subject, ox.NamedNode)} - {property}
+        )
 
     def _single_values(self, property: Iri, read: Callable[[object], T]) -> dict[Iri, T]:
         return {subject: values[0] for subject, values in self._all_values(property, read).items()}
 
     def _all_values(self, property: Iri, read: Callable[[object], T]) -> dict[Iri, list[T]]:
-        """What is said by a property; what comes with Mindstage gives way to what anybody else says."""
+        """The values of a property by subject; bundled values only where there are no others."""
         found: dict[Iri, list[tuple[bool, T]]] = {}
         for quad in sorted(self._quads(property), key=lambda quad: (_is_bundled(quad), str(quad.object))):
             if isinstance(quad.subject, ox.NamedNode):
@@ -277,13 +269,13 @@ def _snake(name: str) -> str:
 
 def _iri(node: object) -> Iri:
     if not isinstance(node, ox.NamedNode):
-        raise ValueError(f"{_node_text(node)}; it leads to things that have a name")
+        raise ValueError(f"{_node_text(node)}; it is an IRI")
     return Iri(node.value)
 
 
 def _text(node: object) -> str:
     if not isinstance(node, ox.Literal):
-        raise ValueError(f"{_node_text(node)}; it is a word in quotes")
+        raise ValueError(f"{_node_text(node)}; it is a string in quotes")
     return node.value
 
 
@@ -314,7 +306,7 @@ def _color(node: object) -> Color:
     except InvalidColorError as error:
         raise ValueError(f'"{_text(node)}": {error}') from None
     if color is None:
-        raise ValueError(f'"{_text(node)}"; it is a colour')
+        raise ValueError(f'"{_text(node)}"; it is a color')
     return color
 
 
@@ -325,7 +317,7 @@ def _size(node: object) -> Vector:
     except ValueError:
         depth = width = height = 0.0
     if not all(0.0 < extent < float("inf") for extent in (depth, width, height)):
-        raise ValueError(f'"{text}"; it is depth, width and height in metres')
+        raise ValueError(f'"{text}"; it is depth, width and height in meters')
     return depth, width, height
 
 
@@ -348,65 +340,62 @@ _FRONT = "front"
 
 
 class _PartAnnotation(NamedTuple):
-    """What is said of a part of a thing."""
+    """The annotations of one part of a class's objects."""
 
     material: Iri | None
     colors: Sequence[Color]
     specificity: int
-    """Where in the line the most special of it is said."""
+    """The index in the lineage of the most specific annotation."""
 
 
 _NO_ANNOTATION = _PartAnnotation(None, (), sys.maxsize)
 
 
 class MaterialResolver:
-    """Materials by name, and which one a class is made of."""
+    """Resolves the materials of classes."""
 
     def __init__(self, annotations: ShapeAnnotations) -> None:
-        """Nothing is looked up yet."""
+        """Stores the annotations; nothing is resolved yet."""
         self._annotations = annotations
         self._adjectives: dict[str, Iri] | None = None
 
     def for_class(self, cls: Iri, lineage: Sequence[Iri]) -> dict[str, PartMaterial]:
-        """By role, what the statements that hold for a class say; of the whole there is always something."""
-        told = {role: self._part_annotation(role, cls, lineage) for role in self._annotations.roles}
-        body = told.get(DEFAULT_ROLE, _NO_ANNOTATION)
-        if _FRONT in told and told[_FRONT].specificity > body.specificity:  # whoever paints a drawer paints its front
-            del told[_FRONT]
+        """The materials by role, from the annotations in the lineage; there is always one for the default role."""
+        annotations = {role: self._part_annotation(role, cls, lineage) for role in self._annotations.roles}
+        body = annotations.get(DEFAULT_ROLE, _NO_ANNOTATION)
+        if _FRONT in annotations and annotations[_FRONT].specificity > body.specificity:
+            del annotations[_FRONT]  # the color of a drawer is also that of its front
         found = {}
-        for role, (material, colors, _) in told.items():
-            made = self._resolve(cls, material, colors, lineage if role == DEFAULT_ROLE else ())
-            if made is not None:
-                found[role] = made
+        for role, (material, colors, _) in annotations.items():
+            resolved = self._resolve(cls, material, colors, lineage if role == DEFAULT_ROLE else ())
+            if resolved is not None:
+                found[role] = resolved
         return {DEFAULT_ROLE: default_material(cls), **found}
 
     def _part_annotation(self, role: str, cls: Iri, lineage: Sequence[Iri]) -> _PartAnnotation:
         made_of, colors = self._annotations.made_of.get(role, {}), self._annotations.colors.get(role, {})
-        made = next((at for at, each in enumerate(lineage) if each in made_of), len(lineage))
-        painted = next((at for at, each in enumerate(lineage) if each in colors), len(lineage))
-        material = made_of[lineage[made]] if made < len(lineage) else None
-        if (
-            role == DEFAULT_ROLE and made > 0 and (named := self._material_from_name(cls))
-        ):  # "steel" in its name says more than its kind
-            material, made = named, 0
-        if painted > made or painted == len(lineage):  # the color of something more general than the material is
-            return _PartAnnotation(material, (), made)
-        return _PartAnnotation(material, colors[lineage[painted]], painted)
+        material_index = next((at for at, each in enumerate(lineage) if each in made_of), len(lineage))
+        color_index = next((at for at, each in enumerate(lineage) if each in colors), len(lineage))
+        material = made_of[lineage[material_index]] if material_index < len(lineage) else None
+        # A word such as "steel" in the name is more specific than an inherited material.
+        if role == DEFAULT_ROLE and material_index > 0 and (named := self._material_from_name(cls)):
+            material, material_index = named, 0
+        if color_index > material_index or color_index == len(lineage):  # the color belongs to a more general class
+            return _PartAnnotation(material, (), material_index)
+        return _PartAnnotation(material, colors[lineage[color_index]], color_index)
 
     def _resolve(
         self, cls: Iri, material: Iri | None, colors: Sequence[Color], lineage: Sequence[Iri]
     ) -> PartMaterial | None:
         if material is None and not colors:
             return None
-        told = [*lineage, material] if material is not None else lineage
+        subjects = [*lineage, material] if material is not None else lineage
         factors = {}
-        for (
-            name,
-            said,
-        ) in self._annotations.material_factors.items():  # a carton of milk weighs what milk does, not what paper does
-            teller = next((each for each in told if each in said), None)
-            if teller is not None:
-                factors[name] = said[teller]
+        # Classes come before the material: a carton of milk has the density of milk, not that of paper.
+        for name, values in self._annotations.material_factors.items():
+            subject = next((each for each in subjects if each in values), None)
+            if subject is not None:
+                factors[name] = values[subject]
         own = self._annotations.colors.get(DEFAULT_ROLE, {}).get(material, []) if material is not None else []
         surface = PbrMaterial(
             name=self._material_name(material) if material is not None else "",
@@ -423,7 +412,7 @@ class MaterialResolver:
         )
 
     def _material_from_name(self, cls: Iri) -> Iri | None:
-        """The material that a word before the noun speaks of: an OakBoard is of wood, a CutleryDrawer of nothing."""
+        """The material that a word before the noun refers to: wood for OakBoard, None for CutleryDrawer."""
         if self._adjectives is None:
             self._adjectives = {
                 word: named for word, named in self._annotations.primary_words() if named in self._annotations.materials
@@ -432,29 +421,29 @@ class MaterialResolver:
 
 
 def default_material(cls: Iri) -> PartMaterial:
-    """Of something of which nobody says what it is made of."""
+    """The material of objects without annotations."""
     return PartMaterial(PbrMaterial(color=_pick_color(cls, ())))
 
 
 def _pick_color(cls: Iri, colors: Sequence[Color]) -> Color:
-    """One of several colors, or a quiet one of its own, grayish and neither dark nor bright; always the same."""
+    """One of several colors, or a muted color, chosen by the name of the class; always the same."""
     number = stable_hash(local_name(cls))
     return colors[number % len(colors)] if colors else hls_to_rgb(number % 360 / 360, 0.66, 0.18)
 
 
 ClassLineage = tuple[Iri, ...]
-"""Classes, and at last a form, whose statements hold for a class: the most special first."""
+"""The classes, and finally a shape, whose annotations hold for a class: the most specific first."""
 
 
 class ShapeRuleResolver:
-    """One look at a store; after any change to the store another one is needed."""
+    """Resolves shape rules for one state of a store; after a change of the store a new one is needed."""
 
     def __init__(self, store: QuadSource, hierarchy: ClassHierarchy) -> None:
-        """Reads what is said about forms.
+        """Reads all annotations.
 
         Args:
-            store: where it is said.
-            hierarchy: of all its classes.
+            store: the store with the annotations.
+            hierarchy: the hierarchy of all its classes.
         """
         self._annotations = ShapeAnnotations(store)
         self._materials = MaterialResolver(self._annotations)
@@ -463,72 +452,71 @@ class ShapeRuleResolver:
         self._rules: dict[Iri, ShapeRule] = {}
 
     def rule(self, cls: Iri) -> ShapeRule:
-        """How things of a class are shaped."""
+        """The shape rule of a class."""
         if cls not in self._rules:
             self._rules[cls] = self._resolve(cls)
         return self._rules[cls]
 
     def _resolve(self, cls: Iri) -> ShapeRule:
-        told = self._annotated_ancestor(cls)
-        kind, line, why = (
-            self._follow_shaped_as(cls, told)
-            if told
-            else (DEFAULT_SHAPE, self._lineage(cls), "nobody says how it is shaped")
+        annotated = self._annotated_ancestor(cls)
+        shape_type, lineage, reason = (
+            self._follow_shaped_as(cls, annotated)
+            if annotated
+            else (DEFAULT_SHAPE, self._lineage(cls), "no annotation for its shape")
         )
-        source = GeometrySource.ONTOLOGY if told else GeometrySource.MAP
-        if not told and (guess := self._guess_from_name(cls)):
+        source = GeometrySource.ONTOLOGY if annotated else GeometrySource.MAP
+        if not annotated and (guess := self._guess_from_name(cls)):
             word, named = guess
-            kind, of_named, _ = self._follow_shaped_as(named, self._annotated_ancestor(named) or named)
-            line = tuple(dict.fromkeys((cls, *of_named, *line)))
-            source, why = GeometrySource.CLASS_NAME, f'"{word}" in its name is the word for {_short_name(named)}'
+            shape_type, of_named, _ = self._follow_shaped_as(named, self._annotated_ancestor(named) or named)
+            lineage = tuple(dict.fromkeys((cls, *of_named, *lineage)))
+            source, reason = GeometrySource.CLASS_NAME, f'"{word}" in its name is the word for {_short_name(named)}'
         return ShapeRule(
             cls=cls,
-            shape_type=kind,
+            shape_type=shape_type,
             source=source,
-            reason=why,
-            parameters=self._parameters(line),
-            materials=self._materials.for_class(cls, line),
-            light=self._light(line),
-            size=next((self._annotations.sizes[each] for each in line if each in self._annotations.sizes), None),
-            issues=tuple(self._annotations.issues_of(line)),
+            reason=reason,
+            parameters=self._parameters(lineage),
+            materials=self._materials.for_class(cls, lineage),
+            light=self._light(lineage),
+            size=next((self._annotations.sizes[each] for each in lineage if each in self._annotations.sizes), None),
+            issues=tuple(self._annotations.issues_of(lineage)),
         )
 
-    # -- whose statements hold -----------------------------------------------------------------------------------------
+    # -- lineage -------------------------------------------------------------------------------------------------------
 
     def _lineage(self, cls: Iri) -> ClassLineage:
-        """A class and all above it: none before one that is below it; of two alike the nearer one first."""
+        """A class and all its superclasses: subclasses come first, and among unrelated classes the nearer one."""
         if cls not in self._lineages:
             above = self._hierarchy.ancestors(cls)
             self._lineages[cls] = (cls, *sorted(above, key=lambda each: -len(self._hierarchy.ancestors(each))))
         return self._lineages[cls]
 
     def _annotated_ancestor(self, cls: Iri) -> Iri | None:
-        """The class of which it is told how it and all below it are shaped."""
+        """The nearest class with a shape annotation, including the class itself."""
         return next((each for each in self._lineage(cls) if each in self._annotations.shaped_as), None)
 
     def _follow_shaped_as(self, cls: Iri, annotated: Iri) -> tuple[str, ClassLineage, str]:
-        """The kind of form, everything whose statements hold, and why."""
-        line, trail = self._lineage(cls), [annotated]
-        why = (
+        """The shape type, the lineage and the reason, from following `ms:shapedAs` from class to class."""
+        lineage, trail = self._lineage(cls), [annotated]
+        reason = (
             f"{_short_name(annotated)} is shaped as "
             if annotated == cls
             else f"it is a {_short_name(annotated)}, shaped as "
         )
         while (target := self._annotations.shaped_as[trail[-1]]) not in self._annotations.shape_types:
-            own = line[: line.index(trail[-1]) + 1]
-            line = tuple(dict.fromkeys((*own, *self._lineage(target), *line)))
+            own = lineage[: lineage.index(trail[-1]) + 1]
+            lineage = tuple(dict.fromkeys((*own, *self._lineage(target), *lineage)))
             above = self._annotated_ancestor(target)
             if above is None or above in trail:
-                self._annotations.add_issue(
-                    trail[-1], f"it is shaped as {_short_name(target)}, and nobody says how that is shaped"
-                )
-                return DEFAULT_SHAPE, line, why + f"{_short_name(target)}, of which nobody says how it is shaped"
-            why += f"{_short_name(target)}, which is shaped as "
+                issue = f"it is shaped as {_short_name(target)}, which has no annotation for its shape"
+                self._annotations.add_issue(trail[-1], issue)
+                return DEFAULT_SHAPE, lineage, reason + f"{_short_name(target)}, which has no annotation for its shape"
+            reason += f"{_short_name(target)}, which is shaped as "
             trail.append(above)
-        return self._annotations.shape_types[target], (*line, target), why + _short_name(target)
+        return self._annotations.shape_types[target], (*lineage, target), reason + _short_name(target)
 
     def _guess_from_name(self, cls: Iri) -> tuple[str, Iri] | None:
-        """A word in the name of a class, and the class that it stands for."""
+        """A word in the name of a class, and the class that it refers to."""
         return next(
             (
                 (word, self._words_for_classes[word])
@@ -540,14 +528,14 @@ class ShapeRuleResolver:
 
     @cached_property
     def _words_for_classes(self) -> dict[str, Iri]:
-        """What classes of a known form are called."""
+        """The words for classes with a known shape."""
         found: dict[str, Iri] = {}
         for word, cls in self._annotations.all_words():
             if word not in found and self._annotated_ancestor(cls):
                 found[word] = cls
         return found
 
-    # -- what they say -------------------------------------------------------------------------------------------------
+    # -- values --------------------------------------------------------------------------------------------------------
 
     def _parameters(self, lineage: Sequence[Iri]) -> dict[str, ShapeParameter]:
         found: dict[str, ShapeParameter] = {}
@@ -556,16 +544,16 @@ class ShapeRuleResolver:
         return found
 
     def _light(self, lineage: Sequence[Iri]) -> LightRule | None:
-        notions = self._annotations
-        kind = next((notions.lights[each] for each in lineage if each in notions.lights), None)
-        if kind is None:
+        annotations = self._annotations
+        light_type = next((annotations.lights[each] for each in lineage if each in annotations.lights), None)
+        if light_type is None:
             return None
-        color = next((notions.light_colors[each] for each in lineage if each in notions.light_colors), (1.0, 1.0, 1.0))
-        strength = (notions.light_intensities[each] for each in lineage if each in notions.light_intensities)
-        return LightRule(kind, color, next(strength, 1.0))
+        colors = (annotations.light_colors[each] for each in lineage if each in annotations.light_colors)
+        intensities = (annotations.light_intensities[each] for each in lineage if each in annotations.light_intensities)
+        return LightRule(light_type, next(colors, (1.0, 1.0, 1.0)), next(intensities, 1.0))
 
 
 def _short_name(iri: Iri) -> str:
-    """An IRI as people write it."""
+    """An IRI as a prefixed name."""
     prefix = next((name for name, start in (("ms:", MS), ("knowrob:", KNOWROB)) if iri.startswith(start)), "")
     return prefix + local_name(iri)

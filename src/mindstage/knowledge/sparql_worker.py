@@ -1,7 +1,7 @@
-"""A process that answers SPARQL queries, so that one that does not end can be ended.
+"""The process that evaluates SPARQL queries, so that a query can be limited in time and memory.
 
-It is a fork of the process whose store is asked, or, for a store on disk, runs this very file, which therefore loads
-nothing but the store. Its own clock ends it: nobody has to be alive to stop a query.
+It is a fork of the process that owns the store, or, for a store on disk, runs this file as a script; the file therefore
+imports nothing but the store. A timer in the process itself ends a query, even if the parent has died.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ if sys.platform == "linux":
 __all__ = ["MEMORY_LIMIT", "REPLY_LIMIT", "serve"]
 
 MEMORY_LIMIT = 2 * 1024**3
-"""Bytes that a query may take beyond what its store does."""
+"""Memory for a query in addition to that of the store [bytes]."""
 REPLY_LIMIT = 256 * 1024**2
-"""Bytes that an answer may have."""
+"""The maximum size of an answer [bytes]."""
 
 _JSON, _TRIPLES = ox.QueryResultsFormat.JSON, ox.RdfFormat.N_TRIPLES
 
 
 class _BoundedBuffer:
-    """The bytes of an answer, as they are written."""
+    """Collects the bytes of an answer, up to the size limit."""
 
     def __init__(self) -> None:
         self.chunks: list[bytes] = []
@@ -51,9 +51,9 @@ class _TooLargeError(Exception):
 
 
 def serve(store: ox.Store, connection: Connection) -> None:
-    """Answers query after query until nobody is there any more.
+    """Evaluates queries until the connection is closed.
 
-    A query is (text, prefixes, seconds); the answer (kind, bytes): solutions and truth as JSON, triples, or why not.
+    A query is (text, prefixes, seconds). A reply is (kind, bytes): solutions or a boolean as JSON, triples, an error.
     """
     _limit_resources()
     while True:
@@ -73,9 +73,9 @@ def _evaluate(store: ox.Store, query: str, prefixes: dict[str, str]) -> tuple[st
         found = store.query(query, prefixes=prefixes, use_default_graph_as_union=True)
         if isinstance(found, ox.QueryTriples):
             found.serialize(reply, format=_TRIPLES)
-            return "triples", b"".join(reply.parts)
+            return "triples", b"".join(reply.chunks)
         found.serialize(reply, format=_JSON)
-        return "solutions", b"".join(reply.parts)
+        return "solutions", b"".join(reply.chunks)
     except _TooLargeError:
         return "too large", b""
     except SyntaxError as error:
@@ -85,22 +85,22 @@ def _evaluate(store: ox.Store, query: str, prefixes: dict[str, str]) -> tuple[st
 
 
 def _limit_resources() -> None:
-    """Silent, bounded, and ended by the clock; whoever is asked to stop by Ctrl-C is the process that waits."""
+    """Sets the memory limit and the signal handlers, and closes the standard streams; Ctrl-C is left to the parent."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    nowhere = os.open(os.devnull, os.O_RDWR)
+    null_device = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
-        os.dup2(nowhere, stream)
-    if sys.platform == "linux":  # other systems do not hold anybody to it
+        os.dup2(null_device, stream)
+    if sys.platform == "linux":  # other systems do not enforce the limit
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-        most = pages * resource.getpagesize() + MEMORY_LIMIT
+        limit = pages * resource.getpagesize() + MEMORY_LIMIT
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
-        if hard == resource.RLIM_INFINITY or most < hard:
-            resource.setrlimit(resource.RLIMIT_AS, (most, hard))
+        if hard == resource.RLIM_INFINITY or limit < hard:
+            resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
 
 
-def _main(folder: str, line: str) -> None:
-    connection = Connection(int(line))
+def _main(folder: str, connection_fd: str) -> None:
+    connection = Connection(int(connection_fd))
     store = ox.Store.read_only(folder)
     connection.send(None)  # ready
     serve(store, connection)

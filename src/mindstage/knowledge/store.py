@@ -1,11 +1,8 @@
-"""Workers: processes that a store's queries run in, kept between queries and renewed when the store has changed.
+"""The triple store of this process, in memory or in a folder, and the worker processes that run its SPARQL queries.
 
-A store in memory is forked, which copies nothing (3 ms for a kitchen with its ontology); one on disk is opened once
-more by a process of its own (60 ms). Each query after the first costs two messages.
-
-SPARQL: what a query may ask for, and what it found.
-
-The store of this process: statements in memory, or in a folder on disk.
+A store in memory is forked, which copies nothing (3 ms for a kitchen with its ontology); a store on disk is opened by a
+new process (60 ms). Workers are kept between queries, each of which then costs two messages, and are replaced when the
+store has changed.
 """
 
 from __future__ import annotations
@@ -29,13 +26,12 @@ from typing import NoReturn
 import pyoxigraph as ox
 
 from mindstage.errors import SparqlSyntaxError, SparqlTimeoutError, StoreError
-from mindstage.knowledge import sparql_worker as query_process
+from mindstage.knowledge import sparql_worker
 from mindstage.knowledge.names import PREFIXES
 from mindstage.knowledge.rdf import RdfTerm, SparqlResult
 from mindstage.knowledge.sparql_worker import MEMORY_LIMIT, REPLY_LIMIT, serve
 
 __all__ = [
-    "PREFIXES",
     "OxigraphStore",
     "QueryWorker",
     "QueryWorkerPool",
@@ -49,14 +45,14 @@ __all__ = [
 ]
 
 
-# -- what may be asked -------------------------------------------------------------------------------------------------
+# -- syntax ------------------------------------------------------------------------------------------------------------
 
 _STRING_LITERALS = re.compile(
     r'''\\.|"""(?:[^"\\]|\\.|"(?!""))*"""|\'\'\'(?:[^'\\]|\\.|'(?!''))*\'\'\''''
     r"""|"(?:[^"\\\n\r]|\\.)*"|'(?:[^'\\\n\r]|\\.)*'|<[^<>"{}|^`\\\x00-\x20]*>|\#[^\n\r]*""",
     re.DOTALL,
 )
-"""Escapes, strings, IRIs and comments, in which a word means nothing."""
+"""Escapes, strings, IRIs and comments, which may contain keywords."""
 _NAMES = re.compile(r"[?$@][\w-]+|(?<![\w.-])(?!service\b)[\w.-]*:[\w.:%-]*", re.IGNORECASE)
 _SERVICE = re.compile(r"(?<!\w)SERVICE(?!\w)", re.IGNORECASE)
 _UPDATE = re.compile(
@@ -64,51 +60,66 @@ _UPDATE = re.compile(
 )
 _CODE_POINT = re.compile(r"\\u([0-9a-fA-F]{4})|\\U000([0-9a-fA-F]{5})")
 
+_GRACE_PERIOD_S = 10.0
+"""How long to wait for a worker after the time limit, for example if it was suspended [s]."""
+_START_TIMEOUT_S = 60.0
+"""The time limit for starting a new process [s]."""
+_MAX_IDLE = 2
+"""The maximum number of idle workers; several threads may run queries at once."""
+_LIMIT_HINT = "ask for less (LIMIT, or without ORDER BY and DISTINCT)"
+_MIN_BULK_SIZE = 4 * 1024 * 1024
+"""The size from which a document is written as files of its own, which is then faster than through the log [bytes]."""
+_MAX_TIMEOUT_S = 1e6
+"""The longest time limit; the timer of a process has no infinity [s]."""
+
 
 def check_query(query: str, *, allow_service: bool) -> None:
-    """Refuses what changes the store, and what asks other servers where nobody allowed it.
+    """Refuses updates, and queries to other servers (SERVICE) unless they are allowed.
 
-    In doubt it takes a word for SERVICE: a prefix of that name, say.
+    In doubt a word counts as SERVICE, for example a prefix of that name.
 
     Raises:
-        SparqlSyntaxError: it is an update, or asks another server.
+        SparqlSyntaxError: it is an update, or it uses another server.
     """
     for text in {query, _CODE_POINT.sub(lambda code: chr(int(code[1] or code[2], 16)), query)}:
         words = _NAMES.sub(" ", _STRING_LITERALS.sub(" ", text))
         if update := _UPDATE.match(words):
             cause = f"it is an update ({update[1].upper()}), and queries only read"
-            raise SparqlSyntaxError(cause, remedy="statements are added and taken back with tell and retract")
+            raise SparqlSyntaxError(cause, remedy="statements are added and removed with tell and retract")
         if _SERVICE.search(words) and not allow_service:
             remedy = "allow it with --allow-service (in Python: allow_service=True)"
             raise SparqlSyntaxError("it asks another server (SERVICE), and nothing is fetched unasked", remedy=remedy)
 
 
 def short_syntax_error(message: str) -> str:
-    """What the parser says, without the hundred things that it would have taken instead."""
+    """Shortens the parser's message, which may list a hundred expected tokens."""
     place, _, expected = message.partition(": expected ")
     if "Prefix not found" in expected:
         return f"{place}: the prefix is not declared"
     return f"{place}: expected {expected}" if 0 < len(expected) < 40 and expected != "[_]" else place
 
 
-# -- what was found ----------------------------------------------------------------------------------------------------
+# -- results -----------------------------------------------------------------------------------------------------------
 
 
 def solutions_table(json: bytes) -> SparqlResult:
-    """What SELECT or ASK found, from SPARQL's own JSON.
+    """The result of SELECT or ASK from SPARQL's JSON format.
 
     Raises:
-        SyntaxError: it is none.
+        SyntaxError: it is not in that format.
     """
     found = ox.parse_query_results(json, ox.QueryResultsFormat.JSON)
     if isinstance(found, ox.QueryBoolean):
         return SparqlResult((), (), bool(found))
     names = tuple(variable.value for variable in found.variables)
-    return SparqlResult(names, tuple(tuple(_parse_binding(solution[name]) for name in names) for solution in found))
+    rows = ([solution[name] for name in names] for solution in found)
+    return SparqlResult(
+        names, tuple(tuple(None if term is None else term_from_node(term) for term in row) for row in rows)
+    )
 
 
 def triples_table(triples: Iterable[ox.Quad]) -> SparqlResult:
-    """What CONSTRUCT or DESCRIBE found, each triple once."""
+    """The result of CONSTRUCT or DESCRIBE, each triple once."""
     rows = tuple(
         (term_from_node(each.subject), term_from_node(each.predicate), term_from_node(each.object))
         for each in dict.fromkeys(triples)
@@ -116,12 +127,8 @@ def triples_table(triples: Iterable[ox.Quad]) -> SparqlResult:
     return SparqlResult(("subject", "predicate", "object"), rows)
 
 
-def _parse_binding(value: object) -> RdfTerm | None:
-    return None if value is None else term_from_node(value)
-
-
 def term_from_node(value: object) -> RdfTerm:
-    """A node of the store as plain data."""
+    """A node of a store as plain data."""
     match value:
         case ox.NamedNode():
             return RdfTerm("iri", value.value)
@@ -133,28 +140,19 @@ def term_from_node(value: object) -> RdfTerm:
             return RdfTerm("triple", str(value))
 
 
-_GRACE_PERIOD_S = 10.0
-"""How much longer than its own clock we wait for a worker, should somebody have stopped it [s]."""
-_START_TIMEOUT_S = 60.0
-"""How long a new process may take until it can be asked [s]."""
-_MAX_IDLE = 2
-"""Idle workers that are kept; several threads may ask at once."""
-_LIMIT_HINT = "ask for less (LIMIT, or without ORDER BY and DISTINCT)"
-
-
 class QueryWorker:
-    """One process, and the line to it."""
+    """A worker process and the connection to it."""
 
     def __init__(self, connection: Connection, pid: int) -> None:
         self._connection = connection
         self._pid = pid
 
     def query(self, query: str, prefixes: Mapping[str, str], timeout_s: float) -> tuple[str, bytes]:
-        """The kind and the bytes of the answer.
+        """Runs a query, and returns the kind and the bytes of the reply.
 
         Raises:
-            SparqlTimeoutError: it did not end in time; the worker is of no use any more.
-            SparqlSyntaxError: it took more memory than it may; the worker is of no use any more.
+            SparqlTimeoutError: the time limit was exceeded; the worker has ended.
+            SparqlSyntaxError: the query needs too much memory or its answer is too large; the worker has ended.
         """
         try:
             self._connection.send((query, dict(prefixes), timeout_s))
@@ -170,10 +168,10 @@ class QueryWorker:
         return answer
 
     def wait_until_ready(self) -> None:
-        """Waits for a process that has to start first.
+        """Waits until a new process is ready.
 
         Raises:
-            SparqlSyntaxError: it did not start.
+            SparqlSyntaxError: the process did not start.
         """
         try:
             if self._connection.poll(_START_TIMEOUT_S):
@@ -182,21 +180,21 @@ class QueryWorker:
         except (EOFError, ConnectionError):
             pass
         self.kill()
-        raise SparqlSyntaxError("the process that answers queries did not start")
+        raise SparqlSyntaxError("the query process did not start")
 
     def kill(self) -> int:
-        """Ends the process, whatever it does, and tells the signal that it ended by."""
+        """Ends the process, and returns the signal that it ended by, or 0."""
         self._connection.close()
         try:
-            os.kill(self._pid, signal.SIGKILL)  # in vain, and harmless, where it has ended by itself
+            os.kill(self._pid, signal.SIGKILL)  # has no effect if the process has ended already
             _, status = os.waitpid(self._pid, 0)
         except (ChildProcessError, ProcessLookupError):
-            return 0  # somebody who waits for every child was faster
+            return 0  # the process was waited for elsewhere
         return os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0
 
 
 class QueryWorkerPool:
-    """The workers of one store, as it is now."""
+    """The workers of one store in its current state."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -207,17 +205,17 @@ class QueryWorkerPool:
     def query(
         self, query: str, prefixes: Mapping[str, str], timeout_s: float, *, start_worker: Callable[[], QueryWorker]
     ) -> tuple[str, bytes]:
-        """The kind and the bytes of the answer, from a worker that knows the store as it is.
+        """Runs a query in a worker, and returns the kind and the bytes of the reply.
 
         Args:
-            query: SPARQL.
-            prefixes: those it need not declare.
-            timeout_s: how long it may take [s].
-            start: makes one more worker, where none is idle.
+            query: a SPARQL query.
+            prefixes: the prefixes that need not be declared.
+            timeout_s: time limit [s].
+            start_worker: starts a worker if none is idle.
 
         Raises:
-            SparqlTimeoutError: it did not end in time, and was stopped.
-            SparqlSyntaxError: it took more memory than it may, or its answer is too large.
+            SparqlTimeoutError: the time limit was exceeded.
+            SparqlSyntaxError: the query needs too much memory, or its answer is too large.
         """
         with self._lock:
             state = self._generation
@@ -225,7 +223,7 @@ class QueryWorkerPool:
         worker = worker or start_worker()
         try:
             answer = worker.query(query, prefixes, timeout_s)
-        except BaseException:  # Ctrl-C among them
+        except BaseException:  # including KeyboardInterrupt
             worker.kill()
             raise
         with self._lock:
@@ -236,17 +234,17 @@ class QueryWorkerPool:
         return answer
 
     def discard_all(self) -> None:
-        """Ends those that know the store as it was."""
+        """Ends the idle workers, which have the previous state of the store."""
         with self._lock:
             self._generation += 1
             _kill_all(self._idle_workers)
 
 
 def fork_worker(store: ox.Store) -> QueryWorker:
-    """A worker that knows a store in memory as it is at this moment; nobody may write into it meanwhile."""
+    """Starts a worker with a copy of a store in memory; the store must not be written meanwhile."""
     ours, theirs = Pipe()
     with warnings.catch_warnings():
-        # Python warns of locks that other threads hold; the child uses none but the store's own, which nobody holds.
+        # Python warns about locks of other threads; the child uses the locks of the store only, which are free.
         warnings.simplefilter("ignore", DeprecationWarning)
         process = os.fork()
     if not process:
@@ -260,11 +258,11 @@ def fork_worker(store: ox.Store) -> QueryWorker:
 
 
 def spawn_worker(folder: Path) -> QueryWorker:
-    """A worker that knows a store on disk, into which nobody writes."""
+    """Starts a worker that opens a store on disk, which must not be written meanwhile."""
     ours, theirs = Pipe()
     os.set_inheritable(theirs.fileno(), True)
-    # -P: this file's neighbors are no libraries.
-    command = [sys.executable, "-P", query_process.__file__, str(folder), str(theirs.fileno())]
+    # -P: the directory of this file must not be on the module path.
+    command = [sys.executable, "-P", sparql_worker.__file__, str(folder), str(theirs.fileno())]
     process = os.posix_spawn(sys.executable, command, os.environ)
     theirs.close()
     worker = QueryWorker(ours, process)
@@ -273,10 +271,10 @@ def spawn_worker(folder: Path) -> QueryWorker:
 
 
 def _close_inherited_files(keep_fd: int) -> None:
-    """A fork has its parent's open files and sockets too, which would stay open as long as it lives."""
+    """Closes the files and sockets inherited from the parent, which would stay open for the life of the fork."""
     for name in os.listdir("/dev/fd"):
         if int(name) > 2 and int(name) != keep_fd:
-            with suppress(OSError):  # that of the listing itself
+            with suppress(OSError):  # the descriptor of the listing itself
                 os.close(int(name))
 
 
@@ -288,23 +286,21 @@ def _kill_all(workers: list[QueryWorker]) -> None:
 def _exit_reason(exit_signal: int) -> str:
     if exit_signal in {signal.SIGABRT, signal.SIGKILL, signal.SIGSEGV}:
         return f"it needs more than {MEMORY_LIMIT // 1024**3} GiB of memory"
-    return "the process that answered it has ended"
-
-
-_MAX_FORK_SIZE = 4 * 1024 * 1024
-"""Bytes from which on a text goes to disk faster as files of its own than through the log."""
-_MAX_TIMEOUT_S = 1e6
-"""What "for ever" means to a process's clock [s]."""
+    return "the query process has ended unexpectedly"
 
 
 class OxigraphStore:
-    """A `TripleStore` of pyoxigraph; reading goes to it directly, writing and queries through here."""
+    """A `TripleStore` of pyoxigraph. Reads use pyoxigraph directly; writes and queries are serialized here."""
 
     def __init__(self, folder: Path | None = None, *, read_only: bool = False) -> None:
-        """Opens the store in a folder, or makes one; None keeps it in memory.
+        """Opens or creates a store.
+
+        Args:
+            folder: the folder of the store; None keeps it in memory.
+            read_only: whether to open an existing folder without write access.
 
         Raises:
-            OSError: the folder holds no such store, or another process holds it.
+            OSError: the folder is not a store, or is used by another process.
         """
         if read_only and folder:
             self._store = ox.Store.read_only(str(folder))
@@ -314,10 +310,10 @@ class OxigraphStore:
         self._read_only = read_only
         self._closed = False
         self._write_lock = threading.RLock()
-        self._snapshot_folder = count()
+        self._snapshot_numbers = count()
         self._snapshot: Path | None = None
         self._workers = QueryWorkerPool()
-        # Asked a million times, so without a step between.
+        # Called very often, so without a method in between.
         self.quads_for_pattern: Callable[..., Iterator[ox.Quad]] = self._store.quads_for_pattern
 
     def __len__(self) -> int:
@@ -327,74 +323,74 @@ class OxigraphStore:
         return iter(self._store)
 
     def add(self, quad: ox.Quad, /) -> None:
-        """Adds a statement; adding it twice is adding it once."""
+        """Adds a statement; has no effect if it exists."""
         with self._exclusive_write():
             self._store.add(quad)
 
     def extend(self, quads: Iterable[ox.Quad], /) -> None:
-        """Adds statements that share their things without a name."""
+        """Adds statements with common blank nodes."""
         with self._exclusive_write():
             self._store.extend(quads)
 
     def remove(self, quad: ox.Quad, /) -> None:
-        """Takes a statement away, if it is there."""
+        """Removes a statement, if it exists."""
         with self._exclusive_write():
             self._store.remove(quad)
 
     def load(self, data: bytes, format: ox.RdfFormat, *, base_iri: str, to_graph: ox.NamedNode) -> None:
-        """Parses a text into a graph.
+        """Parses a document into a graph.
 
         Raises:
-            SyntaxError: it is not in that format; nothing was added.
+            SyntaxError: the document is not in that format; nothing was added.
         """
         with self._exclusive_write():
-            if self._folder is None or len(data) < _MAX_FORK_SIZE:
+            if self._folder is None or len(data) < _MIN_BULK_SIZE:
                 self._store.load(data, format, base_iri=base_iri, to_graph=to_graph)
                 return
             try:
                 self._store.bulk_load(data, format, base_iri=base_iri, to_graph=to_graph)
             except SyntaxError:
-                self._store.remove_graph(to_graph)  # what came before the mistake is there already
+                self._store.remove_graph(to_graph)  # the statements before the error were added
                 raise
 
     def remove_graph(self, graph: ox.NamedNode, /) -> None:
-        """Takes all statements of a graph away."""
+        """Removes all statements of a graph."""
         with self._exclusive_write():
             self._store.remove_graph(graph)
 
     def query(self, query: str, *, timeout_s: float, allow_service: bool = False) -> SparqlResult:
-        """Answers a SPARQL query in a process of its own, which ends when its time is over.
+        """Evaluates a SPARQL query in a separate process, which ends at the time limit.
 
         Raises:
-            SparqlSyntaxError: it is no query, asks for what it may not, or for more than can be had.
-            SparqlTimeoutError: it did not end in time.
+            SparqlSyntaxError: the query is not valid, not allowed, or its answer too large.
+            SparqlTimeoutError: the time limit was exceeded.
         """
         if self._closed:
             self._raise_closed()
         check_query(query, allow_service=allow_service)
         if not timeout_s > 0:
             raise SparqlTimeoutError(timeout_s=timeout_s)
-        kind, told = self._workers.query(
+        kind, reply = self._workers.query(
             query, PREFIXES, min(timeout_s, _MAX_TIMEOUT_S), start_worker=self._start_worker
         )
         match kind:
             case "solutions":
-                return solutions_table(told)
+                return solutions_table(reply)
             case "triples":
-                return triples_table(ox.parse(told, ox.RdfFormat.N_TRIPLES))
+                return triples_table(ox.parse(reply, ox.RdfFormat.N_TRIPLES))
             case "syntax":
                 remedy = "it must be a SELECT, ASK, CONSTRUCT or DESCRIBE of SPARQL 1.1"
-                raise SparqlSyntaxError(short_syntax_error(told.decode()), remedy=remedy)
+                raise SparqlSyntaxError(short_syntax_error(reply.decode()), remedy=remedy)
             case _:
-                raise SparqlSyntaxError(told.decode())
+                raise SparqlSyntaxError(reply.decode())
 
     def flush(self) -> None:
-        """Makes sure that what was written outlives the machine's power."""
+        """Writes everything to disk, so that it survives a power failure."""
         if self._folder and not self._read_only and not self._closed:
             self._store.flush()
 
     def close(self) -> None:
-        """Ends the processes of queries, and lets go of the folder once nobody reads from it any more."""
+        """Ends the query processes, and closes the folder once no iterator reads from it."""
         with self._write_lock:
             self._discard_workers()
             self._closed = True
@@ -403,7 +399,7 @@ class OxigraphStore:
 
     @contextmanager
     def _exclusive_write(self) -> Iterator[None]:
-        """Nobody else writes meanwhile, and no query is answered by who knows the store as it was before."""
+        """Excludes other writers, and discards the workers that have the previous state of the store."""
         if self._read_only or self._closed:
             self._raise_closed()
         with self._write_lock:
@@ -416,7 +412,7 @@ class OxigraphStore:
         where = str(self._folder.parent) if self._folder else "in memory"
         if self._closed:
             raise StoreError(where, cause="it is closed", remedy="open it again")
-        raise StoreError(where, cause="it can only be read", remedy="copy it, and use the copy")
+        raise StoreError(where, cause="it is read-only", remedy="copy it, and use the copy")
 
     def _discard_workers(self) -> None:
         self._workers.discard_all()
@@ -431,7 +427,7 @@ class OxigraphStore:
             if self._read_only:
                 return spawn_worker(self._folder)
             if self._snapshot is None:
-                copy = self._folder.with_name(f"{self._folder.name}-as-asked-{next(self._snapshot_folder)}")
-                self._store.backup(copy)  # as links: nothing is copied
+                copy = self._folder.with_name(f"{self._folder.name}-as-asked-{next(self._snapshot_numbers)}")
+                self._store.backup(copy)  # hard links, so nothing is copied
                 self._snapshot = copy
             return spawn_worker(self._snapshot)

@@ -1,12 +1,12 @@
-"""Stored knowledge: a folder that keeps what a knowledge base has loaded and been told, from one process to the next.
+"""The folder of a persistent knowledge base.
 
     FOLDER/
-      mindstage.json   what was loaded, when it was last whole; written anew, never into
-      triples/         the statements
-      texts/           each source to the letter, by its hash: worlds are read from these
+      mindstage.json   the manifest: what is loaded; always replaced as a whole
+      triples/         the triple store
+      texts/           the text of each source, by its hash, from which worlds are read
 
-The word `whole` in the first is taken away before anything changes and put back after: a process that dies in between
-leaves a folder that says so.
+The field `whole` of the manifest is false during a change: if the process dies meanwhile, the folder is recognized as
+incomplete.
 """
 
 from __future__ import annotations
@@ -43,15 +43,15 @@ class SourceRecord(
     forbid_unknown_fields=True,
     rename={"content_hash": "text", "file_hash": "hash", "is_map": "asked_for", "is_explicit": "given"},
 ):
-    """One source, as it was when it was loaded."""
+    """A source in the state in which it was loaded."""
 
     path: str
     format: str
     """Its media type."""
     content_hash: str
-    """The hash of what was parsed, which names the text."""
+    """The hash of the parsed text, which is also the name of the stored text."""
     file_hash: str
-    """Of the file itself."""
+    """The hash of the file."""
     size: int
     modified_ns: int
     is_map: bool = False
@@ -65,15 +65,15 @@ class StoreManifest(
     forbid_unknown_fields=True,
     rename={"complete": "whole", "bundled_ontology": "bundled", "urdf_files": "robots"},
 ):
-    """What a folder holds."""
+    """The contents of a folder."""
 
     format_version: int = FORMAT_VERSION
     complete: bool = True
     bundled_ontology: str | None = None
-    """Where the bundled ontology lay; None for a knowledge base without it."""
+    """The path of the bundled ontology; None for a knowledge base without it."""
     packages: tuple[str, ...] = ()
     urdf_files: tuple[str, ...] = ()
-    """Descriptions that maps were read with."""
+    """The robot descriptions that maps were read with."""
     sources: tuple[SourceRecord, ...] = ()
     conventions: dict[str, UnitConventions] = {}
     assumptions: tuple[Assumption, ...] = ()
@@ -81,13 +81,13 @@ class StoreManifest(
 
 
 class StoreDirectory:
-    """One folder, held by this process alone as long as it is open."""
+    """An open folder, used by this process exclusively."""
 
     def __init__(self, folder: Path) -> None:
-        """Opens a folder, or makes it.
+        """Opens or creates a folder.
 
         Raises:
-            StoreError: it is no such folder, of a newer format, half-written, or held by another process.
+            StoreError: the folder is not a store, of a newer format, incomplete, or used by another process.
         """
         self.path = folder
         self.is_new = not (folder / _MANIFEST).exists()
@@ -103,10 +103,10 @@ class StoreDirectory:
             )
         self._records = {record.path: record for record in self.manifest.sources}
 
-    # -- what it holds -------------------------------------------------------------------------------------------------
+    # -- sources -------------------------------------------------------------------------------------------------------
 
     def sources(self) -> dict[Path, Source]:
-        """What was loaded, without parsing any of it."""
+        """The loaded sources; their texts are read on demand."""
         return {
             Path(record.path): Source(
                 name=record.path,
@@ -120,22 +120,22 @@ class StoreDirectory:
         }
 
     def changed_sources(self) -> list[Path]:
-        """Sources whose files say something else now; one that is gone has not changed."""
+        """Sources whose files have changed; deleted files do not count."""
         return [Path(record.path) for record in self.manifest.sources if _has_changed(record)]
 
     def contains_version_of(self, path: Path) -> bool:
-        """Whether some source says just what a file says."""
-        told = sha256(path.read_bytes()).hexdigest()
-        return any(record.file_hash == told for record in self.manifest.sources)
+        """Whether a source has the same content as a file."""
+        file_hash = sha256(path.read_bytes()).hexdigest()
+        return any(record.file_hash == file_hash for record in self.manifest.sources)
 
-    # -- change --------------------------------------------------------------------------------------------------------
+    # -- changes -------------------------------------------------------------------------------------------------------
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """The folder is not whole until somebody tells what it holds, or all is put back after an error.
+        """Marks the folder as incomplete until `commit`; restores the manifest after an error.
 
         Raises:
-            StoreError: it can only be read.
+            StoreError: the folder is read-only.
         """
         self.check_writable()
         before = self.manifest
@@ -147,16 +147,16 @@ class StoreDirectory:
             raise
 
     def check_writable(self) -> None:
-        """Does nothing where it can be written.
+        """Checks that the folder can be written.
 
         Raises:
-            StoreError: it can only be read.
+            StoreError: the folder is read-only.
         """
         if self.read_only:
-            raise StoreError(str(self.path), cause="it can only be read", remedy="copy it, and use the copy")
+            raise StoreError(str(self.path), cause="it is read-only", remedy="copy it, and use the copy")
 
     def store_text(self, file: SourceFile) -> Callable[[], SourceFile]:
-        """Keeps a text, and says how to get it back."""
+        """Stores the text of a source, and returns a function that reads it."""
         state = file.path.stat()
         record = SourceRecord(
             path=str(file.path),
@@ -174,9 +174,9 @@ class StoreDirectory:
         return self._text_loader(record)
 
     def commit(self, manifest: StoreManifest, sources: Iterable[Source]) -> None:
-        """Tells what the folder holds from now on, these sources among it."""
-        told = ((self._records[source.name], source) for source in sources)
-        records = (replace(record, is_map=each.is_map, is_explicit=each.is_explicit) for record, each in told)
+        """Writes the manifest with these sources, which completes a transaction."""
+        pairs = ((self._records[source.name], source) for source in sources)
+        records = (replace(record, is_map=each.is_map, is_explicit=each.is_explicit) for record, each in pairs)
         manifest = replace(manifest, sources=tuple(records))
         if manifest != self.manifest:
             self.store.flush()
@@ -184,7 +184,7 @@ class StoreDirectory:
             self._delete_unused_texts()
 
     def close(self) -> None:
-        """Lets go of the folder; any number of times."""
+        """Closes the folder. May be called repeatedly."""
         self.store.close()
 
     # -- files ---------------------------------------------------------------------------------------------------------
@@ -203,7 +203,7 @@ class StoreDirectory:
 
     def _open_store(self) -> OxigraphStore:
         if not self.read_only:
-            for copy in self.path.glob(f"{_TRIPLES}-as-asked-*"):  # of a process that was killed
+            for copy in self.path.glob(f"{_TRIPLES}-as-asked-*"):  # left by a process that was killed
                 shutil.rmtree(copy, ignore_errors=True)
         try:
             return OxigraphStore(self.path / _TRIPLES, read_only=self.read_only)
@@ -220,7 +220,7 @@ class StoreDirectory:
             data = (self.path / _MANIFEST).read_bytes()
             version = msgspec.json.decode(data, type=_ManifestVersion).format_version
             if version > FORMAT_VERSION:
-                cause = f"it is of format {version}, and this version knows {FORMAT_VERSION}"
+                cause = f"it has format version {version}, and this version of Mindstage reads up to {FORMAT_VERSION}"
                 raise StoreError(str(self.path), cause=cause, remedy="use a newer Mindstage")
             contents = msgspec.json.decode(data, type=StoreManifest)
         except OSError as error:
@@ -237,7 +237,7 @@ class StoreDirectory:
     def _text_loader(self, record: SourceRecord) -> Callable[[], SourceFile]:
         format = ox.RdfFormat.from_media_type(record.format)
         if format is None:
-            raise StoreError(str(self.path), cause=f"nobody knows the format {record.format}", remedy=_RECREATE_HINT)
+            raise StoreError(str(self.path), cause=f"its format {record.format} is unknown", remedy=_RECREATE_HINT)
 
         def read() -> SourceFile:
             try:
@@ -264,7 +264,7 @@ def _has_changed(record: SourceRecord) -> bool:
             return False
         return sha256(Path(record.path).read_bytes()).hexdigest() != record.file_hash
     except OSError:
-        return False  # what was kept is all there is
+        return False  # the file is gone; the stored text is used
 
 
 class _ManifestVersion(msgspec.Struct):

@@ -21,7 +21,7 @@ class TransitiveClosure(Generic[T]):
     """The transitive closure of pairs (lower, upper)."""
 
     def __init__(self, pairs: Iterable[tuple[T, T]] = ()) -> None:
-        """Stores the pairs; those of a thing with itself are ignored."""
+        """Stores the pairs; pairs of equal nodes are ignored."""
         self._parents: dict[T, dict[T, None]] = {}
         self._children: dict[T, dict[T, None]] = {}
         self._above_cache: dict[T, dict[T, int]] = {}
@@ -30,14 +30,14 @@ class TransitiveClosure(Generic[T]):
             self.add(lower, upper)
 
     def add(self, lower: T, upper: T) -> None:
-        """Adds a step."""
+        """Adds a pair."""
         if lower != upper:
             self._parents.setdefault(lower, {})[upper] = None
             self._children.setdefault(upper, {})[lower] = None
             self._clear_cache()
 
     def discard(self, lower: T, upper: T) -> None:
-        """Removes a step, if it exists."""
+        """Removes a pair, if it exists."""
         for steps, start, end in ((self._parents, lower, upper), (self._children, upper, lower)):
             ends = steps.get(start, {})
             ends.pop(end, None)
@@ -46,46 +46,46 @@ class TransitiveClosure(Generic[T]):
         self._clear_cache()
 
     def __iter__(self) -> Iterator[T]:
-        """Everything that some pair names."""
+        """All nodes."""
         return iter(dict.fromkeys((*self._parents, *self._children)))
 
-    def __contains__(self, thing: object) -> bool:
-        """Whether some pair names it."""
-        return thing in self._parents or thing in self._children
+    def __contains__(self, node: object) -> bool:
+        """Whether a pair has this node."""
+        return node in self._parents or node in self._children
 
     def parents(self, node: T) -> tuple[T, ...]:
-        """The uppers of its own pairs."""
+        """The direct uppers of a node."""
         return tuple(self._parents.get(node, ()))
 
     def children(self, node: T) -> tuple[T, ...]:
-        """The lowers of its own pairs."""
+        """The direct lowers of a node."""
         return tuple(self._children.get(node, ()))
 
     def above(self, node: T) -> Mapping[T, int]:
-        """The thing itself and all above it, the nearest first, with the number of steps to each."""
+        """The node itself and all above it, the nearest first, with the number of steps to each."""
         if node not in self._above_cache:
             self._above_cache[node] = _breadth_first(node, self._parents)
         return self._above_cache[node]
 
     def below(self, node: T) -> Mapping[T, int]:
-        """The thing itself and all below it, the nearest first, with the number of steps to each."""
+        """The node itself and all below it, the nearest first, with the number of steps to each."""
         if node not in self._below_cache:
             self._below_cache[node] = _breadth_first(node, self._children)
         return self._below_cache[node]
 
     def path(self, lower: T, upper: T) -> tuple[T, ...]:
-        """A shortest way up, both ends included; empty where there is none."""
+        """A shortest path upwards, including both ends; empty if there is none."""
         steps = self.above(lower)
         if upper not in steps:
             return ()
-        way = [upper]
-        while way[-1] != lower:
-            children = self._children[way[-1]]
-            way.append(min(children, key=lambda child: (steps.get(child, len(steps)), str(child))))
-        return tuple(reversed(way))
+        path = [upper]
+        while path[-1] != lower:
+            children = self._children[path[-1]]
+            path.append(min(children, key=lambda child: (steps.get(child, len(steps)), str(child))))
+        return tuple(reversed(path))
 
     def count_between(self, lower: T, upper: T) -> int:
-        """How many things lie between two ends; the more special of two reasons always has fewer."""
+        """The number of nodes between two ends, plus one; it is smaller for the more specific of two uppers."""
         return len(self.above(lower).keys() & self.below(upper).keys()) - 1
 
     def _clear_cache(self) -> None:
@@ -95,10 +95,10 @@ class TransitiveClosure(Generic[T]):
 
 def _breadth_first(start: T, steps: Mapping[T, Mapping[T, None]]) -> dict[T, int]:
     found = {start: 0}
-    for thing in (waiting := [start]):
-        for other in sorted(steps.get(thing, ()), key=str):  # the store has no order to rely on
+    for node in (waiting := [start]):
+        for other in sorted(steps.get(node, ()), key=str):  # the store has no defined order
             if other not in found:
-                found[other] = found[thing] + 1
+                found[other] = found[node] + 1
                 waiting.append(other)
     return found
 
@@ -140,11 +140,11 @@ class ClassHierarchy:
         return frozenset(self._closure.below(cls)) - {cls}
 
     def is_a(self, cls: Iri, ancestor: Iri) -> bool:
-        """Whether one class is the other or below it."""
+        """Whether a class is another class or one of its subclasses."""
         return ancestor in self._closure.above(cls)
 
     def most_specific(self, classes: Sequence[Iri]) -> Iri:
-        """The first of the classes that has none of the others below it; in a cycle, the first of all."""
+        """The first of the classes that has no subclass among the others; in a cycle, the first of all."""
         return next(
             cls for cls in classes if not any(self.is_a(other, cls) and not self.is_a(cls, other) for other in classes)
         )

@@ -1,7 +1,7 @@
-"""Teaching: what is told at run time, and taken back.
+"""Assertions and retractions of statements at run time.
 
-Told statements stand in a graph of their own. They are for questions: what the worlds of maps hold is read from the
-maps' own files.
+Assertions are kept in a named graph of their own. Questions use them; the worlds of maps are read from the maps' files
+only.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from mindstage.scene import Iri
 __all__ = ["RUNTIME_GRAPH", "AssertableValue", "AssertionStore", "parse_value"]
 
 AssertableValue = str | bool | int | float
-"""A name where the property leads to things, else a value."""
+"""A name if the property relates resources, else a plain value."""
 
 RUNTIME_GRAPH = ox.NamedNode("http://mindstage.org/told")
-"""The graph of what was told at run time."""
+"""The graph of the statements that were asserted at run time."""
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _SOME_VALUES_FROM = Iri(OWL + "someValuesFrom")
 _CLASS_VALUED = (SUBCLASS_OF, TYPE, Iri(OWL + "equivalentClass"), Iri(OWL + "disjointWith"))
@@ -44,59 +44,59 @@ _ANNOTATIONS = (Iri(RDFS + "label"), Iri(RDFS + "comment"))
 
 @dataclass(frozen=True, slots=True)
 class AssertionStore:
-    """One store, and what its names mean now."""
+    """Writes assertions to a triple store, after resolving their names."""
 
     store: TripleStore
     reasoner: Reasoner
     names: NameIndex
 
     def tell(self, subject: str, property: str, value: AssertableValue) -> list[ox.Quad]:
-        """Adds a statement; gives all that was added for it, which is nothing where it was said already.
+        """Asserts a statement, and returns all triples that were added for it; none if it was asserted before.
 
-        Of a class it means all its members: `tell("Breadbasket", "typePrimaryFunction-containerFor", "Bread")`. A
-        subject that nobody knows yet must be given with prefix or whole, and becomes a class by "subClassOf" and an
-        individual by "type".
+        A statement about a class holds for all its members: `tell("Breadbasket", "typePrimaryFunction-containerFor",
+        "Bread")`. An unknown subject must be given with a prefix or as a whole IRI, and becomes a class by "subClassOf"
+        or an individual by "type".
 
         Raises:
-            NameNotFoundError: nothing has one of the names.
-            AmbiguousNameError: several things have it.
-            InvalidArgumentError: the three make no statement.
+            NameNotFoundError: a name is unknown.
+            AmbiguousNameError: several entities have a name.
+            InvalidArgumentError: the three do not form a statement.
         """
-        about, is_class, link, object = self._resolve(subject, property, value)
-        told = []
+        entity, is_class, link, object = self._resolve(subject, property, value)
+        added = []
         if is_class is None:
-            told.append(_quad(about, TYPE, ox.NamedNode(OWL_CLASS if link == SUBCLASS_OF else NAMED_INDIVIDUAL)))
+            added.append(_quad(entity, TYPE, ox.NamedNode(OWL_CLASS if link == SUBCLASS_OF else NAMED_INDIVIDUAL)))
         if not is_class or self._applies_to_class_itself(link):
-            told.append(_quad(about, link, object))
-        elif not self._matching_restrictions(about, link, object):
+            added.append(_quad(entity, link, object))
+        elif not self._matching_restrictions(entity, link, object):
             node = ox.BlankNode()
             filler = _SOME_VALUES_FROM if isinstance(object, ox.NamedNode) and self._is_class(object) else HAS_VALUE
-            told += [
+            added += [
                 _quad(node, TYPE, ox.NamedNode(OWL + "Restriction")),
                 _quad(node, ON_PROPERTY, ox.NamedNode(link)),
                 _quad(node, filler, object),
-                _quad(about, SUBCLASS_OF, node),
+                _quad(entity, SUBCLASS_OF, node),
             ]
-        told = [quad for quad in told if not self._is_asserted(quad)]
-        self.store.extend(told)
-        return told
+        added = [quad for quad in added if not self._is_asserted(quad)]
+        self.store.extend(added)
+        return added
 
     def retract(self, subject: str, property: str, value: AssertableValue) -> list[ox.Quad]:
-        """Takes a statement back, whoever said it; gives all that was removed for it, which may be nothing.
+        """Removes a statement from all graphs, and returns the triples that were removed for it, which may be none.
 
-        What follows from other statements is not touched.
+        Statements that it was inferred from are not removed.
 
         Raises:
-            NameNotFoundError: nothing has one of the names.
-            AmbiguousNameError: several things have it.
-            InvalidArgumentError: the three make no statement.
+            NameNotFoundError: a name is unknown.
+            AmbiguousNameError: several entities have a name.
+            InvalidArgumentError: the three do not form a statement.
         """
-        about, is_class, link, object = self._resolve(subject, property, value)
+        entity, is_class, link, object = self._resolve(subject, property, value)
         if is_class and not self._applies_to_class_itself(link):
-            quads = self._matching_restrictions(about, link, object)
+            quads = self._matching_restrictions(entity, link, object)
         else:
-            told = self.store.quads_for_pattern(ox.NamedNode(about), ox.NamedNode(link), None)
-            quads = [quad for quad in told if _same_node(quad.object, object)]
+            asserted = self.store.quads_for_pattern(ox.NamedNode(entity), ox.NamedNode(link), None)
+            quads = [quad for quad in asserted if _same_node(quad.object, object)]
         for quad in quads:
             self.store.remove(quad)
         return quads
@@ -104,7 +104,7 @@ class AssertionStore:
     def _resolve(
         self, subject: str, property: str, value: AssertableValue
     ) -> tuple[Iri, bool | None, Iri, ox.NamedNode | ox.Literal]:
-        """What it is about, whether that is a class (None: nobody knows it yet), the property, the value."""
+        """The subject, whether it is a class (None for an unknown subject), the property and the value."""
         link = self.names.find(property, EntityType.PROPERTY)
         object = self._object(link, value)
         if known := self.names.find_any(subject):
@@ -120,7 +120,7 @@ class AssertionStore:
         if not isinstance(value, str) and (
             property_iri in _CLASS_VALUED or self._is_property_type(property_iri, "ObjectProperty")
         ):
-            raise InvalidArgumentError(local_name(property_iri), cause=f"it leads to things, and {value!r} is none")
+            raise InvalidArgumentError(local_name(property_iri), cause=f"it leads to resources, and {value!r} is none")
         if not isinstance(value, str):
             return ox.Literal(value)
         if property_iri in _CLASS_VALUED:
@@ -135,12 +135,12 @@ class AssertionStore:
         return ox.NamedNode(found[0])
 
     def _matching_restrictions(self, cls: Iri, property_iri: Iri, object: ox.NamedNode | ox.Literal) -> list[ox.Quad]:
-        """The statements that say just that of a class."""
-        reader = self.reasoner.axioms.parser
-        meant = reader.parse(object)
-        told = []
+        """The subclass statements that give a class exactly this restriction."""
+        parser = self.reasoner.axioms.parser
+        expected = parser.parse(object)
+        matching = []
         for quad in self.store.quads_for_pattern(ox.NamedNode(cls), ox.NamedNode(SUBCLASS_OF), None):
-            match reader.parse(quad.object):
+            match parser.parse(quad.object):
                 case Restriction(
                     property=property,
                     restriction_type=RestrictionType.SOME | RestrictionType.HAS_VALUE,
@@ -149,16 +149,16 @@ class AssertionStore:
                 ):
                     same_value = (
                         isinstance(filler, LiteralValue)
-                        and isinstance(meant, LiteralValue)
-                        and _equal_literals(filler, meant)
+                        and isinstance(expected, LiteralValue)
+                        and _equal_literals(filler, expected)
                     )
-                    if property == property_iri and (filler == meant or same_value):
-                        told.append(quad)
-        return told
+                    if property == property_iri and (filler == expected or same_value):
+                        matching.append(quad)
+        return matching
 
     def _is_asserted(self, quad: ox.Quad) -> bool:
-        told = self.store.quads_for_pattern(quad.subject, quad.predicate, quad.object)
-        return any(each.graph_name != INFERRED_GRAPH for each in told)
+        quads = self.store.quads_for_pattern(quad.subject, quad.predicate, quad.object)
+        return any(each.graph_name != INFERRED_GRAPH for each in quads)
 
     def _is_class(self, node: ox.NamedNode) -> bool:
         try:
@@ -167,7 +167,7 @@ class AssertionStore:
             return False
 
     def _applies_to_class_itself(self, property_iri: Iri) -> bool:
-        """Whether what is said of a class by a property is said of the class itself, not of its members."""
+        """Whether a property of a class describes the class itself, not its members."""
         return property_iri in {*_CLASS_VALUED, *_ANNOTATIONS} or self._is_property_type(
             property_iri, "AnnotationProperty"
         )
@@ -178,7 +178,7 @@ class AssertionStore:
 
 
 def parse_value(text: str) -> AssertableValue:
-    """What people mean who type a value: a number, true or false, a name, or a text ('"5"' is one)."""
+    """Parses a typed value: a number, true or false, a name, or a quoted string ('"5"' is a string)."""
     if len(text) > 1 and text[0] == text[-1] == '"':
         return text[1:-1]
     if text in {"true", "false"}:
@@ -198,9 +198,9 @@ def _quad(subject: Iri | ox.BlankNode, property_iri: Iri, object: ox.NamedNode |
 
 
 def _same_node(asserted: object, expected: ox.NamedNode | ox.Literal) -> bool:
-    """Whether two values are the same, in whatever type a number or a language a text was told."""
-    reader = ClassExpressionParser()
-    one, other = reader.parse(asserted), reader.parse(expected)
+    """Whether two values are equal, regardless of the datatype of a number and the language of a string."""
+    parser = ClassExpressionParser()
+    one, other = parser.parse(asserted), parser.parse(expected)
     return one == other or (
         isinstance(one, LiteralValue) and isinstance(other, LiteralValue) and _equal_literals(one, other)
     )

@@ -1,33 +1,31 @@
-"""The names that maps are written in, and our own for what the community has no word for.
+"""The vocabulary of maps: W3C terms, those of the KnowRob community, and our own for what has no term there.
 
-`knowrob_iri:` and the W3C's names are those of dialect 1. Whatever a world knows beyond them stands under `ms:`
-(`http://mindstage.org/ontology#`), so that any world survives as a file:
+`knowrob:` and the W3C terms are those of dialect 1. Everything else that a world contains is written with terms of
+`ms:` (`http://mindstage.org/ontology#`), so that any world survives as a file:
 
-| name | said of | meaning |
+| term | of | meaning |
 |---|---|---|
-| `ms:id` | body, constraint, light | its id, where that is not simply the local name of its IRI |
+| `ms:id` | body, joint, light | its id, if that is not the local name of its IRI |
 | `ms:shape` | body | `box`, `sphere` or `cylinder` |
-| `ms:name` | body | a surface: a node with `ms:index` (from 0), `ms:name`, `ms:path`, `ms:colour` "r g b" |
-| `ms:tags` | all three | tags that `tagsData` has no writing for, as a JSON array of [type, key, value] |
+| `ms:material` | body | a surface: a node with `ms:index` (from 0), `ms:name`, `ms:path`, `ms:colour` "r g b" |
+| `ms:tags` | all three | tags that `tagsData` cannot express, as a JSON array of [type, key, value] |
 | `ms:xMiddle`, `ms:yMiddle`, `ms:zMiddle` | linear part | the middle of its range, if not the spawn pose [m] |
 | `ms:twistMiddle`, `ms:swing1Middle`, `ms:swing2Middle` | angular part | the same [rad] |
-| `ms:disableCollision` | constraint | whether its two bodies ignore each other; not told where the world does not say |
+| `ms:disableCollision` | joint | whether its two bodies do not collide; absent if unspecified |
 | `ms:PointLight`, `ms:SpotLight`, `ms:DirectionalLight` | light | its class |
 | `ms:colour`, `ms:intensity` | light | "r g b" (0 to 1), and candela or lux |
-| `ms:units` | map | what its lengths are counted in: `m`, `cm` or `mm` |
-| `ms:frame`, `ms:quaternionOrder` | map | which way its axes point, `ros` or `unreal`; `wxyz` or `xyzw` |
-| `ms:given…` | all | what a map said under the name after `given`, where now something else stands in its place |
-| `ms:dialect` | map | that we have written it in other words than dialect 1's: `SOMA`, or `same` for its own |
-| `ms:restates` | node | that it says in those words what dialect 1 says by the property named |
-| `ms:urdf` | body, constraint, map | the text of the element of a robot's description that it was read from |
-| `ms:untold` | all three | names a property whose statements here are facts only and give no field its value |
+| `ms:units` | map | the unit of its lengths: `m`, `cm` or `mm` |
+| `ms:frame`, `ms:quaternionOrder` | map | the direction of its axes, `ros` or `unreal`; `wxyz` or `xyzw` |
+| `ms:given…` | all | the original value of the property after `given`, which was converted |
+| `ms:dialect` | map | the dialect that it was written in, if not dialect 1: `SOMA`, or `same` for its own |
+| `ms:restates` | node | the property of dialect 1 that the node expresses in the terms of another dialect |
+| `ms:urdf` | body, joint, map | the text of the URDF element that it was read from |
+| `ms:untold` | all three | a property whose statements here do not set the corresponding field |
 
-A label is `rdfs:label`, and so is the name of a map where it is not the local name of the map's IRI.
+A label is `rdfs:label`, and so is the name of a map if it is not the local name of the map's IRI.
 
-Other words: names that dialects other than the first use for places, parts and joints.
-
-`knowrob_iri:` names are KnowRob 1's (2009 to 2016), `soma:` and `dul:` those of KnowRob 2, which has `urdf:` from robots'
-descriptions.
+Other dialects have their own terms for poses, parts and joints: those of KnowRob 1 (2009 to 2016) are in `knowrob:`,
+those of KnowRob 2 in `soma:` and `dul:`, with `urdf:` for links and joints of robot descriptions.
 """
 
 from __future__ import annotations
@@ -119,17 +117,17 @@ MS = "http://mindstage.org/ontology#"
 
 
 def knowrob(name: str) -> Iri:
-    """A name of the community's."""
+    """A term of the KnowRob community."""
     return Iri(KNOWROB + name)
 
 
 def ms(name: str) -> Iri:
-    """A name of our own."""
+    """A term of Mindstage."""
     return Iri(MS + name)
 
 
 def xsd(name: str) -> Iri:
-    """A datatype."""
+    """A datatype of XML Schema."""
     return Iri(XSD + name)
 
 
@@ -163,7 +161,7 @@ TAGS_DATA = knowrob("tagsData")
 LINEAR_JOINT = knowrob("LinearJoint")
 REVOLUTE_JOINT = knowrob("RevoluteJoint")
 JOINT_CLASSES = frozenset({LINEAR_JOINT, REVOLUTE_JOINT})
-"""AMEVA's."""
+"""The joint classes of AMEVA."""
 
 TAGS_JSON = ms("tags")
 MATERIAL = ms("material")
@@ -187,22 +185,22 @@ URDF = "http://knowrob.org/kb/urdf.owl#"
 
 
 def dul(name: str) -> Iri:
-    """A name of the foundational ontology."""
+    """A term of the DUL ontology."""
     return Iri(DUL + name)
 
 
 def soma(name: str) -> Iri:
-    """A name of the socio-physical model of activities."""
+    """A term of the SOMA ontology."""
     return Iri(SOMA + name)
 
 
 def urdf(name: str) -> Iri:
-    """A name for what stands in robots' descriptions."""
+    """A term for robot descriptions."""
     return Iri(URDF + name)
 
 
 ORIENTATION = knowrob("orientation")
-"""Straight from an object to a matrix, before there were perceptions."""
+"""Relates an object directly to a pose matrix, in the oldest maps."""
 OBJECT_ACTED_ON = knowrob("objectActedOn")
 EVENT_OCCURS_AT = knowrob("eventOccursAt")
 START_TIME = knowrob("startTime")
@@ -211,7 +209,7 @@ JOINT_VALUES = (knowrob("minJointValue"), knowrob("maxJointValue"))
 HINGED_TO, PRISMATICALLY_CONNECTED_TO = knowrob("hingedTo"), knowrob("prismaticallyConnectedTo")
 _RIGID = (knowrob("rigidlyFixedParts"), knowrob("connectedTo-Rigidly"), knowrob("connectedToRigidly"))
 CONNECTIONS = (*_RIGID, HINGED_TO, PRISMATICALLY_CONNECTED_TO)
-"""What two things that hang together say of each other, whichever of them says it."""
+"""The properties between two connected objects; either of them may have the property."""
 
 TO_PARTS = (
     *(knowrob("properPhysicalParts"), knowrob("physicalParts"), knowrob("parts")),
@@ -230,4 +228,4 @@ BASE_LINK_NAME, END_LINK_NAME = urdf("hasBaseLinkName"), urdf("hasEndLinkName")
 URDF_LINK = urdf("Link")
 
 POSE_PROPERTIES = (ORIENTATION, OBJECT_ACTED_ON, HAS_LOCALIZATION, BASE_LINK_NAME, END_LINK_NAME)
-"""Who says one of these of something, or is said to have been perceived, has a place."""
+"""An individual that has one of these, or that is their value (a perceived object), has a pose."""

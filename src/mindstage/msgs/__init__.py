@@ -1,6 +1,6 @@
 """ROS messages, services and actions as frozen structs, their JSON codec, and a registry of types by name.
 
-A ROS package is a module: `geometry_msgs.Pose`, `world_control_msgs.SpawnModel.PendingRequest`. The modules are generated from
+A ROS package is a module: `geometry_msgs.Pose`, `world_control_msgs.SpawnModel.Request`. The modules are generated from
 the definition files in `definitions` by `scripts/make_messages.py`. `decode` and `encode` convert between a message and
 a JSON object; `message_type`, `service_type` and `action_type` look up a type by its ROS name.
 """

@@ -156,14 +156,14 @@ class TimeMessage(Message, frozen=True):
 
 
 class Service:
-    """Base class of services; subclasses have the nested messages `PendingRequest` and `Response`."""
+    """Base class of services; subclasses have the nested messages `Request` and `Response`."""
 
     Request: ClassVar[type[Message]]
     Response: ClassVar[type[Message]]
 
 
 class Action:
-    """Base class of actions; subclasses have the nested messages `ChainGoal`, `Result` and `Feedback`."""
+    """Base class of actions; subclasses have the nested messages `Goal`, `Result` and `Feedback`."""
 
     Goal: ClassVar[type[Message]]
     Result: ClassVar[type[Message]]
@@ -409,7 +409,7 @@ def _to_field_names(cls: Any, value: Any, path: str) -> Any:
     if len(renamed) != len(value):
         twice = next(key for key in value if key in names and names[key] in value)
         raise MessageValidationError(
-            type_name(cls), path=_joined(path, twice), cause=f"{names[twice]} stands there too"
+            type_name(cls), path=_joined(path, twice), cause=f"{names[twice]} is given too"
         )
     for field in _fields_with_other_names(cls):
         part, here = renamed.get(field.name), _joined(path, field.name)
@@ -467,7 +467,7 @@ def _message_error(cls: Any, error: Exception) -> MessageValidationError:
         path, cause = _joined(path, missing[1]), MISSING
     elif field and field.enum and (number := re.fullmatch(r"invalid enum value (.*)", cause)):
         remedy = "valid: " + ", ".join(f"{each.value} {name}" for name, each in field.enum.__members__.items())
-        cause = f"{number[1]} is none of its codes"
+        cause = f"{number[1]} is not a valid value"
     elif re.match(r"expected float [<>]=|number out of range", cause):
         cause = f"expected a finite {field.primitive if field else 'number'}, got NaN or one that is too large"
     return MessageValidationError(type_name(cls), path=path, cause=cause, remedy=remedy)

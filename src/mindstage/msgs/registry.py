@@ -72,7 +72,7 @@ class ActionType(NamedTuple):
 
 
 class ActionGoal(Message, Generic[M], frozen=True, kw_only=True):
-    """The topic `goal`: `SimulateStepsActionGoal` is `ActionGoal[SimulateSteps.ChainGoal]`."""
+    """The topic `goal`: `SimulateStepsActionGoal` is `ActionGoal[SimulateSteps.Goal]`."""
 
     header: Header = Header()
     goal_id: GoalID = GoalID()

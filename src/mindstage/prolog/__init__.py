@@ -1,6 +1,6 @@
-"""Prolog: a console where every question is a predicate."""
+"""Prolog: every declared question as a predicate, in SWI-Prolog embedded in this process."""
 
-from mindstage.prolog.console import PrologConsole, Solution
-from mindstage.prolog.swipl import load_library
+from mindstage.prolog.console import PrologConsole, Solution, solve_query
+from mindstage.prolog.swipl import is_installed, load_library
 
-__all__ = ["PrologConsole", "Solution", "load_library"]
+__all__ = ["PrologConsole", "Solution", "is_installed", "load_library", "solve_query"]

@@ -108,7 +108,7 @@ interrupted(_) :- throw(mindstage_interrupted).
 
 % -- exit --------------------------------------------------------------------------------------------------------------
 
-% The last at_halt goal: Python ends the process, see _halting in console.py.
+% The last at_halt goal: Python ends the process, see PrologConsole._on_halt in console.py.
 at_exit :-
     forall(( clause(system:'$at_halt'(Goal, _), true), Goal \= _:at_exit ), catch(ignore(Goal), _, true)),
     flush_output(user_output),

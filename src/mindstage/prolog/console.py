@@ -1,4 +1,7 @@
-"""The console: Prolog, in this process, that knows what a stage knows."""
+"""The Prolog console: runs goals and files of rules against a simulation and its knowledge base.
+
+SWI-Prolog runs in this process, and goals call back into Python for every answer.
+"""
 
 from __future__ import annotations
 
@@ -17,27 +20,30 @@ from mindstage.prolog.predicates import Handler, QuestionPredicates, RdfPredicat
 from mindstage.prolog.swipl import Atom, Compound, SwiProlog, Unbound, Value, load_library, read_term, write_term
 from mindstage.simulation import Simulation
 
-__all__ = ["PrologConsole", "Solution"]
+__all__ = ["PrologConsole", "Solution", "solve_query"]
 
 Solution = dict[str, Any]
-"""A goal's variables and what they stand for: texts, numbers, lists; None where one stays free."""
+"""The values of a goal's variables by name: texts, numbers, lists; None if a variable is unbound."""
 
-_NUDGE_INTERVAL_S = 0.05
+_WAKE_DELAY_S = 0.05
+"""Time after the end of a time limit at which a blocked goal is interrupted by a signal [s]."""
 _CONSOLE_MODULE = "mindstage_console"
 _CONSOLE_SOURCE = Path(__file__).with_name("console.pl")
 _CLOSED_HANDLERS: Mapping[str, Handler] = {"halting": lambda status: False}
-"""What may be asked while no console is open."""
+"""Requests that are answered while no console is open."""
+_query_lock = threading.Lock()
 
 
 class PrologConsole:
-    """Every declared question as a predicate, and the stage's world to spawn and to light up.
+    """A Prolog system with a predicate for every declared question, and predicates that spawn and highlight bodies.
 
-    There is one Prolog in a process, so there can be one open console at a time; what was consulted stays in it.
+    SWI-Prolog exists once in a process, so only one console can be open at a time. Consulted files stay loaded after it
+    is closed.
 
     >>> from mindstage.engines import NullEngine
     >>> from mindstage.knowledge import KnowledgeBase
-    >>> from mindstage.stage import Stage
-    >>> with Stage(KnowledgeBase(), NullEngine()) as stage, PrologConsole(stage) as console:
+    >>> from mindstage.simulation import Simulation
+    >>> with Simulation(KnowledgeBase(), NullEngine()) as sim, PrologConsole(sim) as console:
     ...     console.solutions("likely_storage_place(knowrob:'CowsMilk', Place)")
     [{'Place': 'http://knowrob.org/kb/knowrob.owl#Refrigerator'}]
     """
@@ -45,11 +51,11 @@ class PrologConsole:
     _instance: PrologConsole | None = None
 
     def __init__(self, simulation: Simulation, *, at_halt: Callable[[], None] = lambda: None) -> None:
-        """Opens it.
+        """Starts SWI-Prolog, or reuses the one of an earlier console.
 
         Args:
-            stage: what is asked, spawned into and lit.
-            at_halt: called where Prolog's `halt` is about to end the process, which then ends at once.
+            simulation: the simulation that the predicates query and change.
+            at_halt: called when Prolog's `halt` is about to exit the process.
 
         Raises:
             PrologUnavailableError: pyswip or SWI-Prolog is not installed, or another console is open.
@@ -64,7 +70,7 @@ class PrologConsole:
             **WorldPredicates(simulation).handlers,
             "halting": self._on_halt,
         }
-        """What Prolog may ask of Python."""
+        """The requests that Prolog can send to Python, by name."""
         self._busy = set[int]()
         PrologConsole._instance = self
         try:
@@ -76,40 +82,40 @@ class PrologConsole:
             raise
 
     def solutions(self, goal: str, *, limit: int = 1000, timeout_s: float = 30.0) -> list[Solution]:
-        """What makes a goal true, in Prolog's own order; empty where nothing does. Any thread may ask.
+        """Finds the solutions of a goal, in Prolog's order; empty if it fails. May be called from any thread.
 
         Args:
-            goal: as one types it, the full stop left out or not.
-            limit: how many solutions are enough.
-            timeout_s: how long it may take [s].
+            goal: the goal, with or without the full stop.
+            limit: the maximum number of solutions.
+            timeout_s: the time limit [s].
 
         Raises:
-            PrologGoalError: it is no Prolog, or an error was thrown.
-            PrologTimeoutError: it did not end in time.
+            PrologGoalError: the goal has a syntax error or threw an exception.
+            PrologTimeoutError: the time limit was exceeded.
             KeyboardInterrupt: Ctrl-C was pressed.
         """
         return self._solve("solve", goal, limit, timeout_s)
 
-    def answers(self, line: str, *, limit: int = 1000, timeout_s: float = 10.0) -> list[Solution]:
-        """What makes a line true that a stranger wrote, such as a visitor of a page. Any thread may ask.
+    def answers(self, query: str, *, limit: int = 1000, timeout_s: float = 10.0) -> list[Solution]:
+        """Finds the solutions of an untrusted query. May be called from any thread.
 
         Only questions and their combinations are allowed (`line_queries.pl`): a query cannot call, change, read or
         write anything else, and it has a memory limit.
 
         Args:
-            line: as one types it, the full stop left out or not.
-            limit: how many solutions are enough.
-            timeout_s: how long it may take [s].
+            query: the query, with or without the full stop.
+            limit: the maximum number of solutions.
+            timeout_s: the time limit [s].
 
         Raises:
-            PrologGoalError: it is no Prolog, more than that, or an error was thrown.
-            PrologTimeoutError: it did not end in time.
+            PrologGoalError: the query has a syntax error, contains a goal that is not allowed, or threw an exception.
+            PrologTimeoutError: the time limit was exceeded.
         """
-        return self._solve("solve_query", line, limit, timeout_s)
+        return self._solve("solve_query", query, limit, timeout_s)
 
     def _solve(self, predicate: str, goal: str, limit: int, timeout_s: float) -> list[Solution]:
         if limit < 1 or not 0.0 < timeout_s < float("inf"):
-            raise ValueError(f"a goal gets at least one solution and some time, not {limit} and {timeout_s} s")
+            raise ValueError(f"limit and timeout_s must be positive and finite, not {limit} and {timeout_s} s")
         with _wake_after(timeout_s=timeout_s if self._can_wake else None):
             end = self._run(predicate, goal, limit, float(timeout_s))
         match end:
@@ -123,20 +129,23 @@ class PrologConsole:
                 raise KeyboardInterrupt
 
     def holds(self, goal: str, *, timeout_s: float = 30.0) -> bool:
-        """Whether a goal is true; it is run until its first solution.
+        """Whether a goal has a solution.
 
         Raises:
-            PrologGoalError: it is no Prolog, or an error was thrown.
-            PrologTimeoutError: it did not end in time.
+            PrologGoalError: the goal has a syntax error or threw an exception.
+            PrologTimeoutError: the time limit was exceeded.
             KeyboardInterrupt: Ctrl-C was pressed.
         """
         return bool(self.solutions(goal, limit=1, timeout_s=timeout_s))
 
     def consult(self, path: str | os.PathLike[str]) -> int:
-        """Loads a file of facts and rules, and says how many errors there were in it; Prolog prints them.
+        """Loads a file of facts and rules. Prolog prints the errors in it.
+
+        Returns:
+            The number of errors.
 
         Raises:
-            SourceParseError: there is no such file.
+            SourceParseError: the file does not exist.
         """
         file = Path(path)
         if not file.is_file():
@@ -147,12 +156,12 @@ class PrologConsole:
         return errors
 
     def toplevel(self) -> None:
-        """Gives the terminal, or whatever standard input is, to Prolog's own toplevel until that ends."""
+        """Runs Prolog's toplevel on standard input until it ends."""
         with self._library.thread(), self._interrupt_handling(at_interrupt="debug"):
             self._library.toplevel()
 
     def close(self) -> None:
-        """Ends it; any number of times."""
+        """Closes the console; calling it again is harmless."""
         if PrologConsole._instance is self:
             PrologConsole._instance = None
 
@@ -162,7 +171,7 @@ class PrologConsole:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    # -- between the two -----------------------------------------------------------------------------------------------
+    # -- calls into Prolog ---------------------------------------------------------------------------------------------
 
     def _run(self, predicate: str, *arguments: Value) -> Value:
         with self._library.thread(), self._interrupt_handling(at_interrupt="throw"):
@@ -170,8 +179,8 @@ class PrologConsole:
 
     @contextmanager
     def _interrupt_handling(self, *, at_interrupt: str) -> Iterator[None]:
-        """While goals run: Ctrl-C is Prolog's, since Python would hear of it only after the goal, and so is `halt`."""
-        sys.stdout.flush()  # whatever Prolog writes comes after it
+        """While goals run, Prolog handles Ctrl-C, because Python handlers run only after the goal, and `halt` exits."""
+        sys.stdout.flush()  # before the output of Prolog
         self._busy.add(threading.get_ident())
         if threading.current_thread() is not threading.main_thread():
             try:
@@ -179,29 +188,29 @@ class PrologConsole:
             finally:
                 self._busy.discard(threading.get_ident())
             return
-        python_s = signal.getsignal(signal.SIGINT)
+        handler = signal.getsignal(signal.SIGINT)
         self._call("on_interrupt", Atom(at_interrupt))
         try:
             yield
         finally:
             self._call("on_interrupt", Atom("default"))
-            if python_s is not None:  # whoever set it did so past Python
-                signal.signal(signal.SIGINT, python_s)
+            if handler is not None:  # None if it was not installed from Python
+                signal.signal(signal.SIGINT, handler)
             self._busy.discard(threading.get_ident())
 
     def _call(self, predicate: str, *arguments: Value) -> Value:
-        """Calls a predicate of our own, which gives its answer in a last argument and throws nothing."""
+        """Calls a predicate of `console.pl`, whose last argument is the result; such predicates never throw."""
         library = self._library
         with library.frame():
             terms = library.new_terms(len(arguments) + 1)
             for at, argument in enumerate(arguments):
                 write_term(library, terms + at, argument)
             if not library.call(_CONSOLE_MODULE, predicate, len(arguments) + 1, terms):
-                raise RuntimeError(f"{predicate} in console.pl failed, which it must not")
+                raise RuntimeError(f"{predicate}/{len(arguments) + 1} in console.pl failed")
             return read_term(library, terms + len(arguments))
 
     def _on_halt(self, status: Value) -> Value:
-        """Ends the process as Prolog's `halt` asks it; comes back where it is Python that ends, and Prolog with it."""
+        """Exits the process after Prolog's `halt`; returns if Prolog halts because Python exits."""
         if not self._busy:
             return False
         try:
@@ -209,21 +218,39 @@ class PrologConsole:
         finally:
             sys.stdout.flush()
             sys.stderr.flush()
-            # At once: SWI-Prolog may wait for its own alarms for ever, and Python's threads must not find memory gone.
+            # Without clean-up: SWI-Prolog may wait for its alarms forever, and Python's threads still use its memory.
             os._exit(status if isinstance(status, int) else 2)
+
+
+def solve_query(simulation: Simulation, query: str, *, limit: int, timeout_s: float) -> list[Solution]:
+    """Finds the solutions of an untrusted query in a console of its own; concurrent calls wait for one another.
+
+    Args:
+        simulation: the simulation that is queried.
+        query: the query, see `PrologConsole.answers`.
+        limit: the maximum number of solutions.
+        timeout_s: the time limit [s].
+
+    Raises:
+        PrologUnavailableError: Prolog is not installed, or another console is open.
+        PrologGoalError: the query has a syntax error, contains a goal that is not allowed, or threw an exception.
+        PrologTimeoutError: the time limit was exceeded.
+    """
+    with _query_lock, PrologConsole(simulation) as console:
+        return console.answers(query, limit=limit, timeout_s=timeout_s)
 
 
 @contextmanager
 def _wake_after(*, timeout_s: float | None) -> Iterator[None]:
-    """Wakes this thread when a goal's time is over, if it still waits for something then.
+    """Sends this thread a signal at the end of a goal's time limit.
 
-    Prolog notes by itself that the time is over, but the way pyswip starts it, it does not look at that while it sleeps
-    or reads. The signal is the one that Prolog's own alarms use.
+    Prolog sets a flag when the time is over, but as pyswip starts it, a goal that sleeps or reads does not check the
+    flag. The signal is the one that Prolog's alarms use.
     """
     if timeout_s is None:
         yield
         return
-    timer = threading.Timer(timeout_s + _NUDGE_INTERVAL_S, signal.pthread_kill, (threading.get_ident(), signal.SIGUSR2))
+    timer = threading.Timer(timeout_s + _WAKE_DELAY_S, signal.pthread_kill, (threading.get_ident(), signal.SIGUSR2))
     timer.daemon = True
     timer.start()
     try:
@@ -234,9 +261,9 @@ def _wake_after(*, timeout_s: float | None) -> Iterator[None]:
 
 @cache
 def _load_console_source(library: SwiProlog) -> None:
-    """Loads what is written in Prolog, once for all consoles."""
+    """Loads `console.pl`, once in a process."""
 
-    def answered(request: int, reply: int) -> bool:
+    def handle(request: int, reply: int) -> bool:
         console = PrologConsole._instance
         with library.frame(keep=True):
             return bool(
@@ -250,11 +277,11 @@ def _load_console_source(library: SwiProlog) -> None:
         write_term(library, arguments, Atom(str(_CONSOLE_SOURCE)))
         write_term(library, arguments + 1, [Compound("silent", (True,))])
         library.call("user", "load_files", 2, arguments)
-    library.register("mindstage_questions", "python", answered)
+    library.register("mindstage_questions", "python", handle)
 
 
 def _handle_request(request: int, library: SwiProlog, handlers: Mapping[str, Handler]) -> int:
-    """A new term; nothing may be raised past Prolog's own frames."""
+    """Returns a term with the reply; exceptions must not propagate through Prolog's stack frames."""
     try:
         reply = answer(handlers, read_term(library, request))
     except ValueError as error:

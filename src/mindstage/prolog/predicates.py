@@ -1,14 +1,8 @@
-"""Statements: the triples under the questions, as users of SWI-Prolog's semweb library and of KnowRob know them.
+"""The Python side of the Prolog predicates: declared questions, RDF triples, spawning and highlights.
 
-Requests: what Prolog asks of Python, and the ends that each of them can have.
-
-Prolog gets `told(Answer)`; `not_found_error(Name, Sentence)` where nobody knows a name, which is a no; `refused(Kind,
-Sentence)` where the world, the engine or a source_xml is the cause; or `interrupted`. Whatever is raised here, Prolog
-lives on.
-
-Asking: every declared question as a predicate, without a list of them anywhere.
-
-Place: the running world, as Prolog spawns it, hangs things on one another and lights them up.
+Each request is a term whose functor names a handler. The reply is `answer(Answer)`; `unknown_name(Name, Message)`,
+which makes the goal fail; `error_reply(Kind, Message)`, which is thrown as an exception in Prolog; or `interrupted`.
+No Python exception reaches Prolog.
 """
 
 from __future__ import annotations
@@ -52,10 +46,15 @@ Handler = Callable[..., Value]
 
 
 def answer(handlers: Mapping[str, Handler], request: Value) -> Compound:
-    """Answers one request; never raises."""
+    """Handles one request; never raises.
+
+    Args:
+        handlers: handlers by the name of the request.
+        request: the request, an atom or a compound.
+    """
     name, arguments = (request.name, request.arguments) if isinstance(request, Compound) else (str(request), ())
     if name not in handlers:
-        return _error_term("prolog_unavailable", f"nobody answers {name}: the console was closed")
+        return _error_term("prolog_unavailable", f"{name} cannot be answered: the console was closed")
     try:
         return Compound("answer", (handlers[name](*arguments),))
     except NameNotFoundError as error:
@@ -64,16 +63,16 @@ def answer(handlers: Mapping[str, Handler], request: Value) -> Compound:
         return _error_term(error_kind(error), str(error))
     except KeyboardInterrupt:
         return Compound("interrupted", ())
-    except Exception as error:  # a defect of ours must not take Prolog down with it
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{place.filename}, line {place.lineno}"
+    except Exception as error:  # must not propagate through Prolog's stack frames
+        raised = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{raised.filename}, line {raised.lineno}"
         return _error_term(
             "defect", f"{type(error).__name__}: {error} ({where}); please report this defect in Mindstage"
         )
 
 
 def error_kind(error: MindstageError) -> str:
-    """How Prolog calls an error: `body_unknown` for BodyUnknown, since a capital would begin a variable."""
+    """The code of an error as an atom: `body_unknown` for BodyUnknown."""
     return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", error.code).lower()
 
 
@@ -82,7 +81,7 @@ def _error_term(error_name: str, message: str) -> Compound:
 
 
 class QuestionPredicates:
-    """What a stage is asked."""
+    """Handlers of the declared questions."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
@@ -95,9 +94,9 @@ class QuestionPredicates:
         }
 
     def predicates(self) -> Value:
-        """Each question's name, the names of its columns in their order here, how many of them are arguments, text.
+        """Every question as predicate(Name, Columns, NumberOfArguments, Text).
 
-        There is a predicate with the arguments and, where the answers tell more than that, one with all columns.
+        Prolog defines a predicate with the arguments and, if there are more columns, one with all columns.
         """
         return [
             Compound(
@@ -108,41 +107,41 @@ class QuestionPredicates:
         ]
 
     def rows(self, name: Value, args: Sequence[Value]) -> Value:
-        """The answers, each a list as long as what is given; what was asked about is left free in them."""
+        """The answers, each a list as long as `args`; columns with bound arguments are left unbound in them."""
         answers, bound = self._ask(name, args)
         return [list(row) for row in dict.fromkeys(_row_values(row, answers, bound, len(args)) for row in answers)]
 
     def reasons(self, name: Value, args: Sequence[Value]) -> Value:
-        """The same rows, each with the lines that explain it."""
+        """The rows, each with the lines of its explanation."""
         answers, bound = self._ask(name, args)
-        why = self._simulation.knowledge.explain
+        explain = self._simulation.knowledge.explain
         return [
-            [list(_row_values(row, answers, bound, len(args))), [Atom(line) for line in why(answers.question, row)]]
+            [list(_row_values(row, answers, bound, len(args))), [Atom(line) for line in explain(answers.question, row)]]
             for row in answers
         ]
 
     def missing(self, name: Value, args: Sequence[Value]) -> Value:
-        """What nobody has told, one sentence each; nothing where there is an answer."""
+        """The missing facts, one sentence each; empty if there is an answer."""
         answers, _ = self._ask(name, args)
-        return [Atom(lack.reason) for lack in answers.missing]
+        return [Atom(fact.reason) for fact in answers.missing]
 
     def prefixes(self) -> Value:
-        """The prefixes of names; each map brings one for its own, where that is free."""
-        found = dict(PREFIXES)
+        """The prefixes of IRIs; each map adds one for its namespace if the prefix is free."""
+        prefixes = dict(PREFIXES)
         for map in self._simulation.knowledge.maps():
             namespace = namespace_of(map)
             prefix = re.sub(r"\.\w+$", "", re.split(r"[/:]", namespace.rstrip("#/:"))[-1]).lower()
-            if prefix and namespace not in found.values():
-                found.setdefault(prefix, namespace)
-        return [Compound("-", (Atom(prefix), Atom(namespace))) for prefix, namespace in found.items()]
+            if prefix and namespace not in prefixes.values():
+                prefixes.setdefault(prefix, namespace)
+        return [Compound("-", (Atom(prefix), Atom(namespace))) for prefix, namespace in prefixes.items()]
 
     def _ask(self, name: Value, args: Sequence[Value]) -> tuple[Answers[Any], Container[str]]:
-        """The answers, and the columns that were given as arguments."""
+        """The answers, and the columns that are bound by arguments."""
         question = get_question(str(name))
         arguments = {argument.name for argument in question.arguments}
         columns = _columns(question)
         if len(args) > len(columns):
-            cause = f"it has no more than {len(columns)} arguments here: {', '.join(columns)}"
+            cause = f"it has no more than {len(columns)} arguments: {', '.join(columns)}"
             raise InvalidArgumentError(question.name, cause=cause)
         pairs = zip(columns, args, strict=False)
         bound = {column: value for column, value in pairs if column in arguments and value is not FREE}
@@ -150,7 +149,7 @@ class QuestionPredicates:
 
 
 def _row_values(row: AnswerRow, answers: Answers[Any], bound: Container[str], width: int) -> tuple[Value, ...]:
-    """A row as Prolog has it; what no row tells, such as a tolerance, is what it was by default."""
+    """A row as terms; arguments that are no columns, such as tolerances, have their default values."""
     defaults = {argument.name: argument.default for argument in answers.question.arguments}
     return tuple(
         FREE if column in bound else term_of(getattr(row, column, defaults.get(column)))
@@ -168,15 +167,15 @@ _FUNCTORS = {
     "BodyPhysics": "physics",
     "PrimitiveShape": "shape",
 }
-"""The functors of records whose class has another name; all others have the class's name in lower case."""
+"""Functors of records that differ from the class name in lower case."""
 
 
-def term_of(value: object) -> Value:  # noqa: PLR0911 (one a kind)
-    """A field of an answer: texts as atoms, a struct as a term that is called like it, `none` for what is not told."""
+def term_of(value: object) -> Value:  # noqa: PLR0911 (one per type)
+    """Converts a field of an answer: text to an atom, a record to a compound, None to `none`."""
     match value:
         case bool() | int() | float() | None | Compound() | Unbound():
             return value
-        case Enum():  # before str, which enumerations of words are too
+        case Enum():  # before str, because of StrEnum
             return term_of(value.value)
         case str():
             return Atom(value)
@@ -195,7 +194,7 @@ def term_of(value: object) -> Value:  # noqa: PLR0911 (one a kind)
 
 
 def literal_term(text: str, datatype: str | None, language: str | None) -> Compound:
-    """A literal as SWI-Prolog's semweb library writes it; texts without a type are strings, as RDF 1.1 says."""
+    """A literal in the form of SWI-Prolog's semweb library; without a datatype it is an xsd:string, see RDF 1.1."""
     if language:
         return Compound("literal", (Compound("lang", (Atom(language), Atom(text))),))
     type = datatype or PREFIXES["xsd"] + "string"
@@ -203,7 +202,7 @@ def literal_term(text: str, datatype: str | None, language: str | None) -> Compo
 
 
 def _columns(question: Question[Any]) -> list[str]:
-    """All that a predicate can have, in its order: the map first, as the community has it, then the other arguments."""
+    """The columns of a predicate in their order: the map first, as in KnowRob, then the other arguments."""
     arguments = [argument.name for argument in question.arguments]
     arguments.sort(key=lambda name: name != "map")
     return [*arguments, *(column for column in question.columns if column not in arguments)]
@@ -214,7 +213,7 @@ def _first_line(text: str) -> str:
 
 
 class WorldPredicates:
-    """What a stage is told to do."""
+    """Handlers that spawn, attach and highlight bodies."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
@@ -234,46 +233,47 @@ class WorldPredicates:
     # -- spawning ------------------------------------------------------------------------------------------------------
 
     def contents(self, map: Value) -> Value:
-        """What can be spawned of a map: its bodies, its constraints, and who hangs on whom as two lists."""
+        """The parts of a map that can be spawned: bodies, joints, and parents and children of attachments."""
         world = self._world(map)
         iris = {body.id: Atom(body.iri) for body in world.bodies}
-        constraints = [Atom(each.iri) for each in world.joints]
+        joints = [Atom(each.iri) for each in world.joints]
         parents = [iris[each.parent] for each in world.attachments]
         children = [iris[each.child] for each in world.attachments]
-        return Compound("contents", (list(iris.values()), constraints, parents, children))
+        return Compound("contents", (list(iris.values()), joints, parents, children))
 
     def spawn(self, map: Value) -> Value:
-        """Spawns all of a map; whether nothing failed."""
+        """Spawns a map; returns whether nothing failed."""
         return self._spawn(self._world(map))
 
     def spawn_models(self, map: Value, models: Sequence[Value]) -> Value:
-        """Spawns some bodies of a map; whether nothing failed."""
+        """Spawns some bodies of a map; returns whether nothing failed."""
         world = self._world(map)
-        there = {body.iri: body for body in world.bodies}
-        chosen = tuple(there[iri] for iri in self._select(models, there, "bodies", world))
-        return self._spawn(msgspec.structs.replace(world, bodies=chosen, joints=(), attachments=()))
+        bodies = {body.iri: body for body in world.bodies}
+        selected = tuple(bodies[iri] for iri in self._select(models, bodies, "bodies", world))
+        return self._spawn(msgspec.structs.replace(world, bodies=selected, joints=(), attachments=()))
 
     def spawn_constraints(self, map: Value, constraints: Sequence[Value]) -> Value:
-        """Joins bodies that stand there already; whether nothing failed."""
+        """Adds joints of a map between spawned bodies; returns whether nothing failed."""
         world = self._world(map)
-        there: dict[Iri, Joint] = {each.iri: each for each in world.joints}
-        chosen = tuple(there[iri] for iri in self._select(constraints, there, "constraints", world))
-        return self._spawn(World(iri=world.iri, name=world.name, joints=chosen))
+        joints: dict[Iri, Joint] = {each.iri: each for each in world.joints}
+        selected = tuple(joints[iri] for iri in self._select(constraints, joints, "joints", world))
+        return self._spawn(World(iri=world.iri, name=world.name, joints=selected))
 
     def spawn_relations(self, map: Value, parents: Sequence[Value], children: Sequence[Value]) -> Value:
-        """Hangs each child on the parent that stands at its place of the other list; whether nothing failed."""
+        """Attaches each child to the parent at the same index; returns whether nothing failed."""
         if len(parents) != len(children):
-            cause = f"{len(parents)} parents and {len(children)} children are no pairs"
-            raise InvalidArgumentError("spawn_relations", cause=cause, remedy="give each child its parent")
+            cause = f"{len(parents)} parents and {len(children)} children are not pairs"
+            raise InvalidArgumentError("spawn_relations", cause=cause, remedy="give one parent for each child")
         world = self._world(map)
         ids = {body.iri: body.id for body in world.bodies}
-        above = [ids[iri] for iri in self._select(parents, ids, "bodies", world)]
-        below = [ids[iri] for iri in self._select(children, ids, "bodies", world)]
-        pairs = tuple(Attachment(parent=one, child=other) for one, other in zip(above, below, strict=True))
-        return self._spawn(World(iri=world.iri, name=world.name, attachments=pairs))
+        parent_ids = [ids[iri] for iri in self._select(parents, ids, "bodies", world)]
+        child_ids = [ids[iri] for iri in self._select(children, ids, "bodies", world)]
+        pairs = zip(parent_ids, child_ids, strict=True)
+        attachments = tuple(Attachment(parent=parent, child=child) for parent, child in pairs)
+        return self._spawn(World(iri=world.iri, name=world.name, attachments=attachments))
 
     def failed_items(self) -> Value:
-        """What could not be spawned the last time, as failed(Kind, Id, Reason)."""
+        """What could not be spawned last, as failed(Kind, Id, Reason)."""
         return self._failed
 
     def _world(self, map: Value) -> World:
@@ -293,28 +293,31 @@ class WorldPredicates:
                 raise InvalidArgumentError(local_name(iri), cause=f"it is none of the {type_name} of {world.name}")
         return iris
 
-    # -- what stands there ---------------------------------------------------------------------------------------------
+    # -- spawned bodies -----------------------------------------------------------------------------------------------
 
     def attach(self, parent: Value, child: Value) -> Value:
-        """Hangs a body on another one, where it is."""
-        above, below = self._body(parent), self._body(child)
-        self._simulation.run_on_engine(lambda engine: engine.attach(above, below), label="attach", edits=True)
+        """Attaches a body to another one at its current pose."""
+        parent_id, child_id = self._body(parent), self._body(child)
+        self._simulation.run_on_engine(lambda engine: engine.attach(parent_id, child_id), label="attach", edits=True)
         return True
 
     def highlight(self, individuals: Sequence[Value], color: Value, reason: Value) -> Value:
-        """Lights bodies up, or puts them out; how many they were, and what has no body, each as dark(Name, Reason)."""
+        """Highlights bodies, or clears their highlights.
+
+        Returns highlighted(Count, List), with not_highlighted(Name, Reason) for each individual without a body.
+        """
         names = [self._body_or_name(each) for each in individuals]
-        shown = self._simulation.highlight(names, _color(color), label=str(reason), missing_ok=True)
-        dark = [Compound("not_highlighted", (Atom(each.id), each.reason)) for each in shown.unhighlighted]
-        return Compound("highlighted", (len(shown.highlighted), dark))
+        result = self._simulation.highlight(names, _color(color), label=str(reason), missing_ok=True)
+        failed = [Compound("not_highlighted", (Atom(each.id), each.reason)) for each in result.unhighlighted]
+        return Compound("highlighted", (len(result.highlighted), failed))
 
     def unhighlight(self) -> Value:
-        """Puts all lights out."""
+        """Clears all highlights."""
         self._simulation.clear_highlights()
         return True
 
     def _body_or_name(self, individual: Value) -> str:
-        """The id of a body, where it is one, or else the whole name."""
+        """The id of a body if the name is one, otherwise the IRI."""
         name = _name(individual, "individual")
         return (
             name
@@ -323,7 +326,7 @@ class WorldPredicates:
         )
 
     def _body(self, individual: Value) -> BodyId:
-        """Its id in the running world, or else its local name, so that the engine can say that it is not there."""
+        """The id of the body; the local name if there is none, for the error message of the engine."""
         name = self._body_or_name(individual)
         bodies = (body for world in self._simulation.worlds for body in world.bodies)
         return next((body.id for body in bodies if body.iri == name), BodyId(local_name(name)))
@@ -342,7 +345,7 @@ def _failures(report: SpawnReport) -> Iterator[Value]:
 def _name(value: Value, description: str) -> str:
     if isinstance(value, str):
         return str(value)
-    raise InvalidArgumentError(f"the {description}", cause=f"{value!r} is no name")
+    raise InvalidArgumentError(f"the {description}", cause=f"{value!r} is not a name")
 
 
 def _color(value: Value) -> Color | None:
@@ -354,11 +357,11 @@ def _color(value: Value) -> Color | None:
 
 
 _VOCABULARY_NAMESPACES = (OWL, RDFS, RDF)
-"""The namespaces of what ontologies are made of, which no individual of the index is of."""
+"""Namespaces of the vocabulary of ontologies, whose classes have no members in the index."""
 
 
 class RdfPredicates:
-    """What a knowledge base is asked and told, triple by triple."""
+    """Handlers of the RDF predicates, as in SWI-Prolog's semweb library and KnowRob."""
 
     def __init__(self, knowledge: KnowledgeBase) -> None:
         self._knowledge = knowledge
@@ -375,7 +378,7 @@ class RdfPredicates:
         self.handlers = {name: self._locked(handler) for name, handler in handlers.items()}
 
     def _locked(self, handler: Handler) -> Handler:
-        """Nothing changes while somebody looks."""
+        """Wraps a handler to hold the lock of the knowledge base."""
 
         def handle(*arguments: Value) -> Value:
             with self._knowledge.lock:
@@ -386,30 +389,30 @@ class RdfPredicates:
     # -- triples -------------------------------------------------------------------------------------------------------
 
     def asserted(self, subject: Value, property: Value, value: Value) -> Value:
-        """Triples as they were told."""
+        """Asserted triples."""
         return self._rows(TripleStoreView(self._knowledge).find, subject, property, value)
 
     def inferred(self, subject: Value, property: Value, value: Value) -> Value:
-        """Triples of a property, and of those that imply it or its inverse."""
+        """Triples of a property, its subproperties and their inverses."""
         return self._rows(TripleStoreView(self._knowledge).find_entailed, subject, property, value)
 
     def assert_triple(self, subject: Value, property: Value, value: Value) -> Value:
-        """Tells one."""
-        about, link = _text(subject, "subject"), _text(property, "property")
-        TripleStoreView(self._knowledge).add(about, link, _to_rdf_term(value))
+        """Adds a triple."""
+        subject_name, property_name = _text(subject, "subject"), _text(property, "property")
+        TripleStoreView(self._knowledge).add(subject_name, property_name, _to_rdf_term(value))
         return True
 
     def retract_triples(self, subject: Value, property: Value, value: Value) -> Value:
-        """Takes back all that fit, and says how many."""
-        triples, wanted = TripleStoreView(self._knowledge), _value_pattern(value)
-        about, link = _resource_name(subject, "subject"), _resource_name(property, "property")
-        if value is FREE or wanted.exact_term:
-            return triples.remove(about, link, wanted.exact_term)
-        found = [each for each in triples.find(about, link) if wanted.matches(each.value)]
-        return sum(triples.remove(each.subject, each.property, each.value) for each in found)
+        """Removes all matching triples, and returns their number."""
+        triples, pattern = TripleStoreView(self._knowledge), _value_pattern(value)
+        subject_name, property_name = _resource_name(subject, "subject"), _resource_name(property, "property")
+        if value is FREE or pattern.exact_term:
+            return triples.remove(subject_name, property_name, pattern.exact_term)
+        matching = [each for each in triples.find(subject_name, property_name) if pattern.matches(each.value)]
+        return sum(triples.remove(each.subject, each.property, each.value) for each in matching)
 
     def load_source(self, source: Value) -> Value:
-        """Loads a file, a folder of packages or `package://…`, and all that it imports."""
+        """Loads a file, a folder of packages or a `package://` URL, with imports."""
         self._knowledge.load((), ontologies=_text(source, "source"))
         return True
 
@@ -420,25 +423,22 @@ class RdfPredicates:
         property: Value,
         value: Value,
     ) -> list[Value]:
-        about, link, wanted = (
-            _resource_name(subject, "subject"),
-            _resource_name(property, "property"),
-            _value_pattern(value),
-        )
+        subject_name, property_name = _resource_name(subject, "subject"), _resource_name(property, "property")
+        pattern = _value_pattern(value)
         return [
             [
-                Atom(each.subject) if about is None else FREE,
-                Atom(each.property) if link is None else FREE,
-                FREE if wanted.is_exact else _value_term(each.value),
+                Atom(each.subject) if subject_name is None else FREE,
+                Atom(each.property) if property_name is None else FREE,
+                FREE if pattern.is_exact else _value_term(each.value),
             ]
-            for each in search(about, link, wanted.exact_term)
-            if wanted.matches(each.value)
+            for each in search(subject_name, property_name, pattern.exact_term)
+            if pattern.matches(each.value)
         ]
 
-    # -- what follows --------------------------------------------------------------------------------------------------
+    # -- inference -----------------------------------------------------------------------------------------------------
 
     def individuals(self, individual: Value, cls: Value) -> Value:
-        """Individuals and their classes, told or above those; of maps and of none."""
+        """Individuals and their classes, asserted and inherited."""
         index = self._knowledge.reasoner
         one, kind = self._name(individual, EntityType.INDIVIDUAL), self._name(cls, EntityType.CLASS)
         if kind and kind.startswith(_VOCABULARY_NAMESPACES):
@@ -453,11 +453,11 @@ class RdfPredicates:
         return [
             [FREE if one else Atom(each), Atom(above)]
             for each in ([one] if one else sorted(index.types))
-            for above in dict.fromkeys(up for told in index.types.get(each, ()) for up in index.classes.above(told))
+            for above in dict.fromkeys(up for type in index.types.get(each, ()) for up in index.classes.above(type))
         ]
 
     def subclasses(self, cls: Value, superclass: Value) -> Value:
-        """Classes and what is above them, themselves first."""
+        """Classes and their superclasses, each class itself first."""
         classes = self._knowledge.reasoner.classes
         lower, upper = self._name(cls, EntityType.CLASS), self._name(superclass, EntityType.CLASS)
         if lower and upper:
@@ -468,24 +468,29 @@ class RdfPredicates:
         return [[FREE if lower else Atom(each), Atom(above)] for each in every for above in classes.above(each)]
 
     def class_properties(self, cls: Value, property: Value) -> Value:
-        """What every member of a class has by a property, inherited or not; the nearest first."""
+        """Values that restrictions guarantee for members of a class, inherited ones included, nearest first."""
         index = self._knowledge.reasoner
-        one, link = self._name(cls, EntityType.CLASS), self._name(property, EntityType.PROPERTY)
+        one, wanted = self._name(cls, EntityType.CLASS), self._name(property, EntityType.PROPERTY)
         below = {lower for owner in index.restricted_classes() for lower in index.classes.below(owner)}
         rows: dict[tuple[Iri, Iri, Expression], None] = {}
         for each in [one] if one else sorted(below):
             for owned in index.restrictions(each):
-                told = owned.restriction
-                promised = told.restriction_type is RestrictionType.HAS_VALUE or told.implies_existence()
-                if promised and told.filler and (not link or link in index.properties.super_properties(told.property)):
-                    rows[each, told.property, told.filler] = None
+                restriction = owned.restriction
+                if (
+                    restriction.restriction_type is not RestrictionType.HAS_VALUE
+                    and not restriction.implies_existence()
+                ):
+                    continue
+                is_wanted = not wanted or wanted in index.properties.super_properties(restriction.property)
+                if restriction.filler and is_wanted:
+                    rows[each, restriction.property, restriction.filler] = None
         return [
-            [FREE if one else Atom(owner), FREE if link else Atom(has), _expression_term(filler)]
-            for owner, has, filler in rows
+            [FREE if one else Atom(owner), FREE if wanted else Atom(property_iri), _expression_term(filler)]
+            for owner, property_iri, filler in rows
         ]
 
     def _name(self, value: Value, kind: EntityType) -> Iri | None:
-        """A name written out; a whole one is taken as it is, since nobody has to know it to ask about it."""
+        """The IRI of a name; a full IRI is not looked up, so it may be unknown."""
         if value is FREE:
             return None
         name = _text(value, kind.value)
@@ -502,17 +507,17 @@ def _resource_name(value: Value, role: str) -> str | None:
 def _text(value: Value, role: str) -> str:
     if isinstance(value, str):
         return str(value)
-    raise InvalidArgumentError(f"the {role}", cause=f"{value!r} is no name")
+    raise InvalidArgumentError(f"the {role}", cause=f"{value!r} is not a name")
 
 
 class _ValuePattern(msgspec.Struct, frozen=True):
-    """What the value of a statement shall be; what stays open in it, Prolog compares."""
+    """The pattern of the value of a triple; Prolog unifies what the pattern does not restrict."""
 
     exact_term: RdfTerm | None = None
-    """The one resource or literal that is meant."""
+    """The resource or literal, if it is fully given."""
     is_literal: bool = False
     text: str | None = None
-    """The text of a literal, whatever its type."""
+    """The text of a literal of any datatype."""
 
     @property
     def is_exact(self) -> bool:
@@ -525,10 +530,10 @@ class _ValuePattern(msgspec.Struct, frozen=True):
 
 
 def _value_pattern(value: Value) -> _ValuePattern:
-    """What is asked for.
+    """The pattern of a term.
 
     Raises:
-        InvalidArgumentError: it is neither a resource nor a literal.
+        InvalidArgumentError: the term is neither a resource nor a literal.
     """
     match value:
         case Unbound():
@@ -545,27 +550,27 @@ def _value_pattern(value: Value) -> _ValuePattern:
             return _ValuePattern(is_literal=True)
         case _:
             raise InvalidArgumentError(
-                "the value", cause=f"{value!r} is no resource and no literal", remedy=_VALUE_HINT
+                "the value", cause=f"{value!r} is neither a resource nor a literal", remedy=_VALUE_HINT
             )
 
 
 def _to_rdf_term(value: Value) -> RdfTerm:
-    """What is to be told; a literal without a type has that of what stands in it.
+    """The RDF term of a Prolog term; a literal without a datatype gets that of its value.
 
     Raises:
-        InvalidArgumentError: it is neither a resource nor a literal, or not a whole one.
+        InvalidArgumentError: the term is neither a resource nor a literal, or has unbound parts.
     """
     match value:
         case Compound("literal", (int() as number,)):
             return RdfTerm("literal", str(number), XSD + "integer")
         case Compound("literal", (float() as number,)):
             return RdfTerm("literal", repr(number), XSD + "double")
-    wanted = _value_pattern(value)
-    if wanted.exact_term:
-        return wanted.exact_term
-    if wanted.text is None:
-        raise InvalidArgumentError("the value", cause="it is not told as a whole", remedy=_VALUE_HINT)
-    return RdfTerm("literal", wanted.text, XSD + "string")
+    pattern = _value_pattern(value)
+    if pattern.exact_term:
+        return pattern.exact_term
+    if pattern.text is None:
+        raise InvalidArgumentError("the value", cause="it has unbound parts", remedy=_VALUE_HINT)
+    return RdfTerm("literal", pattern.text, XSD + "string")
 
 
 def _value_term(term: RdfTerm) -> Value:

@@ -1,48 +1,57 @@
-"""The library: SWI-Prolog itself, in this process.
+"""The C interface of SWI-Prolog (libswipl), and conversion between Prolog terms and Python values.
 
-It is loaded once and stays until the process ends, because SWI-Prolog cannot be started twice. pyswip finds and starts
-it; the few functions that are used are declared here by their C signatures.
-
-Terms: what Prolog says as Python values, and back.
-
-An atom is an `Atom`, a string a `str`, a list a `list`, a variable `FREE`, every other term a `Compound`. Values keep
-nothing of Prolog's: they may be kept as long as one likes.
+SWI-Prolog is loaded once and stays until the process ends, because it cannot be initialized twice. pyswip locates and
+initializes it; the functions that are used are declared here with their C signatures. An atom is an `Atom`, a string a
+`str`, a list a `list`, a variable `FREE`, every other term a `Compound`. Values hold no references into Prolog.
 """
 
 from __future__ import annotations
 
 import atexit
 import ctypes
+import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from ctypes import c_char_p, c_double, c_int, c_int64, c_size_t, c_uint, c_void_p
 from enum import Enum
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any, Final
 
 import msgspec
 
 from mindstage.errors import PrologUnavailableError
 
-__all__ = ["FREE", "Atom", "Compound", "SwiProlog", "Unbound", "Value", "load_library", "read_term", "write_term"]
+__all__ = [
+    "FREE",
+    "Atom",
+    "Compound",
+    "SwiProlog",
+    "Unbound",
+    "Value",
+    "is_installed",
+    "load_library",
+    "read_term",
+    "write_term",
+]
 
 
-_TERM = c_size_t  # as are atoms, functors, frames and truth
+_TERM = c_size_t  # also the type of atoms, functors, foreign frames and foreign_t
 _PREDICATE = ctypes.CFUNCTYPE(_TERM, _TERM, _TERM)
 _UNKNOWN_THREAD = -1
-"""What Prolog calls a thread that it does not know."""
+"""`PL_thread_self()` of a thread without a Prolog engine."""
 
 
 class SwiProlog:
-    """The C functions of SWI-Prolog; terms are numbers that hold within the frame they were made in."""
+    """The C functions of SWI-Prolog. Terms are `term_t` handles, valid within the foreign frame that created them."""
 
     def __init__(self) -> None:
         """Starts SWI-Prolog.
 
         Raises:
-            ImportError: there is no pyswip.
-            Exception: pyswip does not find SWI-Prolog, or not one that it can use.
+            ImportError: pyswip is not installed.
+            Exception: pyswip does not find SWI-Prolog, or no version that it supports.
         """
         core: Any = import_module("pyswip.core")
         self._native = ctypes.CDLL(core._path)
@@ -87,26 +96,26 @@ class SwiProlog:
         self.toplevel = self._function("PL_toplevel", c_int)
 
     def _function(self, name: str, result: Any, *arguments: Any) -> Callable[..., int]:
-        function = self._native[name]  # an object of its own: pyswip's keeps its own signature
+        function = self._native[name]  # a new object, so that the signature of pyswip's own is not changed
         function.restype, function.argtypes = result, arguments
         return function
 
     def text(self, term: int) -> str:
-        """An atomic term's text, or how Prolog writes any other one."""
+        """The text of an atomic term; any other term as `writeq/1` prints it."""
         length, start = c_size_t(), c_void_p()
         if not self._get_text(term, ctypes.byref(length), ctypes.byref(start), self._text_flags):
-            raise ValueError("a term without a text")
+            raise ValueError("the term has no text")
         return ctypes.string_at(start.value or 0, length.value).decode(errors="replace")
 
     @cache  # noqa: B019 (the library lives as long as the process)
     def functor(self, name: str, arity: int) -> int:
-        """What a compound begins with."""
+        """The functor of a name and an arity."""
         encoded = name.encode(errors="replace")
         return self._new_functor(self._new_atom(self.UTF8, len(encoded), encoded), arity)
 
     @contextmanager
     def frame(self, *, keep: bool = False) -> Iterator[None]:
-        """Lets go of all terms that are made in it; what they were made of stays where somebody keeps it."""
+        """A foreign frame: terms created in it are discarded with their bindings; with `keep` the bindings are kept."""
         opened = self._open()
         try:
             yield
@@ -115,54 +124,60 @@ class SwiProlog:
 
     @contextmanager
     def thread(self) -> Iterator[None]:
-        """Lets any thread call Prolog."""
-        stranger = self._thread() == _UNKNOWN_THREAD
-        if stranger and self._attach(None) < 0:
-            raise PrologUnavailableError("no further thread can join it")
+        """Attaches the calling thread to a Prolog engine for the duration, if it has none."""
+        is_new = self._thread() == _UNKNOWN_THREAD
+        if is_new and self._attach(None) < 0:
+            raise PrologUnavailableError("no further thread can be attached")
         try:
             yield
         finally:
-            if stranger:
+            if is_new:
                 self._detach()
 
     def call(self, module: str, name: str, arity: int, arguments: int) -> bool:
-        """Calls a predicate once; an error that it throws is a failure."""
+        """Calls a predicate once; False if it fails or throws an exception."""
         predicate = self._predicate(name.encode(), arity, module.encode())
         return bool(self._call(None, self._call_flags, predicate, arguments))
 
     def register(self, module: str, name: str, function: Callable[[int, int], bool]) -> None:
-        """Makes a function a predicate of two arguments. It must not raise."""
+        """Registers a function as a foreign predicate of arity 2. It must not raise."""
         foreign = _PREDICATE(function)
         self._callbacks.append(foreign)  # Prolog keeps only its address
         register = self._function("PL_register_foreign_in_module", c_int, c_char_p, c_char_p, c_int, c_void_p, c_int)
         register(module.encode(), name.encode(), 2, ctypes.cast(foreign, c_void_p), 0)
 
     def _cleanup(self) -> None:
-        """What is to be done at the end, such as to save the history of what was typed, and no more.
+        """Runs the `at_halt` hooks, such as saving the history of the toplevel, and nothing else.
 
-        pyswip would clean everything up, and SWI-Prolog can wait there for ever for its own alarms.
+        pyswip would call `PL_cleanup`, in which SWI-Prolog can wait for its alarms forever.
         """
         with self.thread():
             self.call("system", "$run_at_halt", 0, 0)
 
 
 @cache
+def is_installed() -> bool:
+    """Whether SWI-Prolog and pyswip are installed; checked without loading them."""
+    return find_spec("pyswip") is not None and shutil.which("swipl") is not None
+
+
+@cache
 def load_library() -> SwiProlog:
-    """SWI-Prolog, started when it is first asked for.
+    """Returns SWI-Prolog; the first call starts it.
 
     Raises:
-        PrologUnavailableError: pyswip or SWI-Prolog is not installed, or the two do not fit.
+        PrologUnavailableError: pyswip or SWI-Prolog is not installed, or their versions are not compatible.
     """
     try:
         return SwiProlog()
     except ImportError as error:
         raise PrologUnavailableError(f"pyswip cannot be loaded ({error})") from error
-    except Exception as error:  # pyswip raises whatever comes to hand
+    except Exception as error:  # pyswip raises exceptions of many types
         raise PrologUnavailableError(str(error) or type(error).__name__) from error
 
 
 class Atom(str):
-    """A name."""
+    """A Prolog atom."""
 
     __slots__ = ()
 
@@ -174,31 +189,31 @@ class Unbound(Enum):
 
 
 FREE: Final = Unbound.FREE
-"""A variable; which one does not matter here."""
+"""An unbound variable; the identity of variables is not preserved."""
 
 
 class Compound(msgspec.Struct, frozen=True):
-    """A name with arguments."""
+    """A compound term."""
 
     name: str
     arguments: tuple[Value, ...]
 
 
 Value = str | bool | int | float | None | Sequence["Value"] | Compound | Unbound
-"""Python's None is the atom `none`, its truths are the atoms `true` and `false`."""
+"""A term as a Python value. None, True and False are the atoms `none`, `true` and `false`."""
 
 _MAX_DEPTH = 100
 _INT64_RANGE = range(-(2**63), 2**63)
 
 
 def read_term(library: SwiProlog, term: int, *, depth: int = 0) -> Value:
-    """A term as a value; what has no form here (a stream, a dict) as the text that Prolog writes for it.
+    """Converts a term to a value; terms of other types (streams, dicts) become the text that Prolog prints for them.
 
     Raises:
-        ValueError: it is nested too deeply, or contains itself.
+        ValueError: the term is nested too deeply or cyclic.
     """
     if depth > _MAX_DEPTH:
-        raise ValueError("a term is nested too deeply")
+        raise ValueError("the term is nested too deeply or cyclic")
     kind = library.term_type(term)
     if kind == library.VARIABLE:
         return FREE
@@ -217,19 +232,19 @@ def read_term(library: SwiProlog, term: int, *, depth: int = 0) -> Value:
 
 
 def write_term(library: SwiProlog, term: int, value: Value) -> None:
-    """Makes a term a value.
+    """Writes a value to a new term.
 
     Raises:
-        TypeError: Prolog has no form for it.
+        TypeError: the value has no type that Prolog has.
     """
     match value:
         case Unbound():
-            return  # a new term is a variable
+            return  # a new term is an unbound variable
         case None:
             _write_text(library, term, library.ATOM, "none")
         case bool():
             _write_text(library, term, library.ATOM, "true" if value else "false")
-        case int() if int(value) in _INT64_RANGE:  # a range looks for an int of another class one by one
+        case int() if int(value) in _INT64_RANGE:  # `in` searches a range linearly for subclasses of int
             library.put_int(term, value)
         case int() | float():
             library.put_float(term, float(value))
@@ -250,7 +265,7 @@ def write_term(library: SwiProlog, term: int, value: Value) -> None:
                     write_term(library, head, each)
                     library.put_pair(term, head, term)
         case _:
-            raise TypeError(f"Prolog has no form for {value!r}")
+            raise TypeError(f"{value!r} cannot be converted to a Prolog term")
 
 
 def _read_list(library: SwiProlog, term: int, depth: int) -> Value:
@@ -259,7 +274,7 @@ def _read_list(library: SwiProlog, term: int, depth: int) -> Value:
     while library.get_list(rest, head, rest):
         with library.frame():
             values.append(read_term(library, head, depth=depth))
-    if not library.get_nil(rest):  # a list whose end is not known yet
+    if not library.get_nil(rest):  # a partial list
         return Compound("[|]", (*values, read_term(library, rest, depth=depth)))
     return values
 
@@ -270,12 +285,12 @@ def _read_compound(library: SwiProlog, term: int, depth: int) -> Value:
     with library.frame():
         argument = library.new_terms(1)
         library.put_atom(argument, name.value)
-        called = library.text(argument)
+        functor = library.text(argument)
         values = []
         for at in range(1, arity.value + 1):
             library.get_argument(at, term, argument)
             values.append(read_term(library, argument, depth=depth))
-    return Compound(called, tuple(values))
+    return Compound(functor, tuple(values))
 
 
 def _write_text(library: SwiProlog, term: int, kind: int, text: str) -> None:

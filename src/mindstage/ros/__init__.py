@@ -1,4 +1,4 @@
-"""ROS: the face of a stage for a robot's programs, over the bridge."""
+"""The ROS interface of a simulation: services, topics and actions over rosbridge."""
 
 from mindstage.msgs import RosVersion
 from mindstage.ros.interface import RosInterface

@@ -1,4 +1,4 @@
-"""Action topics: an action as ROS 1 has it: goals and cancels come as messages, status, feedback and results go so."""
+"""An action in ROS 1: its five topics for goals, cancellations, status, feedback and results."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 __all__ = ["ActionlibServer"]
 
 _STATUS_RETENTION_S = 5.0
-"""So long does the status tell of a goal that has ended, as actionlib does [s]."""
+"""Time for which the status of a goal is published after its end, as in actionlib [s]."""
 _MAX_STATUS_ENTRIES = 64
-"""Of so many goals does it tell at most: those under way, and the last that have ended."""
+"""Largest number of goals in a status message: active goals, and the last that have ended."""
 _MAX_GOALS = 16
 _STATUS_BY_RESULT = {
     GoalStatus.SUCCEEDED: wire.GoalStatusCode.SUCCEEDED,
@@ -41,7 +41,7 @@ _log = logging.getLogger("mindstage.ros")
 
 
 class _Goal:
-    """One goal, as its client knows it."""
+    """A goal and its status."""
 
     def __init__(self, id: wire.GoalID, sender: MessageSender | None) -> None:
         self.id = id
@@ -52,12 +52,12 @@ class _Goal:
         self.ended_at: float | None = None
 
     def to_message(self) -> wire.GoalStatus:
-        """Its status for the wire."""
+        """Returns its status as a message."""
         return wire.GoalStatus(goal_id=self.id, status=self.status, text=self.text)
 
 
 class ActionlibServer:
-    """The five topics of one action."""
+    """The topics of one action."""
 
     def __init__(
         self,
@@ -69,15 +69,15 @@ class ActionlibServer:
         diagnostics: DiagnosticsPublisher,
         ros: RosVersion,
     ) -> None:
-        """Takes goals from now on.
+        """Starts to accept goals.
 
         Args:
-            participant: at whose hub.
-            name: the action's.
-            action: its type.
-            reach: works at one goal, in a thread of its own.
-            diagnostics: told of a cancel that is none.
-            ros: whose words to use.
+            node: node that publishes and subscribes.
+            name: name of the action.
+            action: type of the action.
+            handler: executes one goal, in a thread of its own.
+            diagnostics: publishes errors of invalid cancellations.
+            ros: version of ROS for names and formats.
         """
         self._name = name
         self._action = action
@@ -100,7 +100,7 @@ class ActionlibServer:
         )
 
     def publish_status(self) -> None:
-        """Tells the status, and gives up what nobody waits for any more."""
+        """Publishes the status of the goals, and cancels those whose client has disconnected."""
         now = time.monotonic()
         with self._lock:
             self._goals = {
@@ -116,33 +116,33 @@ class ActionlibServer:
             self._status.publish(wire.GoalStatusArray(status_list=tuple(goal.to_message() for goal in goals)))
 
     def close(self) -> None:
-        """Takes no more goals, and gives up those under way."""
-        for inlet in self._subscriptions:
-            inlet.close()
+        """Accepts no more goals, and cancels the active ones."""
+        for subscription in self._subscriptions:
+            subscription.close()
         with self._lock:
             goals = tuple(self._goals.values())
         for goal in goals:
             self._cancel(goal)
-        for outlet in (self._status, self._feedback, self._result):
-            outlet.close()
+        for publisher in (self._status, self._feedback, self._result):
+            publisher.close()
 
     def _is_orphaned(self, goal: _Goal) -> bool:
-        """Whether its client is gone: known for sure at our own hub, elsewhere when nobody listens for the result."""
+        """Whether the client has disconnected; at another server, whether the result has no subscribers."""
         return goal.sender.has_left if goal.sender is not None else not self._result.has_subscribers
 
     # -- in ------------------------------------------------------------------------------------------------------------
 
     def _on_goal(self, message: object, sender: MessageSender | None) -> None:
         try:
-            order: Any = decode(self._goal_type, message)
+            request: Any = decode(self._goal_type, message)
         except MindstageError as error:
             self._reject_goal(_goal_id(message), str(error))
             return
-        stamp = order.goal_id.stamp
-        goal = _Goal(wire.GoalID(stamp=stamp, id=order.goal_id.id or f"{self._name}-{time.monotonic_ns()}"), sender)
+        stamp = request.goal_id.stamp
+        goal = _Goal(wire.GoalID(stamp=stamp, id=request.goal_id.id or f"{self._name}-{time.monotonic_ns()}"), sender)
         with self._lock:
             if goal.id.id in self._goals:
-                return  # actionlib sends a goal once; what comes twice is the same one
+                return  # a duplicate; actionlib does not reuse ids
             ended = [id for id, each in self._goals.items() if each.ended_at is not None]
             busy = len(self._goals) - len(ended) >= _MAX_GOALS
             if not busy:
@@ -150,28 +150,28 @@ class ActionlibServer:
                     del self._goals[id]
                 self._goals[goal.id.id] = goal
         if busy:
-            self._reject_goal(goal.id.id, f"{_MAX_GOALS} goals are under way already")
+            self._reject_goal(goal.id.id, f"{_MAX_GOALS} goals are active already")
             return
         goal.handle = ServerGoalHandle(
-            self._name, goal.id.id, encode(order.goal, ros=self._ros), self._feedback_publisher(goal)
+            self._name, goal.id.id, encode(request.goal, ros=self._ros), self._feedback_publisher(goal)
         )
         goal.status = wire.GoalStatusCode.ACTIVE
         worker = threading.Thread(target=self._run_goal, args=(goal, goal.handle), name="mindstage-goal", daemon=True)
         worker.start()
 
     def _on_cancel(self, message: object) -> None:
-        """One goal by its id, all up to a moment, or all."""
+        """Cancels one goal by its id, all up to a time, or all."""
         try:
-            wanted = decode(wire.GoalID, message)
+            request = decode(wire.GoalID, message)
         except MindstageError as error:
             self._diagnostics.report_error(f"{self._name}/cancel", error)
             return
         with self._lock:
             goals = tuple(self._goals.values())
-        moment = wanted.stamp.seconds
-        everything = not wanted.id and not moment
+        until_s = request.stamp.seconds
+        cancels_all = not request.id and not until_s
         for goal in goals:
-            if everything or goal.id.id == wanted.id or (moment and goal.id.stamp.seconds <= moment):
+            if cancels_all or goal.id.id == request.id or (until_s and goal.id.stamp.seconds <= until_s):
                 self._cancel(goal)
 
     def _cancel(self, goal: _Goal) -> None:
@@ -183,22 +183,22 @@ class ActionlibServer:
 
     def _run_goal(self, goal: _Goal, handle: ServerGoalHandle) -> None:
         try:
-            outcome = self._handler(handle)
+            result = self._handler(handle)
         except Exception as error:
             if not isinstance(error, MindstageError):
-                _log.exception("%s broke", self._name)
+                _log.exception("%s failed", self._name)
             self._finish(goal, wire.GoalStatusCode.ABORTED, str(error), None)
         else:
-            self._finish(goal, _STATUS_BY_RESULT.get(outcome.status, wire.GoalStatusCode.ABORTED), "", outcome.values)
+            self._finish(goal, _STATUS_BY_RESULT.get(result.status, wire.GoalStatusCode.ABORTED), "", result.values)
 
     def _feedback_publisher(self, goal: _Goal) -> Callable[[Any, object], None]:
-        def tell(_: Any, values: object) -> None:
+        def send(_: Any, values: object) -> None:
             self._feedback.publish_encoded(self._encode(goal, "feedback", values))
 
-        return tell
+        return send
 
     def _reject_goal(self, id: str, reason: str) -> None:
-        """A goal that is none; its client, if it can be told who that is, shall not wait for it."""
+        """Publishes the result of a goal that is not valid."""
         self._finish(_Goal(wire.GoalID(id=id), None), wire.GoalStatusCode.REJECTED, reason, None)
 
     def _finish(self, goal: _Goal, status: wire.GoalStatusCode, text: str, values: object) -> None:

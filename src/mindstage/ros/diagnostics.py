@@ -1,7 +1,4 @@
-"""Diagnostics: what the world refused, why, and about which body; and how the engine is, like a heartbeat.
-
-Outlet: a topic on which the face publishes, and whether it is worth the trouble.
-"""
+"""Diagnostics: rejected operations with their reasons, and the health of the engine; and publishers of topics."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from typing import Any, Generic, TypeVar
 from mindstage.bridge import LocalNode, Node
 from mindstage.bridge.conversions import ConversionNote
 from mindstage.engines import SpawnReport
-from mindstage.errors import BridgeError, MindstageError, ServiceCallError, ServiceNotFoundError, WorldError
+from mindstage.errors import BridgeError, MindstageError, WorldError
 from mindstage.msgs import Message, RosVersion, builtin_interfaces, diagnostic_msgs, encode, std_msgs, type_name
 from mindstage.simulation import Simulation
 
@@ -23,11 +20,11 @@ __all__ = ["DiagnosticsPublisher", "Publisher", "SubscriberCount", "health_statu
 M = TypeVar("M", bound=Message)
 
 _POLL_INTERVAL_S = 1.0
-"""So often someone else's hub is asked who listens [s]."""
+"""Interval at which another server is asked for the subscribers of a topic [s]."""
 
 
 class Publisher(Generic[M]):
-    """Publishes one type on one topic, in the words of one ROS."""
+    """Publishes messages of one type on one topic, in the format of one version of ROS."""
 
     def __init__(
         self,
@@ -47,24 +44,24 @@ class Publisher(Generic[M]):
 
     @property
     def has_subscribers(self) -> bool:
-        """Whether anyone may be listening; what nobody hears need not be made."""
+        """Whether a message might be received; if not, it need not be created."""
         return self._subscribers.has_any
 
     def publish(self, message: M) -> None:
-        """Publishes; a message that nobody hears is no error."""
+        """Publishes a message."""
         self.publish_encoded(encode(message, ros=self._ros))
 
     def publish_encoded(self, values: object) -> None:
-        """Publishes what somebody else has written as JSON objects, for speed."""
+        """Publishes a message that is already encoded as a JSON object."""
         self._node.publish(self.topic, self._type, values)
 
     def close(self) -> None:
-        """Publishes nothing more."""
+        """Ends the announcement of the topic."""
         self._node.unadvertise(self.topic)
 
 
 class SubscriberCount:
-    """Whether a topic has any: our own hub knows it, another one is asked now and then."""
+    """Whether a topic has subscribers: known at a broker in this process, polled at another server."""
 
     def __init__(self, node: Node, topic: str, *, now: Callable[[], float] = time.monotonic) -> None:
         self._node = node
@@ -76,10 +73,10 @@ class SubscriberCount:
 
     @property
     def has_any(self) -> bool:
-        """Whether there are; also where nobody can tell."""
-        here = self._node.has_subscribers(self._topic)
-        if isinstance(self._node, LocalNode) or not here:
-            return here
+        """Whether there are subscribers; also true if it is unknown."""
+        might_have = self._node.has_subscribers(self._topic)
+        if isinstance(self._node, LocalNode) or not might_have:
+            return might_have
         if self._pending is not None and self._pending.done():
             self._last_answer, self._pending = _has_subscribers(self._pending), None
         if self._pending is None and self._now() - self._last_poll_s >= _POLL_INTERVAL_S:
@@ -94,49 +91,47 @@ class SubscriberCount:
             self._last_answer = True
 
 
-def _has_subscribers(asked: Future[Any]) -> bool:
-    """What the other hub says; one that cannot tell may have listeners."""
+def _has_subscribers(response: Future[Any]) -> bool:
+    """Returns the result of a poll; true if the server cannot answer it."""
     try:
-        return bool(asked.result()["subscribers"])
-    except (ServiceNotFoundError, ServiceCallError, KeyError, TypeError):
-        return True
-    except BridgeError:
+        return bool(response.result()["subscribers"])
+    except (BridgeError, KeyError, TypeError):
         return True
 
 
 class DiagnosticsPublisher:
-    """Tells on `/mindstage/diagnostics` why something was refused or broke: some replies have no room for a reason."""
+    """Publishes on `/mindstage/diagnostics` why an operation failed; some responses have no field for it."""
 
     def __init__(self, publisher: Publisher[diagnostic_msgs.DiagnosticArray], simulation: Simulation) -> None:
         self._publisher = publisher
         self._simulation = simulation
 
     def report_refusal(self, operation: str, error: WorldError) -> None:
-        """The world says no."""
-        facts = vars(error)
-        about = str(facts.get("body") or facts.get("child") or "")
-        self._publish([_status(diagnostic_msgs.Level.WARN, operation, str(error), about, {"kind": error.code})])
+        """Publishes an error of the world as a warning."""
+        fields = vars(error)
+        id = str(fields.get("body") or fields.get("child") or "")
+        self._publish([_status(diagnostic_msgs.Level.WARN, operation, str(error), id, {"kind": error.code})])
 
     def report_error(self, operation: str, error: MindstageError) -> None:
-        """The reason lies elsewhere."""
+        """Publishes any other error."""
         self._publish([_status(diagnostic_msgs.Level.ERROR, operation, str(error), "", {"kind": error.code})])
 
     def report_failures(self, operation: str, reasons: Iterable[tuple[str, str]]) -> None:
-        """Some of many things did not go: the id of each, and why."""
+        """Publishes partial failures: the id of each object, and the reason."""
         self._publish([_status(diagnostic_msgs.Level.WARN, operation, reason, id, {}) for id, reason in reasons])
 
     def report_spawn(self, operation: str, report: SpawnReport) -> None:
-        """What could not be spawned."""
+        """Publishes what could not be spawned."""
         lists = (report.failed_bodies, report.failed_joints, report.failed_attachments)
         self.report_failures(operation, [(failure.id, failure.reason) for failures in lists for failure in failures])
 
     def report_notes(self, operation: str, notes: Iterable[ConversionNote]) -> None:
-        """What was assumed on the way in."""
-        told = ((remark, id) for remark in notes for id in remark.ids)
+        """Publishes what was assumed in a conversion."""
         self._publish(
             [
-                _status(diagnostic_msgs.Level.OK, operation, remark.text, id, {"field": remark.field})
-                for remark, id in told
+                _status(diagnostic_msgs.Level.OK, operation, note.text, id, {"field": note.field})
+                for note in notes
+                for id in note.ids
             ]
         )
 
@@ -149,41 +144,41 @@ class DiagnosticsPublisher:
 def health_status(
     simulation: Simulation, *, response_time_s: float | None, error: MindstageError | None
 ) -> diagnostic_msgs.DiagnosticArray:
-    """How the engine is.
+    """Returns the health of the engine as a message.
 
     Args:
-        stage: whose.
-        took_s: how long its answer took [s].
-        trouble: why there was none.
+        simulation: the simulation.
+        response_time_s: response time of the engine [s], or None.
+        error: why there was no response, or None.
     """
-    frame = simulation.state
+    snapshot = simulation.state
     if error is not None:
         level, text = diagnostic_msgs.Level.ERROR, str(error)
-    elif frame.error:
-        level, text = diagnostic_msgs.Level.WARN, f"the world stands still: {frame.error}"
+    elif snapshot.error:
+        level, text = diagnostic_msgs.Level.WARN, f"the simulation is paused: {snapshot.error}"
     else:
-        level, text = diagnostic_msgs.Level.OK, "playing" if frame.playing else "paused"
+        level, text = diagnostic_msgs.Level.OK, "playing" if snapshot.playing else "paused"
     values = {
-        "time_s": f"{frame.time_s:.3f}",
-        "bodies": str(len(frame.ids)),
-        "speed": f"{frame.speed:g}",
-        "real_time_factor": f"{frame.real_time_factor:.3f}",
+        "time_s": f"{snapshot.time_s:.3f}",
+        "bodies": str(len(snapshot.ids)),
+        "speed": f"{snapshot.speed:g}",
+        "real_time_factor": f"{snapshot.real_time_factor:.3f}",
         "answered_in_s": "" if response_time_s is None else f"{response_time_s:.6f}",
     }
     status = _status(level, f"engine {simulation.engine_name}", text, "", values)
     return diagnostic_msgs.DiagnosticArray(
-        header=std_msgs.Header(stamp=builtin_interfaces.Time.at(frame.time_s)), status=(status,)
+        header=std_msgs.Header(stamp=builtin_interfaces.Time.at(snapshot.time_s)), status=(status,)
     )
 
 
 def _status(
-    level: diagnostic_msgs.Level, name: str, text: str, ids: str, values: Mapping[str, str]
+    level: diagnostic_msgs.Level, name: str, text: str, id: str, values: Mapping[str, str]
 ) -> diagnostic_msgs.DiagnosticStatus:
-    told = {"id": ids, **values}
+    key_values = {"id": id, **values}
     return diagnostic_msgs.DiagnosticStatus(
         level=level,
         name=f"mindstage: {name}",
         message=text,
-        hardware_id=ids,
-        values=tuple(diagnostic_msgs.KeyValue(key=key, value=value) for key, value in told.items()),
+        hardware_id=id,
+        values=tuple(diagnostic_msgs.KeyValue(key=key, value=value) for key, value in key_values.items()),
     )

@@ -1,9 +1,7 @@
-"""Far engine: the engine's whole contract as services, so that a Mindstage elsewhere can drive it and lose nothing.
+"""Services and actions for the whole `Engine` protocol, which another Mindstage uses without loss (`RemoteEngine`).
 
-They stand under `NAMESPACE/mindstage/`; `RemoteEngine` is who calls them. Each does exactly what the contract says, in
-the stage's own thread.
-
-Checkpoints: whole states of the engine under names, a bounded number of them.
+Their names begin with `NAMESPACE/mindstage/`. Each has the effect of a method of `Engine`, in the thread of the
+simulation. `CheckpointServices` keeps a bounded number of named states of the engine.
 """
 
 from __future__ import annotations
@@ -17,6 +15,7 @@ from typing import Any
 import msgspec
 
 from mindstage.bridge.conversions import (
+    FORMAT_VERSION,
     color_from_message,
     color_message,
     from_json,
@@ -35,18 +34,23 @@ from mindstage.msgs import mindstage_msgs as wire
 from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.ros.service import ActionSpec, GoalCanceled, GoalContext, ServiceSpec
 from mindstage.ros.state import StateReader
-from mindstage.scene import BodyId, BodyPhysics, Iri, Material, Vector, World
+from mindstage.scene import BodyId, BodyPhysics, Material, Vector, World
 from mindstage.simulation import Simulation, StateSnapshot
 
 __all__ = ["CheckpointServices", "EngineServices", "spawn_report"]
 
 
 _MAX_CHECKPOINTS = 64
-"""So many states are kept: each holds a whole world."""
+"""Largest number of saved states; each contains a whole world."""
+_SPAWN_TIMEOUT_S = 300.0
+_STEP_CHUNK_S = 0.1
+"""Length of the steps into which a goal is divided, so that other calls run in between [s]."""
+_REMOTE_CAPABILITIES = frozenset({Capability.JOINTS, Capability.SAVE})
+"""Capabilities of the engine that clients can use."""
 
 
 class CheckpointServices:
-    """Keeps states; any thread may call it."""
+    """Saved states of the engine by name; can be used from any thread."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
@@ -54,11 +58,11 @@ class CheckpointServices:
         self._next_number = count(1)
 
     def execute(self, command: str, name: str) -> str:
-        """Does what a word says; gives the reason if the world cannot.
+        """Executes the command `save`, `restore` or `forget`; returns why it failed, or an empty string.
 
         Raises:
-            MessageValidationError: there is no such word.
-            EngineError: the engine cannot keep states, or there are too many.
+            MessageValidationError: there is no such command.
+            EngineError: the engine cannot save states, or there are too many.
         """
         match command:
             case "save":
@@ -70,47 +74,39 @@ class CheckpointServices:
             case _:
                 cause = f"no command {command!r}"
                 raise MessageValidationError(
-                    "Checkpoint", path="command", cause=cause, remedy="there is save, restore, forget"
+                    "Checkpoint", path="command", cause=cause, remedy="use save, restore or forget"
                 )
         return ""
 
     def save(self, name: str = "") -> str:
-        """Keeps the state as it is now; gives its name, which is made if none is given."""
+        """Saves the current state and returns its name, which is generated if none is given."""
         name = name or f"state_{next(self._next_number)}"
         self._require_save_support()
         if len(self._states) >= _MAX_CHECKPOINTS and name not in self._states:
-            raise EngineError(f"{_MAX_CHECKPOINTS} states are kept already; forget one first")
+            raise EngineError(f"{_MAX_CHECKPOINTS} states are saved already; forget one first")
         self._states[name] = self._simulation.run_on_engine(lambda engine: engine.save_state(), label="save")
         return name
 
     def restore(self, name: str) -> str:
-        """Brings a state back; gives the reason if there is none of that name."""
+        """Restores a state; returns why it failed, or an empty string."""
         self._require_save_support()
         state = self._states.get(name)
         if state is None:
-            return f"no state {name!r} is kept; there is {', '.join(sorted(self._states)) or 'none'}"
+            return f"no saved state {name!r}; there is {', '.join(sorted(self._states)) or 'none'}"
         self._simulation.run_on_engine(lambda engine: engine.restore_state(state), label="restore", edits=True)
         return ""
 
     def discard(self, name: str) -> None:
-        """Throws a state away; nothing happens if there is none."""
+        """Deletes a state, if it exists."""
         self._states.pop(name, None)
 
     def _require_save_support(self) -> None:
         if Capability.SAVE not in self._simulation.capabilities:
-            raise EngineError(f"the engine {self._simulation.engine_name!r} cannot keep its state")
-
-
-_SPAWN_TIMEOUT_S = 300.0
-_STEP_CHUNK_S = 0.1
-"""A goal that lets time pass does so in pieces of this length, so that others get their turn [s]."""
-_REMOTE_CAPABILITIES = frozenset({Capability.JOINTS, Capability.SAVE})
-"""What an engine can do that others can ask of it over the wire."""
-_FORMAT_VERSION = World(iri=Iri("")).format_version
+            raise EngineError(f"the engine {self._simulation.engine_name!r} cannot save its state")
 
 
 class EngineServices:
-    """Answers for the engine of a stage."""
+    """Services and actions of the engine of a simulation."""
 
     def __init__(self, state_reader: StateReader, diagnostics: DiagnosticsPublisher) -> None:
         self._state_reader = state_reader
@@ -122,9 +118,9 @@ class EngineServices:
         self._revision_lock = threading.Lock()
 
     def services(self) -> Iterator[ServiceSpec]:
-        """All services."""
+        """Yields all services."""
         yield _service_spec(wire.Describe, self.describe)
-        yield _service_spec(wire.SpawnWorld, self.spawn_world, patience_s=_SPAWN_TIMEOUT_S)
+        yield _service_spec(wire.SpawnWorld, self.spawn_world, timeout_s=_SPAWN_TIMEOUT_S)
         yield _service_spec(wire.LogWorld, self.snapshot_world)
         yield _service_spec(wire.Delete, self.delete)
         yield _service_spec(wire.Clear, self.clear)
@@ -136,7 +132,7 @@ class EngineServices:
         yield _service_spec(wire.Highlight, self.highlight)
         yield _service_spec(wire.GetHighlights, self.highlights, quick=True)
         yield _service_spec(wire.Push, self.apply_force)
-        yield _service_spec(wire.Step, self.step, patience_s=_SPAWN_TIMEOUT_S)
+        yield _service_spec(wire.Step, self.step, timeout_s=_SPAWN_TIMEOUT_S)
         yield _service_spec(wire.SetSpeed, self.set_speed)
         yield _service_spec(wire.GetPoses, self.poses, quick=True)
         yield _service_spec(wire.GetJointPositions, self.joint_positions)
@@ -145,20 +141,22 @@ class EngineServices:
         yield _service_spec(wire.ForgetState, self.discard_state)
 
     def actions(self) -> Iterator[ActionSpec]:
-        """What takes time."""
+        """Yields all actions."""
         yield ActionSpec(wire.SpawnMap, self.spawn_map, name=_service_name(wire.SpawnMap))
         yield ActionSpec(wire.Simulate, self.simulate, name=_service_name(wire.Simulate))
 
     # -- the world -----------------------------------------------------------------------------------------------------
 
     def describe(self, _: wire.Describe.Request) -> wire.Describe.Response:
-        """What runs here; the engine itself is asked, so an answer means that it lives."""
+        """Returns what the engine is; the engine itself is called, so that a response means that it responds."""
         self._simulation.ping()
         return wire.Describe.Response(
             engine=self._simulation.engine_name,
-            abilities=tuple(sorted(ability.value for ability in self._simulation.capabilities & _REMOTE_CAPABILITIES)),
+            abilities=tuple(
+                sorted(capability.value for capability in self._simulation.capabilities & _REMOTE_CAPABILITIES)
+            ),
             time_s=self._simulation.state.time_s,
-            format_version=_FORMAT_VERSION,
+            format_version=FORMAT_VERSION,
             session=self._session,
             takes=("forms",),
         )
@@ -170,199 +168,201 @@ class EngineServices:
         return wire.SpawnWorld.Response(success=report.ok, report=spawn_report(report))
 
     def snapshot_world(self, _: wire.LogWorld.Request) -> wire.LogWorld.Response:
-        """Hands the world back."""
+        """Returns the current world."""
         return wire.LogWorld.Response(success=True, world=world_to_json(self._simulation.snapshot()))
 
     def delete(self, request: wire.Delete.Request) -> wire.Delete.Response:
-        """Takes bodies away."""
+        """Removes bodies."""
         self._edit("delete", lambda engine: engine.delete(tuple(map(BodyId, request.ids))))
         return wire.Delete.Response(success=True)
 
     def clear(self, _: wire.Clear.Request) -> wire.Clear.Response:
-        """Takes everything away."""
+        """Removes everything."""
         self._simulation.clear()
         return wire.Clear.Response(success=True)
 
     def attach(self, request: wire.Attach.Request) -> wire.Attach.Response:
-        """Hangs one body on another."""
+        """Attaches a body to another one."""
         self._edit("attach", lambda engine: engine.attach(BodyId(request.parent), BodyId(request.child)))
         return wire.Attach.Response(success=True)
 
     def detach(self, request: wire.Detach.Request) -> wire.Detach.Response:
-        """Lets go of a body."""
+        """Detaches a body."""
         self._edit("detach", lambda engine: engine.detach(BodyId(request.child)))
         return wire.Detach.Response(success=True)
 
     # -- one body ------------------------------------------------------------------------------------------------------
 
     def set_pose(self, request: wire.SetPose.Request) -> wire.SetPose.Response:
-        """Puts a body somewhere else."""
+        """Sets the pose of a body."""
         pose = pose_from_message(request.pose)
         self._simulation.run_on_engine(lambda engine: engine.set_pose(BodyId(request.id), pose), label="set pose")
         return wire.SetPose.Response(success=True)
 
     def set_physics(self, request: wire.SetPhysics.Request) -> wire.SetPhysics.Response:
-        """Changes how a body takes part in the physics."""
+        """Sets the physics properties of a body."""
         physics = from_json(request.physics, BodyPhysics)
         self._edit("set physics", lambda engine: engine.set_physics(BodyId(request.id), physics))
         return wire.SetPhysics.Response(success=True)
 
     def set_materials(self, request: wire.SetMaterials.Request) -> wire.SetMaterials.Response:
-        """Changes a body's surface."""
+        """Sets the materials of a body."""
         materials = from_json(request.materials, tuple[Material, ...])
         self._edit("set materials", lambda engine: engine.set_materials(BodyId(request.id), materials))
         return wire.SetMaterials.Response(success=True)
 
     def highlight(self, request: wire.Highlight.Request) -> wire.Highlight.Response:
-        """Lights bodies up in any color, or puts them out."""
+        """Highlights bodies in any color, or removes their highlight."""
         color = color_from_message(request.color) if request.lit else None
         self._simulation.highlight(map(BodyId, request.ids), color)
         return wire.Highlight.Response(success=True)
 
     def highlights(self, _: wire.GetHighlights.Request) -> wire.GetHighlights.Response:
-        """What is lit."""
-        lit = self._state_reader.state().highlights
-        return wire.GetHighlights.Response(success=True, ids=tuple(lit), colors=tuple(map(color_message, lit.values())))
+        """Returns the highlighted bodies."""
+        colors = self._state_reader.state().highlights
+        return wire.GetHighlights.Response(
+            success=True, ids=tuple(colors), colors=tuple(map(color_message, colors.values()))
+        )
 
     def apply_force(self, request: wire.Push.Request) -> wire.Push.Response:
         """Applies a force throughout the next step."""
-        force, at = vector_from_message(request.force), _force_point(request)
-        self._simulation.run_on_engine(lambda engine: engine.apply_force(BodyId(request.id), force, at), label="push")
+        force, point = vector_from_message(request.force), _force_point(request)
+        self._simulation.run_on_engine(
+            lambda engine: engine.apply_force(BodyId(request.id), force, point), label="apply force"
+        )
         return wire.Push.Response(success=True)
 
     # -- time and state ------------------------------------------------------------------------------------------------
 
     def step(self, request: wire.Step.Request) -> wire.Step.Response:
-        """Lets time pass in one go, as the contract has it: what is pushed is pushed throughout."""
+        """Advances the simulation in one step, in which the given forces act throughout."""
         duration_s = _valid_duration(request.duration_s)
         forces = [(BodyId(each.id), vector_from_message(each.force), _force_point(each)) for each in request.forces]
 
         def step(engine: Engine) -> None:
-            for id, force, at in forces:
-                engine.apply_force(id, force, at)
+            for id, force, point in forces:
+                engine.apply_force(id, force, point)
             engine.step(duration_s)
 
         self._simulation.run_on_engine(
             step, label="step", timeout_s=self._simulation.timeout_s * (1.0 + 6.0 * duration_s)
         )
-        frame = self._simulation.state
-        told = wire.Step.Response(success=True, time_s=frame.time_s)
-        return msgspec.structs.replace(told, **self._pose_bytes(frame)) if request.packed else told
+        snapshot = self._simulation.state
+        response = wire.Step.Response(success=True, time_s=snapshot.time_s)
+        return msgspec.structs.replace(response, **self._pose_bytes(snapshot)) if request.packed else response
 
     def set_speed(self, request: wire.SetSpeed.Request) -> wire.SetSpeed.Response:
-        """Lets time pass by itself, or only by steps, for whoever drives the engine."""
-        frame = self._simulation.state
-        before = frame.speed if frame.playing else 0.0
+        """Sets the real-time factor, or pauses the simulation."""
+        snapshot = self._simulation.state
+        before = snapshot.speed if snapshot.playing else 0.0
         if request.speed < 0.0:
-            raise MessageValidationError(
-                "a speed", path="speed", cause=f"time does not pass backwards ({request.speed:g})"
-            )
+            raise MessageValidationError("a speed", path="speed", cause=f"it is negative ({request.speed:g})")
         if request.speed:
             self._simulation.play(speed=request.speed)
-            self._simulation.ping()  # so that the frame tells of it when the reply is there
+            self._simulation.ping()  # so that the snapshot has the new speed before the response
         else:
             self._simulation.pause()
         return wire.SetSpeed.Response(success=True, before=before)
 
     def poses(self, request: wire.GetPoses.Request) -> wire.GetPoses.Response:
-        """Where everything is."""
-        frame = self._state_reader.state()
-        revision = self._revision(frame)
-        ids = () if request.known == revision else frame.ids
-        told = wire.GetPoses.Response(success=True, time_s=frame.time_s, ids=ids, revision=revision)
+        """Returns the poses of all bodies."""
+        snapshot = self._state_reader.state()
+        revision = self._revision(snapshot)
+        ids = () if request.known == revision else snapshot.ids
+        response = wire.GetPoses.Response(success=True, time_s=snapshot.time_s, ids=ids, revision=revision)
         if request.packed:
-            return msgspec.structs.replace(told, **self._pose_bytes(frame))
-        return msgspec.structs.replace(told, poses=pose_array_messages(frame.poses))
+            return msgspec.structs.replace(response, **self._pose_bytes(snapshot))
+        return msgspec.structs.replace(response, poses=pose_array_messages(snapshot.poses))
 
     def joint_positions(self, _: wire.GetJointPositions.Request) -> wire.GetJointPositions.Response:
-        """How far constraints have moved."""
+        """Returns the displacements of all joints."""
         if Capability.JOINTS not in self._simulation.capabilities:
-            raise EngineError(f"the engine {self._simulation.engine_name!r} cannot tell where joints stand")
+            raise EngineError(f"the engine {self._simulation.engine_name!r} has no joint positions")
         positions = self._simulation.run_on_engine(lambda engine: engine.joint_positions(), label="joint positions")
         return wire.GetJointPositions.Response(
             success=True, joints=tuple(_joint_message(id, numbers) for id, numbers in positions.items())
         )
 
     def save_state(self, _: wire.SaveState.Request) -> wire.SaveState.Response:
-        """Keeps the state here."""
+        """Saves the state in this process."""
         return wire.SaveState.Response(success=True, handle=self._states.save())
 
     def restore_state(self, request: wire.RestoreState.Request) -> wire.RestoreState.Response:
-        """Brings a state back."""
+        """Restores a state."""
         reason = self._states.restore(request.handle)
         if reason:
             raise EngineError(reason)
         return wire.RestoreState.Response(success=True)
 
     def discard_state(self, request: wire.ForgetState.Request) -> wire.ForgetState.Response:
-        """Throws a state away."""
+        """Deletes a state."""
         self._states.discard(request.handle)
         return wire.ForgetState.Response(success=True)
 
-    # -- what takes time -----------------------------------------------------------------------------------------------
+    # -- actions -------------------------------------------------------------------------------------------------------
 
     def spawn_map(self, goal: wire.SpawnMap.Goal, context: GoalContext) -> wire.SpawnMap.Result:
-        """Spawns a world; one that was given up meanwhile is taken away again."""
+        """Spawns a world; if the goal is canceled meanwhile, its bodies are deleted again."""
 
-        def told(phase: str, done: int) -> wire.SpawnMap.Feedback:
+        def feedback(phase: str, done: int) -> wire.SpawnMap.Feedback:
             return wire.SpawnMap.Feedback(phase=phase, done=done, total=total)
 
         total = 0
-        context.check(lambda: told("reading", 0))
+        context.check(lambda: feedback("reading", 0))
         world = world_from_json(goal.world)
         total = len(world.bodies) + len(world.joints) + len(world.attachments)
         before = set(self._state_reader.state().ids)
-        with context.sending_feedback(lambda: told("spawning", 0)):
+        with context.sending_feedback(lambda: feedback("spawning", 0)):
             report = self._spawn(world, goal.forms)
         if context.cancelled:
-            there = set(self._state_reader.state().ids)
-            spawned = [body.id for body in world.bodies if body.id in there and body.id not in before]
+            present = set(self._state_reader.state().ids)
+            spawned = [body.id for body in world.bodies if body.id in present and body.id not in before]
             self._edit("delete", lambda engine: engine.delete(spawned))
             raise GoalCanceled
-        context.send_feedback(told("spawned", report.bodies + report.joints + report.attachments))
+        context.send_feedback(feedback("spawned", report.bodies + report.joints + report.attachments))
         self._diagnostics.report_spawn("spawn_map", report)
         return wire.SpawnMap.Result(success=report.ok, report=spawn_report(report))
 
     def simulate(self, goal: wire.Simulate.Goal, context: GoalContext) -> wire.Simulate.Result:
-        """Lets time pass."""
+        """Advances the simulation, with feedback."""
         duration_s = _valid_duration(goal.duration_s)
         elapsed_s = 0.0
 
-        def told() -> wire.Simulate.Feedback:
+        def feedback() -> wire.Simulate.Feedback:
             return wire.Simulate.Feedback(elapsed_s=elapsed_s, remaining_s=duration_s - elapsed_s)
 
         while elapsed_s < duration_s:
-            context.check(told)
-            piece_s = min(_STEP_CHUNK_S, duration_s - elapsed_s)
-            self._simulation.step(piece_s)
-            elapsed_s = elapsed_s + piece_s if duration_s - elapsed_s > _STEP_CHUNK_S else duration_s
+            context.check(feedback)
+            chunk_s = min(_STEP_CHUNK_S, duration_s - elapsed_s)
+            self._simulation.step(chunk_s)
+            elapsed_s = elapsed_s + chunk_s if duration_s - elapsed_s > _STEP_CHUNK_S else duration_s
         return wire.Simulate.Result(success=True, time_s=self._simulation.state.time_s)
 
     def _spawn(self, world: World, geometry: str) -> SpawnReport:
-        """Spawns a world, of the forms that came with it, or else of those that are known here."""
+        """Spawns a world with the geometries in the request, or else with those of the simulation."""
         return (
             self._simulation.spawn(world, geometry=geometry_from_json(geometry))
             if geometry
             else self._simulation.spawn(world)
         )
 
-    def _revision(self, frame: StateSnapshot) -> int:
-        """The number of the bodies in a frame: another one whenever some came or went."""
+    def _revision(self, snapshot: StateSnapshot) -> int:
+        """Returns a number that changes whenever bodies are added or removed."""
         with self._revision_lock:
             ids, number = self._revision_state
-            if ids is not frame.ids:
-                self._revision_state = frame.ids, number + 1
+            if ids is not snapshot.ids:
+                self._revision_state = snapshot.ids, number + 1
             return self._revision_state[1]
 
-    def _pose_bytes(self, frame: StateSnapshot) -> dict[str, Any]:
-        return {"revision": self._revision(frame), "rows": frame.poses.astype("<f8").tobytes()}
+    def _pose_bytes(self, snapshot: StateSnapshot) -> dict[str, Any]:
+        return {"revision": self._revision(snapshot), "rows": snapshot.poses.astype("<f8").tobytes()}
 
     def _edit(self, label: str, edit: Callable[[Engine], None]) -> None:
         self._simulation.run_on_engine(edit, label=label, edits=True)
 
 
 def spawn_report(report: SpawnReport) -> wire.SpawnReport:
-    """A report for the wire."""
+    """Converts a report to a message."""
     return msgspec.convert(msgspec.to_builtins(report), wire.SpawnReport)
 
 
@@ -379,13 +379,11 @@ def _joint_message(id: str, numbers: tuple[float, ...]) -> wire.JointPosition:
     return wire.JointPosition(id=id, x=x, y=y, z=z, twist=twist, swing2=swing2, swing1=swing1)
 
 
-def _force_point(push: wire.Push.Request | wire.Force) -> Vector | None:
-    return point_from_message(push.point) if push.at_point else None
+def _force_point(request: wire.Push.Request | wire.Force) -> Vector | None:
+    return point_from_message(request.point) if request.at_point else None
 
 
 def _valid_duration(duration_s: float) -> float:
     if duration_s < 0.0:
-        raise MessageValidationError(
-            "a step", path="duration_s", cause=f"time does not pass backwards ({duration_s:g} s)"
-        )
+        raise MessageValidationError("a step", path="duration_s", cause=f"it is negative ({duration_s:g} s)")
     return duration_s

@@ -1,8 +1,7 @@
-"""RosFace: a stage as a robot's programs see it: services, topics and actions under a namespace.
+"""`RosInterface` offers a simulation to ROS programs: services, topics and actions under a namespace.
 
-It stands at a hub of ours, or at somebody else's rosbridge by way of a client; the programs cannot tell.
-
-Guests: which programs are connected over rosbridge, as a stage's own people see it.
+Its node is a `LocalNode` in this process, or a `RosbridgeClient` at any rosbridge server; programs use both in the same
+way.
 """
 
 from __future__ import annotations
@@ -13,14 +12,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+import msgspec
+
 from mindstage.bridge import GraphInfo, LocalNode, Node, RosbridgeClient, Subscription
-from mindstage.errors import MindstageError
+from mindstage.errors import MessageValidationError, MindstageError
+from mindstage.knowledge.queries import answers_to_builtins, list_questions
 from mindstage.msgs import Message, RosVersion, decode, diagnostic_msgs, mindstage_msgs, type_name, visualization_msgs
 from mindstage.ros.actionlib import ActionlibServer
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.engine_services import EngineServices
 from mindstage.ros.publishers import HighlightSubscriber, PublishRates, StatePublisher
-from mindstage.ros.queries import QuestionServices
 from mindstage.ros.rosapi import RosapiServices
 from mindstage.ros.service import ActionSpec, ServiceSpec, action_handler, service_handler
 from mindstage.ros.simulation_interfaces import EntityServices, ResourceLoader, SpawnServices
@@ -28,40 +29,101 @@ from mindstage.ros.simulation_interfaces_control import SimulationControlService
 from mindstage.ros.state import StateReader
 from mindstage.ros.unreal_vis import UnrealVisServices
 from mindstage.ros.world_control import WorldControlServices
+from mindstage.scene.display import counted
 from mindstage.simulation import ConnectedClient, Simulation
 
-__all__ = ["RosInterface", "connected_clients"]
+__all__ = ["QuestionServices", "RosInterface", "connected_clients"]
 
 
 _TRANSPORT = "ROS"
+_QUESTION_NAMESPACE = "/mindstage"
+_QUESTION_TIMEOUT_S = 60.0
+M = TypeVar("M", bound=Message)
+_log = logging.getLogger("mindstage.ros")
 
 
 def connected_clients(node: Node) -> tuple[ConnectedClient, ...]:
-    """Who is connected to a hub of ours, or the rosbridge that we are connected to."""
+    """Returns the clients of a local node, or the rosbridge server to which a client is connected."""
     if isinstance(node, RosbridgeClient):
         return (ConnectedClient(name=node.url, transport=_TRANSPORT, activity=node.state.value),)
     if not isinstance(node, LocalNode) or node.closed:
         return ()
     try:
         return tuple(_hub_clients(node.graph_info(), node.name))
-    except MindstageError:  # it is being closed, or has better things to do
+    except MindstageError:  # it is closed meanwhile, or does not respond
         return ()
 
 
 def _hub_clients(graph: GraphInfo, own_name: str) -> Iterator[ConnectedClient]:
-    hears = Counter(name for topic in graph.topics for name in topic.subscribers)
-    says = Counter(name for topic in graph.topics for name in topic.publishers)
-    offers = Counter(each.provider for each in (*graph.services, *graph.actions))
+    subscriptions = Counter(name for topic in graph.topics for name in topic.subscribers)
+    publications = Counter(name for topic in graph.topics for name in topic.publishers)
+    services = Counter(each.provider for each in (*graph.services, *graph.actions))
     for peer in graph.peers:
         if peer != own_name:
-            parts = ((hears[peer], "topics heard"), (says[peer], "told"), (offers[peer], "services offered"))
-            does = ", ".join(f"{count} {what}" for count, what in parts if count)
-            yield ConnectedClient(name=peer, transport=_TRANSPORT, activity=does or "calls only")
+            counts = (
+                (subscriptions[peer], "subscription"),
+                (publications[peer], "publication"),
+                (services[peer], "service"),
+            )
+            activity = ", ".join(counted(number, noun) for number, noun in counts if number)
+            yield ConnectedClient(name=peer, transport=_TRANSPORT, activity=activity or "calls only")
 
 
-M = TypeVar("M", bound=Message)
+class QuestionServices:
+    """The declared questions as services: all by `/mindstage/ask`, and each under its own name."""
 
-_log = logging.getLogger("mindstage.ros")
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+
+    def services(self) -> Iterator[ServiceSpec]:
+        """Yields all services."""
+        # Also relative to the namespace: of several simulations at one server, only one can have the absolute name.
+        for name in (f"{_QUESTION_NAMESPACE}/ask", "mindstage/ask"):
+            yield ServiceSpec(mindstage_msgs.Ask, self.handle_ask, name=name, timeout_s=_QUESTION_TIMEOUT_S)
+        for question in list_questions():
+            name = f"{_QUESTION_NAMESPACE}/{question.name}"
+            yield ServiceSpec(
+                mindstage_msgs.Ask, self._question_handler(question.name), name=name, timeout_s=_QUESTION_TIMEOUT_S
+            )
+
+    def handle_ask(self, request: mindstage_msgs.Ask.Request) -> mindstage_msgs.Ask.Response:
+        """Answers any question; an empty answer is a success."""
+        answers = self._simulation.ask(request.question, **_parse_arguments(request.args))
+        rows = answers_to_builtins(self._simulation.knowledge, answers)
+        return mindstage_msgs.Ask.Response(success=True, answers=msgspec.json.encode(rows).decode())
+
+    def _question_handler(self, name: str) -> Callable[[mindstage_msgs.Ask.Request], mindstage_msgs.Ask.Response]:
+        """Returns the handler of the service of one question, whose name may be left out of the request."""
+
+        def handle(request: mindstage_msgs.Ask.Request) -> mindstage_msgs.Ask.Response:
+            if request.question.replace("-", "_") not in {"", name}:
+                cause = f"this service is for {name}, not {request.question}"
+                raise MessageValidationError(
+                    "mindstage_msgs/AskRequest", path="question", cause=cause, remedy="leave it empty"
+                )
+            return self.handle_ask(msgspec.structs.replace(request, question=name))
+
+        return handle
+
+
+def _parse_arguments(text: str) -> dict[str, object]:
+    """Decodes the arguments of a question.
+
+    Raises:
+        MessageValidationError: the text is not a JSON object.
+    """
+    try:
+        args = msgspec.json.decode(text or "{}", type=dict[str, object])
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+        remedy = 'send an object in a string, such as {"item": "CowsMilk"}'
+        raise MessageValidationError(
+            "mindstage_msgs/AskRequest", path="args", cause=str(error), remedy=remedy
+        ) from error
+    if "question" in args or "self" in args:
+        raise MessageValidationError(
+            "mindstage_msgs/AskRequest", path="args", cause="the argument names question and self are reserved"
+        )
+    return args
 
 
 class _ServiceGroup(Protocol):
@@ -69,7 +131,7 @@ class _ServiceGroup(Protocol):
 
 
 class RosInterface:
-    """Offers everything from when it is made until `close`; the stage and the participant live on."""
+    """Offers its services, topics and actions until `close`; the simulation and the node are not closed."""
 
     def __init__(
         self,
@@ -84,18 +146,18 @@ class RosInterface:
         folder: Path | None = None,
         on_quit: Callable[[], object] | None = None,
     ) -> None:
-        """Offers it all.
+        """Creates all services, topics and actions.
 
         Args:
-            stage: whose face it is.
-            participant: a `LocalNode` in this process, or a `Client` at any rosbridge.
-            namespace: what the names of this stage's own services and topics begin with.
-            ros: whose words to use where ROS 1 and ROS 2 differ; both are understood.
-            rates: how often topics are told; None is the usual.
-            step_s: how long one step of simulation_interfaces is [s].
-            goal_timeout_s: how long a goal of an action may take [s].
-            folder: maps and robots in it may be loaded and spawned by anyone who can call; None is none.
-            on_quit: called when somebody wants the simulation to end; None where nobody may.
+            simulation: the simulation.
+            node: a `LocalNode` in this process, or a `RosbridgeClient` at any rosbridge server.
+            namespace: namespace of the services and topics of this simulation.
+            ros: version of ROS for types and formats that differ in ROS 1 and ROS 2; both are accepted.
+            rates: rates of the topics; None for the defaults.
+            step_s: length of one step of simulation_interfaces [s].
+            goal_timeout_s: largest duration of the goal of an action [s].
+            folder: folder with maps and robots that every client may load and spawn; None for no files.
+            on_quit: called when a client ends the simulation; None if clients may not.
 
         Raises:
             AdvertiseError: one of the names is taken.
@@ -113,35 +175,35 @@ class RosInterface:
             node, "/mindstage/diagnostics", diagnostic_msgs.DiagnosticArray, ros=ros
         )
         self._diagnostics = diagnostics = DiagnosticsPublisher(self._diagnostics_publisher, simulation)
-        self._state_reader = sight = StateReader(simulation)
-        self._engine_services = EngineServices(sight, diagnostics)
+        self._state_reader = state_reader = StateReader(simulation)
+        self._engine_services = EngineServices(state_reader, diagnostics)
         self._control_services = SimulationControlServices(simulation, step_s=step_s, on_quit=on_quit)
-        self._unreal_vis = UnrealVisServices(sight, diagnostics)
+        self._unreal_vis = UnrealVisServices(state_reader, diagnostics)
         self._service_groups = self._make_service_groups(ResourceLoader(simulation.knowledge, folder), step_s=step_s)
-        self._action_topics: list[ActionlibServer] = []
+        self._action_servers: list[ActionlibServer] = []
         self._subscriptions: list[Subscription] = []
         self._state_publisher: StatePublisher | None = None
         try:
             self._open()
             self._state_publisher = StatePublisher(
-                node, sight, namespace=namespace, ros=ros, rates=rates or PublishRates(), extra_tick=self._tick
+                node, state_reader, namespace=namespace, ros=ros, rates=rates or PublishRates(), extra_tick=self._tick
             )
         except BaseException:
-            self.close()  # half a face is none
+            self.close()
             raise
 
     def close(self) -> None:
-        """Takes it all back; any number of times."""
+        """Withdraws everything; calling it again is harmless."""
         if self._closed:
             return
         self._closed = True
         self._remove_client_source()
         if self._state_publisher is not None:
             self._state_publisher.close()
-        for topics in self._action_topics:
-            topics.close()
-        for inlet in self._subscriptions:
-            inlet.close()
+        for server in self._action_servers:
+            server.close()
+        for subscription in self._subscriptions:
+            subscription.close()
         for action in self._actions:
             self._node.destroy_action_server(action)
         for service in self._services:
@@ -155,26 +217,26 @@ class RosInterface:
         self.close()
 
     def _make_service_groups(self, resources: ResourceLoader, *, step_s: float) -> tuple[_ServiceGroup, ...]:
-        """Everything that offers services, each for a part of what a stage can do."""
-        stage, sight, diagnostics = self.simulation, self._state_reader, self._diagnostics
-        looking = (RosapiServices(self._node, stage, ros=self._ros),) if isinstance(self._node, LocalNode) else ()
+        """Returns all objects that provide services."""
+        simulation, state_reader, diagnostics = self.simulation, self._state_reader, self._diagnostics
+        rosapi = (RosapiServices(self._node, simulation, ros=self._ros),) if isinstance(self._node, LocalNode) else ()
         return (
-            WorldControlServices(sight, diagnostics),
+            WorldControlServices(state_reader, diagnostics),
             self._unreal_vis,
-            EntityServices(sight),
-            WorldServices(stage, resources, diagnostics),
-            SpawnServices(sight, resources, diagnostics, step_s=step_s),
+            EntityServices(state_reader),
+            WorldServices(simulation, resources, diagnostics),
+            SpawnServices(state_reader, resources, diagnostics, step_s=step_s),
             self._control_services,
             self._engine_services,
-            QuestionServices(stage),
-            *looking,
+            QuestionServices(simulation),
+            *rosapi,
         )
 
-    # -- offering ------------------------------------------------------------------------------------------------------
+    # -- creation ------------------------------------------------------------------------------------------------------
 
     def _open(self) -> None:
-        for room in self._service_groups:
-            for service in room.services():
+        for group in self._service_groups:
+            for service in group.services():
                 self._create_service(service)
         for action in (*self._engine_services.actions(), *self._control_services.actions()):
             self._create_action(action)
@@ -197,12 +259,12 @@ class RosInterface:
             name, spec, diagnostics=self._diagnostics, ros=self._ros, timeout_s=self._goal_timeout_s
         )
         self._node.create_action_server(name, type_name(spec.type, self._ros), handler)
-        topics = ActionlibServer(self._node, name, spec.type, handler, diagnostics=self._diagnostics, ros=self._ros)
-        self._action_topics.append(topics)
+        server = ActionlibServer(self._node, name, spec.type, handler, diagnostics=self._diagnostics, ros=self._ros)
+        self._action_servers.append(server)
         self._actions.append(name)
 
     def _subscribe(self, name: str, type: type[M], handler: Callable[[M], None]) -> None:
-        """Acts on messages; what is wrong with one is told on the diagnostics, since nobody waits for a reply."""
+        """Subscribes to a topic; errors are published on the diagnostics, since messages have no response."""
         topic = "/".join(("", *filter(None, self.namespace.split("/")), name))
 
         def on_message(message: Any) -> None:
@@ -214,5 +276,5 @@ class RosInterface:
         self._subscriptions.append(self._node.subscribe(topic, on_message, type=type_name(type, self._ros)))
 
     def _tick(self) -> None:
-        for topics in self._action_topics:
-            topics.publish_status()
+        for server in self._action_servers:
+            server.publish_status()

@@ -1,12 +1,7 @@
-"""Broadcast: what the face tells unasked: time, poses, joints, forms, lights, and how the engine is.
+"""Publishes the state of a simulation: clock, transforms, joint states, markers, highlights and health.
 
-Nothing is made that nobody hears. What does not change is told once a second, for those who came late.
-
-Highlights: a message lights bodies up, whether or not anyone listens, and tells why.
-
-Pictures: a frame as the messages by which robots know a place: transforms, joint states, markers.
-
-There are many of them every second, so those with many parts are written as JSON objects at once.
+A message is created only if its topic has subscribers. Unchanged values are published once a second, for late
+subscribers. Frequent messages with many elements are encoded as JSON objects directly.
 """
 
 from __future__ import annotations
@@ -53,30 +48,6 @@ __all__ = [
     "world_marker_array",
 ]
 
-
-class HighlightSubscriber:
-    """Shows on a stage what messages want lit."""
-
-    def __init__(self, simulation: Simulation, diagnostics: DiagnosticsPublisher) -> None:
-        self._simulation = simulation
-        self._diagnostics = diagnostics
-
-    def on_highlight(self, message: mindstage_msgs.LitBodies) -> None:
-        """Lights up what has a body; what has none is told on the diagnostics."""
-        color = color_from_message(message.color) if message.color.a > 0.0 else None
-        shown = self._simulation.highlight(message.ids, color, label=message.label, missing_ok=True)
-        self._diagnostics.report_failures("highlight", [(each.id, each.reason) for each in shown.unhighlighted])
-
-
-def highlight_groups(frame: StateSnapshot) -> mindstage_msgs.LitGroups:
-    """All that is lit in a frame."""
-    groups = (
-        mindstage_msgs.LitBodies(ids=group.ids, color=color_message(group.color), label=group.label)
-        for group in frame.highlight_groups
-    )
-    return mindstage_msgs.LitGroups(groups=tuple(groups))
-
-
 _WORLD_FRAME = "world"
 _NAMESPACE = "mindstage"
 _DEFAULT_SIZE_M = 0.05
@@ -86,17 +57,46 @@ _MARKER_TYPES = {
     PrimitiveType.SPHERE: visualization_msgs.MarkerType.SPHERE,
     PrimitiveType.CYLINDER: visualization_msgs.MarkerType.CYLINDER,
 }
+_IDLE_PUBLISH_INTERVAL_S = 1.0
+_PING_INTERVAL_S = 2.0
+_POLL_INTERVAL_S = 0.05
+"""Interval at which the loss of the engine and changes of highlights are detected [s]."""
+_log = logging.getLogger("mindstage.ros")
+
+
+class HighlightSubscriber:
+    """Highlights bodies on request of a message."""
+
+    def __init__(self, simulation: Simulation, diagnostics: DiagnosticsPublisher) -> None:
+        self._simulation = simulation
+        self._diagnostics = diagnostics
+
+    def on_highlight(self, message: mindstage_msgs.LitBodies) -> None:
+        """Highlights the bodies; ids without a body are published on the diagnostics."""
+        color = color_from_message(message.color) if message.color.a > 0.0 else None
+        result = self._simulation.highlight(message.ids, color, label=message.label, missing_ok=True)
+        self._diagnostics.report_failures("highlight", [(each.id, each.reason) for each in result.unhighlighted])
+
+
+def highlight_groups(snapshot: StateSnapshot) -> mindstage_msgs.LitGroups:
+    """Returns all highlights in a snapshot."""
+    groups = (
+        mindstage_msgs.LitBodies(ids=group.ids, color=color_message(group.color), label=group.label)
+        for group in snapshot.highlight_groups
+    )
+    return mindstage_msgs.LitGroups(groups=tuple(groups))
+
 
 EncodedMessage = dict[str, Any]
 
 
-def tf_message(frame: StateSnapshot, *, ros: RosVersion) -> EncodedMessage:
-    """Where every body is in the world, as a `tf2_msgs/TFMessage`.
+def tf_message(snapshot: StateSnapshot, *, ros: RosVersion) -> EncodedMessage:
+    """Returns the poses of all bodies in the world as a `tf2_msgs/TFMessage`.
 
     Raises:
-        EngineError: the engine tells of places that are no numbers.
+        EngineError: the engine returned poses that are not finite.
     """
-    header = encode(_header(frame), ros=ros)
+    header = encode(_header(snapshot), ros=ros)
     return {
         "transforms": [
             {
@@ -107,38 +107,38 @@ def tf_message(frame: StateSnapshot, *, ros: RosVersion) -> EncodedMessage:
                     "rotation": {"x": i, "y": j, "z": k, "w": w},
                 },
             }
-            for id, (x, y, z, w, i, j, k) in zip(frame.ids, _header_stamp(frame), strict=True)
+            for id, (x, y, z, w, i, j, k) in zip(snapshot.ids, _finite_poses(snapshot), strict=True)
         ]
     }
 
 
 def joint_state_message(
-    frame: StateSnapshot, joints: Iterable[Joint], positions: Mapping[BodyId, tuple[float, ...]]
+    snapshot: StateSnapshot, joints: Iterable[Joint], positions: Mapping[BodyId, tuple[float, ...]]
 ) -> sensor_msgs.JointState:
-    """How far every constraint has moved since it was spawned; one that moves in several ways has several names."""
+    """Returns the displacement of every joint since it was spawned; a joint with several axes has several names."""
     names: list[str] = []
     numbers: list[float] = []
-    for constraint in joints:
-        if constraint.id not in positions:
+    for joint in joints:
+        if joint.id not in positions:
             continue
-        axes = [at for at, axis in enumerate(_AXES) if _axis_motion(constraint, axis) is not AxisMotion.LOCKED]
-        for at in axes:
-            names.append(constraint.id if len(axes) == 1 else f"{constraint.id}/{_AXES[at]}")
-            numbers.append(positions[constraint.id][at])
-    return sensor_msgs.JointState(header=_header(frame), name=tuple(names), position=tuple(numbers))
+        axes = [index for index, axis in enumerate(_AXES) if _axis_motion(joint, axis) is not AxisMotion.LOCKED]
+        for index in axes:
+            names.append(joint.id if len(axes) == 1 else f"{joint.id}/{_AXES[index]}")
+            numbers.append(positions[joint.id][index])
+    return sensor_msgs.JointState(header=_header(snapshot), name=tuple(names), position=tuple(numbers))
 
 
-def world_marker_array(frame: StateSnapshot, bodies: Iterable[Body], *, ros: RosVersion) -> EncodedMessage:
-    """Every body as a form, as a `visualization_msgs/MarkerArray` that replaces the one before."""
-    described = {body.id: body for body in bodies}
-    header = _header(frame)
+def world_marker_array(snapshot: StateSnapshot, bodies: Iterable[Body], *, ros: RosVersion) -> EncodedMessage:
+    """Returns every body as a marker, in a `visualization_msgs/MarkerArray` that replaces the one before."""
+    descriptions = {body.id: body for body in bodies}
+    header = _header(snapshot)
     blank = encode(visualization_msgs.Marker(header=header, ns=_NAMESPACE), ros=ros)
     markers: list[EncodedMessage] = [{**blank, "action": int(visualization_msgs.MarkerAction.DELETEALL)}]
-    for number, (id, (x, y, z, w, i, j, k)) in enumerate(zip(frame.ids, _header_stamp(frame), strict=True)):
-        body = described.get(id)
+    for number, (id, (x, y, z, w, i, j, k)) in enumerate(zip(snapshot.ids, _finite_poses(snapshot), strict=True)):
+        body = descriptions.get(id)
         width, depth, height = body.size if body and body.size else (_DEFAULT_SIZE_M,) * 3
-        red, green, blue = frame.highlights.get(id) or _color(body)
-        form = (
+        red, green, blue = snapshot.highlights.get(id) or _color(body)
+        marker_type = (
             _MARKER_TYPES.get(body.shape.type, visualization_msgs.MarkerType.CUBE)
             if body and body.shape
             else visualization_msgs.MarkerType.CUBE
@@ -148,7 +148,7 @@ def world_marker_array(frame: StateSnapshot, bodies: Iterable[Body], *, ros: Ros
             {
                 **blank,
                 "id": number,
-                "type": int(form),
+                "type": int(marker_type),
                 "pose": pose,
                 "scale": {"x": width, "y": depth, "z": height},
                 "color": {"r": red, "g": green, "b": blue, "a": 1.0},
@@ -158,14 +158,14 @@ def world_marker_array(frame: StateSnapshot, bodies: Iterable[Body], *, ros: Ros
     return {"markers": markers}
 
 
-def _header(frame: StateSnapshot) -> std_msgs.Header:
-    return std_msgs.Header(stamp=builtin_interfaces.Time.at(frame.time_s), frame_id=_WORLD_FRAME)
+def _header(snapshot: StateSnapshot) -> std_msgs.Header:
+    return std_msgs.Header(stamp=builtin_interfaces.Time.at(snapshot.time_s), frame_id=_WORLD_FRAME)
 
 
-def _header_stamp(frame: StateSnapshot) -> list[list[float]]:
-    if not np.isfinite(frame.poses).all():
-        raise EngineError("the engine tells of places that are no numbers")
-    rows: list[list[float]] = frame.poses.tolist()
+def _finite_poses(snapshot: StateSnapshot) -> list[list[float]]:
+    if not np.isfinite(snapshot.poses).all():
+        raise EngineError("the engine returned poses that are not finite")
+    rows: list[list[float]] = snapshot.poses.tolist()
     return rows
 
 
@@ -179,15 +179,8 @@ def _color(body: Body | None) -> Color:
     return next(iter(colors), _GRAY)
 
 
-_IDLE_PUBLISH_INTERVAL_S = 1.0
-_PING_INTERVAL_S = 2.0
-_POLL_INTERVAL_S = 0.05
-"""So soon is it noticed that an engine is lost, or something was lit [s]."""
-_log = logging.getLogger("mindstage.ros")
-
-
 class PublishRates(msgspec.Struct, frozen=True, kw_only=True):
-    """How often each topic is told while the world plays [Hz]; 0 is never."""
+    """Rate of each topic while the simulation is playing [Hz]; 0 disables it."""
 
     clock: float = 30.0
     tf: float = 30.0
@@ -198,7 +191,7 @@ class PublishRates(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(slots=True)
 class _PeriodicTask:
-    """Something that is told again and again."""
+    """A topic that is published periodically."""
 
     period_s: float
     publish: Callable[[StateSnapshot], None]
@@ -220,15 +213,15 @@ class StatePublisher:
         rates: PublishRates,
         extra_tick: Callable[[], None],
     ) -> None:
-        """Begins at once.
+        """Starts to publish.
 
         Args:
-            participant: where.
-            sight: what is told of.
-            namespace: of the topics that belong to this stage alone.
-            ros: whose words to use.
-            rates: how often.
-            also: called now and then, for whoever else has to be.
+            node: node that publishes.
+            state_reader: source of the state.
+            namespace: namespace of the topics of this simulation.
+            ros: version of ROS for names and formats.
+            rates: rates of the topics.
+            extra_tick: called regularly.
         """
         self._state_reader = state_reader
         self._simulation = state_reader.simulation
@@ -243,13 +236,13 @@ class StatePublisher:
         self._health = Publisher(node, "/mindstage/health", diagnostic_msgs.DiagnosticArray, ros=ros, latch=True)
         self._last_highlights: object = None
         self._last_error: object = None
-        beats = (
+        topics = (
             (rates.clock, self._publish_clock),
             (rates.tf, self._publish_tf),
             (rates.joint_states, self._publish_joint_states),
             (rates.markers, self._publish_markers),
         )
-        self._tasks = [_PeriodicTask(1.0 / rate, tell) for rate, tell in beats if rate > 0.0]
+        self._tasks = [_PeriodicTask(1.0 / rate, publish) for rate, publish in topics if rate > 0.0]
         self._tick_interval_s = 1.0 / rates.health if rates.health > 0.0 else None
         self._closing = threading.Event()
         self._threads = [
@@ -260,45 +253,45 @@ class StatePublisher:
             thread.start()
 
     def close(self) -> None:
-        """Ends it; any number of times."""
+        """Stops publishing; calling it again is harmless."""
         if self._closing.is_set():
             return
         self._closing.set()
         for thread in self._threads:
             thread.join(_PING_INTERVAL_S + 5.0)
-        for outlet in (self._clock, self._tf, self._joints, self._markers, self._highlights, self._health):
-            outlet.close()
+        for publisher in (self._clock, self._tf, self._joints, self._markers, self._highlights, self._health):
+            publisher.close()
 
-    # -- again and again -----------------------------------------------------------------------------------------------
+    # -- threads -------------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        next_look = 0.0
+        next_poll_s = 0.0
         while True:
             now = time.monotonic()
-            due = min([next_look, *(beat.next_time for beat in self._tasks)])
-            if self._closing.wait(max(0.0, due - now)):
+            due_s = min([next_poll_s, *(task.next_time for task in self._tasks)])
+            if self._closing.wait(max(0.0, due_s - now)):
                 return
             now = time.monotonic()
-            for beat in self._tasks:
-                if beat.next_time <= now:
-                    beat.next_time = max(beat.next_time + beat.period_s, now)
-                    self._with_error_log(partial(self._run_task, beat, now))
-            if next_look <= now:
-                next_look = now + _POLL_INTERVAL_S
+            for task in self._tasks:
+                if task.next_time <= now:
+                    task.next_time = max(task.next_time + task.period_s, now)
+                    self._with_error_log(partial(self._run_task, task, now))
+            if next_poll_s <= now:
+                next_poll_s = now + _POLL_INTERVAL_S
                 self._with_error_log(self._publish_highlights)
 
     def _run_task(self, task: _PeriodicTask, now: float) -> None:
-        frame = self._simulation.state
-        if _is_unchanged(frame, task.last_state) and now - task.last_time < _IDLE_PUBLISH_INTERVAL_S:
+        snapshot = self._simulation.state
+        if _is_unchanged(snapshot, task.last_state) and now - task.last_time < _IDLE_PUBLISH_INTERVAL_S:
             return
-        task.last_state, task.last_time = frame, now
-        task.publish(frame)
+        task.last_state, task.last_time = snapshot, now
+        task.publish(snapshot)
 
     def _publish_highlights(self) -> None:
-        frame = self._simulation.state
-        if frame.highlight_groups is not self._last_highlights:
-            self._last_highlights = frame.highlight_groups
-            self._highlights.publish(highlight_groups(frame))
+        snapshot = self._simulation.state
+        if snapshot.highlight_groups is not self._last_highlights:
+            self._last_highlights = snapshot.highlight_groups
+            self._highlights.publish(highlight_groups(snapshot))
         if self._simulation.engine_error is not self._last_error:
             self._last_error = self._simulation.engine_error
             self._health.publish(
@@ -314,46 +307,48 @@ class StatePublisher:
         try:
             publish()
         except MindstageError as error:
-            _log.debug("could not be told: %s", error)  # the health tells of it
+            _log.debug("not published: %s", error)  # it is published in the health
         except Exception:
-            _log.exception("a topic could not be told")
+            _log.exception("a topic could not be published")
 
-    # -- what is told --------------------------------------------------------------------------------------------------
+    # -- topics --------------------------------------------------------------------------------------------------------
 
-    def _publish_clock(self, frame: StateSnapshot) -> None:
+    def _publish_clock(self, snapshot: StateSnapshot) -> None:
         if self._clock.has_subscribers:
-            self._clock.publish(rosgraph_msgs.Clock(clock=builtin_interfaces.Time.at(frame.time_s)))
+            self._clock.publish(rosgraph_msgs.Clock(clock=builtin_interfaces.Time.at(snapshot.time_s)))
 
-    def _publish_tf(self, frame: StateSnapshot) -> None:
+    def _publish_tf(self, snapshot: StateSnapshot) -> None:
         if self._tf.has_subscribers:
-            self._tf.publish_encoded(tf_message(frame, ros=self._ros))
+            self._tf.publish_encoded(tf_message(snapshot, ros=self._ros))
 
-    def _publish_joint_states(self, frame: StateSnapshot) -> None:
+    def _publish_joint_states(self, snapshot: StateSnapshot) -> None:
         if self._joints.has_subscribers and Capability.JOINTS in self._simulation.capabilities:
             positions = self._simulation.run_on_engine(lambda engine: engine.joint_positions(), label="joint positions")
-            self._joints.publish(joint_state_message(frame, self._state_reader.world().joints, positions))
+            self._joints.publish(joint_state_message(snapshot, self._state_reader.world().joints, positions))
 
-    def _publish_markers(self, frame: StateSnapshot) -> None:
+    def _publish_markers(self, snapshot: StateSnapshot) -> None:
         if self._markers.has_subscribers:
-            self._markers.publish_encoded(world_marker_array(frame, self._state_reader.world().bodies, ros=self._ros))
+            self._markers.publish_encoded(
+                world_marker_array(snapshot, self._state_reader.world().bodies, ros=self._ros)
+            )
 
     def _publish_health(self) -> None:
-        trouble: MindstageError | None = None
-        took_s = None
+        ping_error: MindstageError | None = None
+        response_time_s = None
         try:
-            took_s = self._simulation.ping(timeout_s=_PING_INTERVAL_S)
+            response_time_s = self._simulation.ping(timeout_s=_PING_INTERVAL_S)
         except SimulationTimeoutError as error:
-            trouble = self._simulation.engine_error or error
+            ping_error = self._simulation.engine_error or error
         except MindstageError as error:
-            trouble = error
+            ping_error = error
         self._last_error = self._simulation.engine_error
-        self._health.publish(health_status(self._simulation, response_time_s=took_s, error=trouble))
+        self._health.publish(health_status(self._simulation, response_time_s=response_time_s, error=ping_error))
 
 
-def _is_unchanged(frame: StateSnapshot, before: StateSnapshot | None) -> bool:
-    """Whether nobody could tell one frame from another."""
-    return before is frame or (
+def _is_unchanged(snapshot: StateSnapshot, before: StateSnapshot | None) -> bool:
+    """Whether two snapshots have the same content."""
+    return before is snapshot or (
         before is not None
-        and (frame.time_s, frame.revision, frame.ids) == (before.time_s, before.revision, before.ids)
-        and np.array_equal(frame.poses, before.poses)
+        and (snapshot.time_s, snapshot.revision, snapshot.ids) == (before.time_s, before.revision, before.ids)
+        and np.array_equal(snapshot.poses, before.poses)
     )

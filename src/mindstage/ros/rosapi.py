@@ -1,4 +1,4 @@
-"""Rosapi: what tools ask to look around at our own hub. Another rosbridge has its own."""
+"""The services of rosapi, by which tools introspect a `LocalNode`. Another rosbridge server has its own."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NAMESPACE = "/rosapi"
 
 
 class RosapiServices:
-    """Tells who and what is at a hub."""
+    """Services that return the graph of nodes, services, actions and topics."""
 
     def __init__(self, node: LocalNode, simulation: Simulation, *, ros: RosVersion) -> None:
         self._node = node
@@ -37,7 +37,7 @@ class RosapiServices:
         self._ros = ros
 
     def services(self) -> Iterator[ServiceSpec]:
-        """All services, most of them one line."""
+        """Yields all services."""
         for name, type, answer in (*self._topic_services(), *self._service_services(), *self._other_services()):
             yield ServiceSpec(type, answer, name=f"{_NAMESPACE}/{name}")
 
@@ -47,24 +47,28 @@ class RosapiServices:
         yield (
             "topics_for_type",
             wire.TopicsForType,
-            lambda asked: wire.TopicsForType.Response(
+            lambda request: wire.TopicsForType.Response(
                 topics=tuple(
                     topic.name
                     for topic in self._graph_info().topics
-                    if topic.type and same_type(topic.type, asked.type)
+                    if topic.type and same_type(topic.type, request.type)
                 )
             ),
         )
-        yield "topic_type", wire.TopicType, lambda asked: wire.TopicType.Response(type=self._topic(asked.topic).type)
+        yield (
+            "topic_type",
+            wire.TopicType,
+            lambda request: wire.TopicType.Response(type=self._topic(request.topic).type),
+        )
         yield (
             "publishers",
             wire.Publishers,
-            lambda asked: wire.Publishers.Response(publishers=self._topic(asked.topic).publishers),
+            lambda request: wire.Publishers.Response(publishers=self._topic(request.topic).publishers),
         )
         yield (
             "subscribers",
             wire.Subscribers,
-            lambda asked: wire.Subscribers.Response(subscribers=self._topic(asked.topic).subscribers),
+            lambda request: wire.Subscribers.Response(subscribers=self._topic(request.topic).subscribers),
         )
 
     def _service_services(self) -> Iterator[tuple[str, Any, Callable[[Any], Message]]]:
@@ -76,26 +80,26 @@ class RosapiServices:
         yield (
             "services_for_type",
             wire.ServicesForType,
-            lambda asked: wire.ServicesForType.Response(
-                services=tuple(each.name for each in self._graph_info().services if same_type(each.type, asked.type))
+            lambda request: wire.ServicesForType.Response(
+                services=tuple(each.name for each in self._graph_info().services if same_type(each.type, request.type))
             ),
         )
         yield (
             "service_type",
             wire.ServiceType,
-            lambda asked: wire.ServiceType.Response(type=self._of_service(asked.service, "type")),
+            lambda request: wire.ServiceType.Response(type=self._of_service(request.service, "type")),
         )
         yield (
             "service_node",
             wire.ServiceNode,
-            lambda asked: wire.ServiceNode.Response(node=self._of_service(asked.service, "provider")),
+            lambda request: wire.ServiceNode.Response(node=self._of_service(request.service, "provider")),
         )
         yield (
             "service_providers",
             wire.ServiceProviders,
-            lambda asked: wire.ServiceProviders.Response(
+            lambda request: wire.ServiceProviders.Response(
                 providers=tuple(
-                    {each.provider: 0 for each in self._graph_info().services if same_type(each.type, asked.service)}
+                    {each.provider: 0 for each in self._graph_info().services if same_type(each.type, request.service)}
                 )
             ),
         )
@@ -109,9 +113,9 @@ class RosapiServices:
         yield (
             "action_type",
             wire.ActionType,
-            lambda asked: wire.ActionType.Response(
+            lambda request: wire.ActionType.Response(
                 type=next(
-                    (each.type for each in self._graph_info().actions if each.name == resolve_name(asked.action)), ""
+                    (each.type for each in self._graph_info().actions if each.name == resolve_name(request.action)), ""
                 )
             ),
         )
@@ -134,10 +138,10 @@ class RosapiServices:
         yield (
             "get_param",
             wire.GetParam,
-            lambda asked: wire.GetParam.Response(
-                value=asked.default,
-                successful=bool(asked.default),
-                reason="" if asked.default else "there are no parameters",
+            lambda request: wire.GetParam.Response(
+                value=request.default,
+                successful=bool(request.default),
+                reason="" if request.default else "there are no parameters",
             ),
         )
         yield "has_param", wire.HasParam, lambda _: wire.HasParam.Response()
@@ -151,7 +155,7 @@ class RosapiServices:
         ):
             yield name, type, self._details(type, part)
 
-    # -- looking -------------------------------------------------------------------------------------------------------
+    # -- the graph -----------------------------------------------------------------------------------------------------
 
     def _graph_info(self) -> GraphInfo:
         return self._node.graph_info()
@@ -169,28 +173,28 @@ class RosapiServices:
         return next(found, "")
 
     def _raw_types(self, _: wire.TopicsAndRawTypes.Request) -> wire.TopicsAndRawTypes.Response:
-        told = self._topics()
-        texts = tuple(self._definition(type) for type in told["types"])
-        return wire.TopicsAndRawTypes.Response(**told, typedefs_full_text=texts)
+        topics = self._topics()
+        texts = tuple(self._definition(type) for type in topics["types"])
+        return wire.TopicsAndRawTypes.Response(**topics, typedefs_full_text=texts)
 
     def _definition(self, type: str) -> str:
-        """What a type is made of; of one that others brought, nobody here knows it."""
+        """Returns the definition of a type; empty for a type that is not registered."""
         try:
             return definition_text(message_type(type), ros=self._ros)
         except TypeNotFoundError:
             return ""
 
-    def _node_details(self, asked: wire.NodeDetails.Request) -> wire.NodeDetails.Response:
-        seen, node = self._graph_info(), resolve_name(asked.node)
+    def _node_details(self, request: wire.NodeDetails.Request) -> wire.NodeDetails.Response:
+        graph, node = self._graph_info(), resolve_name(request.node)
         return wire.NodeDetails.Response(
-            subscribing=tuple(topic.name for topic in seen.topics if node in topic.subscribers),
-            publishing=tuple(topic.name for topic in seen.topics if node in topic.publishers),
-            services=tuple(each.name for each in seen.services if each.provider == node),
+            subscribing=tuple(topic.name for topic in graph.topics if node in topic.subscribers),
+            publishing=tuple(topic.name for topic in graph.topics if node in topic.publishers),
+            services=tuple(each.name for each in graph.services if each.provider == node),
         )
 
     def _details(self, type: Any, part: Callable[[str], Any]) -> Callable[[Any], Message]:
-        def tell(asked: Any) -> Message:
-            told: Message = type.Response(typedefs=type_definitions(part(asked.type), ros=self._ros))
-            return told
+        def handle(request: Any) -> Message:
+            response: Message = type.Response(typedefs=type_definitions(part(request.type), ros=self._ros))
+            return response
 
-        return tell
+        return handle

@@ -1,18 +1,10 @@
-"""Job: a goal that is being reached for: it tells how it goes, and looks whether it shall be given up.
+"""Declarations and handlers of services and actions, with one mapping of errors to responses.
 
-Whoever works at it does so in pieces and calls `check` between them. It raises what ends the work early, so that the
-work itself is written as if it always went through.
+A call succeeds, or the world rejects it (`success: false`, or a result code of simulation_interfaces; the reason is
+also published on the diagnostics), or it fails for another reason (`result: false` with the error message).
 
-Results: how a call of simulation_interfaces ended, in its own codes.
-
-Outcomes: the three ends of a call on the wire.
-
-It succeeds; the world says no (`success: false`, or a result code of simulation_interfaces), and why is told on the
-diagnostics too; or it breaks for a reason outside of the world, and whoever called hears a text (`result: false`).
-
-Offer: a service or an action as a part of the face declares it: a type, and a function over its messages.
-
-Reaching: the handler of an action, for both of the ways in which goals come.
+The handler of an action calls `GoalContext.check` regularly, which sends feedback and raises an exception when the goal
+is canceled or its time is over.
 """
 
 from __future__ import annotations
@@ -48,10 +40,8 @@ __all__ = [
     "ResultError",
     "ServiceSpec",
     "action_handler",
-    "engine_error_text",
     "failed",
     "incorrect_state",
-    "not_found",
     "refusal_response",
     "service_handler",
     "unsupported",
@@ -59,10 +49,12 @@ __all__ = [
 
 
 OK = simulation_interfaces.Result(result=simulation_interfaces.ResultCode.RESULT_OK)
+FEEDBACK_INTERVAL_S = 0.4
+"""Longest time between two feedback messages [s]."""
 
 
 class ResultError(Exception):
-    """Ends a call with a code, from wherever it becomes clear."""
+    """Ends a call with a result code of simulation_interfaces."""
 
     def __init__(self, code: int, message: str) -> None:
         self.result = simulation_interfaces.Result(result=code, error_message=message)
@@ -70,22 +62,17 @@ class ResultError(Exception):
 
 
 def unsupported(message: str) -> ResultError:
-    """There is no such feature here."""
+    """Returns the error for a feature that is not supported."""
     return ResultError(simulation_interfaces.ResultCode.RESULT_FEATURE_UNSUPPORTED, message)
 
 
-def not_found(message: str) -> ResultError:
-    """Nothing has that name."""
-    return ResultError(simulation_interfaces.ResultCode.RESULT_NOT_FOUND, message)
-
-
 def incorrect_state(message: str) -> ResultError:
-    """Not while the simulation is as it is."""
+    """Returns the error for an operation that the state of the simulation does not allow."""
     return ResultError(simulation_interfaces.ResultCode.RESULT_INCORRECT_STATE, message)
 
 
 def failed(message: str) -> ResultError:
-    """It was tried and did not work."""
+    """Returns the error for an operation that failed."""
     return ResultError(simulation_interfaces.ResultCode.RESULT_OPERATION_FAILED, message)
 
 
@@ -97,31 +84,31 @@ def service_handler(
     diagnostics: DiagnosticsPublisher,
     ros: RosVersion,
 ) -> Callable[[object], object]:
-    """The handler of a service: messages in and out, and every end told as it has to be."""
+    """Returns the handler of a service for a node, which decodes and encodes messages and maps errors to responses."""
 
     def handle(args: object) -> object:
         request = decode_arguments(service.Request, args)
         try:
-            reply = handler(request)
+            response = handler(request)
         except WorldError as error:
             diagnostics.report_refusal(name, error)
-            reply = refusal_response(service.Response, error)
+            response = refusal_response(service.Response, error)
         except ResultError as error:
             diagnostics.report_failures(name, [(str(getattr(request, "entity", "")), str(error))])
-            reply = service.Response(result=error.result)
+            response = service.Response(result=error.result)
         except EngineError as error:
             diagnostics.report_error(name, error)
             raise MindstageError(error_text(error)) from error
-        return encode(reply, ros=ros)
+        return encode(response, ros=ros)
 
     return handle
 
 
 def refusal_response(response: type[Message], error: WorldError) -> Message:
-    """The reply that says no.
+    """Returns the response for an operation that the world rejected.
 
     Raises:
-        WorldError: the type has no way to say it.
+        WorldError: the type has no field for it.
     """
     fields = response.__struct_fields__
     if "result" in fields:
@@ -136,32 +123,23 @@ def refusal_response(response: type[Message], error: WorldError) -> Message:
     return response(refusal=error_to_message(error)) if "refusal" in fields else response()
 
 
-def engine_error_text(error: MindstageError) -> str:
-    """What broke, as the text that ends a call or a goal."""
-    return error_text(error) if isinstance(error, EngineError) else str(error)
-
-
-FEEDBACK_INTERVAL_S = 0.4
-"""Whoever waits hears at least this often how it goes [s]."""
-
-
 class GoalCanceled(Exception):
-    """The goal shall not be reached any more."""
+    """The goal was canceled."""
 
 
 class GoalContext:
-    """One goal under way."""
+    """Cancellation, timeout and feedback of one goal."""
 
     def __init__(
         self, name: str, *, timeout_s: float, is_cancelled: Callable[[], bool], send_feedback: Callable[[Message], None]
     ) -> None:
-        """It begins now.
+        """Starts the timeout.
 
         Args:
-            name: the action's, for errors.
-            timeout_s: how long it may take [s].
-            is_cancelled: whether it shall be given up.
-            tell: passes feedback on.
+            name: name of the action, for errors.
+            timeout_s: largest duration of the goal [s].
+            is_cancelled: returns whether cancellation was requested.
+            send_feedback: sends feedback.
         """
         self.name = name
         self.timeout_s = timeout_s
@@ -172,22 +150,22 @@ class GoalContext:
 
     @property
     def cancelled(self) -> bool:
-        """Whether it shall be given up."""
+        """Whether cancellation was requested."""
         return self._is_cancelled()
 
     def send_feedback(self, feedback: Message) -> None:
-        """Tells how it goes, now."""
+        """Sends feedback now."""
         self._send_feedback(feedback)
 
     def check(self, make_feedback: Callable[[], Message]) -> None:
-        """Tells how it goes if it is time to, and lets the work go on.
+        """Sends feedback if it is due.
 
         Args:
-            feedback: makes the message, when one is due.
+            make_feedback: creates the feedback message.
 
         Raises:
-            GoalCanceled: it was canceled.
-            SimulationTimeoutError: it takes too long.
+            GoalCanceled: cancellation was requested.
+            SimulationTimeoutError: the goal takes too long.
         """
         if self._is_cancelled():
             raise GoalCanceled
@@ -200,55 +178,55 @@ class GoalContext:
 
     @contextmanager
     def sending_feedback(self, make_feedback: Callable[[], Message]) -> Iterator[None]:
-        """Tells how it goes, again and again, while something goes on that cannot be divided."""
-        over = threading.Event()
+        """Sends feedback periodically during an operation that cannot be divided."""
+        finished = threading.Event()
 
-        def tell() -> None:
+        def send() -> None:
             while True:
                 self._send_feedback(make_feedback())
-                if over.wait(FEEDBACK_INTERVAL_S):
+                if finished.wait(FEEDBACK_INTERVAL_S):
                     return
 
-        teller = threading.Thread(target=tell, name="mindstage-feedback", daemon=True)
-        teller.start()
+        thread = threading.Thread(target=send, name="mindstage-feedback", daemon=True)
+        thread.start()
         try:
             yield
         finally:
-            over.set()
-            teller.join()
+            finished.set()
+            thread.join()
 
 
 @dataclass(frozen=True, slots=True)
 class ServiceSpec:
-    """One service."""
+    """Declaration of a service."""
 
     type: type[Service]
     handler: Callable[[Any], Any]
-    """Gets the type's request and gives its response; what it raises tells how else it ended."""
+    """Called with the request, returns the response; see the module for its exceptions."""
     name: str = ""
-    """Below the namespace, or from the root where it begins with a slash; by default the type's own, in snake case."""
+    """Relative to the namespace, or absolute if it begins with a slash; by default the type in snake case."""
     quick: bool = False
-    """Whether it never waits, not even for the stage."""
+    """Whether the handler never blocks, not even for the simulation."""
     timeout_s: float | None = None
-    """How long callers wait who do not say it; by default as long as the hub has it [s]."""
+    """Timeout of calls without one; None for the default of the node [s]."""
 
     def full_name(self, namespace: str) -> str:
-        """Its full name."""
+        """Returns its absolute name."""
         return _full_name(self.name or snake_case(self.type), namespace)
 
 
 @dataclass(frozen=True, slots=True)
 class ActionSpec:
-    """One action."""
+    """Declaration of an action."""
 
     type: type[Action]
     handler: Callable[[Any, GoalContext], Any]
-    """Gets the type's goal and what is needed to reach for it, and gives its result."""
+    """Called with the goal and its context, returns the result."""
     name: str = ""
     """As of a service."""
 
     def full_name(self, namespace: str) -> str:
-        """Its full name."""
+        """Returns its absolute name."""
         return _full_name(self.name or snake_case(self.type), namespace)
 
 
@@ -259,26 +237,26 @@ def _full_name(name: str, namespace: str) -> str:
 def action_handler(
     name: str, spec: ActionSpec, *, diagnostics: DiagnosticsPublisher, ros: RosVersion, timeout_s: float
 ) -> Callable[[ServerGoalHandle], GoalResult]:
-    """The handler: messages in and out, and every end told as it has to be.
+    """Returns the handler of an action for a node, which decodes and encodes messages and maps errors to results.
 
     Args:
-        name: the action's.
-        offer: what it is.
-        diagnostics: told what was refused.
-        ros: whose words to use.
-        timeout_s: how long a goal may take [s].
+        name: name of the action.
+        spec: its declaration.
+        diagnostics: publishes errors.
+        ros: version of ROS for the encoded messages.
+        timeout_s: largest duration of a goal [s].
     """
 
     def handle(goal: ServerGoalHandle) -> GoalResult:
-        wanted = decode_arguments(spec.type.Goal, goal.args)
-        job = GoalContext(
+        request = decode_arguments(spec.type.Goal, goal.args)
+        context = GoalContext(
             name,
             timeout_s=timeout_s,
             is_cancelled=lambda: goal.cancel_requested,
             send_feedback=lambda feedback: goal.feedback(encode(feedback, ros=ros)),
         )
         try:
-            result = spec.handler(wanted, job)
+            result = spec.handler(request, context)
         except GoalCanceled:
             return goal.canceled(encode(_canceled_result(spec.type.Result), ros=ros))
         except ResultError as error:
@@ -289,7 +267,7 @@ def action_handler(
             return goal.aborted(encode(refusal_response(spec.type.Result, error), ros=ros))
         except EngineError as error:
             diagnostics.report_error(name, error)
-            raise MindstageError(engine_error_text(error)) from error
+            raise MindstageError(error_text(error)) from error
         succeeded = getattr(result, "success", True)
         return (goal.succeeded if succeeded else goal.aborted)(encode(result, ros=ros))
 
@@ -299,7 +277,7 @@ def action_handler(
 def _canceled_result(result: type[Message]) -> Message:
     if "result" not in result.__struct_fields__:
         return result()
-    told = simulation_interfaces.Result(
-        result=simulation_interfaces.ResultCode.RESULT_OPERATION_FAILED, error_message="it was cancelled"
+    canceled = simulation_interfaces.Result(
+        result=simulation_interfaces.ResultCode.RESULT_OPERATION_FAILED, error_message="it was canceled"
     )
-    return result(result=told)
+    return result(result=canceled)

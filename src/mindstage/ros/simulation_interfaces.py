@@ -1,21 +1,13 @@
-"""Spawning: new entities after the pattern of what the maps know, of files, or of a text; and what this face can do.
+r"""Entities and spawning, as in simulation_interfaces.
 
-Resources: the worlds and things that can be asked for by name, and those that come as text.
+An entity is a body, and its name is the id of the body. Filters combine name, category, tags and bounds; all must
+match. Names are matched by RE2, in time linear in the length of the name, with its POSIX syntax: `.`, `[a-z[:digit:]]`,
+`^`, `$`, `*`, `+`, `?`, `{2,5}`, `|`, groups, and `\` before a literal. It differs from POSIX extended expressions as
+RE2 documents: a backslash escapes in brackets too, an invalid interval (`a{x`) is literal, intervals are at most 1000,
+and character classes are ASCII.
 
-A name is that of a known map, or of a file in the folder that whoever serves has opened; no name leads out of it.
-
-Entity filters of simulation_interfaces: by name, category, tags and bounds; all conditions must hold.
-
-Names are matched by RE2, in time linear in the name whatever the pattern is, with its POSIX syntax: `.`,
-`[a-z[:digit:]]`, `^`, `$`, `*`, `+`, `?`, `{2,5}`, `|`, groups, and `\` before a literal. It differs from POSIX
-extended expressions as RE2 documents: a backslash escapes inside brackets too, an interval that is not one (`a{x`) is
-literal, intervals go up to 1000, and the classes are those of ASCII.
-
-Entities: which there are, where they are and what they are.
-
-An entity is a body, and its name is the body's id.
-
-Templates: a world, or a part of one, as the pattern for something new with another name in another place.
+A resource is a body or a map in the knowledge base, a file in the folder that the server has opened (no path leads out
+of it), or a text. New entities are copies of it with another name and pose.
 """
 
 from __future__ import annotations
@@ -33,14 +25,15 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from mindstage.bridge.conversions import pose_array_messages, pose_from_message, vector_from_message
+from mindstage.bridge.conversions_unreal import iri_namespace
 from mindstage.errors import BodyNotFoundError, KnowledgeError, PoseUnreachableError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.rdf import local_name
-from mindstage.msgs import builtin_interfaces, geometry_msgs, modul_spawner_msgs, simulation_interfaces, std_msgs
+from mindstage.msgs import builtin_interfaces, geometry_msgs, modul_spawner_msgs, std_msgs
 from mindstage.msgs import simulation_interfaces as wire
 from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.ros.service import OK, ResultError, ServiceSpec, failed, unsupported
-from mindstage.ros.state import StateReader, free_id, iri_namespace, map_iri
+from mindstage.ros.state import StateReader, free_id, map_iri
 from mindstage.scene import Attachment, Body, BodyId, Iri, Joint, Mobility, Pose, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.transforms import (
@@ -73,12 +66,28 @@ __all__ = [
 
 
 FORMATS = {".owl": "owl", ".rdf": "rdf", ".ttl": "ttl", ".urdf": "urdf"}
-"""What can be read, by the end of a file's name."""
+"""Formats that can be loaded, by suffix of the file name."""
 _MAX_FILES = 1000
+_MAX_PATTERN = 4096
+"""Largest number of characters of a pattern."""
+_MAX_PROGRAM = 1 << 20
+"""Largest memory of a compiled pattern [byte]."""
+_COLLATING = re.compile(r"\[[^\]]*\[[.=]")
+"""Collating symbols and equivalence classes, which RE2 reads as literal characters."""
+WORLD_FRAME = "world"
+"""Frame id of the world in responses."""
+_TIMEOUT_S = 120.0
+_UNSUPPORTED_FEATURES = {
+    wire.Feature.NAMED_POSES,
+    wire.Feature.POSE_BOUNDS,
+    wire.Feature.ENTITY_BOUNDS_CONVEX,
+    wire.Feature.ENTITY_INFO_SETTING,
+    wire.Feature.SIMULATION_RESET_TIME,
+}
 
 
 class ResourceErrorType(Enum):
-    """Why a resource cannot be had."""
+    """Why a resource cannot be loaded."""
 
     NOT_FOUND = auto()
     UNSUPPORTED_FORMAT = auto()
@@ -86,7 +95,7 @@ class ResourceErrorType(Enum):
 
 
 class ResourceError(Exception):
-    """A resource cannot be had."""
+    """A resource cannot be loaded."""
 
     def __init__(self, type: ResourceErrorType, text: str) -> None:
         self.type = type
@@ -94,20 +103,20 @@ class ResourceError(Exception):
 
 
 class ResourceLoader:
-    """Finds and reads."""
+    """Finds and loads resources."""
 
     def __init__(self, knowledge: KnowledgeBase, folder: Path | None) -> None:
-        """Nothing is read yet.
+        """Creates the loader.
 
         Args:
-            knowledge: whose maps are known.
-            folder: what may be read beside them; None is nothing.
+            knowledge: knowledge base with the maps.
+            folder: folder with files that may be loaded; None for no files.
         """
         self.knowledge = knowledge
         self._folder = folder.resolve() if folder else None
 
     def files(self) -> Iterator[str]:
-        """The names of all files that can be read, below the folder."""
+        """Yields the paths of all files that can be loaded, relative to the folder."""
         if self._folder is None:
             return
         found = (
@@ -118,13 +127,8 @@ class ResourceLoader:
         for _, path in zip(range(_MAX_FILES), found, strict=False):
             yield path.relative_to(self._folder).as_posix()
 
-    def known_bodies(self) -> Iterator[Body]:
-        """What stands in the known maps, each of which can be spawned once more."""
-        for map in self.knowledge.maps():
-            yield from self.knowledge.world(map).bodies
-
     def find_body(self, name: str) -> tuple[World, Body] | None:
-        """The body of that IRI or id, and the world of its map; None where no map has it."""
+        """Returns the body with an IRI or id, and the world of its map; None if no map has it."""
         for map in self.knowledge.maps():
             world = self.knowledge.world(map)
             for body in world.bodies:
@@ -133,10 +137,10 @@ class ResourceLoader:
         return None
 
     def load_world(self, uri: str, text: str = "") -> World:
-        """The world that a name or a text means; a name goes before.
+        """Loads the world of a map, a file or a text; the text is used if the URI is empty.
 
         Raises:
-            ResourceError: it cannot be had.
+            ResourceError: it cannot be loaded.
         """
         if uri:
             maps = self.knowledge.maps()
@@ -144,11 +148,11 @@ class ResourceLoader:
                 return self._read(self.knowledge, uri)
             return self._read_file(self._path(uri))
         if not text.strip():
-            raise ResourceError(ResourceErrorType.NOT_FOUND, "neither an address nor a text is given")
+            raise ResourceError(ResourceErrorType.NOT_FOUND, "neither a URI nor a text is given")
         if "xacro" in text:
             raise ResourceError(
                 ResourceErrorType.UNSUPPORTED_FORMAT,
-                "a text that came from elsewhere may not have xacro read other files",
+                "xacro is not supported in a text, since it can include other files",
             )
         with TemporaryDirectory(prefix="mindstage-") as folder:
             path = Path(folder, f"resource{_guess_suffix(text)}")
@@ -159,20 +163,18 @@ class ResourceLoader:
         name = uri.removeprefix("file://")
         known = ", ".join([*map(local_name, self.knowledge.maps()), *self.files()][:10]) or "nothing"
         if self._folder is None:
-            raise ResourceError(
-                ResourceErrorType.NOT_FOUND, f"no map {uri!r} is known, and no folder is open; there is {known}"
-            )
+            raise ResourceError(ResourceErrorType.NOT_FOUND, f"no map {uri!r}, and no folder is open; there is {known}")
         path = (self._folder / name).resolve()
         if not self._is_inside_folder(path):
-            raise ResourceError(ResourceErrorType.NOT_FOUND, f"nothing is called {uri!r} here; there is {known}")
+            raise ResourceError(ResourceErrorType.NOT_FOUND, f"no map or file {uri!r}; there is {known}")
         if path.suffix.lower() not in FORMATS:
             raise ResourceError(
-                ResourceErrorType.UNSUPPORTED_FORMAT, f"{path.name} ends like none of {', '.join(FORMATS)}"
+                ResourceErrorType.UNSUPPORTED_FORMAT, f"the format of {path.name} is none of {', '.join(FORMATS)}"
             )
         return path
 
     def _is_inside_folder(self, path: Path) -> bool:
-        """Whether it is a file that lies in the folder, and is no link out of it."""
+        """Whether a path is a file inside the folder, after symbolic links are resolved."""
         return self._folder is not None and path.is_file() and path.resolve().is_relative_to(self._folder)
 
     def _read_file(self, path: Path, *, follow_imports: bool = True) -> World:
@@ -192,25 +194,17 @@ class ResourceLoader:
 
 
 def _guess_suffix(text: str) -> str:
-    """How the name of a file with that text would end."""
+    """Returns the suffix of a file with this content."""
     if re.search(r"<robot[\s>]", text[:10_000]):
         return ".urdf"
     return ".owl" if text.lstrip().startswith("<") and "<rdf:RDF" in text else ".ttl"
 
 
-_MAX_PATTERN = 4096
-"""Characters of a pattern."""
-_MAX_PROGRAM = 1 << 20
-"""Bytes of a compiled pattern and of its automaton."""
-_COLLATING = re.compile(r"\[[^\]]*\[[.=]")
-"""Collating symbols and equivalence classes, which RE2 reads as plain characters."""
-
-
-def filter_entities(state_reader: StateReader, filters: simulation_interfaces.EntityFilters) -> tuple[BodyId, ...]:
-    """The entities that pass, in the order of the frame.
+def filter_entities(state_reader: StateReader, filters: wire.EntityFilters) -> tuple[BodyId, ...]:
+    """Returns the entities that match, in the order of the snapshot.
 
     Raises:
-        ResultError: the name's pattern is none, or the bounds are of a kind that cannot be compared.
+        ResultError: the pattern is invalid, or the bounds are of an unsupported type.
     """
     ids: tuple[BodyId, ...] = state_reader.state().ids
     if filters.filter:
@@ -223,7 +217,7 @@ def filter_entities(state_reader: StateReader, filters: simulation_interfaces.En
         ids = tuple(id for id in ids if has_tags(tags_of(bodies[id]), filters.tags))
     return (
         _overlapping_bounds(state_reader, ids, filters.bounds)
-        if filters.bounds.type is not simulation_interfaces.BoundsType.TYPE_EMPTY
+        if filters.bounds.type is not wire.BoundsType.TYPE_EMPTY
         else ids
     )
 
@@ -250,77 +244,69 @@ def name_matcher(pattern: str) -> Callable[[str], bool]:
     return lambda text: compiled.search(text) is not None
 
 
-def category_of(body: Body) -> simulation_interfaces.Category:
-    """What kind of thing a body is: whether it moves by itself is all that is known for sure."""
+def category_of(body: Body) -> wire.Category:
+    """Returns the category of a body, which depends on its mobility only."""
     match body.physics.mobility:
         case Mobility.DYNAMIC:
-            return simulation_interfaces.Category.CATEGORY_DYNAMIC_OBJECT
+            return wire.Category.CATEGORY_DYNAMIC_OBJECT
         case Mobility.KINEMATIC:
-            return simulation_interfaces.Category.CATEGORY_OBJECT
-    return simulation_interfaces.Category.CATEGORY_STATIC_OBJECT
+            return wire.Category.CATEGORY_OBJECT
+    return wire.Category.CATEGORY_STATIC_OBJECT
 
 
 def tags_of(body: Body) -> tuple[str, ...]:
-    """A body's class in short, and its tags as `type/key=value`."""
+    """Returns the local name of the class of a body, and its tags as `type/key=value`."""
     return (local_name(body.cls), *(f"{tag.type}/{tag.key}={tag.value}" for tag in body.tags))
 
 
-def has_tags(tags: tuple[str, ...], wanted: simulation_interfaces.TagsFilter) -> bool:
-    """Whether tags are what a filter wants; without any, everything is."""
+def has_tags(tags: tuple[str, ...], wanted: wire.TagsFilter) -> bool:
+    """Whether tags match a filter; an empty filter matches all."""
     if not wanted.tags:
         return True
     found = [tag in tags for tag in wanted.tags]
-    return all(found) if wanted.filter_mode is simulation_interfaces.FilterMode.FILTER_MODE_ALL else any(found)
+    return all(found) if wanted.filter_mode is wire.FilterMode.FILTER_MODE_ALL else any(found)
 
 
-def _overlapping_bounds(
-    state_reader: StateReader, ids: tuple[BodyId, ...], bounds: simulation_interfaces.Bounds
-) -> tuple[BodyId, ...]:
-    """Those whose upright box meets the bounds."""
+def _overlapping_bounds(state_reader: StateReader, ids: tuple[BodyId, ...], bounds: wire.Bounds) -> tuple[BodyId, ...]:
+    """Returns the entities whose axis-aligned bounding box overlaps the bounds."""
     if not ids:
         return ids
-    frame = state_reader.state()
-    rows = state_reader.row_by_id(frame)
+    snapshot = state_reader.state()
+    rows = state_reader.row_by_id(snapshot)
     bodies = {body.id: body for body in state_reader.world().bodies}
     ids = tuple(id for id in ids if id in bodies and id in rows)
-    poses = frame.poses[[rows[id] for id in ids]].reshape(-1, 7).copy()
+    poses = snapshot.poses[[rows[id] for id in ids]].reshape(-1, 7).copy()
     poses[:, 3:] = normalize(poses[:, 3:])
     sizes = np.array([bodies[id].size or (0.0, 0.0, 0.0) for id in ids], dtype=np.float64).reshape(-1, 3)
     low, high = OrientedBoxes.from_poses(poses, sizes).bounds()
-    meets = _bounds_overlap(bounds, low, high)
-    return tuple(id for id, kept in zip(ids, meets, strict=True) if kept)
+    overlaps = _bounds_overlap(bounds, low, high)
+    return tuple(id for id, overlapping in zip(ids, overlaps, strict=True) if overlapping)
 
 
-def _bounds_overlap(bounds: simulation_interfaces.Bounds, low: Array, high: Array) -> NDArray[np.bool_]:
+def _bounds_overlap(bounds: wire.Bounds, low: Array, high: Array) -> NDArray[np.bool_]:
     points = np.array([vector_from_message(point) for point in bounds.points], dtype=np.float64).reshape(-1, 3)
     match bounds.type:
-        case simulation_interfaces.BoundsType.TYPE_BOX | simulation_interfaces.BoundsType.TYPE_SPHERE if (
-            len(points) != 2
-        ):
+        case wire.BoundsType.TYPE_BOX | wire.BoundsType.TYPE_SPHERE if len(points) != 2:
             raise failed(f"a {bounds.type.name} has two points, not {len(points)}")
-        case simulation_interfaces.BoundsType.TYPE_BOX:
-            inside = np.all((low <= points.max(axis=0)) & (high >= points.min(axis=0)), axis=1)
-        case simulation_interfaces.BoundsType.TYPE_SPHERE:
+        case wire.BoundsType.TYPE_BOX:
+            overlaps = np.all((low <= points.max(axis=0)) & (high >= points.min(axis=0)), axis=1)
+        case wire.BoundsType.TYPE_SPHERE:
             nearest = np.clip(points[0], low, high)
-            inside = np.linalg.norm(nearest - points[0], axis=1) <= points[1, 0]
+            overlaps = np.linalg.norm(nearest - points[0], axis=1) <= points[1, 0]
         case _:
-            raise unsupported("entities can be chosen by a box or a sphere, not by a convex hull")
-    return np.asarray(inside)
-
-
-WORLD_FRAME = "world"
-"""What the world's frame is called in replies."""
+            raise unsupported("entities can be filtered by a box or a sphere, not by a convex hull")
+    return np.asarray(overlaps)
 
 
 class EntityServices:
-    """Tells of bodies and moves them."""
+    """Services that return and set the state of entities."""
 
     def __init__(self, state_reader: StateReader) -> None:
         self._state_reader = state_reader
         self._simulation = state_reader.simulation
 
     def services(self) -> Iterator[ServiceSpec]:
-        """All services."""
+        """Yields all services."""
         yield ServiceSpec(wire.GetEntities, self.get_entities)
         yield ServiceSpec(wire.GetEntitiesStates, self.get_states)
         yield ServiceSpec(wire.GetEntityState, self.get_state, quick=True)
@@ -331,30 +317,30 @@ class EntityServices:
         yield ServiceSpec(wire.DeleteEntity, self.delete)
 
     def get_entities(self, request: wire.GetEntities.Request) -> wire.GetEntities.Response:
-        """The names of those that pass the filters."""
+        """Returns the names of the entities that match the filters."""
         return wire.GetEntities.Response(result=OK, entities=filter_entities(self._state_reader, request.filters))
 
     def get_states(self, request: wire.GetEntitiesStates.Request) -> wire.GetEntitiesStates.Response:
-        """The same with where they are."""
+        """Returns the entities that match the filters, with their poses."""
         ids = filter_entities(self._state_reader, request.filters)
-        frame = self._state_reader.state()
-        rows = self._state_reader.row_by_id(frame)
-        there = tuple(id for id in ids if id in rows)
-        poses = pose_array_messages(frame.poses[[rows[id] for id in there]].reshape(-1, 7))
+        snapshot = self._state_reader.state()
+        rows = self._state_reader.row_by_id(snapshot)
+        present = tuple(id for id in ids if id in rows)
+        poses = pose_array_messages(snapshot.poses[[rows[id] for id in present]].reshape(-1, 7))
         header = self._header()
         states = tuple(wire.EntityState(header=header, pose=pose) for pose in poses)
-        return wire.GetEntitiesStates.Response(result=OK, entities=there, states=states)
+        return wire.GetEntitiesStates.Response(result=OK, entities=present, states=states)
 
     def get_state(self, request: wire.GetEntityState.Request) -> wire.GetEntityState.Response:
-        """Where one is. Engines do not tell how fast a body is, so twist and acceleration are zero."""
+        """Returns the pose of an entity. Engines have no velocities, so twist and acceleration are zero."""
         (pose,) = pose_array_messages(self._state_reader.pose(request.entity)[None])
         return wire.GetEntityState.Response(result=OK, state=wire.EntityState(header=self._header(), pose=pose))
 
     def set_state(self, request: wire.SetEntityState.Request) -> wire.SetEntityState.Response:
-        """Puts one somewhere else, at rest; the pose may be told in the frame of another one."""
+        """Sets the pose of an entity, at rest; the pose may be in the frame of another entity."""
         self._state_reader.require([request.entity])
         if request.set_twist or request.set_acceleration:
-            raise unsupported("only the pose of an entity can be set, not how it moves")
+            raise unsupported("only the pose of an entity can be set, not its velocity or acceleration")
         if request.set_pose:
             state, id = request.state, BodyId(request.entity)
             try:
@@ -365,7 +351,7 @@ class EntityServices:
         return wire.SetEntityState.Response(result=OK)
 
     def get_info(self, request: wire.GetEntityInfo.Request) -> wire.GetEntityInfo.Response:
-        """What one is: its label or else its class; among the tags, its class is the first."""
+        """Returns the label of an entity, or else its class; the first tag is its class."""
         body = self._state_reader.body(request.entity)
         info = wire.EntityInfo(
             category=wire.EntityCategory(category=category_of(body)),
@@ -375,16 +361,16 @@ class EntityServices:
         return wire.GetEntityInfo.Response(result=OK, info=info)
 
     def set_info(self, request: wire.SetEntityInfo.Request) -> wire.SetEntityInfo.Response:
-        """Refuses: what a thing is stands in its map."""
+        """Rejects the request: the properties of an entity come from its map."""
         self._state_reader.require([request.entity])
-        raise unsupported("what an entity is comes from its map; tell the knowledge base more instead")
+        raise unsupported("the properties of an entity come from its map; assert facts in the knowledge base instead")
 
     def get_bounds(self, request: wire.GetEntityBounds.Request) -> wire.GetEntityBounds.Response:
-        """How much room one takes, seen from itself; empty where nobody told its size."""
+        """Returns the bounding box of an entity in its own frame; empty if its size is unknown."""
         return wire.GetEntityBounds.Response(result=OK, bounds=bounds_of(self._state_reader.body(request.entity).size))
 
     def delete(self, request: wire.DeleteEntity.Request) -> wire.DeleteEntity.Response:
-        """Takes one away."""
+        """Deletes an entity."""
         id = BodyId(request.entity)
         self._simulation.run_on_engine(lambda engine: engine.delete((id,)), label="delete", edits=True)
         return wire.DeleteEntity.Response(result=OK)
@@ -394,7 +380,7 @@ class EntityServices:
 
 
 def bounds_of(size: tuple[float, float, float] | None) -> wire.Bounds:
-    """The box around a body, in its own frame: the upper and the lower corner."""
+    """Returns the bounding box of a body in its own frame: the upper and the lower corner."""
     if size is None:
         return wire.Bounds()
     x, y, z = (extent / 2 for extent in size)
@@ -405,22 +391,22 @@ def bounds_of(size: tuple[float, float, float] | None) -> wire.Bounds:
 
 
 def root_body(world: World) -> Body | None:
-    """The body that all others of a description hang on: the first one that hangs on nothing; None of none."""
-    held = {hold.child for hold in world.attachments} | {joint.child for joint in world.joints}
-    roots = [body for body in world.bodies if body.id not in held] or list(world.bodies)
+    """Returns the first body that is not a child of another one; None if there are no bodies."""
+    children = {attachment.child for attachment in world.attachments} | {joint.child for joint in world.joints}
+    roots = [body for body in world.bodies if body.id not in children] or list(world.bodies)
     return roots[0] if roots else None
 
 
 def subtree(world: World, id: BodyId) -> World:
-    """A body with all that hangs on it."""
+    """Returns a body with all bodies attached to it."""
     kept = {id}
-    while more := {hold.child for hold in world.attachments if hold.parent in kept} - kept:
+    while more := {each.child for each in world.attachments if each.parent in kept} - kept:
         kept |= more
     return replace(
         world,
         bodies=tuple(body for body in world.bodies if body.id in kept),
         joints=(),
-        attachments=tuple(hold for hold in world.attachments if hold.parent in kept and hold.child in kept),
+        attachments=tuple(each for each in world.attachments if each.parent in kept and each.child in kept),
         lights=(),
         facts=(),
         resources=(),
@@ -428,26 +414,26 @@ def subtree(world: World, id: BodyId) -> World:
 
 
 def clone_at(template: World, root: Body, *, name: str, pose: Pose | None, map: str) -> World:
-    """A new thing like another one.
+    """Copies a world with new names and another pose.
 
     Args:
-        template: the thing and its parts.
-        root: what its name and pose are those of.
-        name: of the root; the parts are called `name/part`.
-        pose: where the root is to be; None leaves everything where the template has it.
-        map: the IRI of the map whose the new individuals are.
+        template: the body and its parts.
+        root: the body that gets the name and the pose.
+        name: name of the root; the parts are called `name/part`.
+        pose: pose of the root; None keeps all poses.
+        map: IRI of the map of the new individuals.
     """
 
-    def renamed(id: BodyId) -> BodyId:
+    def new_id(id: BodyId) -> BodyId:
         return BodyId(name if id == root.id else f"{name}/{id}")
 
-    move = _pose_transform(root.pose, pose)
-    space = iri_namespace(map)
+    transform = _pose_transform(root.pose, pose)
+    namespace = iri_namespace(map)
     return World(
         iri=Iri(map),
-        bodies=tuple(_clone_body(body, renamed(body.id), space, move) for body in template.bodies),
-        joints=tuple(_clone_joint(joint, renamed, space, move) for joint in template.joints),
-        attachments=_attachments(template.attachments, renamed),
+        bodies=tuple(_clone_body(body, new_id(body.id), namespace, transform) for body in template.bodies),
+        joints=tuple(_clone_joint(joint, new_id, namespace, transform) for joint in template.joints),
+        attachments=_clone_attachments(template.attachments, new_id),
     )
 
 
@@ -465,25 +451,17 @@ def _clone_body(body: Body, id: BodyId, namespace: str, transform: Callable[[Pos
 
 
 def _clone_joint(
-    joint: Joint, new_ids: Callable[[BodyId], BodyId], namespace: str, transform: Callable[[Pose], Pose]
+    joint: Joint, new_id: Callable[[BodyId], BodyId], namespace: str, transform: Callable[[Pose], Pose]
 ) -> Joint:
-    id = new_ids(joint.id)
-    ends = {"parent": new_ids(joint.parent), "child": new_ids(joint.child)}
-    return replace(joint, id=id, iri=Iri(namespace + id), pose=transform(joint.pose), **ends)
+    id = new_id(joint.id)
+    bodies = {"parent": new_id(joint.parent), "child": new_id(joint.child)}
+    return replace(joint, id=id, iri=Iri(namespace + id), pose=transform(joint.pose), **bodies)
 
 
-def _attachments(attachments: Iterable[Attachment], new_ids: Callable[[BodyId], BodyId]) -> tuple[Attachment, ...]:
-    return tuple(Attachment(parent=new_ids(hold.parent), child=new_ids(hold.child)) for hold in attachments)
+def _clone_attachments(attachments: Iterable[Attachment], new_id: Callable[[BodyId], BodyId]) -> tuple[Attachment, ...]:
+    return tuple(Attachment(parent=new_id(each.parent), child=new_id(each.child)) for each in attachments)
 
 
-_TIMEOUT_S = 120.0
-_UNSUPPORTED_FEATURES = {
-    wire.Feature.NAMED_POSES,
-    wire.Feature.POSE_BOUNDS,
-    wire.Feature.ENTITY_BOUNDS_CONVEX,
-    wire.Feature.ENTITY_INFO_SETTING,
-    wire.Feature.SIMULATION_RESET_TIME,
-}
 _RESULT_CODES = {
     ResourceErrorType.NOT_FOUND: wire.SpawnCode.NO_RESOURCE,
     ResourceErrorType.UNSUPPORTED_FORMAT: wire.SpawnCode.UNSUPPORTED_FORMAT,
@@ -493,7 +471,7 @@ _Request = wire.SpawnEntity.Request | wire.SpawnEntityMessage
 
 
 class SpawnServices:
-    """Spawns."""
+    """Services that spawn entities."""
 
     def __init__(
         self, state_reader: StateReader, resources: ResourceLoader, diagnostics: DiagnosticsPublisher, *, step_s: float
@@ -505,7 +483,7 @@ class SpawnServices:
         self._step_s = step_s
 
     def services(self) -> Iterator[ServiceSpec]:
-        """All services."""
+        """Yields all services."""
         yield ServiceSpec(wire.GetSimulatorFeatures, self.get_features)
         yield ServiceSpec(wire.GetSpawnables, self.get_spawnables, timeout_s=_TIMEOUT_S)
         yield ServiceSpec(wire.SpawnEntity, self.spawn_entity, timeout_s=_TIMEOUT_S)
@@ -513,17 +491,17 @@ class SpawnServices:
         yield ServiceSpec(modul_spawner_msgs.SpawnRobot, self.spawn_robot, timeout_s=_TIMEOUT_S)
 
     def get_features(self, _: wire.GetSimulatorFeatures.Request) -> wire.GetSimulatorFeatures.Response:
-        """What works here."""
-        told = {"engine": self._simulation.engine_name, "step_s": self._step_s}
+        """Returns the supported features."""
+        info = {"engine": self._simulation.engine_name, "step_s": self._step_s}
         features = wire.SimulatorFeatures(
             features=tuple(feature for feature in wire.Feature if feature not in _UNSUPPORTED_FEATURES),
             spawn_formats=tuple(FORMATS.values()),
-            custom_info=json.dumps(told),
+            custom_info=json.dumps(info),
         )
         return wire.GetSimulatorFeatures.Response(features=features)
 
     def get_spawnables(self, request: wire.GetSpawnables.Request) -> wire.GetSpawnables.Response:
-        """Each thing of a known map, and each file of the folder; sources, where given, are the maps' IRIs."""
+        """Returns the bodies of all maps and the files of the folder; `sources`, if given, are IRIs of maps."""
         chosen = set(request.sources)
         found: list[wire.Spawnable] = []
         for map in self._resources.knowledge.maps():
@@ -538,21 +516,21 @@ class SpawnServices:
         return wire.GetSpawnables.Response(result=OK, spawnables=tuple(found))
 
     def spawn_entity(self, request: wire.SpawnEntity.Request) -> wire.SpawnEntity.Response:
-        """One entity."""
+        """Spawns one entity."""
         return wire.SpawnEntity.Response(result=OK, entity_name=self._spawn(request))
 
     def spawn_entities(self, request: wire.SpawnEntities.Request) -> wire.SpawnEntities.Response:
-        """Some, one after the other; one that fails does not stop the rest."""
+        """Spawns several entities, one after the other; one that fails does not stop the rest."""
         results = tuple(self._spawn_result(each) for each in request.spawn_requests)
-        lost = sum(each.result.result != OK.result for each in results)
-        if not lost:
+        failed_count = sum(each.result.result != OK.result for each in results)
+        if not failed_count:
             return wire.SpawnEntities.Response(result=OK, results=results)
-        text = f"{lost} of {len(results)} were not spawned"
+        text = f"{failed_count} of {len(results)} were not spawned"
         result = wire.Result(result=wire.SpawnEntitiesCode.ENTITIES_SPAWN_FAILED, error_message=text)
         return wire.SpawnEntities.Response(result=result, results=results)
 
     def spawn_robot(self, request: modul_spawner_msgs.SpawnRobot.Request) -> modul_spawner_msgs.SpawnRobot.Response:
-        """A robot from a file of the folder, or from the text of a URDF in the place of its name."""
+        """Spawns a robot from a file of the folder, or from a URDF text in place of its name."""
         is_text = request.name.lstrip().startswith("<")
         name = request.id or self._free_id("Robot" if is_text else request.name.rpartition("/")[2].partition(".")[0])
         try:
@@ -584,7 +562,7 @@ class SpawnServices:
 
     def _spawn_clone(self, world: World, root: Body | None, *, name: str, pose: Pose | None) -> None:
         if root is None:
-            raise ResultError(wire.SpawnCode.RESOURCE_PARSE_ERROR, "there is no body in it")
+            raise ResultError(wire.SpawnCode.RESOURCE_PARSE_ERROR, "it has no bodies")
         worlds = self._simulation.worlds
         report = self._simulation.spawn(
             clone_at(world, root, name=name, pose=pose, map=worlds[0].iri if worlds else map_iri("spawned"))
@@ -599,14 +577,14 @@ class SpawnServices:
             return subtree(world, body.id), body
         try:
             world = self._resources.load_world(resource.uri, resource.resource_string)
-        except ResourceError as trouble:
-            raise ResultError(_RESULT_CODES[trouble.type], str(trouble)) from trouble
+        except ResourceError as error:
+            raise ResultError(_RESULT_CODES[error.type], str(error)) from error
         return world, root_body(world)
 
     def _entity_name(self, request: _Request, root: Body | None) -> str:
         taken = self._state_reader.row_by_id(self._state_reader.state())
         if not request.name and not request.allow_renaming:
-            raise ResultError(wire.SpawnCode.NAME_INVALID, "it needs a name, unless it may be renamed")
+            raise ResultError(wire.SpawnCode.NAME_INVALID, "a name is required unless allow_renaming is set")
         if request.name and request.name not in taken:
             return request.name
         if not request.allow_renaming:

@@ -1,7 +1,4 @@
-"""Running: plays, pauses, steps and resets a simulation.
-
-Worlds: one in the place of another, and which there are.
-"""
+"""Control of a simulation as in simulation_interfaces: play, pause, step, reset; load and unload worlds."""
 
 from __future__ import annotations
 
@@ -34,16 +31,19 @@ __all__ = ["SimulationControlServices", "WorldServices"]
 
 _LOAD_TIMEOUT_S = 300.0
 _MAP_TAG = "map"
-"""The tag of what comes from a map that is known; what lies in the folder has its suffix."""
+"""Tag of the worlds of maps; that of a file is its suffix."""
 _RESULT_CODES = {
     ResourceErrorType.NOT_FOUND: wire.LoadWorldCode.NO_RESOURCE,
     ResourceErrorType.UNSUPPORTED_FORMAT: wire.LoadWorldCode.UNSUPPORTED_FORMAT,
     ResourceErrorType.PARSE_ERROR: wire.LoadWorldCode.RESOURCE_PARSE_ERROR,
 }
+_STEP_CHUNK_S = 0.1
+"""Approximate length into which steps are divided, so that other calls run in between [s]."""
+_TIMEOUT_S = 300.0
 
 
 class WorldServices:
-    """Loads and unloads."""
+    """Services that load and unload worlds."""
 
     def __init__(self, simulation: Simulation, resources: ResourceLoader, diagnostics: DiagnosticsPublisher) -> None:
         self._simulation = simulation
@@ -51,47 +51,49 @@ class WorldServices:
         self._diagnostics = diagnostics
 
     def services(self) -> Iterator[ServiceSpec]:
-        """All services."""
+        """Yields all services."""
         yield ServiceSpec(wire.LoadWorld, self.load_world, timeout_s=_LOAD_TIMEOUT_S)
         yield ServiceSpec(wire.UnloadWorld, self.unload_world)
         yield ServiceSpec(wire.GetCurrentWorld, self.get_current_world)
         yield ServiceSpec(wire.GetAvailableWorlds, self.get_available_worlds, timeout_s=_LOAD_TIMEOUT_S)
 
     def load_world(self, request: wire.LoadWorld.Request) -> wire.LoadWorld.Response:
-        """Reads a world first, and only then takes away what is there."""
+        """Loads a world, then replaces the current one."""
         resource = request.world_resource
         try:
             world = self._resources.load_world(resource.uri, resource.resource_string)
-        except ResourceError as trouble:
-            raise ResultError(_RESULT_CODES[trouble.type], str(trouble)) from trouble
+        except ResourceError as error:
+            raise ResultError(_RESULT_CODES[error.type], str(error)) from error
         self._simulation.clear()
         report = self._simulation.spawn(world)
         self._diagnostics.report_spawn("load_world", report)
         if not report.ok and request.fail_on_unsupported_element:
             self._simulation.clear()
-            raise ResultError(wire.LoadWorldCode.UNSUPPORTED_ELEMENTS, "not everything of it can be spawned")
+            raise ResultError(wire.LoadWorldCode.UNSUPPORTED_ELEMENTS, "some elements cannot be spawned")
         return wire.LoadWorld.Response(result=OK, world=_resource(world))
 
     def unload_world(self, _: wire.UnloadWorld.Request) -> wire.UnloadWorld.Response:
-        """Takes everything away."""
+        """Removes everything."""
         if not self._simulation.worlds:
             raise ResultError(wire.UnloadWorldCode.NO_WORLD_LOADED, "no world is loaded")
         self._simulation.clear()
         return wire.UnloadWorld.Response(result=OK)
 
     def get_current_world(self, _: wire.GetCurrentWorld.Request) -> wire.GetCurrentWorld.Response:
-        """The world that was loaded first; what was spawned later stands in it."""
+        """Returns the world that was loaded first."""
         if not self._simulation.worlds:
             raise failed("no world is loaded")
         return wire.GetCurrentWorld.Response(result=OK, world=_resource(self._simulation.worlds[0]))
 
     def get_available_worlds(self, request: wire.GetAvailableWorlds.Request) -> wire.GetAvailableWorlds.Response:
-        """The maps that are known, and the files of the folder; others are looked for nowhere."""
+        """Returns the maps of the knowledge base and the files of the folder; no other sources are searched."""
         maps = (_resource(self._resources.knowledge.world(map)) for map in self._resources.knowledge.maps())
         files = (_file(name) for name in self._resources.files())
         worlds = tuple(world for world in (*maps, *files) if has_tags(world.tags, request.filter))
         if request.additional_sources and not request.continue_on_error:
-            raise failed("worlds are looked for in no other sources; set continue_on_error to hear of those here")
+            raise failed(
+                "additional sources are not supported; set continue_on_error to list the worlds of this server"
+            )
         return wire.GetAvailableWorlds.Response(result=OK, worlds=worlds)
 
 
@@ -110,21 +112,16 @@ def _file(name: str) -> wire.WorldResource:
     )
 
 
-_STEP_CHUNK_S = 0.1
-"""Steps are taken in pieces of about this length, so that others get their turn [s]."""
-_TIMEOUT_S = 300.0
-
-
 class SimulationControlServices:
-    """Lets time pass, or not."""
+    """Services that advance, pause and reset the simulation."""
 
     def __init__(self, simulation: Simulation, *, step_s: float, on_quit: Callable[[], object] | None) -> None:
-        """Leaves everything as it is.
+        """Creates the services; the simulation is not changed.
 
         Args:
-            stage: whose time it is.
-            step_s: how long one step is [s].
-            on_quit: called when someone wants the simulation to end; None where nobody may.
+            simulation: the simulation.
+            step_s: length of one step [s].
+            on_quit: called when a client ends the simulation; None if clients may not.
         """
         self._simulation = simulation
         self._step_s = step_s
@@ -133,42 +130,44 @@ class SimulationControlServices:
         self._step_lock = threading.Lock()
 
     def services(self) -> Iterator[ServiceSpec]:
-        """All services."""
+        """Yields all services."""
         yield ServiceSpec(wire.GetSimulationState, self.get_state, quick=True)
         yield ServiceSpec(wire.SetSimulationState, self.set_state)
         yield ServiceSpec(wire.StepSimulation, self.step, timeout_s=_TIMEOUT_S)
         yield ServiceSpec(wire.ResetSimulation, self.reset)
 
     def actions(self) -> Iterator[ActionSpec]:
-        """What takes time."""
+        """Yields all actions."""
         yield ActionSpec(wire.SimulateSteps, self.simulate_steps)
 
     def state(self) -> wire.StateCode:
-        """How the simulation is."""
-        frame = self._simulation.state
-        if not frame.ids and not self._simulation.worlds:
+        """Returns the state of the simulation."""
+        snapshot = self._simulation.state
+        if not snapshot.ids and not self._simulation.worlds:
             return wire.StateCode.STATE_NO_WORLD
-        if frame.playing:
+        if snapshot.playing:
             return wire.StateCode.STATE_PLAYING
-        return wire.StateCode.STATE_STOPPED if self._stopped_state == frame.time_s else wire.StateCode.STATE_PAUSED
+        return wire.StateCode.STATE_STOPPED if self._stopped_state == snapshot.time_s else wire.StateCode.STATE_PAUSED
 
     def get_state(self, _: wire.GetSimulationState.Request) -> wire.GetSimulationState.Response:
-        """How the simulation is."""
+        """Returns the state of the simulation."""
         if self._simulation.engine_error is not None:
             raise self._simulation.engine_error
         return wire.GetSimulationState.Response(state=wire.SimulationState(state=self.state()), result=OK)
 
     def set_state(self, request: wire.SetSimulationState.Request) -> wire.SetSimulationState.Response:
-        """Plays, pauses, stops (which is a pause at the start), or quits."""
-        wanted, now = request.state.state, self.state()
-        if wanted is now:
-            raise ResultError(wire.SetSimulationStateCode.ALREADY_IN_TARGET_STATE, f"it is {_state_name(now)} already")
-        match wanted:
+        """Plays, pauses, stops (pauses and resets), or quits."""
+        target, current = request.state.state, self.state()
+        if target is current:
+            raise ResultError(
+                wire.SetSimulationStateCode.ALREADY_IN_TARGET_STATE, f"it is {_state_name(current)} already"
+            )
+        match target:
             case wire.StateCode.STATE_QUITTING:
                 if self._on_quit is None:
-                    raise unsupported("whoever serves this stage ends it")
+                    raise unsupported("clients cannot end this simulation")
                 self._on_quit()
-            case _ if now is wire.StateCode.STATE_NO_WORLD:
+            case _ if current is wire.StateCode.STATE_NO_WORLD:
                 raise incorrect_state("no world is loaded")
             case wire.StateCode.STATE_PLAYING:
                 self._simulation.play()
@@ -180,24 +179,24 @@ class SimulationControlServices:
                 self._simulation.reset()
                 self._stopped_state = self._simulation.state.time_s
             case _:
-                text = f"{_state_name(wanted)} is no state that can be asked for"
+                text = f"{_state_name(target)} cannot be requested"
                 raise ResultError(wire.SetSimulationStateCode.INCORRECT_TRANSITION, text)
         return wire.SetSimulationState.Response(result=OK)
 
     def step(self, request: wire.StepSimulation.Request) -> wire.StepSimulation.Response:
-        """Takes so many steps of a simulation that is not playing."""
-        end = time.monotonic() + _TIMEOUT_S
+        """Advances a simulation that is not playing by a number of steps."""
+        end_s = time.monotonic() + _TIMEOUT_S
         with self._exclusive():
-            for piece in _step_chunks(request.steps, self._step_s):
-                if time.monotonic() > end:
+            for count in _step_chunks(request.steps, self._step_s):
+                if time.monotonic() > end_s:
                     raise SimulationTimeoutError("step_simulation", timeout_s=_TIMEOUT_S)
-                self._simulation.step(piece * self._step_s)
+                self._simulation.step(count * self._step_s)
         return wire.StepSimulation.Response(result=OK)
 
     def reset(self, request: wire.ResetSimulation.Request) -> wire.ResetSimulation.Response:
-        """Goes back to right after the last spawn: time, state and what was deleted since, which belong together."""
+        """Returns to the state after the last spawn: time, poses and deleted bodies together."""
         if request.scope == wire.ResetScope.SCOPE_TIME:
-            raise unsupported("time goes back with the state only; use SCOPE_STATE or SCOPE_ALL")
+            raise unsupported("time cannot be reset without the state; use SCOPE_STATE or SCOPE_ALL")
         if request.scope == wire.ResetScope.SCOPE_SPAWNED:
             self._delete_later_spawns()
         else:
@@ -205,33 +204,33 @@ class SimulationControlServices:
         return wire.ResetSimulation.Response(result=OK)
 
     def simulate_steps(self, goal: wire.SimulateSteps.Goal, context: GoalContext) -> wire.SimulateSteps.Result:
-        """Takes so many steps, and tells how far it is."""
+        """Advances the simulation by a number of steps, with feedback."""
         done = 0
 
-        def told() -> wire.SimulateSteps.Feedback:
+        def feedback() -> wire.SimulateSteps.Feedback:
             return wire.SimulateSteps.Feedback(completed_steps=done, remaining_steps=goal.steps - done)
 
         with self._exclusive():
-            for piece in _step_chunks(goal.steps, self._step_s):
-                context.check(told)
-                self._simulation.step(piece * self._step_s)
-                done += piece
+            for count in _step_chunks(goal.steps, self._step_s):
+                context.check(feedback)
+                self._simulation.step(count * self._step_s)
+                done += count
         if context.cancelled:
             raise GoalCanceled
-        context.send_feedback(told())
+        context.send_feedback(feedback())
         return wire.SimulateSteps.Result(result=OK)
 
     @contextmanager
     def _exclusive(self) -> Iterator[None]:
-        """Makes sure that time passes for one reason only.
+        """Makes sure that nothing else advances the simulation.
 
         Raises:
-            ResultError: it plays, or somebody else steps.
+            ResultError: the simulation is playing, or another call is stepping it.
         """
         if self._simulation.state.playing:
             raise incorrect_state("it is playing; pause it first")
         if not self._step_lock.acquire(blocking=False):
-            raise incorrect_state("somebody else is stepping it already")
+            raise incorrect_state("another call is stepping it")
         try:
             yield
         finally:
@@ -239,15 +238,15 @@ class SimulationControlServices:
 
     def _delete_later_spawns(self) -> None:
         first = {body.id for body in self._simulation.worlds[0].bodies} if self._simulation.worlds else set()
-        later = [id for id in self._simulation.state.ids if id not in first]
-        self._simulation.run_on_engine(lambda engine: engine.delete(later), label="delete", edits=True)
+        spawned = [id for id in self._simulation.state.ids if id not in first]
+        self._simulation.run_on_engine(lambda engine: engine.delete(spawned), label="delete", edits=True)
 
 
 def _step_chunks(steps: int, step_s: float) -> Iterator[int]:
-    """So many steps in handfuls."""
-    handful = max(1, round(_STEP_CHUNK_S / step_s))
-    for begun in range(0, steps, handful):
-        yield min(handful, steps - begun)
+    """Yields the number of steps of each chunk."""
+    chunk = max(1, round(_STEP_CHUNK_S / step_s))
+    for start in range(0, steps, chunk):
+        yield min(chunk, steps - start)
 
 
 def _state_name(state: wire.StateCode) -> str:

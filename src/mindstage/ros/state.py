@@ -1,9 +1,7 @@
-"""Sight: what can be told of the stage without waiting for it, and what stands there as it was described.
+"""The state of a simulation, read from any thread without waiting for it; and ids and IRIs for objects without one.
 
-Poses come from the frame that the stage has published last, which is never older than the last call that ended; so a
-thousand questions in a second cost the running world nothing.
-
-Names: ids and IRIs for what came over the wire without one.
+Poses come from the last published snapshot, which is never older than the last call that ended, so that thousands of
+requests a second do not slow the simulation down.
 """
 
 from __future__ import annotations
@@ -18,30 +16,24 @@ from mindstage.scene import Body, BodyId, Iri, Pose, World
 from mindstage.scene.transforms import normalized_pose_array, pose_from_array, pose_multiply
 from mindstage.simulation import Simulation, StateSnapshot
 
-__all__ = ["WORLD_FRAMES", "StateReader", "free_id", "iri_namespace", "map_iri"]
+__all__ = ["WORLD_FRAMES", "StateReader", "free_id", "map_iri"]
+
+WORLD_FRAMES = frozenset({"", "map", "world"})
+"""Frame ids that mean the frame of the world."""
 
 
 def map_iri(name: str) -> Iri:
-    """The IRI of a map that nobody gave one."""
+    """Returns the IRI of a map that has none."""
     return Iri(f"http://mindstage.org/maps/{name}.owl#map")
 
 
-def iri_namespace(map: str) -> str:
-    """What the IRIs of a map's things begin with."""
-    return map.rpartition("#")[0] + "#" if "#" in map else f"{map}#"
-
-
 def free_id(stem: str, taken: Container[str]) -> BodyId:
-    """An id that nobody has yet."""
+    """Returns an id that is not taken."""
     return next(BodyId(id) for number in count(1) if (id := f"{stem}_{number}") not in taken)
 
 
-WORLD_FRAMES = frozenset({"", "map", "world"})
-"""Names under which the world's own frame is meant; the first that has letters is the one that is told."""
-
-
 class StateReader:
-    """Looks at one stage, from any thread."""
+    """Reads the state of a simulation, from any thread."""
 
     def __init__(self, simulation: Simulation) -> None:
         self.simulation = simulation
@@ -50,54 +42,54 @@ class StateReader:
         self._lock = threading.Lock()
 
     def state(self) -> StateSnapshot:
-        """The world at the last moment.
+        """Returns the last snapshot of the state.
 
         Raises:
-            EngineError: the engine is lost, and nobody knows how it is now.
+            EngineError: the engine has failed, and its state is unknown.
         """
         if self.simulation.engine_error is not None:
             raise self.simulation.engine_error
         return self.simulation.state
 
-    def row_by_id(self, frame: StateSnapshot) -> dict[BodyId, int]:
-        """Where in a frame each body has its pose."""
+    def row_by_id(self, snapshot: StateSnapshot) -> dict[BodyId, int]:
+        """Returns the row of each body in the poses of a snapshot."""
         ids, rows = self._rows
-        if ids is not frame.ids:
-            rows = {id: row for row, id in enumerate(frame.ids)}
-            self._rows = frame.ids, rows
+        if ids is not snapshot.ids:
+            rows = {id: row for row, id in enumerate(snapshot.ids)}
+            self._rows = snapshot.ids, rows
         return rows
 
     def pose(self, id: str) -> PoseArray:
-        """A body's pose, seven numbers.
+        """Returns the pose of a body: x y z [m], then quaternion w x y z.
 
         Raises:
             BodyNotFoundError: there is no such body.
         """
-        frame = self.state()
-        row = self.row_by_id(frame).get(BodyId(id))
+        snapshot = self.state()
+        row = self.row_by_id(snapshot).get(BodyId(id))
         if row is None:
-            raise self.not_found_error(id, frame.ids)
-        pose: PoseArray = frame.poses[row]
+            raise self.not_found_error(id, snapshot.ids)
+        pose: PoseArray = snapshot.poses[row]
         return pose
 
     def require(self, ids: Iterable[str]) -> None:
-        """Makes sure that bodies are there.
+        """Checks that bodies exist.
 
         Raises:
-            BodyNotFoundError: for the first that is not.
+            BodyNotFoundError: for the first that does not.
         """
-        frame = self.state()
-        rows = self.row_by_id(frame)
+        snapshot = self.state()
+        rows = self.row_by_id(snapshot)
         for id in ids:
             if id not in rows:
-                raise self.not_found_error(id, frame.ids)
+                raise self.not_found_error(id, snapshot.ids)
 
     def world(self) -> World:
-        """What stands there; where it stands now, the frame tells."""
+        """Returns the world with its bodies as they are described; their current poses are in `state`."""
         return self._refresh_world()[1] or self.simulation.snapshot()
 
     def body(self, id: str) -> Body:
-        """A body as it is described.
+        """Returns the description of a body.
 
         Raises:
             BodyNotFoundError: there is no such body.
@@ -109,10 +101,10 @@ class StateReader:
         return body
 
     def to_world_frame(self, pose: Pose, frame_id: str) -> Pose:
-        """A pose that is told in the frame of a body, or in the world's, in the world.
+        """Transforms a pose from the frame of a body, or of the world, to the frame of the world.
 
         Raises:
-            BodyNotFoundError: no body is called like the frame.
+            BodyNotFoundError: the frame is neither a body nor the world.
         """
         name = frame_id.lstrip("/")
         return (
@@ -124,16 +116,16 @@ class StateReader:
         )
 
     def not_found_error(self, id: str, known: Iterable[str]) -> BodyNotFoundError:
-        """The error that says so."""
+        """Returns the error for an unknown id."""
         worlds = self.simulation.worlds
         return BodyNotFoundError(id, known=known, world=worlds[-1].name if worlds else "")
 
     def _refresh_world(self) -> tuple[int, World | None, dict[BodyId, Body]]:
-        """Asks the engine for its log if anything came, went or changed since it was asked."""
-        edition = self.state().revision
-        if self._world[0] != edition:
+        """Reads the world from the engine if it has changed since the last call."""
+        revision = self.state().revision
+        if self._world[0] != revision:
             with self._lock:
-                if self._world[0] != edition:
+                if self._world[0] != revision:
                     world = self.simulation.snapshot()
-                    self._world = edition, world, {body.id: body for body in world.bodies}
+                    self._world = revision, world, {body.id: body for body in world.bodies}
         return self._world

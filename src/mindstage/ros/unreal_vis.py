@@ -1,7 +1,4 @@
-"""Unreal vis: markers and trajectories, by services and by messages.
-
-Messages are acted on whether or not anyone listens: a control system shows what it thinks and goes on.
-"""
+"""Markers and trajectories, by the services of `unreal_vis_msgs` and by messages as in RViz."""
 
 from __future__ import annotations
 
@@ -24,10 +21,10 @@ from mindstage.simulation import Marker, MarkerType
 __all__ = ["UnrealVisServices", "marker_from_message"]
 
 _DEFAULT_SIZE_M = 0.1
-"""How large a marker without a scale is [m]."""
+"""Size of a marker without a scale [m]."""
 _DEFAULT_LINE_WIDTH_M = 0.01
 _MAX_MARKERS = 10_000
-"""So many markers may be shown; nobody sees more, and the memory is not without end."""
+"""Largest number of markers."""
 _BASIC_MARKER_TYPES = {
     wire.BasicMarkerType.POINT: MarkerType.SPHERE,
     wire.BasicMarkerType.CUBE: MarkerType.CUBE,
@@ -38,7 +35,7 @@ _BASIC_MARKER_TYPES = {
 }
 _BODY_SCHEME = "body://"
 _UNSUPPORTED_HINTS = {
-    visualization_msgs.MarkerType.MESH_RESOURCE: f"; the ghost of a body can, as the resource {_BODY_SCHEME}ID"
+    visualization_msgs.MarkerType.MESH_RESOURCE: f", except for a copy of a body, with the resource {_BODY_SCHEME}ID"
 }
 _MARKER_TYPES = {
     visualization_msgs.MarkerType.ARROW: MarkerType.ARROW,
@@ -57,7 +54,7 @@ _MARKER_TYPES = {
 
 
 class UnrealVisServices:
-    """Shows markers on a stage."""
+    """Services and message handlers for markers."""
 
     def __init__(self, state_reader: StateReader, diagnostics: DiagnosticsPublisher) -> None:
         self._state_reader = state_reader
@@ -66,21 +63,21 @@ class UnrealVisServices:
         self._from_messages: set[str] = set()
 
     def services(self) -> Iterator[ServiceSpec]:
-        """All services."""
+        """Yields all services."""
         yield ServiceSpec(wire.DisplayBasicMarker, self.display_basic_marker)
         yield ServiceSpec(wire.DisplayTrajectory, self.display_trajectory)
         yield ServiceSpec(wire.RemoveMarker, self.remove_marker)
 
     def display_basic_marker(self, request: wire.DisplayBasicMarker.Request) -> wire.DisplayBasicMarker.Response:
-        """One form; a color that is wholly transparent is taken as opaque, since nobody asks for what is unseen."""
+        """Adds a marker; a fully transparent color is displayed opaque."""
         id = request.marker_id or self._free_id("marker")
         size = abs(request.scale) or _DEFAULT_SIZE_M
-        form = _BASIC_MARKER_TYPES[request.marker_type]
+        marker_type = _BASIC_MARKER_TYPES[request.marker_type]
         marker = Marker(
             id=id,
-            type=form,
+            type=marker_type,
             pose=pose_from_message(request.pose),
-            size=(size, size / 5, size / 5) if form is MarkerType.ARROW else (size, size, size),
+            size=(size, size / 5, size / 5) if marker_type is MarkerType.ARROW else (size, size, size),
             color=color_from_message(request.color),
             opacity=request.color.a or 1.0,
         )
@@ -88,7 +85,7 @@ class UnrealVisServices:
         return wire.DisplayBasicMarker.Response(marker_id=id)
 
     def display_trajectory(self, request: wire.DisplayTrajectory.Request) -> wire.DisplayTrajectory.Response:
-        """A line whose color runs from its first to its last point, evenly by its length."""
+        """Adds a line whose color is interpolated from its first to its last point by arc length."""
         id = request.marker_id or self._free_id("trajectory")
         points = tuple(map(point_from_message, request.points))
         marker = Marker(
@@ -104,22 +101,22 @@ class UnrealVisServices:
         return wire.DisplayTrajectory.Response(marker_id=id)
 
     def remove_marker(self, request: wire.RemoveMarker.Request) -> wire.RemoveMarker.Response:
-        """Takes one away."""
-        gone = bool(self._simulation.remove_markers([request.marker_id]))
-        if not gone:
-            shown = ", ".join(marker.id for marker in self._simulation.state.markers[:10]) or "none"
+        """Removes a marker."""
+        removed = bool(self._simulation.remove_markers([request.marker_id]))
+        if not removed:
+            existing = ", ".join(marker.id for marker in self._simulation.state.markers[:10]) or "none"
             self._diagnostics.report_failures(
-                "remove_marker", [(request.marker_id, f"there is no such marker; there is {shown}")]
+                "remove_marker", [(request.marker_id, f"there is no such marker; there is {existing}")]
             )
-        return wire.RemoveMarker.Response(success=gone)
+        return wire.RemoveMarker.Response(success=removed)
 
     def on_markers(self, message: visualization_msgs.MarkerArray) -> None:
-        """Does what an array of markers says, as RViz would."""
+        """Handles an array of markers, as RViz does."""
         for marker in message.markers:
             self.on_marker(marker)
 
     def on_marker(self, message: visualization_msgs.Marker) -> None:
-        """One of them."""
+        """Handles a marker."""
         id = f"{message.ns}/{message.id}"
         match message.action:
             case visualization_msgs.MarkerAction.DELETE:
@@ -133,7 +130,7 @@ class UnrealVisServices:
                     marker = marker_from_message(message, id, self._state_reader)
                     if marker is None:
                         raise WorldError(
-                            f"a {message.type.name} cannot be shown here{_UNSUPPORTED_HINTS.get(message.type, '')}"
+                            f"a {message.type.name} is not supported{_UNSUPPORTED_HINTS.get(message.type, '')}"
                         )
                     if marker.body and marker.body not in self._simulation.state.ids:
                         raise BodyNotFoundError(marker.body, known=self._simulation.state.ids)
@@ -144,16 +141,16 @@ class UnrealVisServices:
                     self._from_messages.add(id)
 
     def _add_marker(self, marker: Marker, *, lifetime_s: float | None = None) -> None:
-        """Shows one more, if there is room for it.
+        """Adds a marker.
 
         Raises:
-            WorldError: there are too many.
+            WorldError: there are too many markers.
         """
-        shown = self._simulation.state.markers
-        if len(shown) >= _MAX_MARKERS and all(each.id != marker.id for each in shown):
-            raise WorldError(f"{_MAX_MARKERS} markers are shown already; take some away first")
-        if len(self._from_messages) > 2 * _MAX_MARKERS:  # most have gone by themselves
-            self._from_messages.intersection_update(each.id for each in shown)
+        markers = self._simulation.state.markers
+        if len(markers) >= _MAX_MARKERS and all(each.id != marker.id for each in markers):
+            raise WorldError(f"{_MAX_MARKERS} markers exist already; remove some first")
+        if len(self._from_messages) > 2 * _MAX_MARKERS:  # most have expired
+            self._from_messages.intersection_update(each.id for each in markers)
         self._simulation.add_markers([marker], lifetime_s=lifetime_s)
 
     def _remove_markers(self, ids: list[str]) -> None:
@@ -165,27 +162,29 @@ class UnrealVisServices:
 
 
 def marker_from_message(message: visualization_msgs.Marker, id: str, state_reader: StateReader) -> Marker | None:
-    """The marker that a message means; None for what has no form here (triangles, and meshes but for those of bodies).
+    """Converts a message to a marker; None for unsupported types (triangles, and meshes other than those of bodies).
 
     Raises:
-        BodyNotFoundError: its frame is no body and not the world.
+        BodyNotFoundError: the frame is neither a body nor the world.
     """
-    form = _MARKER_TYPES.get(message.type)
-    if form is None or (form is MarkerType.BODY_COPY and not message.mesh_resource.startswith(_BODY_SCHEME)):
+    marker_type = _MARKER_TYPES.get(message.type)
+    if marker_type is None or (
+        marker_type is MarkerType.BODY_COPY and not message.mesh_resource.startswith(_BODY_SCHEME)
+    ):
         return None
     marker = Marker(
         id=id,
-        type=form,
+        type=marker_type,
         pose=state_reader.to_world_frame(pose_from_message(message.pose), message.header.frame_id),
-        size=_size(message, form),
+        size=_size(message, marker_type),
         color=color_from_message(message.color),
         opacity=message.color.a,
         points=tuple(map(point_from_message, message.points)),
         colors=tuple(map(color_from_message, message.colors)),
         text=message.text,
-        body=message.mesh_resource.removeprefix(_BODY_SCHEME) if form is MarkerType.BODY_COPY else "",
+        body=message.mesh_resource.removeprefix(_BODY_SCHEME) if marker_type is MarkerType.BODY_COPY else "",
     )
-    if form is MarkerType.ARROW and len(marker.points) >= 2:
+    if marker_type is MarkerType.ARROW and len(marker.points) >= 2:
         return _arrow_between(marker, message)
     return marker
 
@@ -198,18 +197,18 @@ def _size(message: visualization_msgs.Marker, type: MarkerType) -> Vector:
 
 
 def _arrow_between(marker: Marker, message: visualization_msgs.Marker) -> Marker:
-    """An arrow told by its ends instead of its pose; the scale is then how thick the shaft and the head are."""
+    """Returns an arrow that is given by its end points; the scale is then the diameter of the shaft and the head."""
     start, end = np.array(marker.points[0]), np.array(marker.points[1])
     length = float(np.linalg.norm(end - start))
-    turn = _rotation_from_x((end - start) / length) if length > 0.0 else np.array([1.0, 0.0, 0.0, 0.0])
-    placed = pose_multiply(normalized_pose_array(marker.pose), np.concatenate([start, turn])).tolist()
+    rotation = _rotation_from_x((end - start) / length) if length > 0.0 else np.array([1.0, 0.0, 0.0, 0.0])
+    row = pose_multiply(normalized_pose_array(marker.pose), np.concatenate([start, rotation])).tolist()
     width = message.scale.y or message.scale.x or length / 5
-    pose = Pose((placed[0], placed[1], placed[2]), (placed[3], placed[4], placed[5], placed[6]))
+    pose = Pose((row[0], row[1], row[2]), (row[3], row[4], row[5], row[6]))
     return replace(marker, pose=pose, size=(length, width, width), points=(), colors=())
 
 
 def _rotation_from_x(direction: Array) -> Array:
-    """The shortest turn of the x axis to a direction, as w x y z."""
+    """Returns the shortest rotation of the x axis to a direction, as w x y z."""
     if direction[0] < -1.0 + 1e-12:
         return np.array([0.0, 0.0, 0.0, 1.0])
     half = np.array([1.0 + direction[0], 0.0, -direction[2], direction[1]])
@@ -221,9 +220,9 @@ def _color_gradient(
 ) -> tuple[Color, ...]:
     if not points:
         return ()
-    ways = np.linalg.norm(np.diff(np.array(points), axis=0), axis=1)
-    passed = np.concatenate([[0.0], np.cumsum(ways)])
-    shares = passed / passed[-1] if passed[-1] > 0.0 else np.linspace(0.0, 1.0, len(points))
+    lengths = np.linalg.norm(np.diff(np.array(points), axis=0), axis=1)
+    positions = np.concatenate([[0.0], np.cumsum(lengths)])
+    fractions = positions / positions[-1] if positions[-1] > 0.0 else np.linspace(0.0, 1.0, len(points))
     first, last = np.array(color_from_message(begin)), np.array(color_from_message(end))
-    rows = (first + shares[:, None] * (last - first)).tolist()
+    rows = (first + fractions[:, None] * (last - first)).tolist()
     return tuple((red, green, blue) for red, green, blue in rows)

@@ -1,9 +1,4 @@
-"""World control: the services of Unreal's UROSWorldControl, answered by a stage.
-
-Names, types and habits are the plugin's, so that a program which spoke to Unreal does not notice.
-
-Neighborhood: how bodies stand to one another, what is in the way, and where a place on one of them is.
-"""
+"""The services of Unreal's UROSWorldControl, with its names, types and behavior, so that its clients work unchanged."""
 
 from __future__ import annotations
 
@@ -17,6 +12,7 @@ from mindstage.bridge.conversions_unreal import (
     attachment_from_message,
     body_from_box,
     body_from_message,
+    iri_namespace,
     joint_from_message,
     materials_from_lists,
     physics_from_message,
@@ -30,54 +26,49 @@ from mindstage.msgs import world_control_msgs as wire
 from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.ros.engine_services import CheckpointServices
 from mindstage.ros.service import ServiceSpec
-from mindstage.ros.state import StateReader, free_id, iri_namespace, map_iri
+from mindstage.ros.state import StateReader, free_id, map_iri
 from mindstage.scene import Attachment, Body, BodyId, Iri, World
 from mindstage.scene.bounding_boxes import OrientedBoxes, overlapping_pairs, penetration_depths
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import normalize, pose_array
 
-__all__ = [
-    "WorldControlServices",
-    "oriented_boxes",
-    "overlapping_bodies",
-    "pose_message",
-    "socket_pose",
-    "spatial_relation_name",
-]
+__all__ = ["WorldControlServices"]
 
 
-UNRELATED = "apart"
+_UNRELATED = "apart"
 _CONTACT_TOLERANCE_M = 1e-3
-"""What stands in something by less only touches it."""
+"""Penetration up to which bodies only touch [m]."""
 _DEFAULT_SIZE = (0.05, 0.05, 0.05)
-"""What has no size counts as so large here [m]."""
+"""Size of a body without one [m]."""
+_SPAWN_TIMEOUT_S = 300.0
+"""Timeout of a spawn call without one [s]; a large world takes long."""
 
 
-def spatial_relation_name(world: World, one: str, other: str) -> str:
-    """The closest relation of one body to another, in a word."""
+def _spatial_relation_name(world: World, one: str, other: str) -> str:
+    """Returns the closest spatial relation of one body to another."""
     space = SpatialRelations(world)
     found = {each.relation for each in space.related(subjects=[BodyId(one)], others=[BodyId(other)])}
-    return next((relation.value for relation in SpatialRelation if relation in found), UNRELATED)
+    return next((relation.value for relation in SpatialRelation if relation in found), _UNRELATED)
 
 
-def overlapping_bodies(world: World, body: Body) -> tuple[BodyId, ...]:
-    """What a body would stand in, if it were spawned; what encloses everything is no obstacle."""
+def _overlapping_bodies(world: World, body: Body) -> tuple[BodyId, ...]:
+    """Returns the bodies that a new body would overlap; bodies that enclose others are ignored."""
     if not any(body.pose.quaternion):
-        return ()  # no rotation at all: the engine will refuse it
-    shells = set(SpatialRelations(replace(world, bodies=(*world.bodies, body))).enclosing_bodies)
-    bodies = [each for each in world.bodies if each.id not in shells]
-    boxes = oriented_boxes([*bodies, body])
-    wanted = np.zeros(len(bodies) + 1, dtype=bool)
-    wanted[-1] = True
-    met: list[BodyId] = []
-    for a, b in overlapping_pairs(boxes, wanted, ~wanted):
-        deep = penetration_depths(boxes, a, b) > _CONTACT_TOLERANCE_M
-        met += (bodies[min(pair)].id for pair in zip(a[deep].tolist(), b[deep].tolist(), strict=True))
-    return tuple(met)
+        return ()  # a zero quaternion, which the engine rejects
+    enclosing = set(SpatialRelations(replace(world, bodies=(*world.bodies, body))).enclosing_bodies)
+    bodies = [each for each in world.bodies if each.id not in enclosing]
+    boxes = _oriented_boxes([*bodies, body])
+    is_new = np.zeros(len(bodies) + 1, dtype=bool)
+    is_new[-1] = True
+    overlapping: list[BodyId] = []
+    for a, b in overlapping_pairs(boxes, is_new, ~is_new):
+        overlaps = penetration_depths(boxes, a, b) > _CONTACT_TOLERANCE_M
+        overlapping += (bodies[min(pair)].id for pair in zip(a[overlaps].tolist(), b[overlaps].tolist(), strict=True))
+    return tuple(overlapping)
 
 
-def oriented_boxes(bodies: list[Body]) -> OrientedBoxes:
-    """Bodies as boxes."""
+def _oriented_boxes(bodies: list[Body]) -> OrientedBoxes:
+    """Returns the oriented bounding boxes of bodies."""
     poses = pose_array(body.pose for body in bodies)
     poses[:, 3:] = normalize(poses[:, 3:])
     return OrientedBoxes.from_poses(
@@ -85,33 +76,29 @@ def oriented_boxes(bodies: list[Body]) -> OrientedBoxes:
     )
 
 
-def socket_pose(state_reader: StateReader, id: str, socket: str) -> PoseArray:
-    """Where a place on a body is.
+def _socket_pose(state_reader: StateReader, id: str, socket: str) -> PoseArray:
+    """Returns the pose of a socket: a body attached to the body, or the body itself without a name.
 
     Raises:
-        BodyNotFoundError: there is no such body, or nothing of that name hangs on it.
+        BodyNotFoundError: there is no such body, or none of that name is attached to it.
     """
     row = state_reader.pose(id)
     if not socket:
         return row
-    hanging = [state_reader.body(hold.child) for hold in state_reader.world().attachments if hold.parent == id]
-    for body in hanging:
+    attached = [state_reader.body(each.child) for each in state_reader.world().attachments if each.parent == id]
+    for body in attached:
         if socket in {body.id, body.label, local_name(body.cls)}:
             return state_reader.pose(body.id)
-    raise BodyNotFoundError(socket, known=[body.id for body in hanging], world=f"what hangs on {id}")
+    raise BodyNotFoundError(socket, known=[body.id for body in attached], world=f"attachments of {id}")
 
 
-def pose_message(row: PoseArray) -> geometry_msgs.Pose:
-    """Seven numbers for the wire."""
+def _row_message(row: PoseArray) -> geometry_msgs.Pose:
+    """Converts a row of seven numbers to a message."""
     return pose_array_messages(row[None])[0]
 
 
-_SPAWN_TIMEOUT_S = 300.0
-"""How long a caller waits for a spawn who does not say it: a large world takes its time, and ends in time by itself."""
-
-
 class WorldControlServices:
-    """Spawns, moves, lights up and asks, by ids."""
+    """Services that spawn, move, highlight and query bodies by id."""
 
     def __init__(self, state_reader: StateReader, diagnostics: DiagnosticsPublisher) -> None:
         self._state_reader = state_reader
@@ -120,7 +107,7 @@ class WorldControlServices:
         self._checkpoints = CheckpointServices(state_reader.simulation)
 
     def services(self) -> Iterator[ServiceSpec]:
-        """All services."""
+        """Yields all services."""
         yield ServiceSpec(wire.SpawnSemanticMap, self.spawn_semantic_map, timeout_s=_SPAWN_TIMEOUT_S)
         yield ServiceSpec(wire.SpawnModel, self.spawn_model)
         yield ServiceSpec(wire.SpawnProMesh, self.spawn_pro_mesh)
@@ -142,41 +129,41 @@ class WorldControlServices:
     # -- spawning ------------------------------------------------------------------------------------------------------
 
     def spawn_semantic_map(self, request: wire.SpawnSemanticMap.Request) -> wire.SpawnSemanticMap.Response:
-        """A whole map; what of it failed is listed, and why it did on the diagnostics."""
-        frame = self._state_reader.state()
+        """Spawns a map; failed objects are listed, with the reasons on the diagnostics."""
+        snapshot = self._state_reader.state()
         iri = self._known_map(request) or map_iri(f"spawned_{len(self._simulation.worlds) + 1}")
-        world, remarks = world_from_request(request, iri=iri, name=local_name(iri), taken=frozenset(frame.ids))
-        self._diagnostics.report_notes("spawn_semantic_map", remarks)
+        world, notes = world_from_request(request, iri=iri, name=local_name(iri), taken=frozenset(snapshot.ids))
+        self._diagnostics.report_notes("spawn_semantic_map", notes)
         report = self._simulation.spawn(world)
         self._diagnostics.report_spawn("spawn_semantic_map", report)
-        lost = {failure.id for failure in report.failed_attachments}
+        failed_children = {failure.id for failure in report.failed_attachments}
         return wire.SpawnSemanticMap.Response(
             success=report.ok,
             failed_model_ids=tuple(failure.id for failure in report.failed_bodies),
             failed_constraint_ids=tuple(failure.id for failure in report.failed_joints),
-            failed_relations=tuple(relation for relation in request.relations if relation.child_id in lost),
+            failed_relations=tuple(relation for relation in request.relations if relation.child_id in failed_children),
         )
 
     def spawn_model(self, request: wire.SpawnModel.Request) -> wire.SpawnModel.Response:
-        """One model; it hangs on its parent, if it has one."""
-        body, remarks = body_from_message(request, id=self._id(request.id, request.name), namespace=self._namespace())
+        """Spawns one model, attached to its parent if it has one."""
+        body, notes = body_from_message(request, id=self._id(request.id, request.name), namespace=self._namespace())
         if request.override_name:
-            body = _has_label(body, request.override_name)
+            body = replace(body, label=request.override_name)
         etype = ""
         if body.id in self._state_reader.row_by_id(self._state_reader.state()):
             etype = wire.SpawnModel.Response.ID_TAKEN
             self._diagnostics.report_refusal("spawn_model", BodyExistsError(body.id))
-        elif request.spawn_collision_check and (met := overlapping_bodies(self._simulation.snapshot(), body)):
+        elif request.spawn_collision_check and (obstacles := _overlapping_bodies(self._simulation.snapshot(), body)):
             etype = wire.SpawnModel.Response.OBSTRUCTED
-            self._diagnostics.report_failures("spawn_model", [(body.id, f"it would stand in {', '.join(met)}")])
+            self._diagnostics.report_failures("spawn_model", [(body.id, f"it would overlap {', '.join(obstacles)}")])
         if etype:
             return wire.SpawnModel.Response(id=body.id, name=_display_name(body), etype=etype)
-        self._diagnostics.report_notes("spawn_model", remarks)
+        self._diagnostics.report_notes("spawn_model", notes)
         success = self._spawn_body("spawn_model", body, parent=request.parent_id)
         return wire.SpawnModel.Response(id=body.id, name=_display_name(body), success=success)
 
     def spawn_pro_mesh(self, request: wire.SpawnProMesh.Request) -> wire.SpawnProMesh.Response:
-        """A box of a size."""
+        """Spawns a box."""
         body = body_from_box(request, id=self._id(request.id, "Box"), namespace=self._namespace())
         success = self._spawn_body("spawn_pro_mesh", body, parent=request.parent_id)
         return wire.SpawnProMesh.Response(id=body.id, name=_display_name(body), success=success)
@@ -184,12 +171,12 @@ class WorldControlServices:
     def spawn_physics_constraint(
         self, request: wire.SpawnPhysicsConstraint.Request
     ) -> wire.SpawnPhysicsConstraint.Response:
-        """A constraint between two bodies that are there."""
+        """Spawns a joint between two bodies."""
         description = request.constraint_description
         id = free_id("Constraint", {each.id for each in self._state_reader.world().joints})
-        constraint, remarks = joint_from_message(description, id=id, namespace=self._namespace())
-        self._diagnostics.report_notes("spawn_physics_constraint", remarks)
-        world = World(iri=self._iri(), joints=(constraint,))
+        joint, notes = joint_from_message(description, id=id, namespace=self._namespace())
+        self._diagnostics.report_notes("spawn_physics_constraint", notes)
+        world = World(iri=self._iri(), joints=(joint,))
         return wire.SpawnPhysicsConstraint.Response(success=self._spawn("spawn_physics_constraint", world))
 
     def _spawn_body(self, operation: str, body: Body, *, parent: str) -> bool:
@@ -204,17 +191,17 @@ class WorldControlServices:
         self._diagnostics.report_spawn(operation, report)
         return report.ok
 
-    # -- taking away ---------------------------------------------------------------------------------------------------
+    # -- deletion ------------------------------------------------------------------------------------------------------
 
     def delete_model(self, request: wire.DeleteModel.Request) -> wire.DeleteModel.Response:
-        """One body."""
+        """Deletes a body."""
         self._delete([request.id])
         return wire.DeleteModel.Response(success=True)
 
     def delete_all(self, request: wire.DeleteAll.Request) -> wire.DeleteAll.Response:
-        """All bodies that have such a tag; it is no failure if there is none."""
+        """Deletes all bodies with a tag; it is not an error if there is none."""
 
-        def is_meant(body: Body) -> bool:
+        def has_tag(body: Body) -> bool:
             return any(
                 tag.type == request.type_to_delete
                 and tag.key == request.key_to_delete
@@ -222,7 +209,7 @@ class WorldControlServices:
                 for tag in body.tags
             )
 
-        self._delete([body.id for body in self._state_reader.world().bodies if is_meant(body)])
+        self._delete([body.id for body in self._state_reader.world().bodies if has_tag(body)])
         return wire.DeleteAll.Response(success=True)
 
     def _delete(self, ids: Sequence[str]) -> None:
@@ -230,38 +217,38 @@ class WorldControlServices:
             lambda engine: engine.delete(tuple(map(BodyId, ids))), label="delete", edits=True
         )
 
-    # -- places --------------------------------------------------------------------------------------------------------
+    # -- poses ---------------------------------------------------------------------------------------------------------
 
     def set_model_pose(self, request: wire.SetModelPose.Request) -> wire.SetModelPose.Response:
-        """Puts a body somewhere else."""
+        """Sets the pose of a body."""
         self._set_pose(request.id, request)
         return wire.SetModelPose.Response(success=True)
 
     def move_object(self, request: wire.MoveObject.Request) -> wire.MoveObject.Response:
-        """The same by the name of an actor: an id, or a label that only one body has."""
+        """Sets the pose of a body by the name of its actor: an id, or a label that only one body has."""
         self._set_pose(self._id_of_actor(request.Name), request)
         return wire.MoveObject.Response(success=True)
 
     def get_model_pose(self, request: wire.GetModelPose.Request) -> wire.GetModelPose.Response:
-        """Where a body is."""
-        return wire.GetModelPose.Response(pose=pose_message(self._state_reader.pose(request.id)), success=True)
+        """Returns the pose of a body."""
+        return wire.GetModelPose.Response(pose=_row_message(self._state_reader.pose(request.id)), success=True)
 
     def get_model_socket_pose(self, request: wire.GetModelSocketPose.Request) -> wire.GetModelSocketPose.Response:
-        """Where a place on a body is: what hangs on it is such a place, and so is the body itself, without a name."""
-        row = socket_pose(self._state_reader, request.id, request.socket)
-        return wire.GetModelSocketPose.Response(pose=pose_message(row), success=True)
+        """Returns the pose of a body that is attached to a body, or of the body itself without a socket name."""
+        row = _socket_pose(self._state_reader, request.id, request.socket)
+        return wire.GetModelSocketPose.Response(pose=_row_message(row), success=True)
 
     def object_to_object_state(self, request: wire.ObjectToObjectState.Request) -> wire.ObjectToObjectState.Response:
-        """How one body stands to another: on, inside, above, below, next_to, or apart."""
+        """Returns the relation of one body to another: on, inside, above, below, next_to, or apart."""
         self._state_reader.require([request.source_object_id, request.other_object_id])
-        state = spatial_relation_name(self._simulation.snapshot(), request.source_object_id, request.other_object_id)
+        state = _spatial_relation_name(self._simulation.snapshot(), request.source_object_id, request.other_object_id)
         return wire.ObjectToObjectState.Response(state=state, success=True)
 
     def attach(self, request: wire.AttachModelToParent.Request) -> wire.AttachModelToParent.Response:
-        """Hangs one body on another, where both are now."""
+        """Attaches a body to another one, at their current poses."""
         parent, child = BodyId(request.parent_id), BodyId(request.child_id)
         if parent == child:
-            raise AttachmentError(parent, child, reason="nothing hangs on itself")
+            raise AttachmentError(parent, child, reason="a body cannot be attached to itself")
         self._simulation.run_on_engine(lambda engine: engine.attach(parent, child), label="attach", edits=True)
         return wire.AttachModelToParent.Response(success=True)
 
@@ -278,15 +265,15 @@ class WorldControlServices:
             raise BodyNotFoundError(name, known=labeled, world=f"{len(labeled)} bodies of that label")
         return name
 
-    # -- looks and physics ---------------------------------------------------------------------------------------------
+    # -- properties ----------------------------------------------------------------------------------------------------
 
     def highlight(self, request: wire.HighlightModel.Request) -> wire.HighlightModel.Response:
-        """Lights a body up in one of five colors, or puts it out."""
+        """Highlights a body in one of five colors, or removes its highlight."""
         self._simulation.highlight([BodyId(request.id)], color_from_code(request.color))
         return wire.HighlightModel.Response(success=True)
 
     def set_material(self, request: wire.SetMaterial.Request) -> wire.SetMaterial.Response:
-        """Changes a body's surface."""
+        """Sets the materials of a body."""
         materials = materials_from_lists(request.material_names, request.material_paths)
         id = BodyId(request.id)
         self._simulation.run_on_engine(
@@ -295,22 +282,22 @@ class WorldControlServices:
         return wire.SetMaterial.Response(success=True)
 
     def set_physics(self, request: wire.SetPhysicsProperties.Request) -> wire.SetPhysicsProperties.Response:
-        """Changes how a body takes part in the physics."""
+        """Sets the physics properties of a body."""
         id, physics = BodyId(request.id), physics_from_message(request.physics_properties)
         self._simulation.run_on_engine(lambda engine: engine.set_physics(id, physics), label="set physics", edits=True)
         return wire.SetPhysicsProperties.Response(success=True)
 
-    # -- the whole -----------------------------------------------------------------------------------------------------
+    # -- the simulation------------------------------------------------------------------------------------------------
 
     def checkpoint(self, request: wire.Checkpoint.Request) -> wire.Checkpoint.Response:
-        """Keeps the whole state under a name (`save`), brings it back (`restore_state`), throws it away (`forget`)."""
-        refusal = self._checkpoints.execute(request.command, request.args)
-        if refusal:
-            raise WorldError(refusal)
+        """Saves (`save`), restores (`restore`) or deletes (`forget`) a named state."""
+        error = self._checkpoints.execute(request.command, request.args)
+        if error:
+            raise WorldError(error)
         return wire.Checkpoint.Response(success=True)
 
     def reset_level(self, request: wire.ResetLevel.Request) -> wire.ResetLevel.Response:
-        """Brings back the world as it was right after it was spawned; there is one level, whatever its id."""
+        """Returns to the state after the last spawn; the id of the level is ignored."""
         self._simulation.reset()
         return wire.ResetLevel.Response(success=True)
 
@@ -320,14 +307,14 @@ class WorldControlServices:
         return given or free_id(stem or "Model", self._state_reader.row_by_id(self._state_reader.state()))
 
     def _known_map(self, request: wire.SpawnSemanticMap.Request) -> Iri | None:
-        """The map that models come from which tell their IRIs, if it is known; questions then mean the same things."""
-        told = (
+        """Returns the map from which models with the tag `Iri` come, if it is in the knowledge base."""
+        iris = (
             tag.value for model in request.models for tag in model.tags if (tag.type, tag.key) == ("Mindstage", "Iri")
         )
-        spaces = {iri_namespace(iri) for iri in told}
+        namespaces = {iri_namespace(iri) for iri in iris}
         spawned = {world.iri for world in self._simulation.worlds}
         maps = (map for map in self._simulation.knowledge.maps() if map not in spawned)
-        return next((map for map in maps if iri_namespace(map) in spaces), None)
+        return next((map for map in maps if iri_namespace(map) in namespaces), None)
 
     def _iri(self) -> Iri:
         worlds = self._simulation.worlds
@@ -335,10 +322,6 @@ class WorldControlServices:
 
     def _namespace(self) -> str:
         return iri_namespace(self._iri())
-
-
-def _has_label(body: Body, label: str) -> Body:
-    return replace(body, label=label)
 
 
 def _display_name(body: Body) -> str:

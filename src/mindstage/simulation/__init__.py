@@ -1,4 +1,4 @@
-"""Stage: one knowledge base and one engine, brought together in one loop."""
+"""Simulation of the worlds of a knowledge base in a physics engine, with highlights, placement and undo."""
 
 from mindstage.engines.base import EngineStats, SpawnNoteKind
 from mindstage.simulation.highlights import HighlightGroup, HighlightResult, Marker, MarkerType, UnhighlightedItem

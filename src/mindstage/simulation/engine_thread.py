@@ -1,10 +1,7 @@
-"""Loop: the one thread that owns an engine.
+"""The thread that owns an engine, and the clock that paces it in real time.
 
-Calls from any thread are queued and answered here, between two ticks of the running world, so that an engine never
-sees two callers at once. Nobody waits for ever: each call has a timeout, and a call that has not begun by then is
-withdrawn, so that it cannot surprise anyone later.
-
-Clock: how far simulated time should have come by now, and how well that is kept.
+Calls from any thread are queued and executed between two ticks, so that an engine is used by one thread only. Each call
+has a timeout; a call that has not started by then is canceled and never executed.
 """
 
 from __future__ import annotations
@@ -22,11 +19,11 @@ __all__ = ["EngineThread", "RealTimeClock"]
 
 
 _MAX_LAG_S = 0.25
-"""What the world is behind after a stall is forgiven beyond this, or it would race to catch up."""
+"""Upper bound of the simulated time that is made up for after a stall, per unit of speed [s]."""
 
 
 class RealTimeClock:
-    """Turns wall time into simulated time at a speed."""
+    """Converts wall time to simulated time, at a multiple of real time."""
 
     def __init__(self, speed: float = 1.0) -> None:
         self.speed = speed
@@ -44,15 +41,15 @@ class RealTimeClock:
         return self._due_s
 
     def advance(self, simulated_s: float) -> None:
-        """Some of it was stepped."""
+        """Subtracts simulated time that was stepped [s] from the time that is due."""
         self._due_s -= simulated_s
         self._simulated_s += simulated_s
-        if self._wall_s > 2.0:  # a sliding mean over the last seconds
+        if self._wall_s > 2.0:  # a moving average over the last seconds
             self._wall_s, self._simulated_s = self._wall_s / 2, self._simulated_s / 2
 
     @property
     def real_time_factor(self) -> float:
-        """Simulated seconds in a second of wall time, lately."""
+        """Simulated time per wall time, averaged over the last seconds."""
         return self._simulated_s / self._wall_s if self._wall_s > 0.0 else 0.0
 
 
@@ -62,15 +59,15 @@ _Call = tuple["Future[object]", Callable[[], object]]
 
 
 class EngineThread:
-    """Runs `tick` again and again while it asks for it, and queued calls in between."""
+    """Runs a tick function repeatedly, and queued calls in between, in one thread."""
 
-    def __init__(self, tick: Callable[[], float | None], *, name: str = "mindstage-stage") -> None:
+    def __init__(self, tick: Callable[[], float | None], *, name: str = "mindstage-simulation") -> None:
         """Starts the thread.
 
         Args:
-            tick: called in the thread; returns in how many seconds it wants to be called again, or None to sleep
-                until the next call.
-            name: of the thread, for debuggers.
+            tick: called in the thread; returns the delay until its next call [s], or None to wait for the next queued
+                call.
+            name: name of the thread.
         """
         self._tick = tick
         self._calls: SimpleQueue[_Call | None] = SimpleQueue()
@@ -79,10 +76,10 @@ class EngineThread:
         self._thread.start()
 
     def run(self, function: Callable[[], T], *, label: str, timeout_s: float) -> T:
-        """Runs a function in the thread and gives back what it returns or raises.
+        """Runs a function in the thread, and returns its result or raises its exception.
 
         Raises:
-            SimulationTimeoutError: it did not finish in time, or the loop has stopped.
+            SimulationTimeoutError: the function did not finish in time, or the thread has stopped.
         """
         if threading.current_thread() is self._thread:
             return function()
@@ -99,7 +96,7 @@ class EngineThread:
             raise SimulationTimeoutError(label, timeout_s=timeout_s) from None
 
     def stop(self, *, timeout_s: float = 10.0) -> None:
-        """Ends the thread after the call it is in; any number of times."""
+        """Stops the thread after the current call; may be called repeatedly."""
         if not self._stopping:
             self._stopping = True
             self._calls.put(None)

@@ -1,11 +1,8 @@
-"""Lights: which bodies are lit, in which color, and what for.
+"""Highlighted bodies and visualization markers of a simulation.
 
-The engine knows which bodies are lit; here is why. Whatever it puts out, be it that a body was deleted, goes out here
-too, and what somebody lit past the stage has a place here without a reason.
-
-Markers: forms that a program wants to be seen beside the bodies: where it looks, where it goes, what it means.
-
-They are no part of the world: nothing collides with them, no log holds them, and clearing the world leaves them.
+The engine holds the highlight color of each body; `Highlights` adds the label and the question of each group. A body
+that the engine no longer highlights leaves its group; a highlight set in the engine directly has no label. Markers are
+not part of the world: they do not collide, are not saved, and remain when the world is cleared.
 """
 
 from __future__ import annotations
@@ -38,64 +35,66 @@ __all__ = [
 
 
 class MarkerType(StrEnum):
-    """What a marker looks like."""
+    """The shape of a marker."""
 
     CUBE = "cube"
     SPHERE = "sphere"
     CYLINDER = "cylinder"
-    """Upright: its axis is z."""
+    """Its axis is z."""
     CONE = "cone"
-    """Upright, the tip at the top."""
+    """Its axis is z, the tip at the top."""
     ARROW = "arrow"
-    """From its place along x, as long as its size says."""
+    """From the origin of its pose along x; `size[0]` is its length."""
     LINE_STRIP = "line"
-    """From each of its points to the next."""
+    """Segments from each point to the next."""
     LINE_LIST = "lines"
-    """From its first point to the second, from the third to the fourth."""
+    """A segment for each pair of points."""
     POINTS = "points"
-    """A dot at each of its points."""
+    """A dot at each point."""
     TEXT = "text"
     BODY_COPY = "ghost"
-    """A body a second time, as it looks, in the marker's color; where that body is not there, nothing."""
+    """A copy of a body's visual geometry in the color of the marker; invisible if the body does not exist."""
 
 
 class Marker(msgspec.Struct, frozen=True, kw_only=True):
-    """One of them."""
+    """A visualization marker, as in ROS."""
 
     id: str
-    """Another one of that id replaces it."""
+    """A marker replaces an earlier one of the same id."""
     type: MarkerType
     pose: Pose = IDENTITY
-    """In the world; the points are seen from it."""
+    """In the world frame; `points` are relative to it."""
     size: Vector = (0.1, 0.1, 0.1)
-    """Extents along its own axes [m]; of lines, the first is how wide they are."""
+    """Extents along its own axes [m]; of lines and points, the first is the width."""
     color: Color = (1.0, 1.0, 1.0)
     opacity: float = 1.0
+    """From 0 (transparent) to 1."""
     points: tuple[Vector, ...] = ()
+    """Of lines and points, in the frame of `pose` [m]."""
     colors: tuple[Color, ...] = ()
-    """One for each point, or none; along a line they run into one another."""
+    """One per point, or empty; interpolated along lines."""
     text: str = ""
     body: str = ""
-    """Of a ghost: the id of the body."""
+    """The id of the body that a `BODY_COPY` copies."""
 
 
 class MarkerStore:
-    """All of them; only the thread that owns the engine may call it."""
+    """The markers of a simulation, some with a lifetime; used in the engine thread only."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
-        """None yet.
+        """Creates an empty store.
 
         Args:
-            now: the clock by which they go [s].
+            now: the clock that lifetimes are measured with [s].
         """
         self.markers: tuple[Marker, ...] = ()
-        """In the order in which they came."""
+        """In the order in which they were added."""
         self._by_id: dict[str, Marker] = {}
         self._expiry_times: dict[str, float] = {}
         self._now = now
 
     def add(self, markers: Iterable[Marker], *, lifetime_s: float | None = None) -> None:
-        """Shows them, in the place of those that have the same ids."""
+        """Adds markers, replacing those of the same ids, for a lifetime [s] or until they are removed."""
         for marker in markers:
             self._by_id[marker.id] = marker
             self._expiry_times.pop(marker.id, None)
@@ -104,67 +103,67 @@ class MarkerStore:
         self.markers = tuple(self._by_id.values())
 
     def remove(self, ids: Iterable[str]) -> tuple[str, ...]:
-        """Takes them away; gives those that were there."""
-        gone = tuple(id for id in ids if self._by_id.pop(id, None) is not None)
-        for id in gone:
+        """Removes markers; returns the ids of those that existed."""
+        removed = tuple(id for id in ids if self._by_id.pop(id, None) is not None)
+        for id in removed:
             self._expiry_times.pop(id, None)
-        if gone:
+        if removed:
             self.markers = tuple(self._by_id.values())
-        return gone
+        return removed
 
     def expire(self) -> bool:
-        """Takes away those whose time is up; tells whether there were any."""
+        """Removes the markers whose lifetime is over; returns whether there were any."""
         now = self._now()
         return bool(self.remove([id for id, until in self._expiry_times.items() if until <= now]))
 
     def next_expiry_s(self) -> float | None:
-        """When the next one goes [s from now]; None where none goes by itself."""
+        """The time until the next marker expires [s]; None if no marker has a lifetime."""
         return max(0.0, min(self._expiry_times.values()) - self._now()) if self._expiry_times else None
 
 
 class HighlightGroup(msgspec.Struct, frozen=True, kw_only=True):
-    """Bodies that are lit together."""
+    """Bodies that were highlighted together."""
 
     ids: tuple[BodyId, ...]
     color: Color
     label: str = ""
-    """Why, in one line; empty where nobody said."""
+    """The reason, in one line; empty if none was given."""
     question: str = ""
-    """The name of the question that they answer."""
+    """The name of the question whose answers they are."""
     args: Mapping[str, str] = {}
-    """What it was asked about, in short names."""
+    """The arguments of that question, as short names."""
 
 
 class UnhighlightedItem(msgspec.Struct, frozen=True):
-    """Something that cannot be lit."""
+    """An item that cannot be highlighted, and the reason."""
 
     id: str
     reason: str
 
 
 class HighlightResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of a wish to show something."""
+    """The bodies that were highlighted, and the items that have no body."""
 
     highlighted: tuple[BodyId, ...]
     unhighlighted: tuple[UnhighlightedItem, ...]
 
 
 class HighlightRequest(msgspec.Struct, frozen=True, kw_only=True):
-    """What shall be shown, and why."""
+    """The items to highlight, and their label."""
 
     items: tuple[str, ...]
     """IRIs or ids."""
     required: frozenset[str] = frozenset()
-    """Those that were given as plain ids, and must be there."""
+    """Items that were given as plain ids, and must exist."""
     without_body: tuple[UnhighlightedItem, ...] = ()
-    """What cannot be shown, whatever the world holds."""
+    """Items that never have a body, such as classes."""
     label: str = ""
     question: str = ""
     args: Mapping[str, str] = {}
 
 
 class Highlights:
-    """All groups that are lit, the latest last; only the thread that owns the engine may call it."""
+    """The highlighted groups of a simulation, the latest last; used in the engine thread only."""
 
     def __init__(self) -> None:
         self.groups: tuple[HighlightGroup, ...] = ()
@@ -173,10 +172,10 @@ class Highlights:
     def apply(
         self, engine: Engine, *, request: HighlightRequest, color: Color | None, replace: bool, strict: bool = False
     ) -> HighlightResult:
-        """Lights up what has a body, in place of what was lit for the same reason, or of everything.
+        """Highlights the bodies of the items, replacing the group of the same label or, with `replace`, all groups.
 
         Raises:
-            BodyNotFoundError: strict, for the first id that is not there; nothing changes then.
+            BodyNotFoundError: with `strict`, for the first id that does not exist; nothing changes then.
         """
         found = _find_bodies(engine, request.items, required=request.required if strict else frozenset())
         before = engine.highlights() if replace else self._ids_for_label(request.label)
@@ -194,22 +193,22 @@ class Highlights:
         )
 
     def reapply(self, engine: Engine) -> None:
-        """Lights everything up again in an engine that may have forgotten it, or remember what went out since."""
-        there = set(engine.poses()[0])
+        """Sets the highlights in the engine to the groups, after a reset or a restored state."""
+        existing = set(engine.poses()[0])
         engine.highlight(tuple(engine.highlights()), None)
         for group in self.groups:
-            engine.highlight([id for id in group.ids if id in there], group.color)
+            engine.highlight([id for id in group.ids if id in existing], group.color)
 
     def sync(self, highlights: Mapping[BodyId, Color]) -> tuple[HighlightGroup, ...]:
-        """The groups as they are for what the engine has lit."""
+        """Updates the groups to the highlights of the engine, and returns them."""
         if highlights != self._last_seen:
             self._last_seen = dict(highlights)
             kept = (_still_highlighted(group, highlights) for group in self.groups if group.label)
             groups = [group for group in kept if group.ids]
-            explained = {id for group in groups for id in group.ids}
+            labeled = {id for group in groups for id in group.ids}
             others: dict[Color, list[BodyId]] = {}
             for id, color in highlights.items():
-                if id not in explained:
+                if id not in labeled:
                     others.setdefault(color, []).append(id)
             self.groups = (*(HighlightGroup(ids=tuple(ids), color=color) for color, ids in others.items()), *groups)
         return self.groups
@@ -226,15 +225,14 @@ def _still_highlighted(group: HighlightGroup, highlights: Mapping[BodyId, Color]
 def highlight_request(
     answers: str | AnswerRow | Answers[Any] | Iterable[str | AnswerRow], label: str = ""
 ) -> HighlightRequest:
-    """What is to be shown of answers, or of ids and IRIs.
+    """Collects the items to highlight from answers, or from ids and IRIs.
 
-    Of several columns of answers that hold individuals it is the first that was asked for: the handle of a door that
-    was given.
+    Of answers it is the first column of individuals that was not an argument, such as the handle of a given door.
     """
     if isinstance(answers, str | AnswerRow):
         answers = (answers,)
     if not isinstance(answers, Answers):
-        names, bodies_lacking, required = list[str](), list[UnhighlightedItem](), set[str]()
+        names, without_body, required = list[str](), list[UnhighlightedItem](), set[str]()
         for each in answers:
             if isinstance(each, str):
                 names.append(str(each))
@@ -242,59 +240,52 @@ def highlight_request(
             elif each.subject_kind is EntityType.INDIVIDUAL:
                 names.append(each.subject)
             else:
-                bodies_lacking.append(_no_body(each.subject, each.subject_kind))
+                without_body.append(_no_body(each.subject, each.subject_kind))
         return HighlightRequest(
-            items=tuple(names), required=frozenset(required), without_body=tuple(bodies_lacking), label=label
+            items=tuple(names), required=frozenset(required), without_body=tuple(without_body), label=label
         )
-    asked = answers.question
+    question = answers.question
     individuals = answers.answer_column(EntityType.INDIVIDUAL)
-    column = individuals or answers.answer_column(*asked.columns.values())
-    things, bodiless = tuple[str, ...](), tuple[UnhighlightedItem, ...]()
-    if column:
-        found = dict.fromkeys(str(getattr(row, column)) for row in answers)
-        things, bodiless = (
-            (tuple(found), ()) if individuals else ((), _items_without_body(found, asked.columns[column]))
-        )
+    column = individuals or answers.answer_column(*question.columns.values())
+    found = tuple(dict.fromkeys(str(getattr(row, column)) for row in answers)) if column else ()
+    items = found if individuals else ()
+    other = () if individuals or not column else tuple(_no_body(name, question.columns[column]) for name in found)
     args = {name: local_name(str(getattr(value, "value", value))) for name, value in answers.args.items()}
-    typed = " ".join([asked.name, *(f"{name}={value}" for name, value in args.items())])
-    return HighlightRequest(items=things, without_body=bodiless, label=label or typed, question=asked.name, args=args)
-
-
-def _items_without_body(found: Iterable[str], kind: object) -> tuple[UnhighlightedItem, ...]:
-    return tuple(_no_body(each, kind) for each in found)
+    typed = " ".join([question.name, *(f"{name}={value}" for name, value in args.items())])
+    return HighlightRequest(items=items, without_body=other, label=label or typed, question=question.name, args=args)
 
 
 def _no_body(name: str, kind: object) -> UnhighlightedItem:
-    what = f"a {kind.value}" if isinstance(kind, EntityType) else "no individual"
+    what = f"a {kind.value}" if isinstance(kind, EntityType) else "not an individual"
     return UnhighlightedItem(local_name(name), f"it is {what}, which has no body")
 
 
 def _find_bodies(engine: Engine, items: tuple[str, ...], *, required: Container[str]) -> HighlightResult:
-    """The bodies of individuals, named by IRI or id; and why others have none.
+    """Finds the bodies of items given by IRI or id, and the reason why others have none.
 
     Raises:
-        BodyNotFoundError: for the first required id that is not there.
+        BodyNotFoundError: for the first required id that does not exist.
     """
-    there = dict.fromkeys(engine.poses()[0])
-    if all(thing in there for thing in items):  # as most are, and then the world need not be described
+    existing = set(engine.poses()[0])
+    if all(item in existing for item in items):  # the usual case, which needs no snapshot
         return HighlightResult(highlighted=tuple(dict.fromkeys(map(BodyId, items))), unhighlighted=())
     world = engine.snapshot()
     by_iri = {str(body.iri): body.id for body in world.bodies}
     ids = {str(body.id): body.id for body in world.bodies}
-    bodiless = {str(name): "constraint" for each in world.joints for name in (each.iri, each.id)}
-    bodiless |= {str(name): "light" for each in world.lights for name in (each.iri, each.id)}
-    lit: dict[BodyId, None] = {}
-    not_lit: list[UnhighlightedItem] = []
-    for thing in items:
-        if (id := by_iri.get(thing) or ids.get(thing)) is not None:
-            lit[id] = None
-        elif kind := bodiless.get(thing):
-            not_lit.append(UnhighlightedItem(local_name(thing), f"it is a {kind}, which has no body"))
-        elif "://" in thing:
-            not_lit.append(UnhighlightedItem(local_name(thing), "it has no body here"))
+    other_kinds = {str(name): "joint" for each in world.joints for name in (each.iri, each.id)}
+    other_kinds |= {str(name): "light" for each in world.lights for name in (each.iri, each.id)}
+    highlighted: dict[BodyId, None] = {}
+    unhighlighted: list[UnhighlightedItem] = []
+    for item in items:
+        if (id := by_iri.get(item) or ids.get(item)) is not None:
+            highlighted[id] = None
+        elif kind := other_kinds.get(item):
+            unhighlighted.append(UnhighlightedItem(local_name(item), f"it is a {kind}, which has no body"))
+        elif "://" in item:
+            unhighlighted.append(UnhighlightedItem(local_name(item), "it has no body here"))
         else:
-            unknown = BodyNotFoundError(thing, known=ids, world=world.name)
-            if thing in required:
-                raise unknown
-            not_lit.append(UnhighlightedItem(local_name(thing), str(unknown)))
-    return HighlightResult(highlighted=tuple(lit), unhighlighted=tuple(not_lit))
+            error = BodyNotFoundError(item, known=ids, world=world.name)
+            if item in required:
+                raise error
+            unhighlighted.append(UnhighlightedItem(local_name(item), str(error)))
+    return HighlightResult(highlighted=tuple(highlighted), unhighlighted=tuple(unhighlighted))

@@ -1,11 +1,7 @@
-"""Joints: how far the joints of a running world are open, seen from where its bodies are, and what opens them farther.
+"""Interaction with bodies and joints: spring-damper perturbations, and joint positions computed from body poses.
 
-It takes nothing but the poses of a frame, so looking at a joint costs the engine nothing.
-
-Grip: a spring between a point on a body and a point in the air, as a hand or a mouse pulls.
-
-The force is what a person would use on furniture, so a door opens and a wall does not. Spring and damper follow the
-mass that is pulled: one that suits a fridge door would shake a teaspoon to pieces.
+A perturbation pulls a point of a body towards a target, with a stiffness and damping that follow the pulled mass and a
+force limited to that of an arm. Joint positions need only the poses of a snapshot, not the engine.
 """
 
 from __future__ import annotations
@@ -35,32 +31,32 @@ __all__ = ["JointAxisState", "JointHandle", "Perturbations", "PullTarget", "Spri
 
 
 _SUBSTEP_S = 0.004
-"""The force is computed anew this often [s]; spring and damper below are stable at this pace."""
+"""The interval at which the force is computed [s]; the spring and damper below are stable at it."""
 _MAX_STIFFNESS = 400.0  # [N/m]
-_STIFFNESS_PER_KG = 1500.0  # [N/(m kg)], by which gravity makes a held thing sag 7 mm
+_STIFFNESS_PER_KG = 1500.0  # [N/(m kg)]; a held body sags by 7 mm under gravity
 
 
 @dataclass(slots=True, kw_only=True)
 class SpringPerturbation:
-    """One hold on one body."""
+    """A spring and damper between a point of a body and a target in the world."""
 
     id: BodyId
     point: Vector
-    """Where it is held, in the body's own frame [m]."""
+    """Where the force acts, in the body frame [m]."""
     target: Vector
-    """Where that point shall go, in the world [m]."""
+    """Where the point is pulled to, in the world frame [m]."""
     mass_kg: float = 1.0
-    """Of what is pulled."""
+    """The mass that is pulled."""
     max_force: float = 150.0
-    """[N]: about what one arm can pull."""
+    """Limit of the force [N]; the default is about the force of an arm."""
     _previous_position: Array | None = None
 
     def force(self, pose: PoseArray, duration_s: float) -> tuple[Vector, Vector]:
-        """The force [N] and where it acts [m], both in the world.
+        """Returns the force [N] and the point at which it acts [m], both in the world frame.
 
         Args:
-            pose: the body's present pose, seven numbers.
-            duration_s: time since the last call, to know the point's speed.
+            pose: the current pose of the body, seven numbers.
+            duration_s: time since the last call [s], for the velocity of the point.
         """
         held = pose[:3] + quat_rotate(normalize(pose[3:]), np.asarray(self.point))
         velocity = (
@@ -77,10 +73,10 @@ class SpringPerturbation:
 
 
 class Perturbations(dict[BodyId, SpringPerturbation]):
-    """All holds, by body."""
+    """The active perturbations, by body."""
 
     def pull(self, id: BodyId, *, point: Vector, target: Vector, worlds: Iterable[World]) -> None:
-        """Takes hold of a body, or moves the hand that holds it there already."""
+        """Starts to pull a point of a body, or moves the target of an active pull at that point."""
         held = self.get(id)
         if held is None or held.point != point:
             self[id] = SpringPerturbation(id=id, point=point, target=target, mass_kg=_effective_mass(id, worlds))
@@ -88,14 +84,14 @@ class Perturbations(dict[BodyId, SpringPerturbation]):
             held.target = target
 
     def release(self, id: BodyId | None = None) -> None:
-        """Lets go of one body, or of all."""
+        """Ends the pull on one body, or all pulls."""
         if id is None:
             self.clear()
         else:
             self.pop(id, None)
 
     def step(self, engine: Engine, duration_s: float) -> None:
-        """Lets time pass [s], and pulls meanwhile."""
+        """Steps the engine [s] while applying the forces."""
         left_s = duration_s
         while self and left_s > _SUBSTEP_S:
             self._apply_forces(engine, _SUBSTEP_S)
@@ -106,22 +102,22 @@ class Perturbations(dict[BodyId, SpringPerturbation]):
     def _apply_forces(self, engine: Engine, duration_s: float) -> None:
         ids, poses = engine.poses()
         rows = {id: row for row, id in enumerate(ids) if id in self}
-        for id, grip in list(self.items()):
+        for id, perturbation in list(self.items()):
             if id in rows:
-                engine.apply_force(id, *grip.force(poses[rows[id]], duration_s))
+                engine.apply_force(id, *perturbation.force(poses[rows[id]], duration_s))
 
 
 def _effective_mass(id: BodyId, worlds: Iterable[World]) -> float:
-    """What one pulls when one pulls that body: its own mass and that of all it hangs on [kg]."""
+    """The mass of a body and of all its parents in the attachment tree [kg]; 1 if unknown."""
     masses: dict[BodyId, float] = {}
     parents: dict[BodyId, BodyId] = {}
     for world in worlds:
         masses |= {body.id: body.physics.mass_kg or 0.0 for body in world.bodies}
-        parents |= {hold.child: hold.parent for hold in world.attachments}
-    mass, above = 0.0, set[BodyId]()
-    while id in masses and id not in above:
+        parents |= {attachment.child: attachment.parent for attachment in world.attachments}
+    mass, visited = 0.0, set[BodyId]()
+    while id in masses and id not in visited:
         mass += masses[id]
-        above.add(id)
+        visited.add(id)
         id = parents.get(id, BodyId(""))
     return mass or 1.0
 
@@ -131,47 +127,50 @@ def _vector(array: Array) -> Vector:
     return x, y, z
 
 
-class JointAxisState(msgspec.Struct, frozen=True, kw_only=True):
-    """One axis of a joint that can move."""
+class JointAxisState(
+    msgspec.Struct, frozen=True, kw_only=True, rename={"is_prismatic": "slides", "lower": "low", "upper": "high"}
+):
+    """A free or limited axis of a joint."""
 
     name: str
     """x, y, z, twist, swing2 or swing1."""
     is_prismatic: bool
-    """Whether its numbers are meters; else they are radians."""
+    """Whether positions are in meters; otherwise in radians."""
     lower: float | None
-    """How far it goes either way; None without a limit."""
+    """Lower limit [m or rad]; None without a limit."""
     upper: float | None
+    """Upper limit [m or rad]; None without a limit."""
 
 
 class PullTarget(msgspec.Struct, frozen=True):
-    """Where to take hold, and where to pull to."""
+    """A point of a body, and the target that it is to be pulled to."""
 
     id: BodyId
     point: Vector
-    """In the body's frame [m]."""
+    """In the body frame [m]."""
     target: Vector
-    """In the world [m]."""
+    """In the world frame [m]."""
 
 
 class JointHandle:
-    """A constraint between two bodies that are there."""
+    """Kinematics of a joint between two existing bodies, relative to where they were spawned."""
 
     def __init__(self, joint: Joint, bodies: Mapping[BodyId, Body], spawn_record: SpawnRecord) -> None:
-        """Looks at it.
+        """Computes the joint frames of both bodies.
 
         Args:
-            constraint: as the engine describes it now.
-            bodies: both ends are among them.
-            spawned: what was given, from where it counts.
+            joint: the joint, as in the current snapshot of the engine.
+            bodies: the current bodies by id, including both ends.
+            spawn_record: the spawned poses, which define the zero position.
         """
         parent, child = joint.parent, joint.child
-        given = spawn_record.joints.get(joint.id, joint)
-        frame = normalized_pose_array(given.pose)
+        spawned = spawn_record.joints.get(joint.id, joint)
+        frame = normalized_pose_array(spawned.pose)
         self.joint = joint
         self.moving_body = (
             child if bodies[child].physics.is_dynamic or not bodies[parent].physics.is_dynamic else parent
         )
-        """The end that one pulls: the map may have the roles upside down."""
+        """The dynamic end, which is pulled; in some maps it is the parent."""
         self._movable_axes = movable_axes(joint)
         self._size = bodies[self.moving_body].size or (0.0, 0.0, 0.0)
         self._parent_from_joint = pose_multiply(pose_inverse(_spawn_pose(spawn_record, bodies, parent)), frame)
@@ -179,7 +178,7 @@ class JointHandle:
 
     @property
     def axes(self) -> tuple[JointAxisState, ...]:
-        """What can move, slides first."""
+        """The axes that are not locked, prismatic before revolute."""
         ranges = axis_ranges(self.joint)
         return tuple(
             JointAxisState(
@@ -192,26 +191,26 @@ class JointHandle:
         )
 
     def positions(self, poses: Mapping[BodyId, Array]) -> dict[str, float]:
-        """How far it is on each axis that can move, from where it was spawned [m or rad].
+        """The position on each axis that is not locked, relative to the spawned pose [m or rad].
 
         Args:
-            poses: where both ends are, seven numbers with a unit quaternion.
+            poses: the poses of both ends, seven numbers with a unit quaternion.
         """
-        places = joint_coordinates(self._relative_joint_frame(poses), self._movable_axes)
-        return {AXIS_NAMES[axis.index]: float(places[axis.index]) for axis in self._movable_axes}
+        coordinates = joint_coordinates(self._relative_joint_frame(poses), self._movable_axes)
+        return {AXIS_NAMES[axis.index]: float(coordinates[axis.index]) for axis in self._movable_axes}
 
     def pose_for(self, axis: str, value: float, poses: Mapping[BodyId, Array]) -> Pose:
-        """Where the moving end is when one axis is there, and the others are as they are."""
+        """The pose of the moving body with one axis at a value [m or rad], and the others unchanged."""
         return pose_from_array(self._pose_array_at(axis, value, poses))
 
     def pull_target(self, axis: str, value: float, poses: Mapping[BodyId, Array]) -> PullTarget:
-        """How to pull the moving end so that one axis goes there: far from a hinge, in the middle of a slide."""
-        there = self._pose_array_at(axis, value, poses)
+        """The pull that moves one axis to a value [m or rad], at the side far from a hinge, or at the center."""
+        goal = self._pose_array_at(axis, value, poses)
         point = np.zeros(3) if AXIS_NAMES.index(axis) < 3 else self._farthest_side(AXIS_NAMES.index(axis) % 3)
-        return PullTarget(self.moving_body, _vector(point), _vector(there[:3] + quat_rotate(there[3:], point)))
+        return PullTarget(self.moving_body, _vector(point), _vector(goal[:3] + quat_rotate(goal[3:], point)))
 
     def _relative_joint_frame(self, poses: Mapping[BodyId, Array]) -> Array:
-        """The child's joint frame seen from the parent's."""
+        """The pose of the child's joint frame in the parent's joint frame."""
         parent, child = poses[self.joint.parent], poses[self.joint.child]
         return pose_multiply(
             pose_inverse(pose_multiply(parent, self._parent_from_joint)), pose_multiply(child, self._child_from_joint)
@@ -228,7 +227,7 @@ class JointHandle:
         return pose_multiply(pose_multiply(joint, pose_inverse(moved)), pose_inverse(self._parent_from_joint))
 
     def _farthest_side(self, direction: int) -> Array:
-        """The middle of the side that is farthest from a hinge, in the moving end's frame."""
+        """The center of the side that is farthest from a hinge, in the frame of the moving body [m]."""
         joint = self._child_from_joint if self.moving_body == self.joint.child else self._parent_from_joint
         axis = quat_rotate(joint[3:], np.eye(3)[direction])
         half = np.asarray(self._size) / 2

@@ -1,9 +1,8 @@
-"""Putting: a new thing comes to stand on something, or in it, where there is room for it and it stays.
+"""Places new bodies on or in other bodies, at collision-free poses at which they come to rest.
 
-Spots: where on a body, or in it, something can stand without standing in anything else.
-
-A form tells its places: level rectangles. They are strewn with candidates, best ones first, and each candidate is held
-against the solids of all that is near, many at once.
+Candidate poses are sampled on a grid over the level support surfaces of the holder, nearest to the center first, and
+tested in one batch against the collision shapes of all bodies nearby. The free ones are simulated until the body rests,
+slides or falls over.
 """
 
 from __future__ import annotations
@@ -55,47 +54,48 @@ __all__ = ["PlacementResult", "PlacementSampler", "PlacementSurface", "make_body
 
 
 _MIN_UP_COSINE = 0.985
-"""Cosine of the steepest slope on which things are put: ten degrees."""
+"""Cosine of the maximal slope of a support surface, ten degrees."""
 _DROP_HEIGHT_M = 0.001
-"""Between what is put down and what it is put on; it falls the rest."""
+"""Distance above the support surface from which a body is dropped."""
 _MARGIN_M = 0.004
-"""Between what is put down and the edge of its place."""
+"""Distance from the edges of the support surface."""
 _MIN_GRID_STEP_M = 0.02
 _MAX_CANDIDATES = 625
-"""So many candidates for each way round on one place."""
+"""Approximate limit of the candidates for each orientation on one surface."""
 _ASSUMED_SIZE_M: Vector = (0.1, 0.1, 0.1)
 
 
 @dataclass(frozen=True, slots=True)
 class PlacementSurface:
-    """A place as it is now."""
+    """A level support surface at its current pose."""
 
     body_id: BodyId
     surface: SupportSurface
     pose: Array
-    """The pose of its middle in the world, z looking up; x and y along the place's own sides."""
+    """The pose of its center in the world frame, seven numbers: z is up, x and y are along its sides."""
     size: tuple[float, float]
+    """Extents along x and y [m]."""
 
 
 def support_surfaces(
     body: Body, geometry: BodyGeometry | None, pose: Array, *, inside: bool
 ) -> Iterator[PlacementSurface]:
-    """The places of a body that look up now.
+    """Yields the support surfaces of a body that are level at its current pose.
 
     Args:
-        body: on which, or in which.
-        form: what it is made of; without one it is a box, with its top as the only place.
-        pose: where it is, seven numbers.
-        inside: whether places in it are wanted, or places on it.
+        body: the body.
+        geometry: its geometry; without one it is a box, with the upper side as the only surface.
+        pose: its pose in the world frame, seven numbers.
+        inside: whether surfaces in it are yielded, such as shelves, or surfaces on it.
     """
-    here = np.concatenate([pose[:3], normalize(pose[3:])])
+    body_pose = np.concatenate([pose[:3], normalize(pose[3:])])
     known = geometry.support_surfaces if geometry is not None else ()
-    places = [place for place in known if place.is_inside is inside]
+    surfaces = [surface for surface in known if surface.is_inside is inside]
     if not inside and not known:
-        places = list(_box_surfaces(body))
-    for place in places:
-        if quat_rotate(here[3:], place.normal)[2] >= _MIN_UP_COSINE:
-            yield _placement_surface(body.id, place, here)
+        surfaces = list(_box_surfaces(body))
+    for surface in surfaces:
+        if quat_rotate(body_pose[3:], surface.normal)[2] >= _MIN_UP_COSINE:
+            yield _placement_surface(body.id, surface, body_pose)
 
 
 def _box_surfaces(body: Body) -> Iterator[SupportSurface]:
@@ -120,7 +120,7 @@ def _placement_surface(id: BodyId, surface: SupportSurface, body_pose: Array) ->
 
 
 class PlacementSampler:
-    """All that stands somewhere now, to be held against what shall join it."""
+    """Samples collision-free poses among the bodies of a world."""
 
     def __init__(
         self,
@@ -130,21 +130,21 @@ class PlacementSampler:
         poses: Array,
         ignored_ids: frozenset[str],
     ) -> None:
-        """Makes ready what can be in the way.
+        """Prepares the collision shapes of the obstacles.
 
         Args:
-            bodies: as they are described.
-            forms: what they are made of.
-            ids: of all that stand there.
-            poses: theirs, n x 7.
-            ghosts: those that collide with nothing.
+            bodies: the bodies by id.
+            geometry: their geometry.
+            ids: the bodies that exist.
+            poses: their poses, n x 7, in the order of `ids`.
+            ignored_ids: bodies that are not obstacles.
         """
         rows = [row for row, id in enumerate(ids) if id in bodies and id not in ignored_ids]
         self._poses = (
             np.concatenate([poses[rows, :3], normalize(poses[rows, 3:])], axis=1) if rows else np.zeros((0, 7))
         )
-        made: dict[object, CompiledGeometry] = {}
-        self._compiled = [_compiled_geometry(bodies[ids[row]], geometry.get(ids[row]), made) for row in rows]
+        cache: dict[object, CompiledGeometry] = {}
+        self._compiled = [_compiled_geometry(bodies[ids[row]], geometry.get(ids[row]), cache) for row in rows]
         corners = [each.bounds for each in self._compiled]
         low, high = (np.array([pair[end] for pair in corners]).reshape(-1, 3) for end in (0, 1))
         middles = self._poses.copy()
@@ -155,18 +155,18 @@ class PlacementSampler:
     def candidate_poses(
         self, body: Body, geometry: BodyGeometry | None, surface: PlacementSurface
     ) -> tuple[list[Pose], str]:
-        """Where on a place a body can stand, best first; none, and why, where it cannot."""
+        """The free poses of a body on a surface, nearest to the center first; if there are none, also the reason."""
         low, high = _compiled_geometry(body, geometry, {}).bounds
         if surface.surface.clearance is not None and high[2] - low[2] > surface.surface.clearance:
-            return [], f"it is {high[2] - low[2]:.2f} m high, and there is room for {surface.surface.clearance:.2f} m"
+            return [], f"it is {high[2] - low[2]:.2f} m high, and the clearance is {surface.surface.clearance:.2f} m"
         candidates = np.concatenate([_grid_poses(surface, low, high, quarter) for quarter in (0, 1)])
         if not len(candidates):
-            return [], "it is larger than the place"
+            return [], "it is larger than the support surface"
         order = np.argsort(np.linalg.norm(candidates[:, :3] - surface.pose[:3], axis=1), kind="stable")
         candidates = candidates[order]
         free = self._is_free(_bounding_geometry(low, high), candidates)
-        why = "" if free.any() else "something stands there already"
-        return [pose_from_array(row) for row in candidates[free]], why
+        reason = "" if free.any() else "other bodies occupy the space"
+        return [pose_from_array(row) for row in candidates[free]], reason
 
     def _is_free(self, compiled: CompiledGeometry, candidates: Array) -> Array:
         reach = float(np.linalg.norm(np.maximum(np.abs(compiled.bounds[0]), np.abs(compiled.bounds[1]))))
@@ -179,10 +179,10 @@ class PlacementSampler:
             np.concatenate([candidates, self._poses[near]]), [compiled] * count + [self._compiled[row] for row in near]
         )
         center = candidates[:, None, :3]
-        meet = np.all((center - reach <= self._high[near]) & (self._low[near] <= center + reach), axis=2)
-        a, b = np.nonzero(meet)
-        deep = parts.penetration_depths(a, b + count, np.full(len(a), np.inf)) > 0.0
-        return np.asarray(np.bincount(a[deep], minlength=count) == 0)
+        overlap = np.all((center - reach <= self._high[near]) & (self._low[near] <= center + reach), axis=2)
+        a, b = np.nonzero(overlap)
+        penetrates = parts.penetration_depths(a, b + count, np.full(len(a), np.inf)) > 0.0
+        return np.asarray(np.bincount(a[penetrates], minlength=count) == 0)
 
 
 def _compiled_geometry(
@@ -199,13 +199,13 @@ def _compiled_geometry(
 
 
 def _bounding_geometry(low: Array, high: Array) -> CompiledGeometry:
-    """What a thing takes up: it may as well have the room between its handle and its foot for itself."""
+    """The bounding box of a body as its collision shape, which also reserves the space inside its concavities."""
     (x, y, z), (a, b, c) = ((low + high) / 2).tolist(), (high - low).tolist()
     return compile_geometry((CollisionShape(size=(a, b, c), pose=Pose((x, y, z))),))
 
 
 def _grid_poses(surface: PlacementSurface, low: Array, high: Array, quarter: int) -> Array:
-    """Poses all over a place, so many quarters of a turn round, for a body that reaches from low to high."""
+    """Poses on a grid over a surface, rotated about z by quarter turns, for a body with the bounds low and high [m]."""
     turn = np.array([np.cos(quarter * np.pi / 4), 0.0, 0.0, np.sin(quarter * np.pi / 4)])
     corners = quat_rotate(turn, np.array([low, high]))
     least, most = corners.min(axis=0), corners.max(axis=0)
@@ -226,96 +226,96 @@ def _grid_poses(surface: PlacementSurface, low: Array, high: Array, quarter: int
 
 
 _MAX_ATTEMPTS = 12
-"""So many free spots are tried out before it is given up."""
+"""Limit of the candidates that are simulated."""
 _SETTLE_STEP_S, _MAX_SETTLE_S = 0.1, 3.0
-"""How often it is looked whether a thing has come to rest, and how long at most [s of the world]."""
+"""Interval of the rest test, and its limit [s of simulated time]."""
 _REST_TOLERANCE_M = 0.0005
-"""What moves by less in such a piece rests."""
+"""A body that moves by less in an interval is at rest."""
 _MAX_SLIDE_M = 0.03
-"""A thing that slid farther than this did not stay."""
+"""A body that slid farther is not stable."""
 _MIN_UPRIGHT_COSINE = 0.966
-"""Cosine of fifteen degrees: what leans more has fallen over."""
+"""Cosine of the maximal tilt of a stable body, fifteen degrees."""
 
 
 class PlacementResult(msgspec.Struct, frozen=True, kw_only=True, rename={"support_id": "holder", "attempts": "tried"}):
-    """What became of it."""
+    """The pose of a placed body."""
 
     id: BodyId
     support_id: BodyId
-    """What it stands on, or in."""
+    """The body that it is on or in."""
     pose: Pose
-    """Where it came to rest."""
+    """The pose at which it came to rest."""
     attempts: int
-    """How many spots it took."""
+    """Number of candidates that were simulated."""
 
 
 def make_body(simulation: EngineSession, cls: str, *, id: str | None = None, size: Vector | None = None) -> Body:
-    """A thing of a class, as heavy and, unless told otherwise, as large as such things are.
+    """Creates a dynamic body of a class, by default of the size that the ontology gives for the class [m].
 
     Raises:
-        NameNotFoundError: there is no such class.
-        InvalidArgumentError: nobody knows how large things of that class are.
+        NameNotFoundError: no class has that name.
+        InvalidArgumentError: the ontology has no size for the class.
     """
     kb = simulation.knowledge
     iri = kb.names.find(cls, EntityType.CLASS)
-    large = size or kb.shape_rule(iri).size
-    if large is None:
-        remedy = f"say it (ms:typicalSize of {local_name(iri)}), or give a body of your own"
-        raise InvalidArgumentError(local_name(iri), cause="nobody told how large such a thing is", remedy=remedy)
+    extents = size or kb.shape_rule(iri).size
+    if extents is None:
+        remedy = f"assert ms:typicalSize of {local_name(iri)}, or give a size"
+        raise InvalidArgumentError(local_name(iri), cause="the size of its instances is unknown", remedy=remedy)
     name = BodyId(id or _free_id(local_name(iri), simulation.state.ids))
     physics = BodyPhysics(mobility=Mobility.DYNAMIC, gravity=True)
     return Body(
-        id=name, iri=Iri(_iri_prefix(simulation.worlds) + name), cls=iri, pose=Pose(), size=large, physics=physics
+        id=name, iri=Iri(_iri_prefix(simulation.worlds) + name), cls=iri, pose=Pose(), size=extents, physics=physics
     )
 
 
 def place_body(
     simulation: EngineSession, body: Body, geometry: BodyGeometry | None, *, support_id: str, inside: bool
 ) -> PlacementResult:
-    """Puts a body on another one, or into it.
+    """Spawns a body on another one, or in it, at a pose at which it stays.
 
-    Every free spot is tried out until the thing stays: it is dropped there by a millimetre, and looked at until it
-    rests. Where the engine can save its state nothing else in the world notices the trials; elsewhere the time that
-    they take passes for all.
+    Free candidate poses are simulated until one is stable: the body is dropped from 1 mm and observed until it rests.
+    If the engine can save its state, the trials do not affect other bodies; otherwise simulated time advances for all.
 
     Args:
-        stage: where.
-        body: what; its pose does not matter.
-        form: what it is made of.
-        where: the id of the holder. What is wanted inside may come into a part of it, or into a drawer that slides in
-            it.
-        inside: whether it goes into the holder, or onto it.
+        simulation: the simulation.
+        body: the body to spawn; its pose is ignored.
+        geometry: its geometry.
+        support_id: the id of the holder. With `inside`, surfaces of its parts and drawers are used too.
+        inside: whether the body is placed in the holder, or on it.
 
     Raises:
-        BodyNotFoundError: there is no such holder.
-        NoFreePlacementError: nothing in or on it is free, large enough and level, or the thing does not stay anywhere there.
+        BodyNotFoundError: the holder does not exist.
+        NoFreePlacementError: no level surface is large enough and free, or the body is stable on none.
     """
-    frame, forms = simulation.state, simulation.geometry
+    snapshot, existing = simulation.state, simulation.geometry
     bodies = {each.id: each for world in simulation.worlds for each in world.bodies}
-    rows = {id: row for row, id in enumerate(frame.ids)}
+    rows = {id: row for row, id in enumerate(snapshot.ids)}
     if support_id not in rows:
-        raise BodyNotFoundError(support_id, known=frame.ids)
-    said = f"{'into' if inside else 'on'} {support_id}"
-    holders = list(_placement_surfaces(simulation, BodyId(support_id), bodies, forms, rows, frame.poses, inside=inside))
-    if not holders:
-        lack = "nobody knows of room in it" if inside else "none of its sides looks up"
-        raise NoFreePlacementError(body.id, said, reason=lack)
-    crowd = PlacementSampler(bodies, forms, frame.ids, frame.poses, _enclosing_body_ids(simulation))
-    reasons, tried = list[str](), 0
-    for holder in holders:
-        spots, why = crowd.candidate_poses(body, geometry, holder)
-        if why:
-            reasons.append(why)
-        for spot in _sample_poses(spots, _MAX_ATTEMPTS - tried):
-            tried += 1
-            rested = _try_placement(simulation, msgspec.structs.replace(body, pose=spot), geometry)
-            if rested is not None:
-                return PlacementResult(id=body.id, support_id=holder.body_id, pose=rested, attempts=tried)
+        raise BodyNotFoundError(support_id, known=snapshot.ids)
+    location = f"{'into' if inside else 'on'} {support_id}"
+    surfaces = list(
+        _placement_surfaces(simulation, BodyId(support_id), bodies, existing, rows, snapshot.poses, inside=inside)
+    )
+    if not surfaces:
+        reason = "it has no known support surface inside" if inside else "none of its sides is level and faces up"
+        raise NoFreePlacementError(body.id, location, reason=reason)
+    sampler = PlacementSampler(bodies, existing, snapshot.ids, snapshot.poses, _enclosing_body_ids(simulation))
+    reasons, attempts = list[str](), 0
+    for surface in surfaces:
+        candidates, reason = sampler.candidate_poses(body, geometry, surface)
+        if reason:
+            reasons.append(reason)
+        for candidate in _sample_poses(candidates, _MAX_ATTEMPTS - attempts):
+            attempts += 1
+            rest_pose = _try_placement(simulation, msgspec.structs.replace(body, pose=candidate), geometry)
+            if rest_pose is not None:
+                return PlacementResult(id=body.id, support_id=surface.body_id, pose=rest_pose, attempts=attempts)
             reasons.append("it does not stay there")
-    raise NoFreePlacementError(body.id, said, reason="; ".join(dict.fromkeys(reasons)))
+    raise NoFreePlacementError(body.id, location, reason="; ".join(dict.fromkeys(reasons)))
 
 
-# -- where -------------------------------------------------------------------------------------------------------------
+# -- support surfaces --------------------------------------------------------------------------------------------------
 
 
 def _placement_surfaces(
@@ -328,87 +328,90 @@ def _placement_surfaces(
     *,
     inside: bool,
 ) -> Iterator[PlacementSurface]:
-    """The places of a body; inside, also those of what hangs on it and slides in it. The lowest shelf comes last."""
+    """The level support surfaces of a body, its own before those of its parts and drawers, larger ones first."""
     found = []
     for each in (id, *(_attached_bodies(simulation.worlds, id) if inside else ())):
         if each in rows and each in bodies:
             found += list(support_surfaces(bodies[each], geometry.get(each), poses[rows[each]], inside=inside))
-    yield from sorted(found, key=lambda holder: (holder.body_id != id, -holder.size[0] * holder.size[1]))
+    yield from sorted(found, key=lambda surface: (surface.body_id != id, -surface.size[0] * surface.size[1]))
 
 
 def _attached_bodies(worlds: Iterable[World], id: BodyId) -> list[BodyId]:
-    """What hangs on a body at any depth, and what moves by a constraint with those: its drawers, not its case."""
-    below: dict[BodyId, list[BodyId]] = {}
-    beside: dict[BodyId, list[BodyId]] = {}
-    moves = set[BodyId]()
+    """The bodies attached to a body at any depth, and the dynamic bodies jointed to static ones of them: drawers."""
+    children: dict[BodyId, list[BodyId]] = {}
+    jointed: dict[BodyId, list[BodyId]] = {}
+    dynamic = set[BodyId]()
     for world in worlds:
-        moves |= {body.id for body in world.bodies if body.physics.is_dynamic}
-        for hold in world.attachments:
-            below.setdefault(hold.parent, []).append(hold.child)
+        dynamic |= {body.id for body in world.bodies if body.physics.is_dynamic}
+        for attachment in world.attachments:
+            children.setdefault(attachment.parent, []).append(attachment.child)
         for joint in world.joints:
-            beside.setdefault(joint.parent, []).append(joint.child)
-            beside.setdefault(joint.child, []).append(joint.parent)
-    fixed, waiting = {id: None}, [id]
-    while waiting:
-        for child in below.get(waiting.pop(), ()):
-            if child not in fixed:
-                fixed[child] = None
-                waiting.append(child)
-    joined = {other: None for each in fixed if each not in moves for other in beside.get(each, ()) if other in moves}
-    return [*list(fixed)[1:], *joined]
+            jointed.setdefault(joint.parent, []).append(joint.child)
+            jointed.setdefault(joint.child, []).append(joint.parent)
+    attached, pending = {id: None}, [id]
+    while pending:
+        for child in children.get(pending.pop(), ()):
+            if child not in attached:
+                attached[child] = None
+                pending.append(child)
+    static = (each for each in attached if each not in dynamic)
+    moving = {other: None for each in static for other in jointed.get(each, ()) if other in dynamic}
+    return [*list(attached)[1:], *moving]
 
 
 def _enclosing_body_ids(simulation: EngineSession) -> frozenset[str]:
-    """What encloses the place, and so is in nobody's way."""
+    """Bodies that enclose the scene, such as a building, which are not obstacles."""
     return frozenset(id for report in simulation.reports for id in report.ids_with_note(SpawnNoteKind.ENCLOSURE))
 
 
 def _sample_poses(poses: list[Pose], count: int) -> Iterator[Pose]:
-    """The best spot, and then some from all over the rest: where one does not hold, its neighbor hardly does."""
+    """Up to `count` poses spread evenly over the list, the best first: an unstable pose has unstable neighbors."""
     if not poses or count <= 0:
         return
     rows = np.unique(np.linspace(0, len(poses) - 1, count).astype(int))
     yield from (poses[row] for row in rows.tolist())
 
 
-# -- whether it stays --------------------------------------------------------------------------------------------------
+# -- stability ---------------------------------------------------------------------------------------------------------
 
 
 def _try_placement(simulation: EngineSession, body: Body, geometry: BodyGeometry | None) -> Pose | None:
-    """Where a body comes to rest, if it stays; then it is there, and else it never was."""
+    """Simulates a body at its pose; if it is stable, spawns it at the rest pose and returns that, else returns None."""
     world = World(iri=simulation.worlds[0].iri, name=simulation.worlds[0].name, bodies=(body,))
-    forms = {body.id: geometry} if geometry is not None else {}
+    geometries = {body.id: geometry} if geometry is not None else {}
 
-    def rehearse(engine: Engine) -> Pose | None:
+    def simulate(engine: Engine) -> Pose | None:
         before = engine.save_state() if Capability.SAVE in engine.capabilities else None
-        engine.spawn(world, geometry=forms)
-        rested = _settle(engine, body)
+        engine.spawn(world, geometry=geometries)
+        rest_pose = _settle(engine, body)
         if before is not None:
             engine.restore_state(before)
         else:
             engine.delete([body.id])
-        return rested
+        return rest_pose
 
-    patience_s = simulation.timeout_s + 10 * _MAX_SETTLE_S
-    rested = simulation.run_on_engine(rehearse, label="put", timeout_s=patience_s, edits=True)
-    if rested is not None:
+    timeout_s = simulation.timeout_s + 10 * _MAX_SETTLE_S
+    rest_pose = simulation.run_on_engine(simulate, label="place", timeout_s=timeout_s, edits=True)
+    if rest_pose is not None:
         simulation.spawn(
-            msgspec.structs.replace(world, bodies=(msgspec.structs.replace(body, pose=rested),)),
-            geometry=forms,
+            msgspec.structs.replace(world, bodies=(msgspec.structs.replace(body, pose=rest_pose),)),
+            geometry=geometries,
             persistent=False,
         )
-    return rested
+    return rest_pose
 
 
 def _settle(engine: Engine, body: Body) -> Pose | None:
-    start, before, passed = _current_pose(engine, body.id), _current_pose(engine, body.id), 0.0
-    while passed < _MAX_SETTLE_S:
+    """Steps the engine until a body rests; returns its pose, or None if it slid, fell over or kept moving."""
+    start = before = _current_pose(engine, body.id)
+    elapsed_s = 0.0
+    while elapsed_s < _MAX_SETTLE_S:
         engine.step(_SETTLE_STEP_S)
-        passed += _SETTLE_STEP_S
+        elapsed_s += _SETTLE_STEP_S
         now = _current_pose(engine, body.id)
         if np.linalg.norm(now[:3] - start[:3]) > _MAX_SLIDE_M or _upright_cosine(start, now) < _MIN_UPRIGHT_COSINE:
             return None
-        if passed > 2 * _SETTLE_STEP_S and np.abs(now - before).max() < _REST_TOLERANCE_M:
+        if elapsed_s > 2 * _SETTLE_STEP_S and np.abs(now - before).max() < _REST_TOLERANCE_M:
             position, quaternion = now[:3].tolist(), now[3:].tolist()
             return Pose((position[0], position[1], position[2]), tuple(quaternion))
         before = now
@@ -423,8 +426,8 @@ def _current_pose(engine: Engine, id: BodyId) -> Array:
 
 
 def _upright_cosine(start: Array, now: Array) -> float:
-    turned = quat_multiply(now[3:], quat_conjugate(start[3:]))
-    return float(quat_rotate(turned, (0.0, 0.0, 1.0))[2])
+    rotation = quat_multiply(now[3:], quat_conjugate(start[3:]))
+    return float(quat_rotate(rotation, (0.0, 0.0, 1.0))[2])
 
 
 # -- names -------------------------------------------------------------------------------------------------------------
@@ -437,7 +440,7 @@ def _free_id(name: str, taken: Iterable[str]) -> str:
 
 
 def _iri_prefix(worlds: Iterable[World]) -> str:
-    """What the IRIs of a map's individuals begin with."""
+    """The common prefix of the IRIs of a map's individuals."""
     for world in worlds:
         for body in world.bodies:
             if body.iri.endswith(body.id):

@@ -1,12 +1,10 @@
-"""Items: things to be put somewhere in a place, as a Turtle file lists them.
+"""Places a list of items, read from a Turtle file, where the list or the knowledge base says.
 
-    :milk a knowrob:CowsMilk .                                # it goes where milk is kept
+    :milk a knowrob:CowsMilk .                                # placed where milk is stored
     :plates a knowrob:DinnerPlate ; ms:count 4 ; ms:putOn :Table1 .
     :spoon a knowrob:Spoon ; ms:putInto :CutleryDrawer ; ms:typicalSize "0.2 0.04 0.02" .
 
-Whatever else is said of an item stays with it as facts.
-
-Furnishing: things from a list come to stand where the list says, or where such things are kept.
+Other statements about an item become facts of its body.
 """
 
 from __future__ import annotations
@@ -38,53 +36,55 @@ __all__ = ["PlacementItem", "PlacementReport", "UnplacedItem", "load_items", "pa
 _ON, _INTO, _COUNT, _SIZE = ms("putOn"), ms("putInto"), ms("count"), ms("typicalSize")
 _MAX_COUNT = 1000
 _SCHEMA_NAMESPACES = (OWL, RDF, RDFS)
-"""What is of a class of these is a class or a property itself, or the file."""
+"""Instances of classes in these namespaces are classes, properties or ontologies, not items."""
 
 
 class PlacementItem(msgspec.Struct, frozen=True, kw_only=True):
-    """One thing, or several alike."""
+    """An item to place, or several equal ones."""
 
     iri: Iri | None = None
-    """None where any will do."""
+    """None to generate one."""
     cls: Iri
+    """Its class."""
     support: str | None = None
-    """On what, or in what; None where knowledge shall say it."""
+    """Name or IRI of the holder; None to place it where the knowledge base says that its class is stored."""
     is_inside: bool | None = False
-    """Whether it goes into that; None where either will do."""
+    """Whether it is placed in the holder or on it; None to try both, inside first."""
     count: int = 1
     label: str | None = None
     size: Vector | None = None
+    """Extents [m]; None for the usual size of the class."""
     facts: tuple[PropertyAssertion, ...] = ()
 
     @property
     def iris(self) -> tuple[Iri | None, ...]:
-        """The IRI of each of them."""
+        """The IRI of each of the `count` items."""
         if self.iri is None or self.count == 1:
             return (self.iri,) * self.count
         return tuple(Iri(f"{self.iri}_{number}") for number in range(1, self.count + 1))
 
 
 def load_items(path: Path, knowledge: KnowledgeBase) -> tuple[PlacementItem, ...]:
-    """Reads a list of items; classes that it defines are known from then on.
+    """Reads a list of items, and loads the classes that it defines into the knowledge base.
 
     Raises:
-        SourceParseError: it cannot be read, lists nothing, or says something of an item that cannot be.
+        SourceParseError: the file cannot be read, has no items, or an item has an invalid property.
     """
     knowledge.load((), ontologies=path)
     source = ox.NamedNode(path.resolve().as_uri())
     graph = graph_from_quads(knowledge.store.quads_for_pattern(None, None, None, source), set())
     items = tuple(_items(path, graph))
     if not items:
-        raise SourceParseError(str(path), cause="there are no things in it; say of each what it is (:mug a ms:Mug .)")
+        raise SourceParseError(str(path), cause="there are no items in it; give each one a class (:mug a ms:Mug .)")
     return items
 
 
 def parse_item(text: str, knowledge: KnowledgeBase) -> PlacementItem:
-    """A thing of a class: "Mug", or "Mug:table" for one that goes onto the table, "Fork:drawer_1" into the drawer.
+    """Parses CLASS or CLASS:HOLDER, such as "Mug", "Mug:table" or "Fork:drawer_1".
 
     Raises:
-        NameNotFoundError: there is no such class.
-        AmbiguousNameError: there are several.
+        NameNotFoundError: no class has that name.
+        AmbiguousNameError: several classes have that name.
     """
     name, _, holder = text.rpartition(":")
     try:
@@ -98,15 +98,15 @@ def parse_item(text: str, knowledge: KnowledgeBase) -> PlacementItem:
 def _items(path: Path, graph: Graph) -> Iterator[PlacementItem]:
     for subject, facts in graph.items():
         classes = [iri for fact in facts if fact.property == TYPE and (iri := _iri(fact.value))]
-        things = [cls for cls in classes if not cls.startswith(_SCHEMA_NAMESPACES)]
-        if things and not subject.startswith("_:"):
-            yield _item(path, subject, things, facts)
+        item_classes = [cls for cls in classes if not cls.startswith(_SCHEMA_NAMESPACES)]
+        if item_classes and not subject.startswith("_:"):
+            yield _item(path, subject, item_classes, facts)
 
 
 def _item(path: Path, iri: Iri, classes: Sequence[Iri], facts: Sequence[PropertyAssertion]) -> PlacementItem:
     on, into = _values(facts, _ON), _values(facts, _INTO)
     if len(on) + len(into) > 1:
-        raise _error(path, iri, "it is to be put in several places; say one ms:putOn or ms:putInto")
+        raise _error(path, iri, "it has several holders; give one ms:putOn or ms:putInto")
     holder = next(iter([*on, *into]), None)
     own = (_ON, _INTO, _COUNT, _SIZE, LABEL)
     kept = (fact for fact in facts if fact.property not in own and fact != PropertyAssertion(TYPE, IriRef(classes[0])))
@@ -126,7 +126,7 @@ def _count(path: Path, iri: Iri, facts: Sequence[PropertyAssertion]) -> int:
     for value in _values(facts, _COUNT):
         text = _text(value)
         if not text.isdecimal() or not 1 <= int(text) <= _MAX_COUNT:
-            raise _error(path, iri, f'ms:count "{text}" is no number from 1 to {_MAX_COUNT}')
+            raise _error(path, iri, f'ms:count "{text}" is not an integer from 1 to {_MAX_COUNT}')
         return int(text)
     return 1
 
@@ -138,7 +138,7 @@ def _size(path: Path, iri: Iri, facts: Sequence[PropertyAssertion]) -> Vector | 
         except ValueError:
             x = y = z = -1.0
         if not all(0.0 < extent < 100.0 for extent in (x, y, z)):
-            raise _error(path, iri, f'ms:typicalSize "{_text(value)}" is not "depth width height" in metres')
+            raise _error(path, iri, f'ms:typicalSize "{_text(value)}" is not "depth width height" in meters')
         return x, y, z
     return None
 
@@ -160,14 +160,14 @@ def _error(path: Path, iri: Iri, cause: str) -> SourceParseError:
 
 
 class UnplacedItem(msgspec.Struct, frozen=True):
-    """An item for which there is no place."""
+    """An item that could not be placed, and the reason."""
 
     id: str
     reason: str
 
 
 class PlacementReport(msgspec.Struct, frozen=True, rename={"placed": "put"}):
-    """What became of a list."""
+    """The result of placing a list of items."""
 
     placed: tuple[PlacementResult, ...]
     unplaced: tuple[UnplacedItem, ...]
@@ -176,67 +176,69 @@ class PlacementReport(msgspec.Struct, frozen=True, rename={"placed": "put"}):
 def place_items(
     simulation: Simulation, items: Iterable[PlacementItem], *, progress: Callable[[int], None] = lambda done: None
 ) -> PlacementReport:
-    """Puts items into the running world, one after the other; what finds no place is left out, with the reason.
+    """Places items in a simulation, one after the other.
 
     Args:
-        stage: a world is spawned in it.
-        items: what, and where to if that is told. Otherwise it is asked where such things are kept, and the most
-            special answer with room for it is taken.
-        progress: told after each thing how many have been looked after.
+        simulation: a simulation with a spawned world.
+        items: the items. One without a holder is placed at the most specific storage place of its class that has room.
+        progress: called after each item with the number of processed items.
+
+    Returns:
+        The placed items, and those that could not be placed, with the reason.
     """
-    put, unplaced, done = list[PlacementResult](), list[UnplacedItem](), 0
+    placed, unplaced, done = list[PlacementResult](), list[UnplacedItem](), 0
     for item in items:
         for iri in item.iris:
             result = _place_item(simulation, item, iri)
             if isinstance(result, PlacementResult):
-                put.append(result)
+                placed.append(result)
             else:
                 unplaced.append(result)
             done += 1
             progress(done)
-    return PlacementReport(tuple(put), tuple(unplaced))
+    return PlacementReport(tuple(placed), tuple(unplaced))
 
 
 def _place_item(simulation: Simulation, item: PlacementItem, iri: Iri | None) -> PlacementResult | UnplacedItem:
     id = None if iri is None else local_name(iri)
     if id is not None and id in simulation.state.ids:
-        return UnplacedItem(id, "something of that id is there already")
+        return UnplacedItem(id, "the id is taken")
     try:
-        like = simulation.make_body(item.cls, id=id, size=item.size)
-        body = msgspec.structs.replace(like, iri=iri or like.iri, label=item.label, facts=item.facts)
-        wanted = list(_target_surfaces(simulation, item))
+        body = simulation.make_body(item.cls, id=id, size=item.size)
+        body = msgspec.structs.replace(body, iri=iri or body.iri, label=item.label, facts=item.facts)
+        targets = list(_holders(simulation, item))
     except KnowledgeError as error:
         return UnplacedItem(id or local_name(item.cls), str(error))
     reasons = []
-    for holder, inside in wanted:
+    for holder, inside in targets:
         try:
             return simulation.place(body, into=holder) if inside else simulation.place(body, on=holder)
         except (NoFreePlacementError, BodyNotFoundError) as error:
             reasons.append(str(error))
     name = local_name(item.cls)
-    nowhere = f"nobody told where it goes (ms:putOn, ms:putInto), and nothing here is known to keep {name}"
-    return UnplacedItem(body.id, "; ".join(reasons) or nowhere)
+    no_target = f"it has no holder (ms:putOn, ms:putInto), and no storage place for {name} is known in this world"
+    return UnplacedItem(body.id, "; ".join(reasons) or no_target)
 
 
-def _target_surfaces(simulation: Simulation, item: PlacementItem) -> Iterator[tuple[BodyId, bool]]:
-    """Where an item may go, the best first: the holder's id, and whether into it."""
+def _holders(simulation: Simulation, item: PlacementItem) -> Iterator[tuple[BodyId, bool]]:
+    """The holders of an item, the best first, and whether it is placed inside."""
     if item.support is not None:
         holder = _find_body_id(simulation, item.support)
         yield from ((holder, inside) for inside in (True, False) if item.is_inside in (inside, None))
         return
-    kept = simulation.ask("storage_place_in_environment", item=item.cls)
-    for row in kept:
+    answers = simulation.ask("storage_place_in_environment", item=item.cls)
+    for row in answers:
         yield _find_body_id(simulation, row.individual), True
-    for row in kept:
+    for row in answers:
         yield _find_body_id(simulation, row.individual), False
 
 
 def _find_body_id(simulation: Simulation, name: str) -> BodyId:
-    """The body that an IRI or a name stands for.
+    """Resolves the name or IRI of a body to its id.
 
     Raises:
-        NameNotFoundError: nothing has that name.
-        AmbiguousNameError: several things have it.
+        NameNotFoundError: no individual has that name.
+        AmbiguousNameError: several individuals have that name.
     """
     if name in simulation.state.ids:
         return BodyId(name)

@@ -1,18 +1,8 @@
-"""Stage: one knowledge base, one engine, one loop.
+"""A simulation: one knowledge base and one engine, which runs in a thread of its own.
 
-Everything that touches the engine goes through here and runs in the stage's own thread. Any thread may call; a call
-takes its turn, has a timeout, and raises what the engine raised. What many watch (poses, lights, time) is published
-as a `StateSnapshot` after each tick, which costs the watchers nothing and the world next to nothing.
-
-Company: who takes part in a stage's life from elsewhere, such as a robot's programs over ROS.
-
-Whoever lets others in introduces them once, by a function that says who is there; nothing has to be kept up to date.
-
-Embodiment: the forms of all that is on a stage, and what the report of a spawn says of them.
-
-Frame: what everybody sees of a stage, at one moment.
-
-Showing: what a stage answers, and what it shows of the answers.
+All access to the engine goes through `Simulation` and is executed in the engine thread. Calls may come from any thread;
+they are queued, have a timeout, and raise what the engine raises. After each tick and call the poses, highlights and
+time are published as a `StateSnapshot`, which is read without waiting.
 """
 
 from __future__ import annotations
@@ -74,71 +64,71 @@ __all__ = [
 
 
 class ConnectedClient(msgspec.Struct, frozen=True, kw_only=True):
-    """One who is connected."""
+    """A connected client, such as a ROS node."""
 
     name: str
     transport: str
-    """By which way, in a word or two: "ROS"."""
+    """The transport, such as "ROS"."""
     activity: str = ""
-    """What it does here, in a few words."""
+    """A short description of what it uses."""
 
 
 class ClientDirectory:
-    """All who are there; calls may come from any thread."""
+    """Lists connected clients, and notifies listeners of edits; may be used from any thread."""
 
     def __init__(self) -> None:
         self._sources: tuple[Callable[[], Iterable[ConnectedClient]], ...] = ()
         self._edit_callbacks: tuple[Callable[[], None], ...] = ()
 
     def add_client_source(self, source: Callable[[], Iterable[ConnectedClient]]) -> Callable[[], None]:
-        """Lets a function tell who is there, from any thread; returns what takes it away again."""
+        """Registers a callback, for any thread, that lists connected clients; returns a function that removes it."""
         self._sources = (*self._sources, source)
 
-        def farewell() -> None:
+        def remove() -> None:
             self._sources = tuple(each for each in self._sources if each is not source)
 
-        return farewell
+        return remove
 
     def clients(self) -> tuple[ConnectedClient, ...]:
-        """Who is there now."""
-        return tuple(guest for tell in self._sources for guest in tell())
+        """The clients that are connected now."""
+        return tuple(client for source in self._sources for client in source())
 
     def on_edit(self, callback: Callable[[], None]) -> Callable[[], None]:
-        """Calls a function after each edit, when the frame tells of it; returns what ends that.
+        """Registers a callback for edits, called after they are published; returns a function that removes it.
 
-        It is called in the stage's thread, and must return at once.
+        It is called in the engine thread, and must not block.
         """
         self._edit_callbacks = (*self._edit_callbacks, callback)
 
-        def farewell() -> None:
+        def remove() -> None:
             self._edit_callbacks = tuple(each for each in self._edit_callbacks if each is not callback)
 
-        return farewell
+        return remove
 
     def notify_edit(self) -> None:
-        """Tells all who watch that bodies, materials or lights came, went or changed."""
-        for react in self._edit_callbacks:
-            react()
+        """Calls the edit callbacks: bodies, materials or highlights were added, removed or changed."""
+        for callback in self._edit_callbacks:
+            callback()
 
 
 _SOURCE_TEXTS = {
     GeometrySource.MESH: "from meshes",
-    GeometrySource.ONTOLOGY: "from what is known of their classes",
-    GeometrySource.CLASS_NAME: "guessed by the names of their classes",
-    GeometrySource.MAP: "plain, since nobody knows better",
+    GeometrySource.ONTOLOGY: "from the shape rules of their classes",
+    GeometrySource.CLASS_NAME: "inferred from the names of their classes",
+    GeometrySource.MAP: "the primitive shapes of the map",
 }
 
 
 class GeometryProvider:
-    """Works forms out, and keeps them as long as somebody may bring their bodies back."""
+    """Fits geometry to bodies, and keeps it, also of deleted bodies, until `clear`."""
 
     def __init__(self, knowledge: KnowledgeBase, *, shapes: bool, meshes: MeshProvider | None) -> None:
-        """Has none yet.
+        """Creates a provider without geometry.
 
         Args:
-            knowledge: who knows how classes are shaped.
-            shapes: whether it is asked; else a body without a mesh is its shape in its size.
-            meshes: who finds mesh files.
+            knowledge: the source of shape rules for classes.
+            shapes: whether shape rules are used; otherwise a body without a mesh has its primitive shape.
+            meshes: the source of meshes.
         """
         self._knowledge = knowledge
         self._shapes, self._meshes = shapes, meshes
@@ -147,11 +137,11 @@ class GeometryProvider:
         self._lock = Lock()
 
     def set_knowledge(self, knowledge: KnowledgeBase) -> None:
-        """Asks somebody else from now on."""
+        """Replaces the source of shape rules."""
         self._knowledge = knowledge
 
     def fit(self, world: World, *, geometry: GeometryMap | None = None) -> FittedGeometry:
-        """The forms of a world that is about to be spawned, unless they are given; a large one takes a while."""
+        """Fits geometry to the bodies of a world, unless it is given."""
         from mindstage.geometry.fit import FitNote, FittedGeometry, fit_geometry
 
         if geometry is not None:
@@ -164,39 +154,39 @@ class GeometryProvider:
         return FittedGeometry(found.geometry, tuple(FitNote((), text) for text in found.notes))
 
     def add(self, geometry: GeometryMap, *, failed: Iterable[SpawnFailure] = ()) -> None:
-        """Keeps the forms of what was spawned; what failed may be called like something that is there already."""
-        without = {failure.id for failure in failed}
+        """Keeps the geometry of spawned bodies; a failed body may have the id of one that exists."""
+        failed_ids = {failure.id for failure in failed}
         with self._lock:
-            self._geometry = {**self._geometry, **{id: form for id, form in geometry.items() if id not in without}}
+            self._geometry |= {id: fitted for id, fitted in geometry.items() if id not in failed_ids}
             self._cached = ((), NO_GEOMETRY)
 
     def for_world(self, world: World) -> GeometryMap:
-        """The forms with which a world was spawned."""
+        """The geometry with which a world was spawned."""
         return {body.id: self._geometry[body.id] for body in world.bodies if body.id in self._geometry}
 
     def clear(self) -> None:
-        """Forgets all of them."""
+        """Removes all geometry."""
         with self._lock:
             self._geometry, self._cached = {}, ((), NO_GEOMETRY)
 
     def for_ids(self, ids: tuple[BodyId, ...]) -> GeometryMap:
-        """The forms of bodies that are there; the same object for the same tuple."""
+        """The geometry of bodies; the same object for the same tuple."""
         with self._lock:
-            known, forms = self._cached
-            if known is not ids:
-                forms = MappingProxyType({id: self._geometry[id] for id in ids if id in self._geometry})
-                self._cached = (ids, forms)
-            return forms
+            cached_ids, geometry = self._cached
+            if cached_ids is not ids:
+                geometry = MappingProxyType({id: self._geometry[id] for id in ids if id in self._geometry})
+                self._cached = (ids, geometry)
+            return geometry
 
 
 def with_geometry_notes(report: SpawnReport, fitted: FittedGeometry, ids: Iterable[BodyId]) -> SpawnReport:
-    """The same report with what was decided about the forms of these bodies."""
-    there = set(ids) - {failure.id for failure in report.failed_bodies}
-    count = Counter(form.source for id, form in fitted.geometry.items() if id in there)
-    notes = [SpawnNote(SpawnNoteKind.SHAPE, remark.ids, remark.text) for remark in fitted.notes]
+    """Adds notes on the sources of the bodies' geometry to a report."""
+    spawned = set(ids) - {failure.id for failure in report.failed_bodies}
+    count = Counter(geometry.source for id, geometry in fitted.geometry.items() if id in spawned)
+    notes = [SpawnNote(SpawnNoteKind.SHAPE, note.ids, note.text) for note in fitted.notes]
     if count:
-        words = ", ".join(f"{count[source]} {text}" for source, text in _SOURCE_TEXTS.items() if count[source])
-        notes.insert(0, SpawnNote(SpawnNoteKind.SHAPE, (), f"forms: {words}"))
+        counts = ", ".join(f"{count[source]} {text}" for source, text in _SOURCE_TEXTS.items() if count[source])
+        notes.insert(0, SpawnNote(SpawnNoteKind.SHAPE, (), f"geometry: {counts}"))
     return replace(report, notes=(*report.notes, *notes)) if notes else report
 
 
@@ -205,13 +195,13 @@ R = TypeVar("R", bound=AnswerRow)
 
 
 _TICK_S = 1 / 60
-"""How often a playing world is brought up to date; a drag feels smooth at this rate."""
+"""Interval at which a playing simulation is stepped and published [s]."""
 _STEP_CHUNK_S = 0.1
-"""Long steps are cut into pieces of this simulated length, so that other calls get their turn."""
+"""Longer steps are divided into steps of this length [s], between which other calls are executed."""
 
 
 class Simulation:
-    """Spawns what the knowledge base knows into an engine, and lets it live."""
+    """Spawns worlds of a knowledge base into an engine, simulates them, and answers questions about their state."""
 
     def __init__(
         self,
@@ -222,19 +212,19 @@ class Simulation:
         shapes: bool = True,
         meshes: MeshProvider | None = None,
     ) -> None:
-        """Takes over the engine; from now on only the stage may call it.
+        """Starts the engine thread; from then on the engine must be used through the simulation only.
 
         Args:
-            knowledge: what is known.
-            engine: who runs it; closed together with the stage.
-            timeout_s: how long a call may take before `SimulationTimeoutError`.
-            shapes: whether bodies get the forms that are known of their classes; else they are plain.
-            meshes: who finds the mesh files of bodies, which come before what is known.
+            knowledge: the knowledge base.
+            engine: the engine; closed together with the simulation.
+            timeout_s: timeout of a call [s], after which it raises `SimulationTimeoutError`.
+            shapes: whether bodies get geometry from the shape rules of their classes; otherwise primitive shapes.
+            meshes: the source of meshes, which take precedence over shape rules.
         """
         self.knowledge = knowledge
         self.timeout_s = timeout_s
         self.clients = ClientDirectory()
-        self.editing = UndoStack(self)
+        self.undo_stack = UndoStack(self)
         self._engine = engine
         self._geometry_provider = GeometryProvider(knowledge, shapes=shapes, meshes=meshes)
         self._revision = 0
@@ -257,32 +247,32 @@ class Simulation:
 
     @property
     def engine_name(self) -> str:
-        """Which engine runs the world."""
+        """The name of the engine."""
         return self._engine.name
 
     @property
     def capabilities(self) -> frozenset[Capability]:
-        """What the engine can do beyond the contract."""
+        """The optional capabilities of the engine."""
         return self._engine.capabilities
 
     @property
     def worlds(self) -> tuple[World, ...]:
-        """What was spawned, as it was given."""
+        """The worlds that were spawned, in their initial state."""
         return (*self._worlds, *self._temporary_worlds)
 
     @property
     def reports(self) -> tuple[SpawnReport, ...]:
-        """What became of each of the worlds when it was spawned."""
+        """The report of each spawn."""
         return self._reports
 
     @property
     def state(self) -> StateSnapshot:
-        """The world as last published; reading it never waits."""
+        """The latest published state; reading it does not block."""
         return self._state
 
     @property
     def geometry(self) -> GeometryMap:
-        """What the bodies that are there are made of."""
+        """The geometry of the bodies that exist."""
         return self._geometry_provider.for_ids(self._state.ids)
 
     def spawn(
@@ -293,49 +283,56 @@ class Simulation:
         persistent: bool = True,
         timeout_s: float | None = None,
     ) -> SpawnReport:
-        """Spawns a world, or the map of that name, or the only map that is known.
+        """Spawns a world, or a map of the knowledge base.
 
         Args:
-            world: a world, or the name of a map.
-            forms: what its bodies are made of, instead of what is known about them.
-            lasting: whether `reset` brings it back; what somebody only adds meanwhile is gone then.
-            timeout_s: for the engine; by default the stage's own and 20 ms a body.
+            world: a world, or the name or IRI of a map; by default the only map.
+            geometry: the geometry of its bodies, instead of fitting it.
+            persistent: whether `reset` restores it; otherwise `reset` removes it.
+            timeout_s: timeout of the engine call [s]; by default that of the simulation plus 20 ms for each body and
+                joint.
+
+        Returns:
+            What was spawned, what failed and why, and what was assumed.
+
+        Raises:
+            MapNotFoundError: no map has that name.
+            AmbiguousMapError: several maps are loaded, and no name is given.
         """
-        described = world if isinstance(world, World) else self.knowledge.world(world)
-        fitted = self._geometry_provider.fit(described, geometry=geometry)
+        description = world if isinstance(world, World) else self.knowledge.world(world)
+        fitted = self._geometry_provider.fit(description, geometry=geometry)
 
         def spawn(engine: Engine) -> SpawnReport:
-            spawned = engine.spawn(described, geometry=fitted.geometry)
+            spawned = engine.spawn(description, geometry=fitted.geometry)
             report = with_geometry_notes(spawned, fitted, engine.poses()[0])
             self._geometry_provider.add(fitted.geometry, failed=spawned.failed_bodies)
             self._reports = (*self._reports, report)
             if persistent:
-                self._worlds = (*self._worlds, described)
+                self._worlds = (*self._worlds, description)
                 self._save_initial_state(engine)
             else:
-                self._temporary_worlds = (*self._temporary_worlds, described)
+                self._temporary_worlds = (*self._temporary_worlds, description)
             return report
 
-        patience = self.timeout_s + 0.02 * (len(described.bodies) + len(described.joints))
-        return self.run_on_engine(
-            spawn, label="spawn", timeout_s=patience if timeout_s is None else timeout_s, edits=True
-        )
+        default_timeout_s = self.timeout_s + 0.02 * (len(description.bodies) + len(description.joints))
+        timeout_s = default_timeout_s if timeout_s is None else timeout_s
+        return self.run_on_engine(spawn, label="spawn", timeout_s=timeout_s, edits=True)
 
     def snapshot(self) -> World:
-        """The world as it is now, as a description."""
-        return self.run_on_engine(lambda engine: engine.snapshot(), label="log")
+        """The current state as a world."""
+        return self.run_on_engine(lambda engine: engine.snapshot(), label="snapshot")
 
     def current_state(self) -> WorldState:
-        """The place as it is now, for questions that look at it."""
+        """The current world and joint positions, for questions about them."""
 
         def take(engine: Engine) -> WorldState:
             joints = engine.joint_positions() if Capability.JOINTS in engine.capabilities else None
             return WorldState(world=engine.snapshot(), spawned=self.worlds, joint_positions=joints, source=engine.name)
 
-        return self.run_on_engine(take, label="moment")
+        return self.run_on_engine(take, label="current state")
 
     def reset(self) -> None:
-        """Brings back the world as it was right after it was spawned; what is lit stays lit."""
+        """Restores the state after the last persistent spawn; highlights remain."""
 
         def reset(engine: Engine) -> None:
             self._perturbations.clear()
@@ -351,7 +348,7 @@ class Simulation:
         self.run_on_engine(reset, label="reset", edits=True, timeout_s=self.timeout_s * 3)
 
     def clear(self) -> None:
-        """Removes everything."""
+        """Removes all worlds, and clears the undo history."""
 
         def clear(engine: Engine) -> None:
             engine.clear()
@@ -360,25 +357,25 @@ class Simulation:
             self._perturbations.clear()
 
         self.run_on_engine(clear, label="clear", edits=True)
-        self.editing.clear()
+        self.undo_stack.clear()
 
     def set_knowledge(self, knowledge: KnowledgeBase) -> None:
-        """Removes everything; from now on the stage knows something else."""
+        """Removes all worlds and replaces the knowledge base."""
         self.clear()
         self.knowledge = knowledge
         self._geometry_provider.set_knowledge(knowledge)
 
     @property
     def engine_error(self) -> EngineError | None:
-        """Why the engine could not be asked when it last was; None while it answers."""
+        """The error of the last access to the engine's state; None if it succeeded."""
         return self._engine_error
 
     def ping(self, *, timeout_s: float | None = None) -> float:
-        """Asks the engine for a sign of life, and gives how long that took [s].
+        """Calls the engine, and returns the round-trip time [s].
 
         Raises:
-            EngineError: it is lost.
-            SimulationTimeoutError: it is at something else that long, or hangs.
+            EngineError: the engine does not respond.
+            SimulationTimeoutError: the engine is busy or hangs.
         """
         start = time.perf_counter()
         self.run_on_engine(lambda engine: engine.time_s, label="ping", timeout_s=timeout_s)
@@ -387,20 +384,20 @@ class Simulation:
     def run_on_engine(
         self, function: Callable[[Engine], T], *, label: str = "", timeout_s: float | None = None, edits: bool = False
     ) -> T:
-        """Runs any function on the engine in the stage's thread: `stage.call(lambda engine: engine.save())`.
+        """Runs a function in the engine thread: `sim.run_on_engine(lambda engine: engine.save_state())`.
 
         Args:
-            function: gets the engine; it must not keep it.
-            what: names the call in errors.
-            timeout_s: instead of the stage's own.
-            edits: whether bodies, materials or lights may have changed, so that watchers look again.
+            function: called with the engine, to which it must not keep a reference.
+            label: the name of the call in errors.
+            timeout_s: by default that of the simulation [s].
+            edits: whether bodies, materials or highlights may change; increments `StateSnapshot.revision`.
 
         Raises:
             SimulationTimeoutError: the call did not finish in time.
-            SimulationError: the stage is closed.
+            SimulationError: the simulation is closed.
         """
         if self._closed:
-            raise SimulationError("the stage is closed; make a new one")
+            raise SimulationError("the simulation is closed; make a new one")
 
         def run() -> T:
             try:
@@ -418,12 +415,12 @@ class Simulation:
     @overload
     def ask(self, question: str, **args: object) -> Answers[Any]: ...
     def ask(self, question: Question[Any] | str, **args: object) -> Answers[Any]:
-        """All answers, for the place as it is now; see `KnowledgeBase.ask`.
+        """All answers to a question, for the current state; see `KnowledgeBase.ask`.
 
-        The engine is only asked by questions that look at the present, and once by each.
+        The state is read from the engine at most once, and only by questions about it.
         """
-        asked = get_question(question) if isinstance(question, str) else question
-        return asked.ask(self.knowledge, args, present=StateAccess(self.knowledge, self.current_state))
+        resolved = get_question(question) if isinstance(question, str) else question
+        return resolved.ask(self.knowledge, args, present=StateAccess(self.knowledge, self.current_state))
 
     def highlight(
         self,
@@ -441,100 +438,101 @@ class Simulation:
         listed in the result with the reason.
 
         Args:
-            shown: a body's id or IRI, an answer, several of these, or all answers to a question. Of answers it is what
-                was asked for: the handle of a door that was given.
+            shown: the id or IRI of a body, an answer, several of these, or all answers to a question. Of answers it is
+                the first column of individuals that was not an argument, such as the handle of a given door.
             color: a name ("green"), "#rrggbb", or red, green and blue from 0 to 1; None or "none" removes the
                 highlight.
-            label: the reason, in one line; of `Answers` by default the question.
+            label: the reason, in one line; for `Answers` by default the question.
             replace: whether all other highlights are removed first.
-            missing_ok: whether an id that is not there is listed in the result, as an IRI is, instead of raising.
+            missing_ok: whether an unknown id is listed in the result, as an IRI is, instead of raising.
 
         Returns:
-            What is highlighted, and what has no body, with the reason.
+            The highlighted bodies, and the items without a body, with the reason.
 
         Raises:
-            BodyNotFoundError: for the first id that is not there, unless `missing_ok`; nothing changes then.
-            InvalidColorError: the color is none.
+            BodyNotFoundError: for the first unknown id, unless `missing_ok`; nothing changes then.
+            InvalidColorError: the color is invalid.
         """
-        wish = highlight_request(shown, label)
+        request = highlight_request(shown, label)
         rgb = color_from(color)
-        light = partial(self._highlights.apply, request=wish, color=rgb, replace=replace, strict=not missing_ok)
-        return self.run_on_engine(light, label="highlight", edits=True)
+        apply = partial(self._highlights.apply, request=request, color=rgb, replace=replace, strict=not missing_ok)
+        return self.run_on_engine(apply, label="highlight", edits=True)
 
     def clear_highlights(self) -> None:
-        """Puts out everything that is lit."""
+        """Removes all highlights."""
         self.run_on_engine(
-            lambda engine: engine.highlight(tuple(engine.highlights()), None), label="put out", edits=True
+            lambda engine: engine.highlight(tuple(engine.highlights()), None), label="clear highlights", edits=True
         )
 
     def add_markers(self, markers: Iterable[Marker], *, lifetime_s: float | None = None) -> None:
-        """Shows markers, in the place of those of the same ids, for so long [s] or until they are taken away."""
-        shown = tuple(markers)
-        self.run_on_engine(lambda _: self._markers.add(shown, lifetime_s=lifetime_s), label="mark")
+        """Adds markers, replacing those of the same ids, for a lifetime [s] or until they are removed."""
+        added = tuple(markers)
+        self.run_on_engine(lambda _: self._markers.add(added, lifetime_s=lifetime_s), label="add markers")
 
     def remove_markers(self, ids: Iterable[str]) -> tuple[str, ...]:
-        """Takes markers away; gives the ids of those that were there."""
-        wanted = tuple(ids)
-        return self.run_on_engine(lambda _: self._markers.remove(wanted), label="unmark")
+        """Removes markers; returns the ids of those that existed."""
+        removed = tuple(ids)
+        return self.run_on_engine(lambda _: self._markers.remove(removed), label="remove markers")
 
     # -- time ----------------------------------------------------------------------------------------------
 
     def step(self, duration_s: float, *, progress: Callable[[float], None] | None = None) -> None:
-        """Lets simulated time pass as fast as the engine can; other calls get their turn in between.
+        """Advances simulated time as fast as the engine can; other calls are executed in between.
 
         Args:
-            duration_s: how long [s].
-            progress: told after each piece how much has passed [s].
+            duration_s: simulated time [s].
+            progress: called repeatedly with the time simulated so far [s].
         """
         done = 0.0
         while done < duration_s:
-            piece = min(_STEP_CHUNK_S, duration_s - done)
-            self.run_on_engine(partial(self._advance, piece), label="step", timeout_s=self.timeout_s * 6)
-            done = done + piece if duration_s - done > _STEP_CHUNK_S else duration_s
+            chunk = min(_STEP_CHUNK_S, duration_s - done)
+            self.run_on_engine(partial(self._advance, chunk), label="step", timeout_s=self.timeout_s * 6)
+            done = done + chunk if duration_s - done > _STEP_CHUNK_S else duration_s
             if progress is not None:
                 progress(done)
 
     def play(self, *, speed: float = 1.0) -> None:
-        """Lets time pass by itself, at a multiple of real time."""
+        """Starts to advance simulated time at a multiple of real time, in the background."""
         if not speed > 0:
             raise ValueError(f"speed must be above 0, not {speed}")
         self._error, self._clock = "", RealTimeClock(speed)
         self.run_on_engine(lambda engine: None, label="play")
 
     def pause(self) -> None:
-        """Stops time; edits and single steps go on working."""
+        """Stops the simulated time; edits and single steps remain possible."""
         self._clock = None
         self.run_on_engine(lambda engine: None, label="pause")
 
-    # -- things ----------------------------------------------------------------------------------------------
+    # -- bodies and joints ---------------------------------------------------------------------------------
 
     def make_body(self, cls: str, *, id: str | None = None, size: Vector | None = None) -> Body:
-        """A thing of a class that could be put somewhere; of its usual size, unless another is given [m].
+        """Creates a body of a class for `place`, by default of the size that the ontology gives for the class [m].
 
         Raises:
-            NameNotFoundError: there is no such class.
-            InvalidArgumentError: nobody knows how large things of that class are.
+            NameNotFoundError: no class has that name.
+            InvalidArgumentError: the ontology has no size for the class.
         """
         return make_body(self, cls, id=id, size=size)
 
     def place(self, item: Body | str, *, on: str | None = None, into: str | None = None) -> PlacementResult:
-        """Puts a new thing on something, or into it, on a free spot on which it stays.
+        """Spawns a body on or in another one, at a free pose at which it stays.
 
         Args:
-            thing: what; the name of a class for a thing of that class.
-            on: the id of what it shall stand on; or
-            into: the id of what it shall be in, or in a part or drawer of.
+            item: a body, whose pose is ignored, or the name of a class for a new body of that class.
+            on: the id of the body to place it on.
+            into: the id of the body to place it in, including its parts and drawers.
 
         Raises:
-            BodyNotFoundError: there is no such holder.
-            NoFreePlacementError: nothing there is free, large enough and level, or the thing does not stay.
-            NameNotFoundError, InvalidArgumentError: as for `thing`; or it is not told where it goes.
+            BodyNotFoundError: the holder does not exist.
+            NoFreePlacementError: no level surface is large enough and free, or the body is stable on none.
+            NameNotFoundError: no class has that name.
+            InvalidArgumentError: not exactly one of `on` and `into` is given, or the size of the class is unknown.
         """
         if (on is None) is (into is None):
-            raise InvalidArgumentError("put", cause="it goes on something or into it", remedy="give one of on and into")
+            raise InvalidArgumentError("place", cause="it needs one holder", remedy="give either `on` or `into`")
         body = item if isinstance(item, Body) else self.make_body(item)
-        form = self._geometry_provider.fit(World(iri=body.iri, bodies=(body,))).geometry.get(body.id)
-        return place_body(self, body, form, support_id=on or into or "", inside=into is not None)
+        geometry = self._geometry_provider.fit(World(iri=body.iri, bodies=(body,))).geometry.get(body.id)
+        return place_body(self, body, geometry, support_id=on or into or "", inside=into is not None)
 
     def joint(self, id: str) -> SimulationJoint:
         """A joint that can be opened, closed and moved: `sim.joint("fridge_door").open()`.
@@ -543,7 +541,7 @@ class Simulation:
             id: the id or IRI of a joint, or of the door, drawer or other body that it moves.
 
         Raises:
-            NameNotFoundError: nothing movable has that name.
+            NameNotFoundError: no movable joint or body has that name.
             AmbiguousNameError: several joints move that body.
         """
         return find_joint(self, id)
@@ -557,14 +555,13 @@ class Simulation:
         assets: str | os.PathLike[str] | Iterable[str | os.PathLike[str]] = (),
         plain_shapes: bool = False,
     ) -> tuple[str, ...]:
-        """Writes the world as it is now to a file; the suffix determines the format (see `mindstage.save`).
+        """Writes the current state to a file; the suffix determines the format (see `mindstage.save`).
 
         Returns:
-            Notes, one sentence each, on what the file cannot hold.
+            Notes, one sentence each, on what the format cannot express.
 
         Raises:
-            MapWriteError: no format has this suffix, the world holds something that the format cannot, or the file
-                cannot be written.
+            MapWriteError: the suffix is unknown, the format cannot express the world, or the file cannot be written.
         """
         from mindstage.saving import save_world
 
@@ -578,23 +575,23 @@ class Simulation:
             plain_shapes=plain_shapes,
         )
 
-    # -- hands ---------------------------------------------------------------------------------------------
+    # -- perturbations -------------------------------------------------------------------------------------
 
     def pull(self, id: BodyId, *, point: Vector, target: Vector) -> None:
-        """Pulls a point of a body towards a place until `release`; call again to move the place.
+        """Pulls a point of a body towards a target until `release`; call again to move the target.
 
         Args:
             id: the body.
-            point: where it is held, in the body's frame [m].
-            target: where that point shall go, in the world [m].
+            point: where the force acts, in the body frame [m].
+            target: where the point is pulled to, in the world frame [m].
         """
         self._perturbations.pull(id, point=point, target=target, worlds=self.worlds)
 
     def release(self, id: BodyId | None = None) -> None:
-        """Lets go of one body, or of all."""
+        """Ends the pull on one body, or all pulls."""
         self._perturbations.release(id)
 
-    # -- the end -------------------------------------------------------------------------------------------
+    # -- closing -------------------------------------------------------------------------------------------
 
     @property
     def closed(self) -> bool:
@@ -602,11 +599,11 @@ class Simulation:
         return self._closed
 
     def on_close(self, callback: Callable[[], None]) -> None:
-        """Registers a function that `close` calls first, the latest one before the others."""
+        """Registers a callback that `close` calls first, in reverse order of registration."""
         self._at_close.callback(callback)
 
     def close(self) -> None:
-        """Ends the loop and the engine; any number of times."""
+        """Stops the engine thread and closes the engine; may be called repeatedly."""
         if self._closed:
             return
         try:
@@ -619,11 +616,11 @@ class Simulation:
             self._engine_error = EngineClosedError(self._engine.name)
 
     def __repr__(self) -> str:
-        frame = self._state
+        snapshot = self._state
         maps = "".join(f" {world.name or short_name(world.iri)}" for world in self.worlds)
-        state = "closed" if self._closed else "playing" if frame.playing else "paused"
-        bodies = counted(len(frame.ids), "body")
-        return f"<{type(self).__name__}{maps}: {bodies}, {self.engine_name}, {state} at {frame.time_s:.2f} s>"
+        state = "closed" if self._closed else "playing" if snapshot.playing else "paused"
+        bodies = counted(len(snapshot.ids), "body")
+        return f"<{type(self).__name__}{maps}: {bodies}, {self.engine_name}, {state} at {snapshot.time_s:.2f} s>"
 
     def __enter__(self) -> Simulation:
         return self
@@ -631,20 +628,20 @@ class Simulation:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    # -- inside the thread ---------------------------------------------------------------------------------
+    # -- in the engine thread ------------------------------------------------------------------------------
 
     def _tick(self) -> float | None:
         clock = self._clock
         if clock is None:
             return self._expire_markers()
-        owed = clock.due_s()
-        if owed > 0.0:
+        due_s = clock.due_s()
+        if due_s > 0.0:
             self._markers.expire()
             try:
-                self._advance(owed)
+                self._advance(due_s)
             except EngineError as error:
                 self._error, self._clock = str(error), None
-            clock.advance(owed)
+            clock.advance(due_s)
             self._publish_if_possible()
         return _TICK_S if self._clock is not None else None
 
@@ -671,7 +668,7 @@ class Simulation:
             self.clients.notify_edit()
 
     def _publish_if_possible(self) -> None:
-        with suppress(EngineError):  # the frame and `lost` tell of it
+        with suppress(EngineError):  # reported by `state.error` and `engine_error`
             self._publish()
 
     def _read_state(self) -> StateSnapshot:

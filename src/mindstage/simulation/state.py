@@ -1,6 +1,6 @@
-"""The published state of a simulation, and the protocol by which its parts use it.
+"""The published state of a simulation, and the protocol through which its parts use it.
 
-A `StateSnapshot` replaces the previous one after each tick and never changes, so reading it needs no lock.
+A `StateSnapshot` is immutable and replaced after each tick and call, so it can be read without a lock.
 """
 
 from __future__ import annotations
@@ -22,26 +22,32 @@ T = TypeVar("T")
 
 
 class StateSnapshot(msgspec.Struct, frozen=True, eq=False):
-    """The world at one moment; a new one replaces it, this one never changes."""
+    """The state of a simulation at one time."""
 
     time_s: float
+    """Simulated time [s]."""
     ids: tuple[BodyId, ...]
+    """The bodies that exist."""
     poses: PoseArray
-    """n x 7, in the order of `ids`."""
+    """n x 7: position [m] and quaternion (w, x, y, z) in the world frame, in the order of `ids`."""
     highlights: Mapping[BodyId, Color]
+    """The color of each highlighted body."""
     highlight_groups: tuple[HighlightGroup, ...]
-    """The same bodies in groups, with the reason why each is lit; the latest last."""
+    """The highlighted bodies in groups, with the label of each; the latest group last."""
     markers: tuple[Marker, ...]
-    """What programs want to be seen beside the bodies; the same object until it changes."""
+    """The visualization markers; the same object until they change."""
     revision: int
-    """Counts up when bodies, materials or lights came, went or changed, not when they moved."""
+    """Incremented when bodies, materials or highlights are added, removed or changed; not by motion."""
     playing: bool
+    """Whether simulated time advances in real time."""
     speed: float
+    """Requested simulated time per wall time."""
     real_time_factor: float
+    """Measured simulated time per wall time; 0 while paused."""
     stats: EngineStats | None = None
-    """How busy the engine is; None where it cannot say."""
+    """Statistics of the engine; None if it has none."""
     error: str = ""
-    """Why the world stands still although nobody paused it."""
+    """The error that paused the simulation; empty if there is none."""
 
 
 class EngineSession(Protocol):
@@ -52,7 +58,7 @@ class EngineSession(Protocol):
 
     @property
     def worlds(self) -> tuple[World, ...]:
-        """The worlds that were spawned, as given."""
+        """The worlds that were spawned."""
 
     @property
     def reports(self) -> tuple[SpawnReport, ...]:
@@ -60,11 +66,11 @@ class EngineSession(Protocol):
 
     @property
     def state(self) -> StateSnapshot:
-        """The state as last published."""
+        """The latest published state."""
 
     @property
     def capabilities(self) -> frozenset[Capability]:
-        """The optional operations of the engine."""
+        """The optional capabilities of the engine."""
 
     @property
     def geometry(self) -> GeometryMap:
@@ -81,7 +87,7 @@ class EngineSession(Protocol):
         """Spawns a world."""
 
     def snapshot(self) -> World:
-        """The current world as a description."""
+        """The current state as a world."""
 
     def step(self, duration_s: float) -> None:
         """Advances simulated time [s]."""
@@ -93,7 +99,7 @@ class EngineSession(Protocol):
         """Ends the pull on one body, or all pulls."""
 
     def reset(self) -> None:
-        """Restores the state right after the spawn."""
+        """Restores the state after the last persistent spawn."""
 
     def run_on_engine(
         self, function: Callable[[Engine], T], *, label: str = "", timeout_s: float | None = None, edits: bool = False
@@ -101,12 +107,12 @@ class EngineSession(Protocol):
         """Runs a function on the engine, in the thread that owns it."""
 
 
-def poses_in(frame: StateSnapshot, ids: Container[BodyId]) -> dict[BodyId, Array]:
-    """The poses of some bodies, by id: seven numbers with a unit quaternion."""
+def poses_in(snapshot: StateSnapshot, ids: Container[BodyId]) -> dict[BodyId, Array]:
+    """The poses of the given bodies in a snapshot, by id: position [m] and unit quaternion (w, x, y, z)."""
     found = {}
-    for row, id in enumerate(frame.ids):
+    for row, id in enumerate(snapshot.ids):
         if id in ids:
-            pose = frame.poses[row].copy()
+            pose = snapshot.poses[row].copy()
             pose[3:] = normalize(pose[3:])
             found[id] = pose
     return found

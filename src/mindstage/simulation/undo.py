@@ -1,17 +1,10 @@
-"""Removal: deleting bodies so that they can come back, with their constraints and all that hung on them.
+"""Edits of a running simulation, with undo and redo.
 
-A constraint counts from where its bodies were when they were spawned. A door that was open when it was deleted is
-therefore spawned shut, and then opened as far as it was; and what it belongs to may stand elsewhere by then.
+Applying an edit command returns its inverse, made from the state just before. There is one history for all clients.
+Motion by physics is not an edit, and undoing an edit reverts only what that edit changed.
 
-Edits: what a person changes in a running world, each of which knows what undoes it.
-
-An edit goes through the engine's contract alone. Applied, it gives the edit that takes it back, made from the world as
-it was just before; applied in turn, that one gives the edit that does it again.
-
-Editing: what people change in a running world, with a way back.
-
-One history for all: whoever undoes takes back what was edited last, by whomever. What the physics does is no edit, and
-an undone edit changes what it changed and nothing else: the world does not go back in time.
+Joint positions are relative to the spawned poses. A deleted door that was open is therefore restored closed, at the
+current pose of what it is attached to, and then opened again.
 """
 
 from __future__ import annotations
@@ -54,22 +47,22 @@ __all__ = [
 
 
 class EditCommand(Protocol):
-    """One change; the world is as before if it raises."""
+    """An edit that can be undone; if it raises, the world is unchanged."""
 
     @property
     def label(self) -> str:
-        """It in a few words, such as "mass of Mug"."""
+        """A short description, such as "mass of Mug"."""
 
     def apply(self, engine: Engine) -> EditCommand:
-        """Does it, in the thread that owns the engine, and gives what takes it back.
+        """Applies the edit, in the engine thread, and returns its inverse.
 
         Raises:
-            WorldError: the world does not allow it.
+            WorldError: the world does not allow the edit.
         """
 
 
 class MoveBody(msgspec.Struct, frozen=True):
-    """Puts a body somewhere else, with all that hangs on it."""
+    """Sets the pose of a body; attached bodies move with it."""
 
     id: BodyId
     pose: Pose
@@ -83,7 +76,7 @@ class MoveBody(msgspec.Struct, frozen=True):
 
 
 class SetPhysics(msgspec.Struct, frozen=True):
-    """Changes mobility, gravity or mass."""
+    """Sets the physics properties of a body, such as mobility, gravity or mass."""
 
     id: BodyId
     physics: BodyPhysics
@@ -97,7 +90,7 @@ class SetPhysics(msgspec.Struct, frozen=True):
 
 
 class SetMaterials(msgspec.Struct, frozen=True):
-    """Changes the surface."""
+    """Sets the materials of a body."""
 
     id: BodyId
     materials: tuple[Material, ...]
@@ -111,7 +104,7 @@ class SetMaterials(msgspec.Struct, frozen=True):
 
 
 class AttachBodies(msgspec.Struct, frozen=True):
-    """Lets a body hang on another from now on, where both are."""
+    """Attaches a body to another at its current relative pose."""
 
     parent: BodyId
     child: BodyId
@@ -119,32 +112,26 @@ class AttachBodies(msgspec.Struct, frozen=True):
 
     def apply(self, engine: Engine) -> EditCommand:
         """See `EditCommand`."""
-        before = parent_of(engine, self.child)
-        back = (
-            DetachBody(self.child, self.label) if before is None else _attach_at(engine, before, self.child, self.label)
-        )
+        inverse = _restore_parent(engine, self.child, self.label)
         engine.attach(self.parent, self.child)
-        return back
+        return inverse
 
 
 class DetachBody(msgspec.Struct, frozen=True):
-    """Lets go of a body where it is."""
+    """Detaches a body from its parent; its pose is unchanged."""
 
     child: BodyId
     label: str
 
     def apply(self, engine: Engine) -> EditCommand:
         """See `EditCommand`."""
-        before = parent_of(engine, self.child)
-        back = (
-            DetachBody(self.child, self.label) if before is None else _attach_at(engine, before, self.child, self.label)
-        )
+        inverse = _restore_parent(engine, self.child, self.label)
         engine.detach(self.child)
-        return back
+        return inverse
 
 
 class AttachAt(msgspec.Struct, frozen=True):
-    """Hangs a body where it hung before, although it may have fallen since."""
+    """Attaches a body at a relative pose, moving it there first."""
 
     parent: BodyId
     child: BodyId
@@ -153,7 +140,7 @@ class AttachAt(msgspec.Struct, frozen=True):
 
     def apply(self, engine: Engine) -> EditCommand:
         """See `EditCommand`."""
-        holder, place = parent_of(engine, self.child), current_pose(engine, self.child)
+        previous_parent, pose = parent_of(engine, self.child), current_pose(engine, self.child)
         parent = normalized_pose_array(current_pose(engine, self.parent))
         engine.set_pose(
             self.child, pose_from_array(pose_multiply(parent, normalized_pose_array(self.parent_from_child)))
@@ -161,15 +148,15 @@ class AttachAt(msgspec.Struct, frozen=True):
         try:
             engine.attach(self.parent, self.child)
         except Exception:
-            engine.set_pose(self.child, place)
+            engine.set_pose(self.child, pose)
             raise
-        if holder is None:
+        if previous_parent is None:
             return DetachBody(self.child, self.label)
-        return AttachAt(holder, self.child, self.parent_from_child, self.label)
+        return AttachAt(previous_parent, self.child, self.parent_from_child, self.label)
 
 
 class RestoreState(msgspec.Struct, frozen=True):
-    """Brings back a saved state of everything."""
+    """Restores a saved state of the engine."""
 
     state: SavedState
     label: str
@@ -182,56 +169,62 @@ class RestoreState(msgspec.Struct, frozen=True):
 
 
 def current_pose(engine: Engine, id: BodyId) -> Pose:
-    """Where a body is now.
+    """The current pose of a body.
 
     Raises:
-        BodyNotFoundError: there is none of that id.
+        BodyNotFoundError: no body has that id.
     """
-    return current_poses(engine)[id] if id in engine.poses()[0] else _raise_not_found(engine, id)
+    ids = engine.poses()[0]
+    if id not in ids:
+        raise BodyNotFoundError(id, known=ids)
+    return current_poses(engine)[id]
 
 
 def current_poses(engine: Engine) -> Mapping[BodyId, Pose]:
-    """Where all bodies are now; what nobody moved is exactly where it was described."""
+    """The current poses of all bodies; those of unmoved bodies equal the spawned ones exactly."""
     return {body.id: body.pose for body in engine.snapshot().bodies}
 
 
 def parent_of(engine: Engine, id: BodyId) -> BodyId | None:
-    """What a body hangs on."""
-    return next((hold.parent for hold in engine.snapshot().attachments if hold.child == id), None)
+    """The body that a body is attached to; None if it is not attached."""
+    attachments = engine.snapshot().attachments
+    return next((attachment.parent for attachment in attachments if attachment.child == id), None)
 
 
-def _attach_at(engine: Engine, parent: BodyId, child: BodyId, label: str) -> AttachAt:
+def _restore_parent(engine: Engine, child: BodyId, label: str) -> DetachBody | AttachAt:
+    """The edit that restores the current attachment of a body."""
+    parent = parent_of(engine, child)
+    if parent is None:
+        return DetachBody(child, label)
     poses = current_poses(engine)
     relative = pose_multiply(pose_inverse(normalized_pose_array(poses[parent])), normalized_pose_array(poses[child]))
     return AttachAt(parent, child, pose_from_array(relative), label)
-
-
-def _raise_not_found(engine: Engine, id: BodyId) -> Pose:
-    raise BodyNotFoundError(id, known=engine.poses()[0])
 
 
 _Link = Joint | Attachment
 
 
 class SpawnRecord(msgspec.Struct, frozen=True):
-    """What was spawned, as it was given: from there constraints count."""
+    """The spawned poses of bodies and joints, to which joint positions are relative."""
 
     poses: Mapping[BodyId, Pose]
+    """By body."""
     joints: Mapping[BodyId, Joint]
+    """By id."""
 
     @classmethod
     def from_worlds(cls, worlds: Iterable[World]) -> SpawnRecord:
-        """That of several worlds."""
+        """The record of several worlds."""
         poses: dict[BodyId, Pose] = {}
-        constraints: dict[BodyId, Joint] = {}
+        joints: dict[BodyId, Joint] = {}
         for world in worlds:
             poses |= {body.id: body.pose for body in world.bodies}
-            constraints |= {joint.id: joint for joint in world.joints}
-        return cls(poses, constraints)
+            joints |= {joint.id: joint for joint in world.joints}
+        return cls(poses, joints)
 
 
 class DeleteBodies(msgspec.Struct, frozen=True):
-    """Deletes bodies with their constraints and attachments."""
+    """Deletes bodies with their joints and attachments."""
 
     ids: tuple[BodyId, ...]
     spawn_record: SpawnRecord
@@ -240,95 +233,96 @@ class DeleteBodies(msgspec.Struct, frozen=True):
 
     def apply(self, engine: Engine) -> EditCommand:
         """See `EditCommand`."""
-        before, gone = engine.snapshot(), set(self.ids)
+        before = engine.snapshot()
         engine.delete(self.ids)
-        return UndeleteBodies(before, tuple(sorted(gone)), self.spawn_record, self.geometry, self.label)
+        return UndeleteBodies(before, tuple(sorted(set(self.ids))), self.spawn_record, self.geometry, self.label)
 
 
 class UndeleteBodies(msgspec.Struct, frozen=True):
-    """Spawns deleted bodies again, as they were."""
+    """Spawns deleted bodies again, in their last state."""
 
     previous_world: World
-    """All that was there."""
+    """The whole world before the deletion."""
     ids: tuple[BodyId, ...]
-    """What of it was deleted."""
+    """The deleted bodies."""
     spawn_record: SpawnRecord
     geometry: GeometryMap
     label: str
 
     def apply(self, engine: Engine) -> EditCommand:
         """See `EditCommand`."""
-        there = current_poses(engine)
-        gone = set(self.ids)
-        if taken := gone & there.keys():
+        present = current_poses(engine)
+        deleted = set(self.ids)
+        if taken := deleted & present.keys():
             raise BodyExistsError(min(taken))
-        links = list(self._removed_links(there))
-        shut, open_again = self._spawn_poses(links, there)
-        stirred = [id for id in dict.fromkeys(link.child for link in links) if id not in gone]
+        links = list(self._removed_links(present))
+        spawn_poses, final_poses = self._poses(links, present)
+        displaced = [id for id in dict.fromkeys(link.child for link in links) if id not in deleted]
         try:
-            for id in stirred:
-                engine.set_pose(id, pose_from_array(shut[id]))
-            self._spawn(engine, self._world_fragment(links, shut))
+            for id in displaced:
+                engine.set_pose(id, pose_from_array(spawn_poses[id]))
+            self._spawn(engine, self._world_fragment(links, spawn_poses))
         except WorldError:
-            for id in stirred:
-                engine.set_pose(id, there[id])
+            for id in displaced:
+                engine.set_pose(id, present[id])
             raise
         for link in links:
-            if isinstance(link, Joint) and not _same_pose(shut[link.child], open_again[link.child]):
-                with suppress(PoseUnreachableError):  # then it is back at least, if not as far open
-                    engine.set_pose(link.child, pose_from_array(open_again[link.child]))
+            if isinstance(link, Joint) and not _same_pose(spawn_poses[link.child], final_poses[link.child]):
+                with suppress(PoseUnreachableError):  # the body then stays at the joint's zero position
+                    engine.set_pose(link.child, pose_from_array(final_poses[link.child]))
         return DeleteBodies(self.ids, self.spawn_record, self.geometry, self.label)
 
     def _spawn(self, engine: Engine, world: World) -> None:
-        """Spawns all of it or nothing.
+        """Spawns the whole world or nothing.
 
         Raises:
-            RestoreError: some of it cannot be spawned.
+            RestoreError: a part of it cannot be spawned.
         """
         report = engine.spawn(world, geometry=self.geometry)
         for failure in (*report.failed_bodies, *report.failed_joints, *report.failed_attachments):
-            there = set(engine.poses()[0])
-            engine.delete([id for id in self.ids if id in there])
+            present = set(engine.poses()[0])
+            engine.delete([id for id in self.ids if id in present])
             raise RestoreError(failure.id, reason=failure.reason)
 
     def _removed_links(self, present: Mapping[BodyId, Pose]) -> Iterator[_Link]:
-        """What joined the deleted bodies to one another and to those that are still there."""
-        gone = set(self.ids)
+        """The joints and attachments of the deleted bodies, among themselves and to bodies that still exist."""
+        deleted = set(self.ids)
         links: tuple[_Link, ...] = (*self.previous_world.joints, *self.previous_world.attachments)
         for link in links:
             ends = {link.parent, link.child}
-            if ends & gone and ends <= gone | present.keys():
+            if ends & deleted and ends <= deleted | present.keys():
                 yield link
 
-    def _spawn_poses(
+    def _poses(
         self, links: Iterable[_Link], present: Mapping[BodyId, Pose]
     ) -> tuple[Mapping[BodyId, Array], Mapping[BodyId, Array]]:
-        """Where all is to be spawned, and where it was in the end, seen from what is still there."""
-        was = {body.id: normalized_pose_array(body.pose) for body in self.previous_world.bodies}
-        holders = {link.child: link for link in links}
-        shut: dict[BodyId, Array] = {}
-        open_again: dict[BodyId, Array] = {}
+        """The poses to spawn at, with joints at zero, and the final poses, both relative to the bodies that exist."""
+        previous = {body.id: normalized_pose_array(body.pose) for body in self.previous_world.bodies}
+        link_of_child = {link.child: link for link in links}
+        spawn_poses: dict[BodyId, Array] = {}
+        final_poses: dict[BodyId, Array] = {}
 
-        def place(id: BodyId, above: frozenset[BodyId]) -> None:
-            link = holders.get(id)
-            if id in shut:
+        def compute(id: BodyId, descendants: frozenset[BodyId]) -> None:
+            link = link_of_child.get(id)
+            if id in spawn_poses:
                 return
-            if link is None or link.parent in above:  # nothing holds it; or a circle of constraints, cut here
-                shut[id] = open_again[id] = was[id] if id in self.ids else normalized_pose_array(present[id])
+            if link is None or link.parent in descendants:  # a root, or a kinematic loop, which is cut here
+                pose = previous[id] if id in self.ids else normalized_pose_array(present[id])
+                spawn_poses[id] = final_poses[id] = pose
                 return
-            place(link.parent, above | {id})
-            open_again[id] = _moved_with(was[id], was[link.parent], open_again[link.parent])
-            given = was
+            compute(link.parent, descendants | {id})
+            final_poses[id] = _moved_with(previous[id], previous[link.parent], final_poses[link.parent])
+            zero = previous
             if isinstance(link, Joint):
-                given = {
-                    end: normalized_pose_array(self.spawn_record.poses.get(end) or pose_from_array(was[end]))
+                zero = {
+                    end: normalized_pose_array(self.spawn_record.poses.get(end) or pose_from_array(previous[end]))
                     for end in (id, link.parent)
                 }
-            shut[id] = _moved_with(given[id], given[link.parent], shut[link.parent])
+            spawn_poses[id] = _moved_with(zero[id], zero[link.parent], spawn_poses[link.parent])
 
         for id in (*self.ids, *(end for link in links for end in (link.parent, link.child))):
-            place(id, frozenset())
-        return shut, open_again
+            compute(id, frozenset())
+        return spawn_poses, final_poses
 
     def _world_fragment(self, links: Iterable[_Link], spawn_poses: Mapping[BodyId, Array]) -> World:
         def placed(id: BodyId, pose: Pose) -> Pose:
@@ -337,25 +331,25 @@ class UndeleteBodies(msgspec.Struct, frozen=True):
             )
 
         def moved(joint: Joint) -> Joint:
-            given = self.spawn_record.joints.get(joint.id, joint)
+            spawned = self.spawn_record.joints.get(joint.id, joint)
             parent = normalized_pose_array(
                 self.spawn_record.poses.get(joint.parent) or pose_from_array(spawn_poses[joint.parent])
             )
-            frame = _moved_with(normalized_pose_array(given.pose), parent, spawn_poses[joint.parent])
+            frame = _moved_with(normalized_pose_array(spawned.pose), parent, spawn_poses[joint.parent])
             return (
                 joint
                 if _same_pose(frame, normalized_pose_array(joint.pose))
                 else msgspec.structs.replace(joint, pose=pose_from_array(frame))
             )
 
-        gone = set(self.ids)
+        deleted = set(self.ids)
         return World(
             iri=self.previous_world.iri,
             name=self.previous_world.name,
             bodies=tuple(
                 msgspec.structs.replace(body, pose=placed(body.id, body.pose))
                 for body in self.previous_world.bodies
-                if body.id in gone
+                if body.id in deleted
             ),
             joints=tuple(moved(link) for link in links if isinstance(link, Joint)),
             attachments=tuple(link for link in links if isinstance(link, Attachment)),
@@ -363,9 +357,9 @@ class UndeleteBodies(msgspec.Struct, frozen=True):
 
 
 def _moved_with(pose: Array, base_then: Array, base_now: Array) -> Array:
-    """Where something is that went along with something else."""
+    """The pose after moving rigidly with a base."""
     if _same_pose(base_then, base_now):
-        return pose  # to the last digit
+        return pose  # exactly, without rounding
     return pose_multiply(base_now, pose_multiply(pose_inverse(base_then), pose))
 
 
@@ -374,18 +368,18 @@ def _same_pose(one: Array, other: Array) -> bool:
 
 
 _MAX_UNDO = 200
-"""So many edits can be taken back."""
+"""Length of the undo history."""
 
 
 class UndoHistory(msgspec.Struct, frozen=True):
-    """What can be undone and done again, in a few words each, the next one first."""
+    """Labels of the edits that can be undone and redone, the next one first."""
 
     undo: tuple[str, ...] = ()
     redo: tuple[str, ...] = ()
 
 
 class UndoStack:
-    """Changes of a stage's world; calls may come from any thread and wait as the stage's own do."""
+    """Applies edits to a simulation, and undoes and redoes them; may be called from any thread."""
 
     def __init__(self, simulation: EngineSession) -> None:
         self._simulation = simulation
@@ -395,7 +389,7 @@ class UndoStack:
 
     @property
     def history(self) -> UndoHistory:
-        """What can be undone and done again now."""
+        """The current undo and redo history."""
         with self._lock:
             return UndoHistory(
                 tuple(edit.label for edit in self._undo_edits[::-1]),
@@ -405,70 +399,70 @@ class UndoStack:
     # -- edits ---------------------------------------------------------------------------------------------------------
 
     def move(self, id: BodyId, pose: Pose, *, continues_last: bool = False) -> None:
-        """Puts a body somewhere else, at rest, with all that hangs on it.
+        """Sets the pose of a body, at rest; attached bodies move with it.
 
         Args:
             id: the body.
-            pose: where to.
-            going_on: whether this goes on with the last edit, as one drag does, and is undone together with it.
+            pose: its new pose in the world frame.
+            continues_last: whether to merge with the last edit, as during a drag, so that both are undone together.
 
         Raises:
-            BodyNotFoundError: there is no such body.
-            PoseUnreachableError: its constraint does not let it get there.
+            BodyNotFoundError: no body has that id.
+            PoseUnreachableError: a joint does not allow the pose.
         """
-        self.apply(MoveBody(id, pose, f"place of {id}"), continues_last=continues_last)
+        self.apply(MoveBody(id, pose, f"pose of {id}"), continues_last=continues_last)
 
     def set_physics(self, id: BodyId, physics: BodyPhysics, *, label: str = "physics") -> None:
-        """Changes mobility, gravity, mass, overlap events; `what` says which.
+        """Sets mobility, gravity, mass and overlap events; `label` names what changes.
 
         Raises:
-            BodyNotFoundError: there is no such body.
+            BodyNotFoundError: no body has that id.
         """
         self.apply(SetPhysics(id, physics, f"{label} of {id}"))
 
     def set_materials(self, id: BodyId, materials: Iterable[Material]) -> None:
-        """Changes the surface.
+        """Sets the materials of a body.
 
         Raises:
-            BodyNotFoundError: there is no such body.
+            BodyNotFoundError: no body has that id.
         """
         self.apply(SetMaterials(id, tuple(materials), f"material of {id}"))
 
     def attach(self, parent: BodyId, child: BodyId) -> None:
-        """Lets a body hang on another from now on.
+        """Attaches a body to another at its current relative pose.
 
         Raises:
-            BodyNotFoundError: one of the two is not there.
-            AttachmentError: it would close a circle.
+            BodyNotFoundError: one of the two does not exist.
+            AttachmentError: the attachment would be cyclic.
         """
-        self.apply(AttachBodies(parent, child, f"{child} hangs on {parent}"))
+        self.apply(AttachBodies(parent, child, f"{child} attached to {parent}"))
 
     def detach(self, child: BodyId) -> None:
-        """Lets go of a body where it is.
+        """Detaches a body from its parent.
 
         Raises:
-            BodyNotFoundError: there is no such body.
+            BodyNotFoundError: no body has that id.
         """
-        self.apply(DetachBody(child, f"{child} hangs on nothing"))
+        self.apply(DetachBody(child, f"{child} detached"))
 
     def delete(self, ids: Iterable[BodyId]) -> None:
-        """Removes bodies, their constraints and attachments.
+        """Deletes bodies with their joints and attachments.
 
         Raises:
-            BodyNotFoundError: for the first that is not there; nothing is deleted then.
+            BodyNotFoundError: for the first id that does not exist; nothing is deleted then.
         """
-        gone = tuple(dict.fromkeys(ids))
-        name = gone[0] if len(gone) == 1 else f"{len(gone)} bodies"
-        self.apply(DeleteBodies(gone, self._spawn_record(), self._geometry(gone), f"{name} deleted"))
+        deleted = tuple(dict.fromkeys(ids))
+        name = deleted[0] if len(deleted) == 1 else f"{len(deleted)} bodies"
+        self.apply(DeleteBodies(deleted, self._spawn_record(), self._geometry(deleted), f"{name} deleted"))
 
     def record_spawn(self, ids: Iterable[BodyId]) -> None:
-        """Remembers bodies that were just spawned as an edit, so that they can be taken away again."""
-        came = tuple(ids)
-        name = came[0] if len(came) == 1 else f"{len(came)} bodies"
-        self.record(DeleteBodies(came, self._spawn_record(), self._geometry(came), f"{name} added"))
+        """Records the spawn of bodies as an edit, so that it can be undone."""
+        spawned = tuple(ids)
+        name = spawned[0] if len(spawned) == 1 else f"{len(spawned)} bodies"
+        self.record(DeleteBodies(spawned, self._spawn_record(), self._geometry(spawned), f"{name} added"))
 
     def reset(self) -> None:
-        """Brings back the world as it was spawned; where the engine can save, this can be undone like any edit."""
+        """Resets the simulation; can be undone if the engine can save its state, otherwise clears the history."""
         if Capability.SAVE not in self._simulation.capabilities:
             self._simulation.reset()
             self.clear()
@@ -477,66 +471,67 @@ class UndoStack:
         self._simulation.reset()
         self.record(RestoreState(before, "reset"))
 
-    # -- the way back --------------------------------------------------------------------------------------------------
+    # -- undo and redo -------------------------------------------------------------------------------------------------
 
     def apply(self, edit: EditCommand, *, continues_last: bool = False) -> None:
-        """Makes any edit; see `move` for `going_on`."""
+        """Applies an edit; see `move` for `continues_last`."""
 
-        def make(engine: Engine) -> None:
-            back = edit.apply(engine)
+        def apply(engine: Engine) -> None:
+            inverse = edit.apply(engine)
             last = self._undo_edits[-1] if self._undo_edits else None
-            if not (continues_last and last is not None and type(last) is type(back) and last.label == back.label):
-                self.record(back)
+            continues = last is not None and type(last) is type(inverse) and last.label == inverse.label
+            if not (continues_last and continues):
+                self.record(inverse)
 
-        self._simulation.run_on_engine(make, label=f"edit: {edit.label}", edits=True)
+        self._simulation.run_on_engine(apply, label=f"edit: {edit.label}", edits=True)
 
     def record(self, inverse: EditCommand) -> None:
-        """Remembers what takes back something that was done by other ways."""
+        """Records the inverse of an edit that was applied elsewhere."""
         with self._lock:
             self._undo_edits.append(inverse)
             del self._undo_edits[:-_MAX_UNDO]
             self._redo_edits.clear()
 
     def undo(self) -> str:
-        """Takes the last edit back, and says which it was.
+        """Undoes the last edit and returns its label.
 
         Raises:
-            NothingToUndoError: none is left.
-            WorldError: the world does not allow it any more; that edit is forgotten then.
+            NothingToUndoError: the history is empty.
+            WorldError: the world no longer allows it; the edit is then removed from the history.
         """
-        return self._undo_redo(self._undo_edits, self._redo_edits, again=False)
+        return self._undo_redo(self._undo_edits, self._redo_edits, redo=False)
 
     def redo(self) -> str:
-        """Makes the last undone edit again, and says which it was.
+        """Redoes the last undone edit and returns its label.
 
         Raises:
-            NothingToUndoError: none is left.
-            WorldError: the world does not allow it any more; that edit is forgotten then.
+            NothingToUndoError: no undone edit is left.
+            WorldError: the world no longer allows it; the edit is then removed from the history.
         """
-        return self._undo_redo(self._redo_edits, self._undo_edits, again=True)
+        return self._undo_redo(self._redo_edits, self._undo_edits, redo=True)
 
     def clear(self) -> None:
-        """Forgets all edits: what they were made to is no longer there."""
+        """Removes all edits from the history."""
         with self._lock:
             self._undo_edits.clear()
             self._redo_edits.clear()
 
-    def _undo_redo(self, source: list[EditCommand], target: list[EditCommand], *, again: bool) -> str:
-        def turn(engine: Engine) -> str:
+    def _undo_redo(self, source: list[EditCommand], target: list[EditCommand], *, redo: bool) -> str:
+        def undo_redo(engine: Engine) -> str:
             with self._lock:
                 if not source:
-                    raise NothingToUndoError(redo=again)
+                    raise NothingToUndoError(redo=redo)
                 edit = source.pop()
-            back = edit.apply(engine)
+            inverse = edit.apply(engine)
             with self._lock:
-                target.append(back)
+                target.append(inverse)
             return edit.label
 
-        return self._simulation.run_on_engine(turn, label="redo" if again else "undo", edits=True)
+        return self._simulation.run_on_engine(undo_redo, label="redo" if redo else "undo", edits=True)
 
     def _spawn_record(self) -> SpawnRecord:
         return SpawnRecord.from_worlds(self._simulation.worlds)
 
     def _geometry(self, ids: Iterable[BodyId]) -> GeometryMap:
-        there = self._simulation.geometry
-        return {id: there[id] for id in ids if id in there}
+        known = self._simulation.geometry
+        return {id: known[id] for id in ids if id in known}

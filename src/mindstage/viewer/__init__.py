@@ -1,4 +1,4 @@
-"""Viewport: the page in a browser, to see a world and reach into it."""
+"""The web viewer: a page on which a simulation is seen, edited and queried in a browser."""
 
 from mindstage.viewer.camera import LabelMode
 from mindstage.viewer.screenshot import Screenshot

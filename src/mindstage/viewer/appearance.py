@@ -1,15 +1,8 @@
-"""Looks: how each body is drawn, decided from its form and from where it stands.
+"""The appearance of bodies in the viewer: visual meshes, colors, highlights, and which parts would block the view.
 
-What a thing looks like is its form's matter. Here it is decided what would stand in the way: what encloses the whole
-place is drawn only as an outline, and a wall or a ceiling only from inside the room, which leaves the view from
-outside free.
-
-GLB: the skins of a form as one binary glTF file for the browser, which knows metal, roughness, glow and textures.
-
-The page's library works out normals by itself, smooth wherever triangles share a point. So points are shared here only
-where a skin has normals, and every flat face has points of its own.
-
-Palette: how a color changes when something is lit, and when it steps back behind what is.
+Bodies that enclose the scene are drawn as outlines, and walls and ceilings only on the side that faces the room, so
+that the room can be seen from outside. Meshes are sent as binary glTF; three.js computes smooth normals wherever
+triangles share a vertex, so only meshes with normals share vertices.
 """
 
 from __future__ import annotations
@@ -25,7 +18,6 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from mindstage.assets.gltf import GltfWriter
-from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.shape_rules import ShapeRule, name_tokens, singular_forms
 from mindstage.scene import (
     AttachedLight,
@@ -42,7 +34,7 @@ from mindstage.scene import (
     VisualMesh,
     World,
 )
-from mindstage.scene.geometry import NO_GEOMETRY, GeometryMap, PbrMaterial, VisualMesh
+from mindstage.scene.geometry import NO_GEOMETRY, GeometryMap
 from mindstage.scene.mesh import TriangleMesh, box, convex_hull, cylinder, sphere
 from mindstage.scene.transforms import normalize, normalized_pose_array, pose_array, quat_rotate, rotation_matrix
 
@@ -57,7 +49,6 @@ __all__ = [
     "dimmed",
     "find_outlines",
     "highlighted",
-    "local_name",
     "mean_color",
     "merge_visuals",
     "visuals_to_glb",
@@ -65,12 +56,12 @@ __all__ = [
 
 
 _MAX_METALNESS = 0.3
-"""So much of it is left in the page, where nothing is there to be mirrored: pure metal would be black."""
+"""Factor of the metalness: without an environment map, pure metal would be black."""
 
 
 def merge_visuals(visuals: Iterable[VisualMesh]) -> TriangleMesh:
-    """All triangles of several skins as one mesh; a single one keeps its place on its picture."""
-    meshes = [_mesh(skin) for skin in visuals]
+    """Joins the triangles of several visual meshes; a single mesh keeps its texture coordinates."""
+    meshes = [_mesh(visual) for visual in visuals]
     if len(meshes) == 1:
         return meshes[0]
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
@@ -90,75 +81,75 @@ def _mesh(visual: VisualMesh) -> TriangleMesh:
 
 
 def visuals_to_glb(visuals: Iterable[VisualMesh]) -> bytes:
-    """A binary glTF 2.0 file; its axes are the body's, since the page turns everything itself."""
+    """Converts visual meshes to a binary glTF 2.0 file in the frame of the body (z up)."""
     groups: dict[tuple[PbrMaterial, int | None], list[VisualMesh]] = {}
-    for skin in visuals:
-        # One draw call for all that is made of one material.
-        groups.setdefault((skin.material, None if skin.image is None else id(skin)), []).append(skin)
-    pictured = any(skin.image is not None for group in groups.values() for skin in group)
-    joined = [_merge_by_material(surface, group, textured=pictured) for (surface, _), group in groups.items()]
+    for visual in visuals:
+        # One draw call for each material.
+        groups.setdefault((visual.material, None if visual.image is None else id(visual)), []).append(visual)
+    textured = any(visual.image is not None for group in groups.values() for visual in group)
+    merged = [_merge_by_material(material, group, textured=textured) for (material, _), group in groups.items()]
     file = GltfWriter("form")
-    primitives = [file.visual_primitive(skin) for skin in joined if skin.faces.size]
+    primitives = [file.visual_primitive(visual) for visual in merged if visual.faces.size]
     file.nodes.append({"mesh": file.mesh("form", lambda: primitives)} if primitives else {})
     return file.data()
 
 
 def _merge_by_material(material: PbrMaterial, visuals: list[VisualMesh], *, textured: bool) -> VisualMesh:
-    """Skins of one material as one, of less metal than it is."""
+    """Joins meshes of one material, with a reduced metalness."""
     mesh = merge_visuals(visuals)
     uv = mesh.uv
-    if textured and uv is None:  # the page joins all into one mesh, for which they must have the same attributes
+    if textured and uv is None:  # three.js merges the primitives, which must have the same attributes
         uv = np.zeros((len(mesh.points), 2))
-    shown = replace(material, metalness=_MAX_METALNESS * material.metalness)
-    return VisualMesh(mesh.points, mesh.faces, shown, uv=uv, image=visuals[0].image)
+    reduced = replace(material, metalness=_MAX_METALNESS * material.metalness)
+    return VisualMesh(mesh.points, mesh.faces, reduced, uv=uv, image=visuals[0].image)
 
 
 def mean_color(visuals: Iterable[VisualMesh]) -> Color:
-    """Of a whole form, by the area that each color has."""
+    """The mean color of visual meshes, weighted by area."""
     total, weight = np.zeros(3), 1e-12
-    for skin in visuals:
-        first, second, third = (skin.points[skin.faces[:, corner]] for corner in range(3))
+    for visual in visuals:
+        first, second, third = (visual.points[visual.faces[:, corner]] for corner in range(3))
         area = float(np.linalg.norm(np.cross(second - first, third - first), axis=1).sum())
-        total, weight = total + area * np.array(skin.material.color), weight + area
+        total, weight = total + area * np.array(visual.material.color), weight + area
     red, green, blue = (total / weight).tolist()
     return red, green, blue
 
 
 HIGHLIGHT_OPACITY = 0.85
-"""Of a lit body that is see-through otherwise: a highlight must be seen."""
+"""Minimum opacity of a highlighted body."""
 OCCLUDER_OPACITY = 0.25
-"""Of what stands before something lit: what is lit in a cupboard must be seen too."""
+"""Maximum opacity of a body that occludes a highlighted one, such as the cupboard that it is in."""
 _DIM_GRAY, _DIM_AMOUNT = 0.82, 0.72
-"""The gray that dimmed colors go towards, and how far."""
+"""The gray value that dimmed colors are blended with, and the weight of it."""
 
 
 class Paint(msgspec.Struct, frozen=True):
-    """A color, and how much of what is behind stays hidden."""
+    """A uniform color and opacity."""
 
     color: Color
     opacity: float = 1.0
 
 
 def highlighted(paint: Paint, color: Color) -> Paint:
-    """The same surface with a highlight."""
+    """The paint of a highlighted body."""
     return Paint(color, max(paint.opacity, HIGHLIGHT_OPACITY))
 
 
 def dimmed(paint: Paint, *, as_occluder: bool = False) -> Paint:
-    """The same surface stepping back behind what is lit; as a veil it also lets that be seen through it."""
+    """The paint of a body that is not highlighted; an occluder is transparent too."""
     red, green, blue = (part + (_DIM_GRAY - part) * _DIM_AMOUNT for part in paint.color)
     return Paint((red, green, blue), min(paint.opacity, OCCLUDER_OPACITY) if as_occluder else paint.opacity)
 
 
 ASSUMED_SIZE_M: Vector = (0.1, 0.1, 0.1)
-"""How large a body is drawn whose size nobody told [m]."""
+"""Size at which a body of unknown size is drawn [m]."""
 _MAX_FURNITURE_M = 2.5
-"""Nothing that one puts into a room is so large along all three axes."""
+"""Smallest extent above which a body encloses the scene: no furniture is larger along all three axes."""
 _MAX_THIN_RATIO = 0.35
-"""Of its next larger extent, at most, is the smallest of what hangs on a wall."""
+"""Maximum ratio of the smallest to the second smallest extent of a thin body."""
 _MIN_PANEL_M = 0.15
 _MIN_FACING_COSINE = 0.9
-"""Cosine from which on a triangle looks towards a side."""
+"""Minimum cosine between the normals of a triangle and the side that it faces."""
 _SOLID_OPACITY = 0.6
 
 Side = tuple[int, int]
@@ -177,29 +168,29 @@ _PRIMITIVE_OF_COLLISION_TYPE = {
 
 
 class VisiblePart(StrEnum):
-    """How much of a body is drawn."""
+    """Which part of a body is drawn."""
 
     WHOLE = "whole"
     INTERIOR = "inside"
-    """What looks towards the room, and only seen from there."""
+    """The side that faces the room; invisible from behind."""
     OUTLINE = "outline"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyAppearance:
-    """Everything that decides how a body is drawn, but not where."""
+    """How a body is drawn, without its pose."""
 
     key: str
-    """Looks of one key are the same."""
+    """Equal for bodies that are drawn alike."""
     size: Vector
     part: VisiblePart = VisiblePart.WHOLE
     is_building: bool = False
-    """Whether it belongs to the house rather than to what is in it or hangs on its walls."""
+    """Whether the body is part of the building: walls, floors, ceilings, doors in walls."""
     is_floor: bool = False
     visuals: tuple[VisualMesh, ...] = field(default=(), compare=False, repr=False)
     lights: tuple[AttachedLight, ...] = field(default=(), compare=False, repr=False)
     color: Color = field(default=(0.8, 0.8, 0.8), compare=False)
-    """Of all of it, seen from far away."""
+    """The mean color."""
     is_opaque: bool = field(default=True, compare=False)
 
 
@@ -211,14 +202,14 @@ def compute_appearance(
     geometry: GeometryMap = NO_GEOMETRY,
     enclosing: Iterable[BodyId] = (),
 ) -> dict[BodyId, BodyAppearance]:
-    """Decides for all bodies of a world, as it is described.
+    """Computes the appearance of all bodies of a world.
 
     Args:
-        world: what is there.
-        rule_of: what is known of the form of a class's things.
-        ancestors: of a class, nearest first.
-        forms: of the bodies; one without a form is its shape, in its size.
-        shells: what the engine took for shells.
+        world: the world, with the poses of its description.
+        rule_of: returns the shape rule of a class.
+        ancestors: returns the superclasses of a class, nearest first.
+        geometry: the geometry of the bodies; a body without is drawn as its primitive shape.
+        enclosing: bodies that the engine reported as enclosures.
     """
     return _AppearanceSolver(world, rule_of, ancestors, geometry, frozenset(enclosing)).appearances()
 
@@ -226,13 +217,19 @@ def compute_appearance(
 def find_outlines(
     world: World, *, geometry: GeometryMap = NO_GEOMETRY, enclosing: Iterable[BodyId] = ()
 ) -> frozenset[BodyId]:
-    """The bodies of which only an outline is drawn, since they enclose the place; for the rest as in `compute_appearance`."""
-    told = frozenset(enclosing)
-    return frozenset(body.id for body in world.bodies if body.id in told or _encloses(body, geometry.get(body.id)))
+    """Finds the bodies that are drawn as outlines because they enclose the scene.
+
+    Args:
+        world: the world.
+        geometry: the geometry of the bodies.
+        enclosing: bodies that the engine reported as enclosures.
+    """
+    reported = frozenset(enclosing)
+    return frozenset(body.id for body in world.bodies if body.id in reported or _encloses(body, geometry.get(body.id)))
 
 
 class _AppearanceSolver:
-    """One world, as arrays, while it is decided about."""
+    """Computes the appearances of one world; arrays have one row per body."""
 
     def __init__(
         self,
@@ -259,72 +256,73 @@ class _AppearanceSolver:
         self.is_shell = np.array([body.id in outlines for body in world.bodies], dtype=bool)
         self.is_object = ~self.is_shell & ~self.is_building
         heights = self.center[self.is_object & ~self.is_lamp, 2]
-        self.is_overhead = float(np.quantile(heights, 0.9)) if heights.size else np.inf
-        self.roots = self._roots({hold.child: hold.parent for hold in world.attachments})
-        self.is_in_wall = set(self._doors_in_walls([(joint.parent, joint.child) for joint in world.joints]))
+        self.overhead_height = float(np.quantile(heights, 0.9)) if heights.size else np.inf
+        self.roots = self._roots({link.child: link.parent for link in world.attachments})
+        self.wall_door_roots = set(self._doors_in_walls([(joint.parent, joint.child) for joint in world.joints]))
 
     def appearances(self) -> dict[BodyId, BodyAppearance]:
-        """Of all bodies, by id."""
+        """The appearances by body."""
         return {body.id: self._appearance(row, body) for row, body in enumerate(self.bodies)}
 
     def _appearance(self, row: int, body: Body) -> BodyAppearance:
-        building = bool(self.is_building[row]) or self.roots[row] in self.is_in_wall
+        building = bool(self.is_building[row]) or self.roots[row] in self.wall_door_roots
         floor, size = bool(self.is_floor[row]), body.size or ASSUMED_SIZE_M
         if self.is_shell[row]:
             return BodyAppearance(
                 key=f"outline of {size}", size=size, part=VisiblePart.OUTLINE, is_building=True, is_floor=floor
             )
-        base, skins, glows = self._visuals(body, size)
+        key, visuals, lights = self._visuals(body, size)
         part = VisiblePart.WHOLE
         if (side := self._single_side(row)) is not None:
-            base, skins, part = f"{base} from {side}", tuple(_triangles_facing(skins, side)), VisiblePart.INTERIOR
+            key, part = f"{key} from {side}", VisiblePart.INTERIOR
+            visuals = tuple(_triangles_facing(visuals, side))
         return BodyAppearance(
-            key=base,
+            key=key,
             size=size,
             part=part,
             is_building=building,
             is_floor=floor,
-            visuals=skins,
-            lights=glows,
-            color=mean_color(skins),
-            is_opaque=min((skin.material.opacity for skin in skins), default=0.0) > _SOLID_OPACITY,
+            visuals=visuals,
+            lights=lights,
+            color=mean_color(visuals),
+            is_opaque=min((visual.material.opacity for visual in visuals), default=0.0) > _SOLID_OPACITY,
         )
 
     def _visuals(self, body: Body, size: Vector) -> tuple[str, tuple[VisualMesh, ...], tuple[AttachedLight, ...]]:
-        """What is seen of a body, under a name of its own: its form, painted as its materials say."""
-        form = self.geometry.get(body.id)
+        """The key, visual meshes and lights of a body, in the color of its materials."""
+        geometry = self.geometry.get(body.id)
         color = next((material.color for material in body.materials if material.color is not None), None)
-        if form is not None and form.visuals:
-            tinted = form.visuals if color is None else _tinted(form.visuals, color)
-            return f"{form.key} {color}", tinted, form.lights
-        surface = self.rules[body.cls].default_material.pbr_material
-        surface = surface if color is None else replace(surface, color=color)
-        if form is not None and form.collision_shapes:
+        if geometry is not None and geometry.visuals:
+            tinted = geometry.visuals if color is None else _tinted(geometry.visuals, color)
+            return f"{geometry.key} {color}", tinted, geometry.lights
+        material = self.rules[body.cls].default_material.pbr_material
+        material = material if color is None else replace(material, color=color)
+        if geometry is not None and geometry.collision_shapes:
             return (
-                f"{form.key} {surface}",
-                tuple(_collision_visual(solid, surface) for solid in form.collision_shapes),
-                form.lights,
+                f"{geometry.key} {material}",
+                tuple(_collision_visual(shape, material) for shape in geometry.collision_shapes),
+                geometry.lights,
             )
         kind = body.shape.type if body.shape else PrimitiveType.BOX
-        return f"{kind} {size} {surface}", (_primitive_visual(PrimitiveType(kind), size, surface),), ()
+        return f"{kind} {size} {material}", (_primitive_visual(PrimitiveType(kind), size, material),), ()
 
-    # -- what would stand in the way -----------------------------------------------------------------------------------
+    # -- bodies that would block the view ------------------------------------------------------------------------------
 
     def _has_noun(self, nouns: Iterable[str]) -> NDArray[np.bool_]:
-        """Of which bodies the class, or a class above it, has such a name."""
+        """A mask of the bodies whose class, or a superclass of it, is named by one of the nouns."""
         wanted = frozenset(nouns)
         return np.array([bool(self.nouns[body.cls] & wanted) for body in self.bodies], dtype=bool)
 
     def _single_side(self, row: int) -> Side | None:
-        """The one side that is drawn of what would hide the room: walls and doors in them, ceilings, lamps there."""
-        in_wall = self.roots[row] in self.is_in_wall
+        """The only side that is drawn of a body that would hide the room: walls, doors in them, ceilings, lamps."""
+        in_wall = self.roots[row] in self.wall_door_roots
         if self.bodies[row].physics.is_dynamic and not in_wall:
             return None
         thinnest, next_thinnest = np.sort(self.half[row])[:2]
         is_thin = thinnest < _MAX_THIN_RATIO * next_thinnest and next_thinnest > _MIN_PANEL_M
         if is_thin and (in_wall or self.is_enclosing[row]):
             return self._room_side(row)
-        if self.is_lamp[row] and self.center[row, 2] > self.is_overhead:
+        if self.is_lamp[row] and self.center[row, 2] > self.overhead_height:
             return self._bottom_side(row)
         return None
 
@@ -334,13 +332,13 @@ class _AppearanceSolver:
         return axis, 1 if np.sum(np.sign(offsets)) >= 0 else -1
 
     def _bottom_side(self, row: int) -> Side:
-        """The side of a box that looks down."""
+        """The side of a box that faces down."""
         up = self.rotation[row][2]
         axis = int(np.argmax(np.abs(up)))
         return axis, -1 if up[axis] > 0 else 1
 
     def _roots(self, parents: dict[BodyId, BodyId]) -> list[int]:
-        """Of each body, the body that it finally hangs on."""
+        """The row of the topmost body that each body is attached to, directly or through others."""
         roots = []
         for body in self.bodies:
             top, seen = body.id, {body.id}
@@ -351,14 +349,14 @@ class _AppearanceSolver:
         return roots
 
     def _doors_in_walls(self, joints: list[tuple[BodyId, BodyId]]) -> Iterator[int]:
-        """What is hinged on a wall or slides in one."""
+        """The bodies that are joined to a wall."""
         walls = set(np.flatnonzero(self.is_wall).tolist())
         for parent, child in joints:
             ends = {self.roots[self.rows[end]] for end in (parent, child) if end in self.rows}
             if len(ends) == 2:
-                front, frame = sorted(ends, key=lambda row: (not self.bodies[row].physics.is_dynamic, self.volume[row]))
+                door, frame = sorted(ends, key=lambda row: (not self.bodies[row].physics.is_dynamic, self.volume[row]))
                 if frame in walls:
-                    yield front
+                    yield door
 
 
 def _encloses(body: Body, geometry: BodyGeometry | None) -> bool:
@@ -368,51 +366,56 @@ def _encloses(body: Body, geometry: BodyGeometry | None) -> bool:
 
 
 def _class_nouns(cls: Iri, ancestors: tuple[Iri, ...]) -> Iterator[str]:
-    """What things of a class are, in a word each: what its name, and those of the classes above, end with."""
+    """The nouns of a class: the last words of its name and of those of its superclasses, in the singular."""
     for name in (cls, *ancestors):
         parts = name_tokens(name)
-        # A WallOfAConstruction is a wall, a WallClock is none.
+        # A WallOfAConstruction is a wall, a WallClock is not.
         ends = parts[: parts.index("of")] if "of" in parts else parts
         for word in ends[-1:]:
             yield from singular_forms(word)
 
 
 def _tinted(visuals: Iterable[VisualMesh], color: Color) -> tuple[VisualMesh, ...]:
-    """The same in another color, but for what one sees through and what has a picture on it."""
+    """The same meshes in another color, except transparent and textured ones."""
     return tuple(
-        skin
-        if skin.image is not None or skin.material.opacity <= _SOLID_OPACITY
-        else VisualMesh(skin.points, skin.faces, replace(skin.material, color=color), skin.normals)
-        for skin in visuals
+        visual
+        if visual.image is not None or visual.material.opacity <= _SOLID_OPACITY
+        else VisualMesh(visual.points, visual.faces, replace(visual.material, color=color), visual.normals)
+        for visual in visuals
     )
 
 
 def _triangles_facing(visuals: Iterable[VisualMesh], side: Side) -> Iterator[VisualMesh]:
-    """The triangles that look towards a side; from behind, they are not there."""
+    """The triangles that face a side; they are invisible from behind."""
     axis, direction = side
-    for skin in visuals:
-        first, second, third = (skin.points[skin.faces[:, corner]] for corner in range(3))
+    for visual in visuals:
+        first, second, third = (visual.points[visual.faces[:, corner]] for corner in range(3))
         normal = np.cross(second - first, third - first)
-        towards = normal[:, axis] * direction > _MIN_FACING_COSINE * np.linalg.norm(normal, axis=1)
-        if towards.any():
-            yield VisualMesh(skin.points, skin.faces[towards], skin.material, skin.normals, skin.uv, skin.image)
+        facing = normal[:, axis] * direction > _MIN_FACING_COSINE * np.linalg.norm(normal, axis=1)
+        if facing.any():
+            yield VisualMesh(
+                visual.points, visual.faces[facing], visual.material, visual.normals, visual.uv, visual.image
+            )
 
 
 def _collision_visual(shape: CollisionShape, material: PbrMaterial) -> VisualMesh:
-    """What can be touched, where nobody told what is seen."""
-    place = normalized_pose_array(shape.pose)
+    """A mesh of a collision shape, for bodies without visual meshes."""
+    pose = normalized_pose_array(shape.pose)
     if shape.type is CollisionShapeType.HULL and (hull := convex_hull(np.array(shape.points))) is not None:
-        return VisualMesh(quat_rotate(place[3:], hull.points) + place[:3], hull.faces.astype(np.uint32), material)
-    made = _primitive_visual(_PRIMITIVE_OF_COLLISION_TYPE.get(shape.type, PrimitiveType.BOX), shape.size, material)
-    assert made.normals is not None
+        return VisualMesh(quat_rotate(pose[3:], hull.points) + pose[:3], hull.faces.astype(np.uint32), material)
+    primitive = _primitive_visual(_PRIMITIVE_OF_COLLISION_TYPE.get(shape.type, PrimitiveType.BOX), shape.size, material)
+    assert primitive.normals is not None
     return VisualMesh(
-        quat_rotate(place[3:], made.points) + place[:3], made.faces, material, quat_rotate(place[3:], made.normals)
+        quat_rotate(pose[3:], primitive.points) + pose[:3],
+        primitive.faces,
+        material,
+        quat_rotate(pose[3:], primitive.normals),
     )
 
 
 @lru_cache(maxsize=4096)
 def _primitive_visual(type: PrimitiveType, size: Vector, material: PbrMaterial) -> VisualMesh:
-    """A body of which nothing is known but its shape, with edges slightly rounded."""
+    """A mesh of a primitive shape, in the size of the body."""
     make = {PrimitiveType.CYLINDER: cylinder, PrimitiveType.SPHERE: sphere}.get(type, box)
     mesh = make(size)
     return VisualMesh(mesh.points, mesh.faces, material, mesh.normals)

@@ -1,32 +1,20 @@
-"""Asking: what visitors ask, what lights up because of it, and what they tell.
+"""The Ask panel: questions, SPARQL and Prolog queries, their answers as tables, highlights, and assertions.
 
-The forms are made from the questions' declarations; nothing here knows a question's name. A question takes its time in
-a thread of its own, a query in a process of its own, and both have an end: neither the world nor the page waits.
-
-Answering: answers as tables for the page, in which each row knows its body.
-
-Lines: what a visitor asks in Prolog, where that is installed.
-
-A visitor's line can ask the questions and join their answers, and no more: each goal in it is held against a list
-before anything runs (`prolog/line_queries.pl`).
-
-Wishes: what a page may ask the Ask desk for, as it stands on the wire; what is not in here is refused.
+Forms are generated from the declarations of the questions. Every query runs outside the thread of the simulation and
+has a timeout, so that neither the simulation nor other requests of the page wait for it.
 """
 
 from __future__ import annotations
 
-import shutil
-import threading
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cache, partial
-from importlib.util import find_spec
+from functools import partial
 from itertools import count
-from typing import Any
+from typing import Any, Protocol
 
 import msgspec
 
-from mindstage.errors import InvalidArgumentError
+from mindstage.errors import InvalidArgumentError, PrologUnavailableError
 from mindstage.knowledge import KnowledgeBase, RdfTerm, SparqlResult
 from mindstage.knowledge.names import EntityType, compact_iri
 from mindstage.knowledge.queries import Answers, Question, cell_text, get_question, list_questions, subject_column
@@ -48,36 +36,35 @@ __all__ = [
     "HighlightAnswersRequest",
     "MissingFact",
     "PrologRequest",
+    "PrologSolver",
     "QuestionForm",
     "SparqlRequest",
     "TableCell",
     "TellRequest",
     "answer_table",
-    "has_prolog",
     "prolog_table",
     "question_form",
-    "solve_line",
     "sparql_table",
 ]
 
 
 MAX_ROWS = 500
-"""So many rows a page gets at once; how many there are it is told besides."""
+"""Maximum number of rows that are sent to the page; `AnswerTable.total` has the number of all."""
 _CLASS_COLUMN_TITLE = "class of {}"
 
 
 class TableCell(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One value as people read it."""
+    """One value of an answer, as it is displayed."""
 
     text: str | int | float | None
     iri: str = ""
-    """The whole name, where it is one."""
+    """The full IRI, if the value is one."""
     id: str = ""
-    """The body that it is in the world."""
+    """The body of that IRI, if there is one."""
 
 
 class MissingFact(msgspec.Struct, frozen=True, kw_only=True):
-    """What nobody has told yet, as a statement that waits for its other end."""
+    """A missing fact, as an incomplete statement; the end that is unknown is empty."""
 
     subject: str
     property: str
@@ -86,21 +73,21 @@ class MissingFact(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class AnswerTable(msgspec.Struct, frozen=True, kw_only=True):
-    """What a question or a query was answered with."""
+    """The answers to a question or a query."""
 
     key: int = 0
-    """Names these answers in what is asked about them."""
+    """Identifies these answers in later requests."""
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[TableCell, ...], ...]
     ids: tuple[str, ...]
-    """Of each row, the body that it is about; empty where it has none."""
+    """The body of each row; empty if it has none."""
     total: int
     missing: tuple[MissingFact, ...] = ()
     explainable: bool = False
-    """Whether it can be asked why."""
+    """Whether rows can be explained."""
     boolean: bool | None = None
-    """The answer of a query that asks for yes or no."""
+    """The answer to a yes-or-no query."""
 
 
 class _Parameter(msgspec.Struct, frozen=True):
@@ -108,21 +95,21 @@ class _Parameter(msgspec.Struct, frozen=True):
     kind: str
     choices: tuple[str, ...]
     completion: str
-    """The kind of name that can be completed; empty where it is none."""
+    """The kind of entity whose names are completed, such as CLASS; empty if values are not completed."""
 
 
 class QuestionForm(msgspec.Struct, frozen=True, kw_only=True):
-    """A question as a form is made from it."""
+    """The description of a question from which the page generates a form."""
 
     name: str
     text: str
     arguments: tuple[_Parameter, ...]
     live: bool
-    """Whether it is about how things are just now."""
+    """Whether the answers depend on the current state of the simulation."""
 
 
 def question_form(question: Question[Any]) -> QuestionForm:
-    """A question, for a form."""
+    """Describes a question for its form."""
     arguments = (
         _Parameter(
             each.name,
@@ -138,13 +125,15 @@ def question_form(question: Question[Any]) -> QuestionForm:
 
 
 def answer_table(kb: KnowledgeBase, answers: Answers[Any], bodies: Mapping[str, BodyId], *, title: str) -> AnswerTable:
-    """Answers as a table.
+    """Converts the answers of a declared question to a table.
+
+    A column with the class of the individual is added, because many individuals have a number for a name.
 
     Args:
-        kb: tells the class of what was asked for: many individuals are called by a number.
-        answers: to a declared question.
-        bodies: of individuals, by IRI.
-        title: what was asked.
+        kb: the knowledge base that was queried.
+        answers: the answers.
+        bodies: ids of bodies by the IRI of the individual.
+        title: the title of the table.
     """
     about = subject_column(answers)
     columns = _columns(kb, answers, about)
@@ -162,19 +151,19 @@ def answer_table(kb: KnowledgeBase, answers: Answers[Any], bodies: Mapping[str, 
         total=len(answers),
         missing=tuple(
             MissingFact(
-                subject="" if lack.is_filler else compact_iri(lack.cls),
-                property=compact_iri(lack.property),
-                value=compact_iri(lack.cls) if lack.is_filler else "",
-                reason=lack.reason,
+                subject="" if fact.is_filler else compact_iri(fact.cls),
+                property=compact_iri(fact.property),
+                value=compact_iri(fact.cls) if fact.is_filler else "",
+                reason=fact.reason,
             )
-            for lack in answers.missing
+            for fact in answers.missing
         ),
         explainable=answers.question.has_explanation,
     )
 
 
 def prolog_table(rows: Sequence[Mapping[str, Any]], bodies: Mapping[str, BodyId], *, title: str) -> AnswerTable:
-    """What makes a line in Prolog true, as a table of its variables; yes or no where it has none."""
+    """Converts the solutions of a Prolog query to a table of its variables, or to yes or no if it has none."""
     columns = tuple(rows[0]) if rows else ()
     cells = [tuple(_cell(row[name], bodies) for name in columns) for row in rows]
     return AnswerTable(
@@ -188,20 +177,22 @@ def prolog_table(rows: Sequence[Mapping[str, Any]], bodies: Mapping[str, BodyId]
 
 
 def _columns(kb: KnowledgeBase, answers: Answers[Any], individual: str | None) -> list[str]:
-    """What was asked for first; without what was given, and the map where there is only one: they are all the same."""
-    named = answers.question.columns
-    same = {*answers.args, *(name for name, kind in named.items() if kind is EntityType.MAP and len(kb.maps()) == 1)}
-    columns = [name for name in named if name != individual and name not in same]
-    return [individual, *columns] if individual else columns or list(named)
+    """The columns that are shown, the individual first; without arguments and a single map, which are constant."""
+    all_columns = answers.question.columns
+    constant = {*answers.args}
+    if len(kb.maps()) == 1:
+        constant |= {name for name, kind in all_columns.items() if kind is EntityType.MAP}
+    columns = [name for name in all_columns if name != individual and name not in constant]
+    return [individual, *columns] if individual else columns or list(all_columns)
 
 
-def sparql_table(found: SparqlResult, bodies: Mapping[str, BodyId], *, title: str) -> AnswerTable:
-    """What a SPARQL query found, as a table."""
-    rows = [tuple(_term_cell(term, bodies) for term in row) for row in found.rows[:MAX_ROWS]]
+def sparql_table(result: SparqlResult, bodies: Mapping[str, BodyId], *, title: str) -> AnswerTable:
+    """Converts the result of a SPARQL query to a table."""
+    rows = [tuple(_term_cell(term, bodies) for term in row) for row in result.rows[:MAX_ROWS]]
     ids = tuple(map(_row_id, rows))
-    total = len(found.rows)
+    total = len(result.rows)
     return AnswerTable(
-        title=title, columns=found.columns, rows=tuple(rows), ids=ids, total=total, boolean=found.boolean
+        title=title, columns=result.columns, rows=tuple(rows), ids=ids, total=total, boolean=result.boolean
     )
 
 
@@ -223,60 +214,57 @@ def _row_id(cells: Sequence[TableCell] | Iterable[TableCell]) -> str:
     return next((cell.id for cell in cells if cell.id), "")
 
 
-_prolog_lock = threading.Lock()
-"""There is one Prolog in a process; visitors take turns."""
+class PrologSolver(Protocol):
+    """Solves Prolog queries of untrusted clients; `mindstage.prolog.solve_query` is one."""
 
+    def __call__(
+        self, simulation: Simulation, query: str, *, limit: int, timeout_s: float
+    ) -> Sequence[Mapping[str, Any]]:
+        """Returns the solutions of a query, as the values of its variables by name.
 
-@cache
-def has_prolog() -> bool:
-    """Whether SWI-Prolog and its bridge to Python are installed; nothing is started to find out."""
-    return find_spec("pyswip") is not None and shutil.which("swipl") is not None
+        Args:
+            simulation: the simulation that is queried.
+            query: the query, with or without the full stop.
+            limit: the maximum number of solutions.
+            timeout_s: the time limit [s].
 
-
-def solve_line(simulation: Simulation, line: str, *, limit: int, timeout_s: float) -> list[dict[str, Any]]:
-    """What makes a line true: its variables and what they stand for.
-
-    Raises:
-        PrologUnavailableError: it is not installed, or somebody else in this process has it.
-        PrologGoalError: it is no Prolog, or more than a question.
-        PrologTimeoutError: it did not end in time.
-    """
-    from mindstage.prolog import PrologConsole
-
-    with _prolog_lock, PrologConsole(simulation) as console:
-        return console.answers(line, limit=limit, timeout_s=timeout_s)
+        Raises:
+            PrologUnavailableError: Prolog is not installed or in use.
+            PrologGoalError: a syntax error, a goal that is not allowed, or an error in a goal.
+            PrologTimeoutError: the time limit was exceeded.
+        """
 
 
 class AskRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A declared question; what is left out of `args` is asked for."""
+    """Parameters of `ask`: a declared question. Arguments that `args` does not contain are unbound."""
 
     question: str
     args: dict[str, str] = {}
 
 
 class SparqlRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A query in SPARQL."""
+    """Parameters of `ask.sparql`."""
 
     query: str
 
 
 class PrologRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Questions joined in Prolog."""
+    """Parameters of `ask.prolog`: a query of declared questions."""
 
     line: str
 
 
 class CompleteNameRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The beginning of a name."""
+    """Parameters of `ask.complete`: the beginning of a name."""
 
     prefix: str
     kind: str = ""
-    """Such as CLASS; any if empty."""
+    """A kind of entity, such as CLASS; classes and individuals if empty."""
     limit: int = 20
 
 
 class HighlightAnswersRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Answers that shall be lit up: all of them, or some rows."""
+    """Parameters of `ask.highlight`: the answers to highlight, all or some rows."""
 
     key: int
     color: str
@@ -285,14 +273,14 @@ class HighlightAnswersRequest(msgspec.Struct, frozen=True, forbid_unknown_fields
 
 
 class ExplainRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """An answer that shall be explained."""
+    """Parameters of `ask.explain`: the row to explain."""
 
     key: int
     row: int
 
 
 class TellRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A statement to be added, or taken back."""
+    """Parameters of `ask.tell`: a statement to add or to retract."""
 
     subject: str
     property: str
@@ -301,13 +289,15 @@ class TellRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 class ClearHighlightRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is lit for a reason; everything without one."""
+    """Parameters of `ask.clear_highlights`: the group to clear; all groups without a label."""
 
     label: str | None = None
 
 
 _MAX_KEPT_ANSWERS = 8
-"""So many of each visitor's last answers can be asked about."""
+"""Number of recent answers kept for each client, to be explained and highlighted."""
+_KEPT_KEY = "answers"
+"""Key of the kept answers in a session's `state`."""
 _QUERY_TIMEOUT_S = 20.0
 _PROLOG_TIMEOUT_S = 10.0
 _MAX_NAMES = 50
@@ -316,24 +306,32 @@ _MAX_LABEL_LENGTH = 60
 
 
 class _KeptAnswers(msgspec.Struct, frozen=True):
-    """Answers as a page got them, and as they are."""
+    """The table that was sent to a page, and the answers that it was made from."""
 
     table: AnswerTable
     answers: Answers[Any] | None
 
 
 class AskHandler:
-    """Answers what pages ask, by the requests `ask.…`, and tells all what is lit by the topic `lit`."""
+    """Handles the requests `ask` and `ask.…`, and publishes the highlight groups as the topic `highlights`."""
 
-    def __init__(self, simulation: Simulation, channel: RpcChannel, *, timeout_s: float = 30.0) -> None:
-        """Offers it all.
+    def __init__(
+        self,
+        simulation: Simulation,
+        channel: RpcChannel,
+        *,
+        prolog: PrologSolver | None = None,
+        timeout_s: float = 30.0,
+    ) -> None:
+        """Registers the requests.
 
         Args:
-            stage: who is asked.
-            channel: to the pages.
-            timeout_s: how long a question may take.
+            simulation: the simulation that is queried.
+            channel: the channel of the pages.
+            prolog: solves Prolog queries; without it they are refused.
+            timeout_s: the time limit of a question [s].
         """
-        self._simulation, self._channel = simulation, channel
+        self._simulation, self._channel, self._prolog = simulation, channel, prolog
         self._executor = BoundedExecutor(timeout_s=timeout_s)
         self._keys = count(1)
         self._last_highlights: object = None
@@ -342,31 +340,31 @@ class AskHandler:
         channel.register("ask.complete", CompleteNameRequest, self._complete, queue="ask.words")
         channel.register("ask", AskRequest, self._ask, queue="ask")
         channel.register("ask.sparql", SparqlRequest, self._query, queue="ask")
-        channel.register("ask.prolog", PrologRequest, self._prolog_line, queue="ask")
-        channel.register("ask.languages", EmptyRequest, self._capabilities, queue="ask.words")
+        channel.register("ask.prolog", PrologRequest, self._prolog_query, queue="ask")
+        channel.register("ask.languages", EmptyRequest, self._languages, queue="ask.words")
         channel.register("ask.explain", ExplainRequest, self._explain, queue="ask")
         channel.register("ask.highlight", HighlightAnswersRequest, self._highlight, queue="ask")
         channel.register("ask.clear_highlights", ClearHighlightRequest, self._clear_highlight, queue="ask.words")
         channel.register("ask.tell", TellRequest, self._change_assertion, queue="ask")
 
-    def publish(self, frame: StateSnapshot) -> None:
-        """Publishes what is lit, if that has changed."""
-        if frame.highlight_groups is not self._last_highlights:
-            self._last_highlights = frame.highlight_groups
+    def publish(self, snapshot: StateSnapshot) -> None:
+        """Publishes the highlight groups if they have changed."""
+        if snapshot.highlight_groups is not self._last_highlights:
+            self._last_highlights = snapshot.highlight_groups
             groups = [
                 {"label": group.label, "color": hex_color(group.color), "ids": group.ids, "question": group.question}
-                for group in frame.highlight_groups
+                for group in snapshot.highlight_groups
             ]
             self._channel.publish("highlights", groups)
 
-    # -- words ---------------------------------------------------------------------------------------------------------
+    # -- forms ---------------------------------------------------------------------------------------------------------
 
     def _list(self, _: ClientSession, __: EmptyRequest) -> list[QuestionForm]:
         return [question_form(each) for each in list_questions()]
 
     def _complete(self, _: ClientSession, request: CompleteNameRequest) -> list[dict[str, str]]:
-        """Names that begin so, each with its class where it is an individual."""
-        return self._executor.run(partial(self._names, request), label="the list of names")
+        """Names with a prefix; the description of an individual is its class."""
+        return self._executor.run(partial(self._names, request), label="the completion")
 
     def _names(self, request: CompleteNameRequest) -> list[dict[str, str]]:
         kb = self._simulation.knowledge
@@ -381,63 +379,68 @@ class AskHandler:
 
     # -- questions -----------------------------------------------------------------------------------------------------
 
-    def _ask(self, visitor: ClientSession, request: AskRequest) -> AnswerTable:
-        asked = get_question(request.question)
+    def _ask(self, session: ClientSession, request: AskRequest) -> AnswerTable:
+        question = get_question(request.question)
         args = {name: value for name, value in request.args.items() if value.strip()}
-        title = " ".join([asked.name, *(f"{name}={value}" for name, value in args.items())])
+        title = " ".join([question.name, *(f"{name}={value}" for name, value in args.items())])
 
         def answer() -> _KeptAnswers:
-            answers = self._simulation.ask(asked, **_checked_args(args))
+            answers = self._simulation.ask(question, **_checked_args(args))
             with self._simulation.knowledge.lock:
                 table = answer_table(self._simulation.knowledge, answers, self._body_by_iri(), title=title)
             return _KeptAnswers(table, answers)
 
-        return self._remember(visitor, self._executor.run(answer, label=f"the question {title!r}"))
+        return self._remember(session, self._executor.run(answer, label=f"the question {title!r}"))
 
-    def _query(self, visitor: ClientSession, request: SparqlRequest) -> AnswerTable:
+    def _query(self, session: ClientSession, request: SparqlRequest) -> AnswerTable:
         if len(request.query) > _MAX_TEXT_LENGTH:
             raise InvalidArgumentError(
-                "a query", cause=f"it has more than {_MAX_TEXT_LENGTH} letters", remedy="ask for less"
+                "a query", cause=f"it has more than {_MAX_TEXT_LENGTH} characters", remedy="shorten it"
             )
 
         def answer() -> _KeptAnswers:
-            found = self._simulation.knowledge.sparql(request.query, timeout_s=_QUERY_TIMEOUT_S)
-            return _KeptAnswers(sparql_table(found, self._body_by_iri(), title=_title(request.query)), None)
+            result = self._simulation.knowledge.sparql(request.query, timeout_s=_QUERY_TIMEOUT_S)
+            return _KeptAnswers(sparql_table(result, self._body_by_iri(), title=_title(request.query)), None)
 
-        return self._remember(visitor, self._executor.run(answer, label="the query"))
+        return self._remember(session, self._executor.run(answer, label="the query"))
 
-    def _prolog_line(self, visitor: ClientSession, request: PrologRequest) -> AnswerTable:
+    def _prolog_query(self, session: ClientSession, request: PrologRequest) -> AnswerTable:
+        if (solve := self._prolog) is None:
+            raise PrologUnavailableError("this page was opened without it")
+
         def answer() -> _KeptAnswers:
-            rows = solve_line(self._simulation, request.line, limit=MAX_ROWS, timeout_s=_PROLOG_TIMEOUT_S)
+            rows = solve(self._simulation, request.line, limit=MAX_ROWS, timeout_s=_PROLOG_TIMEOUT_S)
             return _KeptAnswers(prolog_table(rows, self._body_by_iri(), title=_title(request.line)), None)
 
-        return self._remember(visitor, self._executor.run(answer, label="the line"))
+        return self._remember(session, self._executor.run(answer, label="the query"))
 
-    def _capabilities(self, _: ClientSession, __: EmptyRequest) -> dict[str, bool]:
-        """What a page may ask in."""
-        return {"prolog": has_prolog()}
+    def _languages(self, _: ClientSession, __: EmptyRequest) -> dict[str, bool]:
+        """The query languages that are available besides forms and SPARQL."""
+        return {"prolog": self._prolog is not None}
 
-    def _explain(self, visitor: ClientSession, request: ExplainRequest) -> tuple[str, ...]:
-        told = _kept_answers(visitor, request.key)
-        if told.answers is None:
+    def _explain(self, session: ClientSession, request: ExplainRequest) -> tuple[str, ...]:
+        kept = _kept_answers(session, request.key)
+        if kept.answers is None:
             return ()
-        row = told.answers[_row(request.row, told.table)]
-        question = told.answers.question
-        return self._executor.run(partial(self._simulation.knowledge.explain, question, row), label="the reason")
+        row = kept.answers[_checked_row(request.row, kept.table)]
+        question = kept.answers.question
+        return self._executor.run(partial(self._simulation.knowledge.explain, question, row), label="the explanation")
 
-    # -- lights --------------------------------------------------------------------------------------------------------
+    # -- highlights ----------------------------------------------------------------------------------------------------
 
-    def _highlight(self, visitor: ClientSession, request: HighlightAnswersRequest) -> dict[str, object]:
-        """Lights answers up; says what has no body, and why."""
-        told, color = _kept_answers(visitor, request.key), parse_color(request.color)
-        table = told.table
-        if request.rows is None and told.answers is not None:
-            shown = self._simulation.highlight(told.answers, color, label=table.title, replace=request.replace)
+    def _highlight(self, session: ClientSession, request: HighlightAnswersRequest) -> dict[str, object]:
+        """Highlights the bodies of answers; the result names those without a body, with the reason."""
+        kept, color = _kept_answers(session, request.key), parse_color(request.color)
+        table = kept.table
+        if request.rows is None and kept.answers is not None:
+            result = self._simulation.highlight(kept.answers, color, label=table.title, replace=request.replace)
         else:
-            rows = range(len(table.rows)) if request.rows is None else [_row(row, table) for row in request.rows]
+            rows = (
+                range(len(table.rows)) if request.rows is None else [_checked_row(row, table) for row in request.rows]
+            )
             ids = dict.fromkeys(table.ids[row] for row in rows if table.ids[row])
-            shown = self._simulation.highlight(ids, color, label=table.title, replace=request.replace, missing_ok=True)
-        return {"highlighted": shown.highlighted, "not_highlighted": shown.unhighlighted}
+            result = self._simulation.highlight(ids, color, label=table.title, replace=request.replace, missing_ok=True)
+        return {"highlighted": result.highlighted, "not_highlighted": result.unhighlighted}
 
     def _clear_highlight(self, _: ClientSession, request: ClearHighlightRequest) -> None:
         if request.label is None:
@@ -448,41 +451,41 @@ class AskHandler:
         ]
         self._simulation.highlight(ids, None)
 
-    # -- telling -------------------------------------------------------------------------------------------------------
+    # -- assertions ----------------------------------------------------------------------------------------------------
 
     def _change_assertion(self, _: ClientSession, request: TellRequest) -> bool:
-        """Adds a statement, or takes it back; whether that changed anything."""
+        """Adds or retracts a statement; returns whether that changed the knowledge base."""
         kb, value = self._simulation.knowledge, parse_value(request.value.strip())
-        act = kb.retract if request.retract else kb.tell
-        work = partial(act, request.subject.strip(), request.property.strip(), value)
-        done = self._executor.run(work, label="what was told")
-        if done:
-            words = "retracted" if request.retract else "asserted"
-            text = f"{words}: {request.subject} {request.property} {request.value}"
+        method = kb.retract if request.retract else kb.tell
+        work = partial(method, request.subject.strip(), request.property.strip(), value)
+        changed = self._executor.run(work, label="the assertion")
+        if changed:
+            verb = "retracted" if request.retract else "asserted"
+            text = f"{verb}: {request.subject} {request.property} {request.value}"
             self._channel.broadcast("toast", {"text": text, "kind": "info"})
-        return done
+        return changed
 
-    # -- inside --------------------------------------------------------------------------------------------------------
+    # -- internals -----------------------------------------------------------------------------------------------------
 
     def _body_by_iri(self) -> Mapping[str, BodyId]:
-        """The bodies that stand in the world now, by IRI."""
-        edition = self._simulation.state.revision
-        if self._bodies[0] != edition:
-            self._bodies = (edition, {str(body.iri): body.id for body in self._simulation.snapshot().bodies})
+        """Ids of the current bodies by IRI."""
+        revision = self._simulation.state.revision
+        if self._bodies[0] != revision:
+            self._bodies = (revision, {str(body.iri): body.id for body in self._simulation.snapshot().bodies})
         return self._bodies[1]
 
-    def _remember(self, visitor: ClientSession, told: _KeptAnswers) -> AnswerTable:
-        table = msgspec.structs.replace(told.table, key=next(self._keys))
-        kept: OrderedDict[int, _KeptAnswers] = visitor.state.setdefault("asked", OrderedDict())
-        kept[table.key] = _KeptAnswers(table, told.answers)
+    def _remember(self, session: ClientSession, answered: _KeptAnswers) -> AnswerTable:
+        table = msgspec.structs.replace(answered.table, key=next(self._keys))
+        kept: OrderedDict[int, _KeptAnswers] = session.state.setdefault(_KEPT_KEY, OrderedDict())
+        kept[table.key] = _KeptAnswers(table, answered.answers)
         while len(kept) > _MAX_KEPT_ANSWERS:
             kept.popitem(last=False)
         return table
 
 
 def _title(text: str) -> str:
-    words = " ".join(text.split())
-    return words if len(words) <= _MAX_LABEL_LENGTH else f"{words[: _MAX_LABEL_LENGTH - 1]}…"
+    line = " ".join(text.split())
+    return line if len(line) <= _MAX_LABEL_LENGTH else f"{line[: _MAX_LABEL_LENGTH - 1]}…"
 
 
 def _kinds(name: str) -> tuple[EntityType, ...]:
@@ -492,30 +495,32 @@ def _kinds(name: str) -> tuple[EntityType, ...]:
         return (EntityType[name],)
     except KeyError:
         known = ", ".join(kind.name for kind in EntityType)
-        raise InvalidArgumentError("kind", cause=f"{name!r} is no kind of name", remedy=f"there is {known}") from None
+        raise InvalidArgumentError(
+            "kind", cause=f"{name!r} is not a kind of entity", remedy=f"the kinds are {known}"
+        ) from None
 
 
-def _kept_answers(visitor: ClientSession, key: int) -> _KeptAnswers:
-    told: _KeptAnswers | None = visitor.state.get("asked", {}).get(key)
-    if told is None:
+def _kept_answers(session: ClientSession, key: int) -> _KeptAnswers:
+    kept: _KeptAnswers | None = session.state.get(_KEPT_KEY, {}).get(key)
+    if kept is None:
         remedy = "ask again"
         raise InvalidArgumentError("these answers", cause="they are not kept any more", remedy=remedy)
-    return told
+    return kept
 
 
-def _row(row: int, table: AnswerTable) -> int:
+def _checked_row(row: int, table: AnswerTable) -> int:
     if not 0 <= row < len(table.rows):
-        cause, remedy = f"there is none with the number {row}", f"there are {len(table.rows)}, from 0"
+        cause, remedy = f"row {row} does not exist", f"there are {len(table.rows)}, counted from 0"
         raise InvalidArgumentError("a row", cause=cause, remedy=remedy)
     return row
 
 
 def _checked_args(args: Mapping[str, str]) -> Mapping[str, str]:
-    """What may be handed on by name.
+    """The arguments, checked for names that collide with parameters of `Simulation.ask`.
 
     Raises:
-        InvalidArgumentError: no question is asked about it.
+        InvalidArgumentError: there is one.
     """
     for name in args.keys() & {"question", "self"}:
-        raise InvalidArgumentError(name, cause="no question is asked about that", remedy="leave it out")
+        raise InvalidArgumentError(name, cause="no question has such an argument", remedy="leave it out")
     return args

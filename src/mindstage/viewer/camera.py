@@ -1,21 +1,8 @@
-"""Sight: one visitor's own view: the camera, and what is drawn for nobody else.
+"""The views of clients: camera, selection box, labels, previews, gizmo; and how the initial camera is chosen.
 
-Only one thread may call it.
-
-Framing: where one stands to see a place for the first time.
-
-The furniture fills the picture, not the shells round it, however wide or narrow the picture is. Of all directions the
-one is taken from which most of it can be seen, so that fronts and handles face the visitor and tall cabinets do not
-stand in the way.
-
-Veils: what stands between visitors and what is lit, so that it has to be seen through.
-
-All else may stay as solid as it is: a whole kitchen of glass is hard to read.
-
-Sights: what each visitor wants to see, and whatever is drawn for one visitor alone.
-
-A visitor is known by the number of the view's connection. Any thread may ask for anything; what is asked for is done
-by the one thread that draws, at its next turn.
+Methods of `ClientViews` may be called from any thread; they enqueue actions, which the drawing thread executes at its
+next update. A client is identified by the id of viser's connection. The initial camera frames the furniture rather than
+the building, from the direction in which most of it is visible, for windows of any aspect ratio.
 """
 
 from __future__ import annotations
@@ -68,82 +55,87 @@ __all__ = [
 _FIELD_OF_VIEW_RAD = np.radians(36.0)
 _ELEVATION_RAD = np.radians(33.0)
 _UPRIGHT_ELEVATION_RAD = np.radians(50.0)
-"""In a picture that is higher than wide: from farther up a floor is higher too."""
+"""Elevation in a portrait window, where a steeper view makes the floor fill the height."""
 _MAX_ELEVATION_RAD = np.radians(89.5)
-"""Straight down no side would be up."""
+"""At 90 degrees the up direction would be undefined."""
 _DIRECTIONS = 24
 _ASPECT = 1.25
-"""Of a picture, until the visitor's is known: its width by its height."""
+"""Aspect ratio (width / height) until that of the client is known."""
 _OCCLUSION_LENGTH_M = 0.15
-"""So much of other bodies in between dims what is behind by a factor of e."""
+"""Length of occluding bodies on a line of sight that reduces the visibility by a factor of e."""
 _DIAGONAL_BONUS = 0.2
-"""A view across the corner shows a room better than one straight at a wall, if not much less is seen."""
+"""Bonus of a direction diagonal to the walls over one perpendicular to a wall."""
 _MAX_SAMPLED_BODIES = 160
-"""So many bodies, evenly picked, are looked at from each direction."""
+"""Number of bodies, sampled evenly, whose visibility is computed."""
 _MARGIN = 1.2
 _MAX_OCCLUDERS = 200
-"""So many of the largest bodies are taken to hide others."""
+"""Number of the largest bodies that count as occluders."""
 _MIN_DISTANCE_M = 0.4
 
 
 class CameraPose(msgspec.Struct, frozen=True):
-    """A camera."""
+    """The pose and field of view of a camera."""
 
     position: Vector
     look_at: Vector
     field_of_view_rad: float
-    """From the lower to the upper edge of the picture."""
+    """Vertical field of view."""
 
 
 class FramingTarget(msgspec.Struct, frozen=True, eq=False):
-    """What shall be seen, and from which direction: the view of a visitor follows from the shape of the window."""
+    """What the initial camera shows and from which direction; its pose depends on the aspect ratio of the window."""
 
     points: Array
-    """Corners of all that shall be seen, n x 3 [m]."""
+    """Corners of the bodies to show, n x 3 [m]."""
     azimuth_rad: float
-    """Of the eye, seen from the middle."""
+    """Direction of the camera from the center, about z."""
     alignment_rad: float = 0.0
-    """How walls and furniture are turned, up to quarter turns."""
+    """Yaw of walls and furniture, modulo 90 degrees."""
 
     def camera(self, aspect: float = _ASPECT) -> CameraPose:
-        """The camera.
+        """Returns the camera pose that shows all points.
 
         Args:
-            aspect: the picture's width by its height.
+            aspect: the aspect ratio of the window (width / height).
         """
         elevation = _ELEVATION_RAD if aspect >= 1.0 else _UPRIGHT_ELEVATION_RAD
         return _fit_camera(self.points, _view_direction(self.azimuth_rad, elevation), aspect)
 
     def top_camera(self, aspect: float = _ASPECT) -> CameraPose:
-        """The same from straight above, as on a plan: walls are level or upright, whichever fills the picture."""
+        """Returns the camera pose from above, with walls parallel to the edges of the window.
+
+        Args:
+            aspect: the aspect ratio of the window (width / height).
+        """
         quarter = np.pi / 2
         nearest = np.floor((self.azimuth_rad - self.alignment_rad) / quarter)
-        ways = (self.alignment_rad + quarter * (nearest + step) for step in (0, 1))
-        views = [_fit_camera(self.points, _view_direction(way, _MAX_ELEVATION_RAD), aspect) for way in ways]
-        return min(views, key=lambda view: round(view.position[2], 6))
+        azimuths = (self.alignment_rad + quarter * (nearest + step) for step in (0, 1))
+        poses = [_fit_camera(self.points, _view_direction(each, _MAX_ELEVATION_RAD), aspect) for each in azimuths]
+        return min(poses, key=lambda pose: round(pose.position[2], 6))
 
 
 def corners(poses: Array, sizes: Array) -> Array:
-    """The corners of bodies, 8 n x 3 [m].
+    """The corners of the boxes of bodies in the world frame, 8 n x 3 [m].
 
     Args:
-        poses: n x 7.
-        sizes: n x 3 [m].
+        poses: poses, n x 7.
+        sizes: extents, n x 3 [m].
     """
     signs = np.indices((2, 2, 2)).reshape(3, -1).T - 0.5
-    own = signs[None] * sizes[:, None]
-    turned: Array = np.einsum("nij,nkj->nki", rotation_matrix(normalize(poses[:, 3:])), own) + poses[:, None, :3]
-    return turned.reshape(-1, 3)
+    local = signs[None] * sizes[:, None]
+    rotation = rotation_matrix(normalize(poses[:, 3:]))
+    in_world: Array = np.einsum("nij,nkj->nki", rotation, local) + poses[:, None, :3]
+    return in_world.reshape(-1, 3)
 
 
 def focus_camera(points: Array, eye: Vector, look_at: Vector, aspect: float = _ASPECT) -> CameraPose:
-    """All of some points, seen from the side from which one looks already.
+    """Returns the camera pose that shows all points from the current direction.
 
     Args:
-        points: n x 3 [m].
-        eye: where the camera is [m].
-        look_at: where it looks [m].
-        aspect: the picture's width by its height.
+        points: points to show, n x 3 [m].
+        eye: current position of the camera [m].
+        look_at: current target of the camera [m].
+        aspect: the aspect ratio of the window (width / height).
     """
     away = np.subtract(eye, look_at)
     length = float(np.linalg.norm(away))
@@ -156,30 +148,40 @@ def focus_camera(points: Array, eye: Vector, look_at: Vector, aspect: float = _A
 def initial_camera(
     world: World, appearances: Mapping[BodyId, BodyAppearance], *, aspect: float = _ASPECT
 ) -> CameraPose:
-    """Where visitors stand first, in a world as it is described."""
+    """Returns the initial camera pose for a world.
+
+    Args:
+        world: the world, with the poses of its description.
+        appearances: how its bodies are drawn.
+        aspect: the aspect ratio of the window (width / height).
+    """
     return initial_target(world, appearances).camera(aspect)
 
 
 def initial_target(world: World, appearances: Mapping[BodyId, BodyAppearance]) -> FramingTarget:
-    """Finds what to look at first, and from where.
+    """Chooses what the initial camera shows, and the direction.
 
-    What moves, and what that is joined to, is what people come for; a place where nothing moves is shown whole.
+    Shows the dynamic, jointed and attached bodies; if there are none, all furniture.
+
+    Args:
+        world: the world, with the poses of its description.
+        appearances: how its bodies are drawn.
     """
     bodies = [body for body in world.bodies if body.id in appearances]
-    seen = [appearances[body.id] for body in bodies]
+    drawn = [appearances[body.id] for body in bodies]
     ends = {end for joint in world.joints for end in (joint.parent, joint.child)}
-    ends |= {end for hold in world.attachments for end in (hold.parent, hold.child)}
-    furniture = np.array([not look.is_building and look.part is VisiblePart.WHOLE for look in seen], dtype=bool)
-    lively = np.array([body.id in ends or body.physics.is_dynamic for body in bodies], dtype=bool) & furniture
-    solid = np.array([look.part is VisiblePart.WHOLE and look.is_opaque for look in seen], dtype=bool)
-    sizes = np.array([look.size for look in seen], dtype=float).reshape(-1, 3)
+    ends |= {end for link in world.attachments for end in (link.parent, link.child)}
+    furniture = np.array([not each.is_building and each.part is VisiblePart.WHOLE for each in drawn], dtype=bool)
+    movable = np.array([body.id in ends or body.physics.is_dynamic for body in bodies], dtype=bool) & furniture
+    opaque = np.array([each.part is VisiblePart.WHOLE and each.is_opaque for each in drawn], dtype=bool)
+    sizes = np.array([each.size for each in drawn], dtype=float).reshape(-1, 3)
     poses = pose_array(body.pose for body in bodies)
-    return _find_target(poses, sizes, lively if lively.any() else furniture, solid)
+    return _find_target(poses, sizes, movable if movable.any() else furniture, opaque)
 
 
 def ground_height(world: World, appearances: Mapping[BodyId, BodyAppearance]) -> float | None:
-    """Where a ground has to be drawn, under everything; None where the place has a floor [m]."""
-    if any(look.is_floor for look in appearances.values()):
+    """The height of the ground plane, below all bodies [m]; None if the world has a floor."""
+    if any(each.is_floor for each in appearances.values()):
         return None
     bodies = [
         body for body in world.bodies if body.id in appearances and appearances[body.id].part is not VisiblePart.OUTLINE
@@ -190,71 +192,71 @@ def ground_height(world: World, appearances: Mapping[BodyId, BodyAppearance]) ->
 def _find_target(
     poses: Array, sizes: Array, body_mask: NDArray[np.bool_], occluders: NDArray[np.bool_]
 ) -> FramingTarget:
-    """Finds the direction.
+    """Finds the direction in which most bodies are visible.
 
     Args:
-        poses: of all bodies, n x 7.
-        sizes: of all bodies, n x 3 [m].
-        things: which of them shall be seen; where it is none, all.
-        blockers: which of them hide what is behind them.
+        poses: poses of all bodies, n x 7.
+        sizes: extents of all bodies, n x 3 [m].
+        body_mask: the bodies to show; all if it is empty.
+        occluders: a mask of the bodies that hide others.
     """
     if len(poses) == 0:
         return FramingTarget(np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 1.0]]), -np.pi / 4)
     if not body_mask.any():
         body_mask = np.ones(len(poses), dtype=bool)
-    turn = rotation_matrix(normalize(poses[:, 3:]))
+    rotations = rotation_matrix(normalize(poses[:, 3:]))
     rows = _without_outliers(poses[body_mask, :3], np.flatnonzero(body_mask))
     points = corners(poses[rows], sizes[rows])
-    seen = rows[np.linspace(0, len(rows) - 1, min(len(rows), _MAX_SAMPLED_BODIES)).astype(int)]
-    hiding = np.flatnonzero(occluders)
-    hiding = hiding[np.argsort(-np.prod(sizes[hiding], axis=1))[:_MAX_OCCLUDERS]]
+    sampled = rows[np.linspace(0, len(rows) - 1, min(len(rows), _MAX_SAMPLED_BODIES)).astype(int)]
+    largest = np.flatnonzero(occluders)
+    largest = largest[np.argsort(-np.prod(sizes[largest], axis=1))[:_MAX_OCCLUDERS]]
     azimuths = np.arange(_DIRECTIONS) * 2 * np.pi / _DIRECTIONS
     eyes = [np.array(FramingTarget(points, float(azimuth)).camera().position) for azimuth in azimuths]
-    visible = np.array([_visibility(eye, poses, sizes, turn, seen, hiding) for eye in eyes])
-    grain = _alignment(turn[rows])
-    slant = np.abs(np.sin(2 * (azimuths - grain)))
-    # Rounded, so that of two views that are equally good it is always the first.
-    best = int(np.argmax(np.round(visible * (1.0 + _DIAGONAL_BONUS * slant), 6)))
-    return FramingTarget(points, float(azimuths[best]), grain)
+    visible = np.array([_visibility(eye, poses, sizes, rotations, sampled, largest) for eye in eyes])
+    alignment = _alignment(rotations[rows])
+    diagonal = np.abs(np.sin(2 * (azimuths - alignment)))
+    # Rounded, so that of equally good directions the first is chosen on every machine.
+    best = int(np.argmax(np.round(visible * (1.0 + _DIAGONAL_BONUS * diagonal), 6)))
+    return FramingTarget(points, float(azimuths[best]), alignment)
 
 
 def _without_outliers(centers: Array, rows: NDArray[np.intp]) -> NDArray[np.intp]:
-    """The rows without those that stand far from all the others: one lost poster shall not shrink the kitchen."""
-    middle = np.median(centers, axis=0)
-    distance = np.linalg.norm(centers - middle, axis=1)
+    """The rows without bodies that are far from all others, which would make everything else small."""
+    median = np.median(centers, axis=0)
+    distance = np.linalg.norm(centers - median, axis=1)
     near: NDArray[np.bool_] = distance <= 3.0 * max(float(np.median(distance)), _MIN_DISTANCE_M)
     return rows[near]
 
 
 def _alignment(rotations: Array) -> float:
-    """How the furniture is turned about the vertical, up to a quarter turn [rad]."""
+    """The mean yaw of the furniture, modulo 90 degrees [rad]."""
     yaw = np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])
     return float(np.angle(np.exp(4j * yaw).sum())) / 4
 
 
 def _view_direction(azimuth: float, elevation: float) -> Array:
-    """The direction from the middle to the eye."""
-    flat = np.cos(elevation)
-    return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+    """The unit vector from the center to the camera."""
+    horizontal = np.cos(elevation)
+    return np.array([horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), np.sin(elevation)])
 
 
 def _fit_camera(points: Array, direction: Array, aspect: float) -> CameraPose:
-    """From a direction, as near as all points allow, and with as much beside them on each side."""
+    """The nearest camera pose in a direction that shows all points, centered, with a margin."""
     right = np.cross([0.0, 0.0, 1.0], direction)
     right /= np.linalg.norm(right)
     up = np.cross(direction, right)
-    # Across, upwards and towards the eye.
-    seen = (points - points[0]) @ np.stack([right, up, direction], axis=1)
+    # Coordinates of the points to the right, up and towards the camera.
+    local = (points - points[0]) @ np.stack([right, up, direction], axis=1)
     tangents = np.tan(_FIELD_OF_VIEW_RAD / 2) * np.array([aspect, 1.0]) / _MARGIN
-    # A line of sight along each edge of the picture touches the points; two such lines meet where the eye has to be.
-    most = np.max(seen[:, :2] + seen[:, 2:] * tangents, axis=0)
-    least = np.min(seen[:, :2] - seen[:, 2:] * tangents, axis=0)
+    # The planes of the frustum touch the outermost points; opposite planes intersect at the camera.
+    most = np.max(local[:, :2] + local[:, 2:] * tangents, axis=0)
+    least = np.min(local[:, :2] - local[:, 2:] * tangents, axis=0)
     depth = float(np.max((most - least) / (2 * tangents)))
-    nearest = float(seen[:, 2].max()) + _MIN_DISTANCE_M
+    nearest = float(local[:, 2].max()) + _MIN_DISTANCE_M
     depth = max(depth, nearest)
-    across, upwards = ((most + least) / 2).tolist()
-    eye = points[0] + across * right + upwards * up + depth * direction
-    middle = float(np.median(seen[:, 2]))
+    x, y = ((most + least) / 2).tolist()
+    eye = points[0] + x * right + y * up + depth * direction
+    middle = float(np.median(local[:, 2]))
     return CameraPose(
         _to_vector(eye), _to_vector(eye - max(depth - middle, _MIN_DISTANCE_M) * direction), float(_FIELD_OF_VIEW_RAD)
     )
@@ -263,17 +265,17 @@ def _fit_camera(points: Array, direction: Array, aspect: float) -> CameraPose:
 def _visibility(
     eye: Array, poses: Array, sizes: Array, rotations: Array, sampled: NDArray[np.intp], occluders: NDArray[np.intp]
 ) -> float:
-    """How much of the bodies can be seen: each counts one, less what stands between it and the eye."""
+    """The number of visible bodies; a body counts less the more of the occluders is between it and the eye."""
     through = np.zeros(len(sampled))
-    for blocker in occluders:
-        start = (eye - poses[blocker, :3]) @ rotations[blocker]
-        path = (poses[sampled, :3] - poses[blocker, :3]) @ rotations[blocker] - start
+    for row in occluders:
+        start = (eye - poses[row, :3]) @ rotations[row]
+        path = (poses[sampled, :3] - poses[row, :3]) @ rotations[row] - start
         with np.errstate(divide="ignore", invalid="ignore"):
-            enter, leave = (-sizes[blocker] / 2 - start) / path, (sizes[blocker] / 2 - start) / path
+            enter, leave = (-sizes[row] / 2 - start) / path, (sizes[row] / 2 - start) / path
         first = np.nanmax(np.minimum(enter, leave), axis=1)
         last = np.nanmin(np.maximum(enter, leave), axis=1)
         inside = np.clip(np.minimum(last, 1.0) - np.maximum(first, 0.0), 0.0, 1.0) * np.linalg.norm(path, axis=1)
-        through += np.where(sampled == blocker, 0.0, inside)
+        through += np.where(sampled == row, 0.0, inside)
     return float(np.exp(-through / _OCCLUSION_LENGTH_M).sum())
 
 
@@ -283,26 +285,26 @@ def _to_vector(array: Array) -> Vector:
 
 
 _SAMPLE_INSET = 0.8
-"""Of what is lit so much is looked for, from its middle to its corners: its very edge may be behind something."""
+"""Part of the extents of a highlighted body that has to be visible; its edges may be occluded."""
 
 
 def find_occluders(eye: Array, poses: Array, sizes: Array, highlighted: NDArray[np.intp]) -> NDArray[np.intp]:
-    """The bodies that hide some of what is lit from an eye, or that it is in.
+    """Finds the bodies that occlude or contain a part of the highlighted bodies.
 
     Args:
-        eye: where one looks from [m].
-        poses: of all bodies, n x 7.
-        sizes: of all bodies, n x 3 [m].
-        lit: the rows of those that are lit.
+        eye: position of the camera [m].
+        poses: poses of all bodies, n x 7.
+        sizes: extents of all bodies, n x 3 [m].
+        highlighted: rows of the highlighted bodies.
 
     Returns:
-        Rows, none of them lit.
+        Rows of bodies that are not highlighted.
     """
     points = np.concatenate([poses[highlighted, :3], corners(poses[highlighted], sizes[highlighted] * _SAMPLE_INSET)])
-    turn = rotation_matrix(normalize(poses[:, 3:]))
-    # In each body's own frame the line of sight to a point runs from `start` along `path`, which is 1 long.
-    start = np.einsum("nji,nj->ni", turn, eye - poses[:, :3])[:, None]
-    path = np.einsum("nji,npj->npi", turn, points[None] - poses[:, None, :3]) - start
+    rotations = rotation_matrix(normalize(poses[:, 3:]))
+    # In the frame of each body, the segment from the eye to a point is `start + s * path` for s from 0 to 1.
+    start = np.einsum("nji,nj->ni", rotations, eye - poses[:, :3])[:, None]
+    path = np.einsum("nji,npj->npi", rotations, points[None] - poses[:, None, :3]) - start
     with np.errstate(divide="ignore", invalid="ignore"):
         enter, leave = ((sign * sizes[:, None] / 2 - start) / path for sign in (-1.0, 1.0))
     first = np.nanmax(np.minimum(enter, leave), axis=2)
@@ -316,47 +318,53 @@ _ACCENT = (232, 93, 4)
 _PREVIEW_OPACITY = 0.35
 _CAMERA_MOVE_S = 0.6
 _MAX_LABELS = 300
-"""More than that nobody reads, and no browser draws with ease: the largest bodies have theirs."""
+"""Maximum number of labels; the largest bodies are labeled first."""
 _MIN_FOCUS_SIZE_M = 0.25
-"""What is smaller is looked at from no nearer than if it were so large."""
+"""Smallest extent that the camera zooms to [m]."""
 
 
 class LabelMode(StrEnum):
-    """Which bodies have their names beside them."""
+    """Which bodies are labeled."""
 
     NONE = "none"
     SELECTED = "selected"
     CLASS = "class"
-    """All that are named like the selected one."""
+    """All bodies with the same label as the selected one."""
     ALL = "all"
 
 
 class GizmoMode(StrEnum):
-    """What the handles at the selected body do with it."""
+    """What the gizmo at the selected body does."""
 
     MOVE = "move"
     TURN = "turn"
 
 
 class PlaceCallback(Protocol):
-    """Called when a visitor has put a body somewhere."""
+    """Called when a client has moved a body with the gizmo."""
 
-    def __call__(self, visitor: int, id: BodyId, pose: Pose) -> None:
-        """Puts it there."""
+    def __call__(self, client: int, id: BodyId, pose: Pose) -> None:
+        """Moves the body.
+
+        Args:
+            client: the client.
+            id: the body.
+            pose: its new pose.
+        """
 
 
 class ClientView:
-    """What one visitor sees of what all see, and what else."""
+    """The view of one client, and the nodes drawn for it alone. Not thread-safe."""
 
     def __init__(
         self, client: viser.ClientHandle, *, on_place: PlaceCallback, enqueue: Callable[[Callable[[], None]], None]
     ) -> None:
-        """Nothing of its own yet.
+        """Creates the view of a new client.
 
         Args:
-            client: the visitor's browser.
-            place: called when the visitor has put a body somewhere, in a thread of the server's.
-            wish: has something done by the thread that may call this.
+            client: the connection of viser.
+            on_place: called when the client has moved a body with the gizmo, in a thread of the server.
+            enqueue: calls a function in the drawing thread.
         """
         self.client_id = client.client_id
         self.selected: BodyId | None = None
@@ -375,7 +383,7 @@ class ClientView:
         self._gizmo: viser.TransformControlsHandle | None = None
         self._dragging = False
 
-    # -- what is there -------------------------------------------------------------------------------------------------
+    # -- bodies --------------------------------------------------------------------------------------------------------
 
     def set_bodies(
         self,
@@ -384,25 +392,32 @@ class ClientView:
         ids: tuple[BodyId, ...],
         poses: Array,
     ) -> bool:
-        """What is there now; tells whether the selected body has gone."""
+        """Sets the bodies and their poses; returns whether the selected body was removed.
+
+        Args:
+            appearances: how bodies are drawn.
+            names: their labels.
+            ids: the bodies of the rows of `poses`.
+            poses: n x 7.
+        """
         changed = [id for id in self._appearances if appearances.get(id) != self._appearances[id]]
         self._appearances, self._names, self._poses = dict(appearances), names, poses
         self._rows = {id: row for row, id in enumerate(ids)}
         for id in changed:
             self.show_preview(id, None)
         selected = self.selected
-        gone = selected is not None and selected not in appearances
-        if gone or selected in changed:
+        removed = selected is not None and selected not in appearances
+        if removed or selected in changed:
             self.select(None)
-            if selected is not None and not gone:
+            if selected is not None and not removed:
                 self.select(selected)
         else:
             self._update_labels()
         self.update_poses(poses)
-        return gone
+        return removed
 
     def update_poses(self, poses: Array) -> None:
-        """Moves what is drawn at a body with it."""
+        """Moves selection box, gizmo and labels to the poses of their bodies."""
         self._poses = poses
         if self._selection_box is not None and self.selected in self._rows:
             self._selection_box.position, self._selection_box.wxyz = self._pose(self.selected)
@@ -411,10 +426,10 @@ class ClientView:
         for id, label in self._label_nodes.items():
             label.position = self._label_position(id)
 
-    # -- marks ---------------------------------------------------------------------------------------------------------
+    # -- selection and labels ------------------------------------------------------------------------------------------
 
     def select(self, id: BodyId | None) -> bool:
-        """Draws a frame round a body, and round no other; tells whether that is news."""
+        """Selects a body, or none; returns whether the selection changed."""
         if id == self.selected or (id is not None and id not in self._rows):
             return False
         self.selected = id
@@ -422,7 +437,7 @@ class ClientView:
             self._selection_box.remove()
             self._selection_box = None
         if id is not None:
-            position, turn = self._pose(id)
+            position, wxyz = self._pose(id)
             self._selection_box = self._scene.add_line_segments(
                 "/selected",
                 box_edges(self._appearances[id].size, margin=0.004),
@@ -430,29 +445,29 @@ class ClientView:
                 thickness=2.5,
                 thickness_units="screen",
                 position=position,
-                wxyz=turn,
+                wxyz=wxyz,
             )
         self._update_labels()
         self.set_gizmo(self._mode)
         return True
 
     def set_labels(self, labels: LabelMode) -> None:
-        """Writes names beside bodies."""
+        """Sets which bodies are labeled."""
         self._labels = labels
         self._update_labels()
 
     def show_preview(self, id: BodyId, pose: Pose | None) -> None:
-        """Draws a body a second time, at another pose; None takes that away."""
-        ghost = self._previews.pop(id, None)
+        """Draws a transparent copy of a body at another pose; None removes it."""
+        preview = self._previews.pop(id, None)
         if pose is None or id not in self._appearances:
-            if ghost is not None:
-                ghost.remove()
+            if preview is not None:
+                preview.remove()
             return
         row = normalized_pose_array(pose)
-        if ghost is None:
+        if preview is None:
             mesh = merge_visuals(self._appearances[id].visuals)
-            ghost = self._scene.add_mesh_simple(
-                f"/ghosts/{quote(id, safe='')}",
+            preview = self._scene.add_mesh_simple(
+                f"/previews/{quote(id, safe='')}",
                 mesh.points.astype(np.float32),
                 mesh.faces,
                 color=_ACCENT,
@@ -460,11 +475,11 @@ class ClientView:
                 cast_shadow=False,
                 receive_shadow=False,
             )
-        ghost.position, ghost.wxyz = row[:3], row[3:]
-        self._previews[id] = ghost
+        preview.position, preview.wxyz = row[:3], row[3:]
+        self._previews[id] = preview
 
     def set_gizmo(self, mode: GizmoMode | None) -> None:
-        """Gives the selected body handles, or takes them away; a ghost shows where it will be put."""
+        """Shows the gizmo at the selected body, or removes it; while it is dragged, a preview shows the new pose."""
         self._mode, self._dragging = mode, False
         if self._gizmo is not None:
             self._gizmo.remove()
@@ -472,7 +487,7 @@ class ClientView:
         id = self.selected
         if mode is None or id is None:
             return
-        position, turn = self._pose(id)
+        position, wxyz = self._pose(id)
         self._gizmo = self._scene.add_transform_controls(
             "/gizmo",
             scale=max(0.25, 0.9 * max(self._appearances[id].size)),
@@ -481,12 +496,12 @@ class ClientView:
             disable_rotations=mode is not GizmoMode.TURN,
             depth_test=False,
             position=position,
-            wxyz=turn,
+            wxyz=wxyz,
         )
         self._gizmo.on_update(lambda event: self._drag(id, event))
 
     def _drag(self, id: BodyId, event: viser.TransformControlsEvent) -> None:
-        """In a thread of the server's."""
+        """Called in a thread of the server."""
         pose = pose_from_array(np.concatenate([event.target.position, normalize(event.target.wxyz)]))
         self._dragging = event.phase != "end"
         self._enqueue(lambda: self.show_preview(id, None if event.phase == "end" else pose))
@@ -494,7 +509,7 @@ class ClientView:
             self._on_place(self.client_id, id, pose)
 
     def _update_labels(self) -> None:
-        """The labels that are wanted, and no others."""
+        """Adds and removes labels by the current mode and selection."""
         wanted = dict.fromkeys(self._wanted_labels())
         for id in self._label_nodes.keys() - wanted.keys():
             self._label_nodes.pop(id).remove()
@@ -508,7 +523,7 @@ class ClientView:
     def _wanted_labels(self) -> list[BodyId]:
         match self._labels:
             case LabelMode.ALL:
-                sizes = {id: max(look.size) for id, look in self._appearances.items() if id in self._rows}
+                sizes = {id: max(each.size) for id, each in self._appearances.items() if id in self._rows}
                 return sorted(sizes, key=lambda each: -sizes[each])[:_MAX_LABELS]
             case LabelMode.CLASS if self.selected is not None:
                 name = self._names.get(self.selected)
@@ -520,23 +535,23 @@ class ClientView:
 
     # -- the camera ----------------------------------------------------------------------------------------------------
 
-    def set_target(self, outlook: FramingTarget) -> None:
-        """Takes the visitor to where visitors stand at first."""
-        self._target = outlook
-        self.set_camera(outlook.camera(self._aspect))
+    def set_target(self, target: FramingTarget) -> None:
+        """Sets what the home view shows, and moves the camera there."""
+        self._target = target
+        self.set_camera(target.camera(self._aspect))
 
     def go_home(self) -> None:
-        """Flies back there."""
+        """Animates the camera to the home view."""
         if self._target is not None:
             self._move_camera(self._target.camera(self._aspect))
 
     def go_top(self) -> None:
-        """Flies to where one looks straight down."""
+        """Animates the camera to the view from above."""
         if self._target is not None:
             self._move_camera(self._target.top_camera(self._aspect))
 
     def focus(self, ids: tuple[BodyId, ...]) -> None:
-        """Flies to bodies; to all, where none is named."""
+        """Animates the camera to bodies; without any, to the home view."""
         rows = [self._rows[id] for id in ids if id in self._rows]
         if not rows:
             self.go_home()
@@ -548,12 +563,12 @@ class ClientView:
         self._move_camera(focus_camera(points, eye, look_at, self._aspect))
 
     def set_camera(self, camera_pose: CameraPose) -> None:
-        """Is there at once."""
+        """Sets the camera without animation."""
         self._camera_move = None
         self._set_camera(camera_pose)
 
     def set_clip_height(self, height: float | None) -> None:
-        """Tells the page to hide what is above a height [m]; None to hide nothing."""
+        """Clips everything above a height [m]; None clips nothing."""
         if self._clip_height is not None:
             self._clip_height.remove()
             self._clip_height = None
@@ -563,7 +578,7 @@ class ClientView:
             )
 
     def step_camera(self) -> None:
-        """A little farther, where the camera is on its way."""
+        """Advances the animation of the camera."""
         if self._camera_move is None:
             return
         start, origin, goal = self._camera_move
@@ -595,14 +610,14 @@ class ClientView:
                 camera_pose.field_of_view_rad,
             )
 
-    # -- where things are ----------------------------------------------------------------------------------------------
+    # -- poses ---------------------------------------------------------------------------------------------------------
 
     def _pose(self, id: BodyId) -> tuple[Array, Array]:
         row = self._poses[self._rows[id]]
         return row[:3], normalize(row[3:])
 
     def _label_position(self, id: BodyId) -> Vector:
-        """Where the name of a body is written: over the middle of it."""
+        """The position of a label: above the center of the body."""
         row = self._poses[self._rows[id]]
         top = corners(row[None], np.array([self._appearances[id].size]))[:, 2].max()
         return float(row[0]), float(row[1]), float(top) + 0.02
@@ -617,20 +632,20 @@ _log = logging.getLogger(__name__)
 
 
 class ClientViews:
-    """All visitors' views. Where no visitor is named, all are meant, and those who come later too."""
+    """The views of all clients. Without `client`, methods apply to all clients, later ones included."""
 
     def __init__(self, server: viser.ViserServer, *, on_place: PlaceCallback) -> None:
-        """Nobody is there yet.
+        """Registers for connections of clients.
 
         Args:
-            server: where they come.
-            place: called when a visitor has put a body somewhere with the gizmo.
+            server: the server that clients connect to.
+            on_place: called when a client has moved a body with the gizmo.
         """
         self._on_place = on_place
         self._queue: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._views: dict[int, ClientView] = {}
         self._defaults: dict[str, Callable[[ClientView], None]] = {}
-        """What newcomers get, by what it is about."""
+        """Actions applied to new clients, by setting."""
         self._listeners: list[Callable[[int], None]] = []
         self._names: Mapping[BodyId, str] = {}
         self._appearances: Mapping[BodyId, BodyAppearance] = {}
@@ -638,122 +653,122 @@ class ClientViews:
         self._poses: Array | None = None
         self._target: FramingTarget | None = None
         self._hidden: frozenset[BodyId] = frozenset()
-        self._hidden_changed = threading.Lock()
+        self._hidden_lock = threading.Lock()
         self._enclosures_shown = True
-        # A tab may be closed between two pictures; nobody needs to be warned of that on stderr.
+        # A tab may be closed between two updates.
         warnings.filterwarnings("ignore", message=".* on a closed connection", category=UserWarning)
         server.on_client_connect(lambda client: self._enqueue(lambda: self._on_connect(client)))
         server.on_client_disconnect(lambda client: self._enqueue(lambda: self._on_disconnect(client)))
 
-    # -- what anybody may ask for --------------------------------------------------------------------------------------
+    # -- requests from any thread --------------------------------------------------------------------------------------
 
     @property
     def clients(self) -> tuple[int, ...]:
-        """Who is there."""
+        """The connected clients."""
         return tuple(self._views)
 
     def on_change(self, listener: Callable[[int], None]) -> None:
-        """Calls a function with each visitor whose selection has changed."""
+        """Registers a callback for clients whose selection has changed."""
         self._listeners.append(listener)
 
     def selected(self, client: int) -> BodyId | None:
-        """What a visitor has selected."""
-        sight = self._views.get(client)
-        return sight.selected if sight is not None else None
+        """The selected body of a client."""
+        view = self._views.get(client)
+        return view.selected if view is not None else None
 
     def select(self, id: BodyId | None, *, client: int | None = None) -> None:
-        """Draws a frame round a body; None round none.
+        """Selects a body; None selects nothing.
 
         Raises:
             BodyNotFoundError: there is no such body.
         """
         self._require_bodies([] if id is None else [id])
 
-        def choose(sight: ClientView) -> None:
-            if sight.select(id):
-                self._notify(sight.client_id)
+        def select_in(view: ClientView) -> None:
+            if view.select(id):
+                self._notify(view.client_id)
 
-        self._request("select", choose, client)
+        self._request("select", select_in, client)
 
     def focus(self, ids: Iterable[BodyId] = (), *, client: int | None = None) -> None:
-        """Flies to bodies, so that they fill the picture; to the whole place, where none is named.
+        """Animates the camera to bodies; without any, to the home view.
 
         Raises:
-            BodyNotFoundError: one of them is not there.
+            BodyNotFoundError: one of them does not exist.
         """
-        wanted = tuple(ids)
-        self._require_bodies(wanted)
-        self._request(None, lambda sight: sight.focus(wanted), client)
+        bodies = tuple(ids)
+        self._require_bodies(bodies)
+        self._request(None, lambda view: view.focus(bodies), client)
 
     def go_home(self, *, client: int | None = None) -> None:
-        """Flies to where visitors stand at first."""
-        self._request(None, lambda sight: sight.go_home(), client)
+        """Animates the camera to the home view."""
+        self._request(None, lambda view: view.go_home(), client)
 
     def go_top(self, *, client: int | None = None) -> None:
-        """Looks down on the whole place, as on a plan."""
-        self._request(None, lambda sight: sight.go_top(), client)
+        """Animates the camera to the view from above."""
+        self._request(None, lambda view: view.go_top(), client)
 
     def set_camera(self, camera_pose: CameraPose, *, client: int | None = None) -> None:
-        """Takes a visitor somewhere at once."""
-        self._request("view", lambda sight: sight.set_camera(camera_pose), client)
+        """Sets the camera without animation."""
+        self._request("view", lambda view: view.set_camera(camera_pose), client)
 
     def set_clip_height(self, height: float | None, *, client: int | None = None) -> None:
-        """Hides all that is above a height [m], so that one sees into rooms; None shows it again."""
-        self._request("section", lambda sight: sight.set_clip_height(height), client)
+        """Clips everything above a height [m], to show rooms from above; None clips nothing."""
+        self._request("section", lambda view: view.set_clip_height(height), client)
 
     def set_labels(self, labels: LabelMode, *, client: int | None = None) -> None:
-        """Writes the names of bodies beside them."""
-        self._request("labels", lambda sight: sight.set_labels(labels), client)
+        """Sets which bodies are labeled."""
+        self._request("labels", lambda view: view.set_labels(labels), client)
 
     def show_preview(self, id: BodyId, pose: Pose | None, *, client: int | None = None) -> None:
-        """Draws a body a second time, see-through, at another pose; None takes that away.
+        """Draws a transparent copy of a body at another pose; None removes it.
 
         Raises:
             BodyNotFoundError: there is no such body.
         """
         self._require_bodies([id])
-        self._request(f"ghost {id}", lambda sight: sight.show_preview(id, pose), client)
+        self._request(f"preview {id}", lambda view: view.show_preview(id, pose), client)
 
     def set_gizmo(self, mode: GizmoMode | None, *, client: int | None = None) -> None:
-        """Gives the selected body handles to move or to turn it by."""
-        self._request("gizmo", lambda sight: sight.set_gizmo(mode), client)
+        """Shows the gizmo at the selected body; None removes it."""
+        self._request("gizmo", lambda view: view.set_gizmo(mode), client)
 
     @property
     def is_drawn(self) -> bool:
-        """Whether what is there was drawn at least once, be it nothing."""
+        """Whether the scene was drawn at least once, even if it is empty."""
         return self._poses is not None
 
     @property
     def target(self) -> FramingTarget | None:
-        """Where visitors stand at first; None as long as there is nothing to be seen."""
+        """The home view; None while the scene is empty."""
         return self._target
 
     @property
     def hidden(self) -> frozenset[BodyId]:
-        """The bodies that nobody sees."""
+        """The hidden bodies."""
         return self._hidden
 
     def show_bodies(self, ids: Iterable[BodyId], shown: bool) -> None:
-        """Hides bodies from all visitors, or shows them again.
+        """Hides bodies for all clients, or shows them again.
 
         Raises:
-            BodyNotFoundError: one of them is not there.
+            BodyNotFoundError: one of them does not exist.
         """
-        wanted = frozenset(ids)
-        self._require_bodies(wanted)
-        with self._hidden_changed:
-            self._hidden = self._hidden - wanted if shown else self._hidden | wanted
+        bodies = frozenset(ids)
+        self._require_bodies(bodies)
+        with self._hidden_lock:
+            self._hidden = self._hidden - bodies if shown else self._hidden | bodies
 
     @property
     def enclosures_shown(self) -> bool:
-        """Whether the outlines of what encloses the place are drawn."""
+        """Whether the outlines of enclosing bodies are drawn."""
         return self._enclosures_shown
 
     def show_enclosures(self, shown: bool) -> None:
-        """Draws the outlines of what encloses the place, or not, for all visitors."""
+        """Shows or hides the outlines of enclosing bodies, for all clients."""
         self._enclosures_shown = shown
 
-    # -- for the thread that draws -------------------------------------------------------------------------------------
+    # -- for the drawing thread ----------------------------------------------------------------------------------------
 
     def set_bodies(
         self,
@@ -762,60 +777,67 @@ class ClientViews:
         ids: tuple[BodyId, ...],
         poses: Array,
     ) -> None:
-        """What is there now: how it is drawn, its name for people, and where it is."""
-        self._appearances, self._names, self._ids, self._poses = appearances, names, ids, poses
-        with self._hidden_changed:
-            self._hidden &= appearances.keys()
-        for sight in self._views.values():
-            if sight.set_bodies(appearances, names, ids, poses):
-                self._notify(sight.client_id)
+        """Sets the bodies and their poses.
 
-    def set_target(self, outlook: FramingTarget) -> None:
-        """Where visitors stand at first."""
-        self._target = outlook
-        for sight in self._views.values():
-            sight.set_target(outlook)
+        Args:
+            appearances: how bodies are drawn.
+            names: their labels.
+            ids: the bodies of the rows of `poses`.
+            poses: n x 7.
+        """
+        self._appearances, self._names, self._ids, self._poses = appearances, names, ids, poses
+        with self._hidden_lock:
+            self._hidden &= appearances.keys()
+        for view in self._views.values():
+            if view.set_bodies(appearances, names, ids, poses):
+                self._notify(view.client_id)
+
+    def set_target(self, target: FramingTarget) -> None:
+        """Sets what the home view shows, and moves all cameras there."""
+        self._target = target
+        for view in self._views.values():
+            view.set_target(target)
 
     def update_poses(self, poses: Array) -> None:
-        """Moves what is drawn at a body with it."""
+        """Moves selection box, gizmo and labels to the poses of their bodies."""
         self._poses = poses
-        for sight in self._views.values():
-            sight.update_poses(poses)
+        for view in self._views.values():
+            view.update_poses(poses)
 
     def process_queue(self) -> None:
-        """Does all that was asked for since the last time, and lets cameras fly on."""
+        """Executes the enqueued actions, and advances camera animations."""
         while True:
             try:
-                wish = self._queue.get_nowait()
+                action = self._queue.get_nowait()
             except Empty:
                 break
-            wish()
-        for sight in self._views.values():
-            sight.step_camera()
+            action()
+        for view in self._views.values():
+            view.step_camera()
 
     def wait_idle(self, *, timeout_s: float) -> bool:
-        """Waits until all that was asked for so far is on its way; False if it did not come to that in time."""
+        """Waits until all actions enqueued so far are executed; False if that takes too long."""
         done = threading.Event()
         self._enqueue(done.set)
         return done.wait(timeout_s)
 
-    # -- how -----------------------------------------------------------------------------------------------------------
+    # -- internals -----------------------------------------------------------------------------------------------------
 
     def _enqueue(self, action: Callable[[], None]) -> None:
         self._queue.put(action)
 
     def _request(self, setting: str | None, action: Callable[[ClientView], None], client: int | None) -> None:
-        def do() -> None:
+        def apply() -> None:
             if client is not None:
-                if (sight := self._views.get(client)) is not None:  # a tab may be closed at any time
-                    action(sight)
+                if (view := self._views.get(client)) is not None:  # a tab may be closed at any time
+                    action(view)
                 return
             if setting is not None:
                 self._defaults[setting] = action
-            for sight in self._views.values():
-                action(sight)
+            for view in self._views.values():
+                action(view)
 
-        self._enqueue(do)
+        self._enqueue(apply)
 
     def _require_bodies(self, ids: Iterable[BodyId]) -> None:
         for id in ids:
@@ -823,20 +845,20 @@ class ClientViews:
                 raise BodyNotFoundError(id, world="the view", known=self._appearances)
 
     def _on_connect(self, client: viser.ClientHandle) -> None:
-        sight = self._views[client.client_id] = ClientView(client, on_place=self._on_place, enqueue=self._enqueue)
+        view = self._views[client.client_id] = ClientView(client, on_place=self._on_place, enqueue=self._enqueue)
         if self._poses is not None:
-            sight.set_bodies(self._appearances, self._names, self._ids, self._poses)
+            view.set_bodies(self._appearances, self._names, self._ids, self._poses)
         if self._target is not None:
-            sight.set_target(self._target)
-        for what in self._defaults.values():
-            what(sight)
+            view.set_target(self._target)
+        for action in self._defaults.values():
+            action(view)
 
     def _on_disconnect(self, client: viser.ClientHandle) -> None:
         self._views.pop(client.client_id, None)
 
-    def _notify(self, visitor: int) -> None:
+    def _notify(self, client: int) -> None:
         for listener in self._listeners:
             try:
-                listener(visitor)
+                listener(client)
             except Exception:
-                _log.exception("nobody could be told of a selection")
+                _log.exception("a selection callback failed")

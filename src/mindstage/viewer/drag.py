@@ -1,8 +1,7 @@
-"""Hands: what a visitor does with the mouse, told to the stage as a grip.
+"""Dragging bodies with the mouse: converts pointer rays to target points of spring forces on the body.
 
-A mouse moves on a plane and a drawer along a line, so the pointer is taken for a ray and the place is sought where
-it meets what the held thing can do: the line that a drawer slides on, the plane that a door turns in. What is loose
-follows the pointer in the plane of the picture.
+The target is where the ray is nearest to the motion that the joint of the body allows: the line of a prismatic joint,
+the plane of a revolute joint. A free body follows the pointer in the plane of the screen.
 """
 
 from __future__ import annotations
@@ -20,15 +19,15 @@ from mindstage.simulation import Simulation, StateSnapshot
 __all__ = ["DragConstraint", "DragController", "DragForce", "DragMode", "drag_target"]
 
 _MAX_LINE_COSINE = 0.95
-"""Cosine above which a ray runs so much along a line that where they meet says nothing."""
+"""Cosine above which ray and axis are too parallel for a nearest point."""
 _MIN_PLANE_COSINE = 0.15
-"""Cosine below which a ray runs so much along a plane that where they meet says nothing."""
+"""Cosine below which ray and plane are too parallel for an intersection."""
 _MAX_DRAG_M = 3.0
-"""Nobody pulls farther than that in one go; it is how far a slip near the horizon may throw the hand."""
+"""Maximum distance of the target from the dragged point; rays near the horizon would give huge ones."""
 
 
 class DragMode(StrEnum):
-    """How a held thing can move."""
+    """How a body can move."""
 
     FREE = "free"
     PRISMATIC = "slides"
@@ -36,49 +35,60 @@ class DragMode(StrEnum):
 
 
 class DragConstraint(msgspec.Struct, frozen=True):
-    """What the joint of a thing leaves it."""
+    """The motion that the joint of a body allows."""
 
     mode: DragMode = DragMode.FREE
     axis: Vector = (0.0, 0.0, 1.0)
-    """To slide along or to turn about, in the frame's body."""
+    """The axis of the joint, in the frame of the body `frame`."""
     frame: BodyId | None = None
-    """The body that the axis is fixed to; None for the world."""
+    """The body that the axis is fixed to; None is the world."""
 
 
 class DragForce(msgspec.Struct, frozen=True):
-    """One hand on one body."""
+    """The force of one client on one body."""
 
     id: BodyId
     point: Vector
-    """Where it is held, in the body's frame [m]."""
+    """The point of application, in the frame of the body [m]."""
     target: Vector
-    """Where that point shall go, in the world [m]."""
+    """The target of that point, in the world frame [m]."""
 
 
 class DragController:
-    """All hands of all visitors; calls may come from any thread, one visitor's in their order."""
+    """The drags of all clients. May be called from any thread; calls of one client must be in order."""
 
     def __init__(self, simulation: Simulation) -> None:
+        """Creates a controller without drags.
+
+        Args:
+            simulation: the simulation that forces are applied in.
+        """
         self._simulation = simulation
         self._constraints: dict[BodyId, DragConstraint] = {}
         self._drag_forces: dict[Hashable, DragForce] = {}
 
     @property
     def drag_forces(self) -> tuple[DragForce, ...]:
-        """What is held right now."""
+        """The current drags."""
         return tuple(self._drag_forces.values())
 
     def set_world(self, world: World) -> None:
-        """Finds out what of a world can be pulled, and how; the poses must be those it was described with."""
+        """Computes the constraint of each body. The poses must be those of the description of the world."""
         self._constraints = _drag_constraints(world)
 
     @property
     def draggable(self) -> frozenset[BodyId]:
-        """The bodies that move when they are pulled."""
+        """The bodies that can be dragged."""
         return frozenset(self._constraints)
 
     def start(self, session: Hashable, id: BodyId, world_point: Vector) -> bool:
-        """A visitor takes hold of a body at a point in the world [m]; False if there is nothing to hold."""
+        """Starts a drag of a client; returns False if the body cannot be dragged.
+
+        Args:
+            session: the client.
+            id: the body.
+            world_point: the point of application, in the world frame [m].
+        """
         pose = _pose_of(self._simulation.state, id)
         if pose is None or id not in self._constraints:
             return False
@@ -88,54 +98,54 @@ class DragController:
         return True
 
     def move(self, session: Hashable, pointer: Vector, eye: Vector) -> None:
-        """The visitor moves the pointer.
+        """Updates the drag of a client after the pointer has moved.
 
         Args:
-            visitor: who took hold before.
-            pointer: any point on the ray of the pointer; best at the distance of what is held [m].
-            eye: where the ray starts [m].
+            session: the client.
+            pointer: a point on the pointer ray, at about the distance of the dragged point, in the world frame [m].
+            eye: the origin of the ray, in the world frame [m].
         """
-        pull, frame = self._drag_forces.get(session), self._simulation.state
-        if pull is None:
+        force, snapshot = self._drag_forces.get(session), self._simulation.state
+        if force is None:
             return
-        pose = _pose_of(frame, pull.id)
+        pose = _pose_of(snapshot, force.id)
         if pose is None:
             self.release(session)
             return
-        freedom = self._constraints.get(pull.id, DragConstraint())
-        held = pose[:3] + quat_rotate(pose[3:], pull.point)
-        target = drag_target(freedom.mode, _world_axis(freedom, frame), held, np.asarray(pointer), np.asarray(eye))
-        self._drag_forces[session] = msgspec.structs.replace(pull, target=target)
-        self._simulation.pull(pull.id, point=pull.point, target=target)
+        constraint = self._constraints.get(force.id, DragConstraint())
+        point, axis = pose[:3] + quat_rotate(pose[3:], force.point), _world_axis(constraint, snapshot)
+        target = drag_target(constraint.mode, axis, point, np.asarray(pointer), np.asarray(eye))
+        self._drag_forces[session] = msgspec.structs.replace(force, target=target)
+        self._simulation.pull(force.id, point=force.point, target=target)
 
     def release(self, session: Hashable) -> None:
-        """The visitor opens the hand; nothing happens if it was empty."""
-        pull = self._drag_forces.pop(session, None)
-        if pull is not None and all(other.id != pull.id for other in self._drag_forces.values()):
-            self._simulation.release(pull.id)
+        """Ends the drag of a client, if there is one."""
+        force = self._drag_forces.pop(session, None)
+        if force is not None and all(other.id != force.id for other in self._drag_forces.values()):
+            self._simulation.release(force.id)
 
     def release_all(self) -> None:
-        """Every visitor opens the hand."""
-        for visitor in list(self._drag_forces):
-            self.release(visitor)
+        """Ends all drags."""
+        for session in list(self._drag_forces):
+            self.release(session)
 
 
 def drag_target(mode: DragMode, axis: Array, held_point: Array, pointer: Array, eye: Array) -> Vector:
-    """Where a hand goes that holds something, for a ray from the eye through the pointer.
+    """Computes the target of a dragged point for the ray from the eye through the pointer, all in the world frame.
 
     Args:
-        way: what the held thing can do.
-        axis: to slide along or to turn about, in the world; of length 1.
-        held: the held point [m].
-        pointer: a point on the ray, at about the distance of the held one [m].
-        eye: where the ray starts [m].
+        mode: how the body can move.
+        axis: unit vector of the axis of the joint.
+        held_point: the dragged point [m].
+        pointer: a point on the ray, at about the distance of the dragged point [m].
+        eye: the origin of the ray [m].
     """
     ray = pointer - eye
     ray = ray / max(float(np.linalg.norm(ray)), 1e-9)
     along, target = float(ray @ axis), pointer
     if mode is DragMode.PRISMATIC and abs(along) < _MAX_LINE_COSINE:
         to_held = held_point - eye
-        # The point of the line that is nearest to the ray.
+        # The point of the axis line that is nearest to the ray.
         travel = (along * float(ray @ to_held) - float(axis @ to_held)) / (1.0 - along * along)
         target = held_point + travel * axis
     elif mode is DragMode.REVOLUTE and abs(along) > _MIN_PLANE_COSINE:
@@ -148,24 +158,24 @@ def drag_target(mode: DragMode, axis: Array, held_point: Array, pointer: Array, 
 
 def _drag_constraints(world: World) -> dict[BodyId, DragConstraint]:
     bodies = {body.id: body for body in world.bodies}
-    parents = {hold.child: hold.parent for hold in world.attachments}
+    parents = {link.child: link.parent for link in world.attachments}
     joints: dict[BodyId, DragConstraint] = {}
     for joint in world.joints:
         if joint.parent in bodies and joint.child in bodies:
             ends = (joint.child, joint.parent)
-            # The map may have the roles upside down: it is the moving side that one pulls.
+            # Parent and child may be swapped in the map; the dynamic end is dragged.
             moving, frame = ends if bodies[joint.child].physics.is_dynamic else ends[::-1]
             joints.setdefault(moving, _drag_constraint(joint, frame, bodies[frame].pose))
-    found = {}
+    constraints = {}
     for id, body in bodies.items():
-        held: BodyId | None = id
+        top: BodyId | None = id
         seen: set[BodyId] = set()
-        while held is not None and held not in seen and not bodies[held].physics.is_dynamic:
-            seen.add(held)
-            held = parents.get(held) if parents.get(held) in bodies else None
-        if held is not None and bodies[held].physics.is_dynamic:
-            found[body.id] = joints.get(held, DragConstraint())
-    return found
+        while top is not None and top not in seen and not bodies[top].physics.is_dynamic:
+            seen.add(top)
+            top = parents.get(top) if parents.get(top) in bodies else None
+        if top is not None and bodies[top].physics.is_dynamic:
+            constraints[body.id] = joints.get(top, DragConstraint())
+    return constraints
 
 
 def _drag_constraint(joint: Joint, frame: BodyId, frame_pose: Pose) -> DragConstraint:
@@ -184,14 +194,14 @@ def _drag_constraint(joint: Joint, frame: BodyId, frame_pose: Pose) -> DragConst
     return DragConstraint(DragMode.PRISMATIC if slides else DragMode.REVOLUTE, _vector(in_frame), frame)
 
 
-def _world_axis(constraint: DragConstraint, frame: StateSnapshot) -> Array:
-    pose = None if constraint.frame is None else _pose_of(frame, constraint.frame)
+def _world_axis(constraint: DragConstraint, snapshot: StateSnapshot) -> Array:
+    pose = None if constraint.frame is None else _pose_of(snapshot, constraint.frame)
     return np.asarray(constraint.axis) if pose is None else quat_rotate(pose[3:], constraint.axis)
 
 
-def _pose_of(frame: StateSnapshot, id: BodyId) -> Array | None:
+def _pose_of(snapshot: StateSnapshot, id: BodyId) -> Array | None:
     try:
-        pose: Array = frame.poses[frame.ids.index(id)].copy()
+        pose: Array = snapshot.poses[snapshot.ids.index(id)].copy()
     except ValueError:
         return None
     pose[3:] = normalize(pose[3:])

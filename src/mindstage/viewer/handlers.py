@@ -1,15 +1,8 @@
-"""Edit desk: what visitors change in the world, through the stage's editing, so that it can be undone.
+"""Handlers of the requests of pages: editing, files, simulation control, details, and the client's 3D view.
 
-File desk: a world goes to the visitor as a map, and a visitor's map becomes the world.
-
-What comes from a page is a stranger's: it has a limit, no other file is read whatever it imports, and nothing in it is
-run. It is read before anything is cleared, so that a map that cannot be read changes nothing.
-
-World desk: what is there, how time runs, and what is known of what a visitor has selected.
-
-View desk: what a visitor wants to see, told by the page, done in the view that the page holds.
-
-Desks: everything that pages ask for, and are told, in one place.
+Edits go through `Simulation.undo_stack`, so that they can be undone. An uploaded map is untrusted: its size is limited,
+imports are not followed, and no file of this machine is read for it. It is parsed before the current world is replaced,
+so that an invalid map changes nothing.
 """
 
 from __future__ import annotations
@@ -37,7 +30,7 @@ from mindstage.simulation import JointHandle, Simulation, SpawnRecord, StateSnap
 from mindstage.simulation.placement import make_body
 from mindstage.simulation.state import poses_in
 from mindstage.simulation.undo import MoveBody
-from mindstage.viewer.ask import AskHandler
+from mindstage.viewer.ask import AskHandler, PrologSolver
 from mindstage.viewer.camera import ClientViews, GizmoMode, LabelMode
 from mindstage.viewer.inspector import BodyDetails, StatusHandler, StorageHint, body_details, live_details, scene_tree
 from mindstage.viewer.server import ClientSession, EmptyRequest, RpcChannel, session_key_of
@@ -47,29 +40,34 @@ __all__ = ["SELECTED", "ClockMessage", "EditHandler", "FileHandler", "Handlers",
 
 _SUFFIXES = (".owl", ".rdf", ".xml", ".ttl", ".urdf")
 _MAX_TEXT_LENGTH = 20_000_000
-_TYPES = {MapFormat.RDF_XML: (".owl", "application/rdf+xml"), MapFormat.TURTLE: (".ttl", "text/turtle")}
+_FILE_TYPES = {MapFormat.RDF_XML: (".owl", "application/rdf+xml"), MapFormat.TURTLE: (".ttl", "text/turtle")}
 
 
 class SaveRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Asks for the world as a map."""
+    """Parameters of `save`."""
 
     format: MapFormat = MapFormat.RDF_XML
     dialect: MapDialect | None = None
-    """None is that of the map that was spawned, where there is one."""
+    """None is the dialect of the spawned map, if there is one."""
 
 
 class LoadRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A map from a visitor's disk."""
+    """Parameters of `load`: a file of the client."""
 
     name: Annotated[str, msgspec.Meta(max_length=300)]
     text: Annotated[str, msgspec.Meta(max_length=_MAX_TEXT_LENGTH)]
 
 
 class FileHandler:
-    """Writes maps for visitors, and reads theirs."""
+    """Handles `save` and `load`: downloads of the world as a map, and uploads of maps."""
 
     def __init__(self, simulation: Simulation, channel: RpcChannel) -> None:
-        """Offers what it does."""
+        """Registers the requests.
+
+        Args:
+            simulation: the simulation.
+            channel: the channel of the pages.
+        """
         self._simulation, self._channel = simulation, channel
         self._loaded: KnowledgeBase | None = None
         channel.register("save", SaveRequest, self._save, queue="files")
@@ -77,17 +75,17 @@ class FileHandler:
 
     def _save(self, _: ClientSession, request: SaveRequest) -> dict[str, str]:
         world = self._simulation.snapshot()
-        origin = self._origin(world) if request.dialect is None else None
+        source_view = self._source_view(world) if request.dialect is None else None
         dialect = request.dialect or MapDialect.SEMLOG
-        text = write_map(world, format=request.format, dialect=dialect, source_view=origin)
-        suffix, kind = _TYPES[request.format]
-        return {"name": f"{_safe_filename(world.name) or 'map'}{suffix}", "type": kind, "text": text}
+        text = write_map(world, format=request.format, dialect=dialect, source_view=source_view)
+        suffix, type = _FILE_TYPES[request.format]
+        return {"name": f"{_safe_filename(world.name) or 'map'}{suffix}", "type": type, "text": text}
 
-    def _origin(self, world: World) -> SourceMapView | None:
+    def _source_view(self, world: World) -> SourceMapView | None:
         try:
             return self._simulation.knowledge.source_view(world.iri)
         except MapNotFoundError:
-            return None  # it was never a map: it is written in our own words
+            return None  # the world was not read from a map
 
     def _load(self, _: ClientSession, request: LoadRequest) -> dict[str, object]:
         knowledge, world = self._read(request)
@@ -109,11 +107,11 @@ class FileHandler:
         }
 
     def _read(self, request: LoadRequest) -> tuple[KnowledgeBase, World]:
-        """What a text says, beside what is known of classes.
+        """Parses an uploaded map into a new knowledge base with the current ontologies.
 
         Raises:
-            InvalidArgumentError: it is no map by its name, or wants other files to be read.
-            KnowledgeError: it cannot be read, or no map is in it.
+            InvalidArgumentError: the suffix is not that of a map, or the file refers to files of this machine.
+            KnowledgeError: the file cannot be parsed, or contains no map.
         """
         suffix = Path(request.name).suffix.lower()
         if suffix not in _SUFFIXES:
@@ -122,7 +120,7 @@ class FileHandler:
             raise InvalidArgumentError(request.name, cause="xacro reads other files; expand it first")
         knowledge = self._simulation.knowledge.ontologies_only()
         folder = TemporaryDirectory(prefix="mindstage-")
-        # The text is read again when the map is written in its own words, so it stays as long as what is known of it.
+        # Saving in the dialect of the source reads the file again, so it is kept as long as the knowledge base.
         weakref.finalize(knowledge, folder.cleanup)
         try:
             path = Path(folder.name, f"{_safe_filename(Path(request.name).stem) or 'map'}{suffix}")
@@ -131,7 +129,9 @@ class FileHandler:
             world = knowledge.world()
             for body in world.bodies:
                 if body.mesh and _is_outside_path(body.mesh):
-                    cause = f"the mesh of {body.id!r} is named by its place on a disk, and a page may read no disk"
+                    cause = (
+                        f"the mesh of {body.id!r} is a path, and uploaded maps must not refer to files of this machine"
+                    )
                     raise InvalidArgumentError(
                         request.name, cause=cause, remedy="spawn such a map from the command line"
                     )
@@ -142,7 +142,7 @@ class FileHandler:
 
 
 def _is_outside_path(name: str) -> bool:
-    """Whether a mesh's name is a path of its own, not one in a package or in a folder that somebody opened."""
+    """Whether the name of a mesh is an absolute path or leaves the folders of assets."""
     parts = urlsplit(unquote(name).replace("\\", "/"))
     return (
         parts.scheme == "file"
@@ -152,114 +152,119 @@ def _is_outside_path(name: str) -> bool:
 
 
 def _safe_filename(name: str) -> str:
-    """A file's name with nothing in it but letters and digits."""
+    """A file name of ASCII letters, digits and `._-` only, at most 80 characters."""
     return re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.")[:80]
 
 
 SELECTED = "selected"
-"""What a visitor has selected, in the visitor's `state`."""
+"""Key of the selected body in the `state` of a session."""
 _MAX_STEP_S = 10.0
-_DETAILS_LIFETIME_S = 5.0
-_DETAILS_INTERVAL_S = 0.03
+_NEW_BODY_TIMEOUT_S = 5.0
+_NEW_BODY_POLL_S = 0.03
 _STORAGE_QUESTION = "storage_place_in_environment"
 _MAX_STORAGE_PLACES = 12
 
 
 class PlayRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Lets time pass."""
+    """Parameters of `play`."""
 
     speed: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] = 1.0
 
 
 class StepRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Lets some time pass, and no more."""
+    """Parameters of `step`."""
 
     duration_s: Annotated[float, msgspec.Meta(gt=0.0, le=_MAX_STEP_S)] = 0.1
 
 
 class DetailsRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A body."""
+    """Parameters of `details`."""
 
     id: BodyId
 
 
 class ClockMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """How time runs."""
+    """The state of the clock; the topic `clock`."""
 
     time_s: float
     playing: bool
     speed: float
     real_time_factor: float
-    """Simulated seconds in a second."""
+    """Simulated seconds per second of real time."""
     bodies: int
     fault: str
 
 
 class WorldHandler:
-    """Tells all pages of the world, and does what their buttons of time say."""
+    """Publishes the scene tree, clock and live details; handles `play`, `pause`, `step`, `reset` and `details`."""
 
     def __init__(self, simulation: Simulation, channel: RpcChannel) -> None:
-        """Offers what it does.
+        """Registers the requests.
 
         Args:
-            stage: whose world it is.
-            channel: to the pages.
+            simulation: the simulation.
+            channel: the channel of the pages.
         """
         self._simulation, self._channel = simulation, channel
         self._world: World | None = None
         self._bodies: Mapping[BodyId, Body] = {}
-        self._joint_by_id: Mapping[BodyId, Sequence[Joint]] = {}
-        self._joints: dict[BodyId, JointHandle] = {}
+        self._joints_by_body: Mapping[BodyId, Sequence[Joint]] = {}
+        self._joint_handles: dict[BodyId, JointHandle] = {}
         self._spawn_record = SpawnRecord({}, {})
         self._revisions = 0
-        channel.register("play", PlayRequest, lambda _, wish: simulation.play(speed=wish.speed))
-        channel.register("pause", EmptyRequest, lambda _, wish: simulation.pause())
+        channel.register("play", PlayRequest, lambda _, request: simulation.play(speed=request.speed))
+        channel.register("pause", EmptyRequest, lambda _, __: simulation.pause())
         channel.register("step", StepRequest, self._step)
-        channel.register("reset", EmptyRequest, lambda _, wish: simulation.editing.reset())
+        channel.register("reset", EmptyRequest, lambda _, __: simulation.undo_stack.reset())
         channel.register("details", DetailsRequest, self._details, queue="details")
 
-    # -- for the thread that follows the world -------------------------------------------------------------------------
+    # -- for the drawing thread ----------------------------------------------------------------------------------------
 
     def on_rebuild(self, world: World, *, enclosing: Container[BodyId]) -> None:
-        """Something came, went or changed."""
-        constraints: dict[BodyId, list[Joint]] = {}
+        """Publishes a world in which bodies were added, removed or edited.
+
+        Args:
+            world: the world.
+            enclosing: bodies that are drawn as outlines.
+        """
+        joints: dict[BodyId, list[Joint]] = {}
         for joint in world.joints:
             for end in (joint.parent, joint.child):
-                constraints.setdefault(end, []).append(joint)
+                joints.setdefault(end, []).append(joint)
         self._bodies = {body.id: body for body in world.bodies}
-        self._joint_by_id, self._joints = constraints, {}
+        self._joints_by_body, self._joint_handles = joints, {}
         self._spawn_record = SpawnRecord.from_worlds(self._simulation.worlds)
         self._world = world
         self._channel.publish("scene_tree", scene_tree(world, engine=self._simulation.engine_name, enclosing=enclosing))
-        # The outline is the same where only a mass has changed; whoever reads the details has to look again.
+        # The tree may be unchanged, for example if only a mass was edited, but open details have to be updated.
         self._revisions += 1
         self._channel.publish("details_changed", self._revisions)
 
-    def publish(self, frame: StateSnapshot) -> None:
-        """Tells what changes all the time; called some times in a second."""
-        self._channel.publish("clock", _clock_message(frame))
+    def publish(self, snapshot: StateSnapshot) -> None:
+        """Publishes the clock, the undo history, and the live details of selected bodies."""
+        self._channel.publish("clock", _clock_message(snapshot))
         self._channel.publish("history", _undo_labels(self._simulation))
-        told: dict[BodyId, object] = {}
-        for visitor in self._channel.sessions:
-            id = visitor.state.get(SELECTED)
+        details: dict[BodyId, object] = {}
+        for session in self._channel.sessions:
+            id = session.state.get(SELECTED)
             if id is not None and id in self._bodies:
-                if id not in told:
-                    told[id] = self._live(id, frame)
-                if told[id] is not None:
-                    visitor.publish_to("live_details", told[id])
+                if id not in details:
+                    details[id] = self._live(id, snapshot)
+                if details[id] is not None:
+                    session.publish_to("live_details", details[id])
 
     def joint(self, id: BodyId) -> JointHandle:
-        """A constraint of the world.
+        """The handle of a joint.
 
         Raises:
-            BodyNotFoundError: there is none of that id.
+            BodyNotFoundError: there is no joint with that id.
         """
-        constraint = next((each for each in (self._world.joints if self._world else ()) if each.id == id), None)
-        if constraint is None:
+        joint = next((each for each in (self._world.joints if self._world else ()) if each.id == id), None)
+        if joint is None:
             raise BodyNotFoundError(id, known=[each.id for each in self._world.joints] if self._world else ())
-        return self._joint_handle(constraint)
+        return self._joint_handle(joint)
 
-    # -- what is asked -------------------------------------------------------------------------------------------------
+    # -- requests ------------------------------------------------------------------------------------------------------
 
     def _step(self, _: ClientSession, request: StepRequest) -> None:
         self._simulation.pause()
@@ -267,183 +272,183 @@ class WorldHandler:
 
     def _details(self, _: ClientSession, request: DetailsRequest) -> BodyDetails:
         body, world = self._described_body(request.id)
-        form = self._simulation.geometry.get(body.id)
+        geometry = self._simulation.geometry.get(body.id)
         return body_details(
             body,
             world,
             ancestors=self._simulation.knowledge.ancestors(body.cls),
             joints=self._joints_of(body.id),
             storage_places=self._storage_places(body.cls),
-            geometry="" if form is None else f"{form.shape_name}: {form.reason}" if form.reason else form.shape_name,
+            geometry="" if geometry is None else ": ".join(filter(None, (geometry.shape_name, geometry.reason))),
         )
 
     def _described_body(self, id: BodyId) -> tuple[Body, World]:
-        """A body as it is described; what has just come is there a moment before it was looked at.
+        """A body and its world; waits for a body that was added after the last `on_rebuild`.
 
         Raises:
-            BodyNotFoundError: there is none of that id.
+            BodyNotFoundError: there is no such body.
         """
-        end = time.monotonic() + _DETAILS_LIFETIME_S
+        end = time.monotonic() + _NEW_BODY_TIMEOUT_S
         while id not in self._bodies and id in self._simulation.state.ids and time.monotonic() < end:
-            time.sleep(_DETAILS_INTERVAL_S)
+            time.sleep(_NEW_BODY_POLL_S)
         world, body = self._world, self._bodies.get(id)
         if world is None or body is None:
             raise BodyNotFoundError(id, known=self._bodies, world=world.name if world else "")
         return body, world
 
     def _storage_places(self, cls: Iri) -> Iterator[StorageHint]:
-        """Where such things are kept, as far as it is known."""
+        """The storage places of a class in this world."""
         ids = {body.iri: body.id for body in self._bodies.values()}
         places: dict[str, list[BodyId]] = {}
         try:
             rows = list(self._simulation.ask(_STORAGE_QUESTION, item=cls))
         except MindstageError:
-            return  # a class that only the map names, of which nothing is known: no answer is no error here
+            return  # a class that no ontology declares
         for row in rows[:_MAX_STORAGE_PLACES]:
             if row.individual in ids:
                 places.setdefault(row.place, []).append(ids[row.individual])
-        for place, found in places.items():
-            yield StorageHint(class_name=place.rpartition("#")[2], ids=tuple(dict.fromkeys(found)))
+        for place, bodies in places.items():
+            yield StorageHint(class_name=place.rpartition("#")[2], ids=tuple(dict.fromkeys(bodies)))
 
     # -- joints --------------------------------------------------------------------------------------------------------
 
-    def _live(self, id: BodyId, frame: StateSnapshot) -> object:
-        wanted = {id, *(end for each in self._joint_by_id.get(id, ()) for end in (each.parent, each.child))}
-        poses = poses_in(frame, wanted)
-        return live_details(id, poses, self._joints_of(id)) if wanted <= poses.keys() else None
+    def _live(self, id: BodyId, snapshot: StateSnapshot) -> object:
+        bodies = {id, *(end for each in self._joints_by_body.get(id, ()) for end in (each.parent, each.child))}
+        poses = poses_in(snapshot, bodies)
+        return live_details(id, poses, self._joints_of(id)) if bodies <= poses.keys() else None
 
     def _joints_of(self, id: BodyId) -> list[JointHandle]:
-        found = [
+        handles = [
             self._joint_handle(each)
-            for each in self._joint_by_id.get(id, ())
+            for each in self._joints_by_body.get(id, ())
             if {each.parent, each.child} <= self._bodies.keys()
         ]
-        return [joint for joint in found if joint.axes]
+        return [handle for handle in handles if handle.axes]
 
     def _joint_handle(self, joint: Joint) -> JointHandle:
-        if joint.id not in self._joints:
-            self._joints[joint.id] = JointHandle(joint, self._bodies, self._spawn_record)
-        return self._joints[joint.id]
+        if joint.id not in self._joint_handles:
+            self._joint_handles[joint.id] = JointHandle(joint, self._bodies, self._spawn_record)
+        return self._joint_handles[joint.id]
 
 
-def _clock_message(frame: StateSnapshot) -> ClockMessage:
+def _clock_message(snapshot: StateSnapshot) -> ClockMessage:
     return ClockMessage(
-        time_s=round(frame.time_s, 2),
-        playing=frame.playing,
-        speed=frame.speed,
-        real_time_factor=round(frame.real_time_factor, 2),
-        bodies=len(frame.ids),
-        fault=frame.error,
+        time_s=round(snapshot.time_s, 2),
+        playing=snapshot.playing,
+        speed=snapshot.speed,
+        real_time_factor=round(snapshot.real_time_factor, 2),
+        bodies=len(snapshot.ids),
+        fault=snapshot.error,
     )
 
 
 def _undo_labels(simulation: Simulation) -> dict[str, str | None]:
-    """What the two buttons would do."""
-    history = simulation.editing.history
+    """The labels of the next undo and redo."""
+    history = simulation.undo_stack.history
     return {"undo": next(iter(history.undo), None), "redo": next(iter(history.redo), None)}
 
 
 class SelectRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Selects a body, or nothing, and flies to it if asked."""
+    """Parameters of `select`: selects a body or nothing, and optionally moves the camera to it."""
 
     id: BodyId | None = None
     focus: bool = False
 
 
 class FocusRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Flies to bodies; to the whole place without any."""
+    """Parameters of `focus`: moves the camera to bodies; without any, to the home view."""
 
     ids: tuple[BodyId, ...] = ()
 
 
 class ClipPlaneRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Hides what is above a height."""
+    """Parameters of `set_clipping_height`: clips everything above a height [m]; None clips nothing."""
 
     height: Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)] | None = None
 
 
 class LabelRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Writes names beside bodies."""
+    """Parameters of `set_labels`."""
 
     mode: LabelMode
 
 
 class GizmoRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Gives the selected body handles."""
+    """Parameters of `set_gizmo`."""
 
     mode: GizmoMode | None = None
 
 
 class SetVisibilityRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Hides bodies, or shows them again, for all visitors."""
+    """Parameters of `set_visible`: hides bodies for all clients, or shows them again."""
 
     ids: tuple[BodyId, ...]
     shown: bool
 
 
 class ShowEnclosuresRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Draws the outlines of what encloses the place, or not, for all visitors."""
+    """Parameters of `show_enclosures`: shows or hides the outlines of enclosing bodies, for all clients."""
 
     shown: bool
 
 
 class ViewHandler:
-    """Brings each page and the view in it together; they find one another by the visitor's key."""
+    """Handles requests about the 3D view of a page; page and view are associated by the session key."""
 
     def __init__(self, views: ClientViews, channel: RpcChannel, server: viser.ViserServer) -> None:
-        """Offers what it does.
+        """Registers the requests.
 
         Args:
-            sights: all views.
-            channel: to the pages.
-            server: that serves both.
+            views: the views of all clients.
+            channel: the channel of the pages.
+            server: the server of both.
         """
         self._views, self._channel, self._server = views, channel, server
-        channel.register("select", SelectRequest, self._select, queue="look")
+        channel.register("select", SelectRequest, self._select, queue="view")
         channel.register(
             "focus",
             FocusRequest,
-            self._view_handler(lambda view, wish: views.focus(wish.ids, client=view)),
-            queue="look",
+            self._view_handler(lambda view, request: views.focus(request.ids, client=view)),
+            queue="view",
         )
         channel.register(
             "reset_camera",
             EmptyRequest,
-            self._view_handler(lambda view, wish: views.go_home(client=view)),
-            queue="look",
+            self._view_handler(lambda view, _: views.go_home(client=view)),
+            queue="view",
         )
         channel.register(
             "view_from_top",
             EmptyRequest,
-            self._view_handler(lambda view, wish: views.go_top(client=view)),
-            queue="look",
+            self._view_handler(lambda view, _: views.go_top(client=view)),
+            queue="view",
         )
-        section = self._view_handler(lambda view, wish: views.set_clip_height(wish.height, client=view))
-        channel.register("set_clipping_height", ClipPlaneRequest, section, queue="look")
+        clip = self._view_handler(lambda view, request: views.set_clip_height(request.height, client=view))
+        channel.register("set_clipping_height", ClipPlaneRequest, clip, queue="view")
         channel.register(
             "set_labels",
             LabelRequest,
-            self._view_handler(lambda view, wish: views.set_labels(wish.mode, client=view)),
-            queue="look",
+            self._view_handler(lambda view, request: views.set_labels(request.mode, client=view)),
+            queue="view",
         )
         channel.register(
             "set_gizmo",
             GizmoRequest,
-            self._view_handler(lambda view, wish: views.set_gizmo(wish.mode, client=view)),
-            queue="look",
+            self._view_handler(lambda view, request: views.set_gizmo(request.mode, client=view)),
+            queue="view",
         )
-        channel.register("set_visible", SetVisibilityRequest, self._show_bodies, queue="look")
-        channel.register("show_enclosures", ShowEnclosuresRequest, self._show_enclosures, queue="look")
+        channel.register("set_visible", SetVisibilityRequest, self._show_bodies, queue="view")
+        channel.register("show_enclosures", ShowEnclosuresRequest, self._show_enclosures, queue="view")
         views.on_change(self._on_view_selection)
         self.publish()
 
     def session_of_view(self, view: int) -> ClientSession | None:
-        """Who sees a view."""
+        """The session of the page that contains a view."""
         return self._channel.session(self._key_of(view))
 
     def view_center(self, session: ClientSession) -> Vector | None:
-        """What a visitor looks at; None where the view is not there yet."""
-        for view in self._view_of(session):
+        """The point that the camera of a session looks at [m]; None if its view is not connected."""
+        for view in self._views_of(session):
             client = self._server.get_clients().get(view)
             if client is not None:
                 x, y, z = client.camera.look_at.tolist()
@@ -455,26 +460,26 @@ class ViewHandler:
         return session_key_of(client, self._server) if client is not None else None
 
     def publish(self) -> None:
-        """Tells all what nobody sees."""
+        """Publishes which bodies are hidden."""
         hidden = tuple(sorted(self._views.hidden))
         self._channel.publish("visibility", {"hidden": hidden, "enclosures": self._views.enclosures_shown})
 
-    # -- what the page asks --------------------------------------------------------------------------------------------
+    # -- requests ------------------------------------------------------------------------------------------------------
 
-    def _view_of(self, visitor: ClientSession) -> list[int]:
-        return [view for view in self._views.clients if self._key_of(view) == visitor.key]
+    def _views_of(self, session: ClientSession) -> list[int]:
+        return [view for view in self._views.clients if self._key_of(view) == session.key]
 
     def _view_handler(self, action: Callable[[int, Any], None]) -> Callable[[ClientSession, Any], None]:
-        def handle(visitor: ClientSession, wish: Any) -> None:
-            for view in self._view_of(visitor):
-                action(view, wish)
+        def handle(session: ClientSession, request: Any) -> None:
+            for view in self._views_of(session):
+                action(view, request)
 
         return handle
 
     def _select(self, session: ClientSession, request: SelectRequest) -> None:
         before, session.state[SELECTED] = session.state.get(SELECTED), request.id
         try:
-            for view in self._view_of(session):
+            for view in self._views_of(session):
                 self._views.select(request.id, client=view)
                 if request.focus and request.id is not None:
                     self._views.focus([request.id], client=view)
@@ -490,27 +495,27 @@ class ViewHandler:
         self._views.show_enclosures(request.shown)
         self.publish()
 
-    # -- what happens in the view --------------------------------------------------------------------------------------
+    # -- selection in the view -----------------------------------------------------------------------------------------
 
     def _on_view_selection(self, view: int) -> None:
-        visitor, chosen = self.session_of_view(view), self._views.selected(view)
-        # What the page itself selected it knows already.
-        if visitor is not None and visitor.state.get(SELECTED) != chosen:
-            visitor.state[SELECTED] = chosen
-            visitor.send_event("selected", chosen)
+        session, selected = self.session_of_view(view), self._views.selected(view)
+        # Not sent if the page itself has selected the body.
+        if session is not None and session.state.get(SELECTED) != selected:
+            session.state[SELECTED] = selected
+            session.send_event("selected", selected)
 
 
 _Meters = Annotated[float, msgspec.Meta(ge=-10_000.0, le=10_000.0)]
 _Extent = Annotated[float, msgspec.Meta(ge=0.001, le=1000.0)]
 _SLIDER_SETTLE_S = 2.0
-"""After a slider was let go the hand holds on until the joint is there, or so long."""
+"""Time for which a joint is pulled on after its slider was released [s]."""
 _JOINT_TOLERANCE = 0.004
 _MAX_CLASSES = 60
 _CLEARANCE_M = 0.002
 
 
 class MoveRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Puts a body somewhere else."""
+    """Parameters of `move`."""
 
     id: BodyId
     position: tuple[_Meters, _Meters, _Meters]
@@ -518,7 +523,7 @@ class MoveRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class SetPhysicsRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Changes what is given of a body's physics."""
+    """Parameters of `set_physics`: changes the given properties."""
 
     id: BodyId
     mobility: Mobility | msgspec.UnsetType = msgspec.UNSET
@@ -527,7 +532,7 @@ class SetPhysicsRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 
 
 class SetMaterialRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Gives a body one surface instead of those that it has; none, where nothing is named."""
+    """Parameters of `set_material`: replaces the materials of a body by one; removes them without name and color."""
 
     id: BodyId
     name: Annotated[str, msgspec.Meta(max_length=200)] = ""
@@ -535,48 +540,49 @@ class SetMaterialRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
 
 class MoveJointRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Opens or shuts a joint, by hand where time passes."""
+    """Parameters of `move_joint`: the target position of an axis."""
 
     id: BodyId
     axis: Literal["x", "y", "z", "twist", "swing2", "swing1"]
     value: _Meters
     done: bool = True
-    """Whether the hand is opened then; False while a slider is dragged."""
+    """False while the slider is being dragged."""
 
 
 class AttachRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Attaches a body to another one; to none, detaches it."""
+    """Parameters of `attach`: attaches a body to another one; without a parent, detaches it."""
 
     child: BodyId
     parent: BodyId | None = None
 
 
 class DeleteRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Removes bodies."""
+    """Parameters of `delete`."""
 
     ids: Annotated[tuple[BodyId, ...], msgspec.Meta(min_length=1, max_length=10_000)]
 
 
 class FindClassesRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Looks for classes by a part of their names."""
+    """Parameters of `find_classes`: a part of the name."""
 
     text: Annotated[str, msgspec.Meta(max_length=200)] = ""
 
 
 class AddRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"cls": "class"}):
-    """Drops in a new thing."""
+    """Parameters of `add`: adds a body of a class."""
 
     cls: Annotated[str, msgspec.Meta(min_length=1, max_length=2000)]
     on: BodyId | None = None
-    """What it comes to stand on."""
+    """The body that it is placed on."""
     into: BodyId | None = None
+    """The body that it is placed in."""
     at: tuple[_Meters, _Meters, _Meters] | None = None
-    """Where its lower side comes to be, if it is put on nothing; without it, where the visitor looks."""
+    """Center of its lower side [m], without `on` and `into`; by default the point that the camera looks at."""
     size: tuple[_Extent, _Extent, _Extent] | None = None
 
 
 class EditHandler:
-    """Does what pages ask to have changed; each edit is undone by anybody."""
+    """Handles edits of the world; any client can undo them."""
 
     def __init__(
         self,
@@ -586,50 +592,50 @@ class EditHandler:
         *,
         view_center: Callable[[ClientSession], Vector | None],
     ) -> None:
-        """Offers what it does.
+        """Registers the requests.
 
         Args:
-            stage: whose world is changed.
-            channel: to the pages.
-            worlds: knows the joints.
-            aim: tells what a visitor looks at.
+            simulation: the simulation.
+            channel: the channel of the pages.
+            world_handler: provides handles of joints.
+            view_center: returns the point that the camera of a session looks at.
         """
         self._simulation, self._world_handler, self._view_center = simulation, world_handler, view_center
         self._joint_drags: dict[BodyId, _JointDrag] = {}
-        editing = simulation.editing
+        undo_stack = simulation.undo_stack
         channel.register("move", MoveRequest, self._move)
         channel.register("set_physics", SetPhysicsRequest, self._set_physics)
         channel.register("set_material", SetMaterialRequest, self._set_material)
         channel.register("move_joint", MoveJointRequest, self._move_joint)
         channel.register("attach", AttachRequest, self._attach)
-        channel.register("delete", DeleteRequest, lambda _, wish: editing.delete(wish.ids))
-        channel.register("undo", EmptyRequest, lambda _, wish: editing.undo())
-        channel.register("redo", EmptyRequest, lambda _, wish: editing.redo())
-        channel.register("find_classes", FindClassesRequest, self._find_classes, queue="look")
+        channel.register("delete", DeleteRequest, lambda _, request: undo_stack.delete(request.ids))
+        channel.register("undo", EmptyRequest, lambda _, __: undo_stack.undo())
+        channel.register("redo", EmptyRequest, lambda _, __: undo_stack.redo())
+        channel.register("find_classes", FindClassesRequest, self._find_classes, queue="view")
         channel.register("add", AddRequest, self._add)
         channel.on_disconnect(self._release)
 
-    def publish(self, frame: StateSnapshot) -> None:
-        """Opens the hands whose joints have arrived; called some times in a second."""
-        for id, slide in list(self._joint_drags.items()):
-            if slide.release_time is None:
+    def publish(self, snapshot: StateSnapshot) -> None:
+        """Releases joints that have reached the positions of their sliders."""
+        for id, drag in list(self._joint_drags.items()):
+            if drag.release_time is None:
                 continue
             try:
-                joint = self._world_handler.joint(slide.joint)
-                poses = poses_in(frame, {joint.joint.parent, joint.joint.child})
-                there = abs(joint.positions(poses)[slide.axis] - slide.value) < _JOINT_TOLERANCE
-            except (BodyNotFoundError, KeyError):  # it was deleted meanwhile
-                there = True
-            if there or time.monotonic() > slide.release_time or not frame.playing:
+                joint = self._world_handler.joint(drag.joint)
+                poses = poses_in(snapshot, {joint.joint.parent, joint.joint.child})
+                reached = abs(joint.positions(poses)[drag.axis] - drag.value) < _JOINT_TOLERANCE
+            except (BodyNotFoundError, KeyError):  # deleted in the meantime
+                reached = True
+            if reached or time.monotonic() > drag.release_time or not snapshot.playing:
                 self._joint_drags.pop(id, None)
                 self._simulation.release(id)
 
-    # -- what a body is ------------------------------------------------------------------------------------------------
+    # -- bodies --------------------------------------------------------------------------------------------------------
 
     def _move(self, _: ClientSession, request: MoveRequest) -> None:
         if not any(request.quaternion):
-            raise InvalidArgumentError("quaternion", cause="four zeros are no rotation")
-        self._simulation.editing.move(request.id, Pose(request.position, request.quaternion))
+            raise InvalidArgumentError("quaternion", cause="its norm is 0")
+        self._simulation.undo_stack.move(request.id, Pose(request.position, request.quaternion))
 
     def _set_physics(self, _: ClientSession, request: SetPhysicsRequest) -> None:
         changes = {
@@ -638,24 +644,24 @@ class EditHandler:
             if (value := getattr(request, name)) is not msgspec.UNSET
         }
         physics: BodyPhysics = msgspec.structs.replace(self._body(request.id).physics, **changes)
-        self._simulation.editing.set_physics(
+        self._simulation.undo_stack.set_physics(
             request.id, physics, label=" and ".join(changes).replace("_kg", "") or "physics"
         )
 
     def _set_material(self, _: ClientSession, request: SetMaterialRequest) -> None:
         if not request.name and request.color is None:
-            self._simulation.editing.set_materials(request.id, ())
+            self._simulation.undo_stack.set_materials(request.id, ())
             return
-        known = next((each for each in self._body(request.id).materials if each.name == request.name), None)
+        current = next((each for each in self._body(request.id).materials if each.name == request.name), None)
         color = None if request.color is None else parse_color(request.color)
-        material = Material(name=request.name or "paint", path=known.path if known else "", color=color)
-        self._simulation.editing.set_materials(request.id, (material,))
+        material = Material(name=request.name or "paint", path=current.path if current else "", color=color)
+        self._simulation.undo_stack.set_materials(request.id, (material,))
 
     def _attach(self, _: ClientSession, request: AttachRequest) -> None:
         if request.parent is None:
-            self._simulation.editing.detach(request.child)
+            self._simulation.undo_stack.detach(request.child)
         else:
-            self._simulation.editing.attach(request.parent, request.child)
+            self._simulation.undo_stack.attach(request.parent, request.child)
 
     def _body(self, id: BodyId) -> Body:
         return self._simulation.snapshot().body(id)
@@ -663,42 +669,42 @@ class EditHandler:
     # -- joints --------------------------------------------------------------------------------------------------------
 
     def _move_joint(self, session: ClientSession, request: MoveJointRequest) -> None:
-        """Pulls while time passes, so that what is in the way stops it; puts it there while time stands still."""
-        joint, frame = self._world_handler.joint(request.id), self._simulation.state
+        """Pulls the moving body while the simulation runs, so that obstacles stop it; moves it while paused."""
+        joint, snapshot = self._world_handler.joint(request.id), self._simulation.state
         if request.axis not in {axis.name for axis in joint.axes}:
-            raise InvalidArgumentError(request.axis, cause=f"{request.id!r} does not move so")
-        poses = poses_in(frame, {joint.joint.parent, joint.joint.child})
-        going_on = self._joint_drags.get(joint.moving_body)
-        before = going_on.start_pose if going_on is not None else pose_from_array(poses[joint.moving_body])
-        ends = time.monotonic() + _SLIDER_SETTLE_S if request.done else None
+            raise InvalidArgumentError(request.axis, cause=f"{request.id!r} has no such axis")
+        poses = poses_in(snapshot, {joint.joint.parent, joint.joint.child})
+        previous = self._joint_drags.get(joint.moving_body)
+        start_pose = previous.start_pose if previous is not None else pose_from_array(poses[joint.moving_body])
+        release_time = time.monotonic() + _SLIDER_SETTLE_S if request.done else None
         self._joint_drags[joint.moving_body] = _JointDrag(
-            request.id, request.axis, request.value, session.key, before, ends
+            request.id, request.axis, request.value, session.key, start_pose, release_time
         )
-        if not frame.playing:
+        if not snapshot.playing:
             pose = joint.pose_for(request.axis, request.value, poses)
-            self._simulation.editing.move(joint.moving_body, pose, continues_last=going_on is not None)
+            self._simulation.undo_stack.move(joint.moving_body, pose, continues_last=previous is not None)
             return
         pull = joint.pull_target(request.axis, request.value, poses)
         self._simulation.pull(pull.id, point=pull.point, target=pull.target)
         if request.done:
-            self._simulation.editing.record(MoveBody(joint.moving_body, before, f"place of {joint.moving_body}"))
+            self._simulation.undo_stack.record(MoveBody(joint.moving_body, start_pose, f"pose of {joint.moving_body}"))
 
     def _release(self, session: ClientSession) -> None:
-        for id, slide in list(self._joint_drags.items()):
-            if slide.session == session.key:
+        for id, drag in list(self._joint_drags.items()):
+            if drag.session == session.key:
                 self._joint_drags.pop(id, None)
                 self._simulation.release(id)
 
-    # -- new things ----------------------------------------------------------------------------------------------------
+    # -- new bodies ----------------------------------------------------------------------------------------------------
 
     def _find_classes(self, _: ClientSession, request: FindClassesRequest) -> list[dict[str, object]]:
         knowledge, text = self._simulation.knowledge, request.text.strip().casefold()
         with knowledge.lock:
             known = {iri: local_name(iri) for iri in knowledge.reasoner.declared_classes() if not iri.startswith("_:")}
-            here = {body.cls for world in self._simulation.worlds for body in world.bodies}
-            known |= {cls: local_name(cls) for cls in here}
+            used = {body.cls for world in self._simulation.worlds for body in world.bodies}
+            known |= {cls: local_name(cls) for cls in used}
             matching = [iri for iri, name in known.items() if text in name.casefold()]
-            matching.sort(key=lambda iri: _search_rank(known[iri], text, is_here=iri in here))
+            matching.sort(key=lambda iri: _search_rank(known[iri], text, is_used=iri in used))
             return [
                 {"class": iri, "name": known[iri], "size": getattr(knowledge.shape_rule(iri), "size", None)}
                 for iri in matching[:_MAX_CLASSES]
@@ -708,19 +714,15 @@ class EditHandler:
         knowledge = self._simulation.knowledge
         with knowledge.lock:
             cls = knowledge.names.find(request.cls, EntityType.CLASS)
-        body = self._make_body(cls, request.size)
+        body = make_body(self._simulation, cls, size=request.size)
         if request.on is not None or request.into is not None:
-            put = self._simulation.place(body, on=request.on, into=request.into)
-            self._simulation.editing.record_spawn([put.id])
-            return put.id
+            placed = self._simulation.place(body, on=request.on, into=request.into)
+            self._simulation.undo_stack.record_spawn([placed.id])
+            return placed.id
         x, y, z = request.at or self._view_center(session) or (0.0, 0.0, 0.0)
         height = body.size[2] if body.size else 0.0
-        placed = msgspec.structs.replace(body, pose=Pose((x, y, z + height / 2 + _CLEARANCE_M)))
-        self._spawn(placed)
-        return placed.id
-
-    def _make_body(self, cls: Iri, size: Vector | None) -> Body:
-        return make_body(self._simulation, cls, size=size)
+        self._spawn(msgspec.structs.replace(body, pose=Pose((x, y, z + height / 2 + _CLEARANCE_M))))
+        return body.id
 
     def _spawn(self, body: Body) -> None:
         first = next(iter(self._simulation.worlds), None)
@@ -728,73 +730,85 @@ class EditHandler:
         report = self._simulation.spawn(World(iri=iri, name=name, bodies=(body,)), persistent=False)
         for failure in report.failed_bodies:
             raise InvalidArgumentError(failure.id, cause=failure.reason)
-        self._simulation.editing.record_spawn([body.id])
+        self._simulation.undo_stack.record_spawn([body.id])
 
 
 class _JointDrag(msgspec.Struct, frozen=True):
-    """A joint that somebody moves by its slider."""
+    """A joint that a client moves by its slider."""
 
     joint: BodyId
     axis: str
     value: float
     session: str
     start_pose: Pose
-    """Where the moving end was at first."""
+    """Pose of the moving body before the drag."""
     release_time: float | None
-    """When the hand opens at the latest; None while the slider is held [s of the monotonic clock]."""
+    """When the joint is released at the latest, by the monotonic clock [s]; None while the slider is held."""
 
 
-def _search_rank(name: str, text: str, *, is_here: bool) -> tuple[bool, bool, bool, int, str]:
-    """What is meant most likely comes first: the very name, what begins so, what the place has already."""
-    small = name.casefold()
-    return small != text, not small.startswith(text), not is_here, len(name), name
+def _search_rank(name: str, text: str, *, is_used: bool) -> tuple[bool, bool, bool, int, str]:
+    """A sort key: exact matches first, then prefixes, then classes that are used in the world, then short names."""
+    folded = name.casefold()
+    return folded != text, not folded.startswith(text), not is_used, len(name), name
 
 
 class Handlers:
-    """One desk for each kind of request."""
+    """All handlers of a viewer."""
 
     def __init__(
-        self, simulation: Simulation, channel: RpcChannel, views: ClientViews, server: viser.ViserServer
+        self,
+        simulation: Simulation,
+        channel: RpcChannel,
+        views: ClientViews,
+        server: viser.ViserServer,
+        *,
+        prolog: PrologSolver | None = None,
     ) -> None:
-        """Offers all that a page can ask for.
+        """Registers all requests.
 
         Args:
-            stage: whose world it is about.
-            channel: to the pages.
-            sights: the views in them.
-            server: that serves both.
+            simulation: the simulation.
+            channel: the channel of the pages.
+            views: the views of all clients.
+            server: the server of both.
+            prolog: solves Prolog queries; without it they are refused.
         """
         self._channel = channel
         self._world = WorldHandler(simulation, channel)
         self._views = ViewHandler(views, channel, server)
         self._edits = EditHandler(simulation, channel, self._world, view_center=self._views.view_center)
         self._files = FileHandler(simulation, channel)
-        self._asking = AskHandler(simulation, channel)
+        self._ask = AskHandler(simulation, channel, prolog=prolog)
         self._status = StatusHandler(simulation, channel)
 
     def session_of_view(self, view: int) -> ClientSession | None:
-        """Who sees a view; None where somebody opened a view by itself."""
+        """The session of the page that contains a view; None if the view was opened without the page."""
         return self._views.session_of_view(view)
 
     def toast(self, view: int, text: str, *, kind: str = "error") -> None:
-        """Shows a sentence to the visitor of a view."""
-        if (visitor := self.session_of_view(view)) is not None:
-            visitor.send_event("toast", {"text": text, "kind": kind})
+        """Shows a message to the client of a view."""
+        if (session := self.session_of_view(view)) is not None:
+            session.send_event("toast", {"text": text, "kind": kind})
 
-    # -- for the thread that follows the world -------------------------------------------------------------------------
+    # -- for the drawing thread ----------------------------------------------------------------------------------------
 
     def on_rebuild(self, world: World, *, enclosing: Container[BodyId]) -> None:
-        """Something came, went or changed."""
+        """Publishes a world in which bodies were added, removed or edited.
+
+        Args:
+            world: the world.
+            enclosing: bodies that are drawn as outlines.
+        """
         self._world.on_rebuild(world, enclosing=enclosing)
         self._views.publish()
 
-    def publish(self, frame: StateSnapshot) -> None:
-        """Tells what changes all the time; called some times in a second."""
-        self._world.publish(frame)
-        self._edits.publish(frame)
-        self._asking.publish(frame)
-        self._status.publish(frame)
+    def publish(self, snapshot: StateSnapshot) -> None:
+        """Publishes everything that changes with the state of the simulation; called several times a second."""
+        self._world.publish(snapshot)
+        self._edits.publish(snapshot)
+        self._ask.publish(snapshot)
+        self._status.publish(snapshot)
 
     def show_error(self, text: str) -> None:
-        """Says what is wrong with the page itself; nothing, where all is well again."""
+        """Publishes an error of the viewer; an empty text clears it."""
         self._channel.publish("viewer_error", text)

@@ -1,12 +1,8 @@
-"""Gate: who may come to the page, and what they get there; it stands before everything else at the port.
+"""HTTP of the page: static files, the filter of requests (host, origin, token), and viser's page with added scripts.
 
-A browser goes wherever any page sends it, this machine's own ports included. So a request counts only if it is
-addressed to this machine by a name that is known to be its own (a stranger's name can be made to point here), a
-websocket only if our own page opens it, and from other machines both only with the token.
-
-Files: what the page is made of, read once from the package; no path from outside ever reaches the disk.
-
-View page: viser's own page as we serve it, without its panel and with our few scripts for the picture.
+Any web page can make a browser send requests to this machine. Therefore a request is allowed only if its `Host` is a
+name of this machine (DNS rebinding), a websocket only from the page's own origin, and both need the token unless the
+server listens on a loopback address. Paths are looked up in a fixed list of files, never on the disk.
 """
 
 from __future__ import annotations
@@ -50,19 +46,19 @@ _TYPES = {
 
 
 class StaticFile(msgspec.Struct, frozen=True):
-    """One file as a browser gets it."""
+    """A file of the page."""
 
     type: str
     content: bytes
     etag: str
-    """Changes whenever the content does."""
+    """A hash of the content."""
 
 
 @cache
 def page_files() -> dict[str, StaticFile]:
-    """All files of the page by name: a fixed list, against which wishes are held."""
+    """All files of the page by name, read once."""
     found = {}
-    # Wheels are always unpacked, so that what lies beside this file is a folder.
+    # Wheels are unpacked on installation, so the folder exists.
     for path in Path(__file__).with_name("page").iterdir():
         if (type := _TYPES.get(path.suffix)) is not None:
             content = path.read_bytes()
@@ -71,7 +67,7 @@ def page_files() -> dict[str, StaticFile]:
 
 
 CHANNEL = "/mindstage/channel"
-"""Where the page opens its websocket."""
+"""Path of the page's websocket."""
 
 _VIEW = re.compile(r"/view/([a-z0-9]{8,40})/?")
 _HOST = re.compile(r"[A-Za-z0-9.\-_]+(:\d{1,5})?|\[[0-9A-Fa-f:.]+\](:\d{1,5})?")
@@ -79,14 +75,14 @@ _COOKIE_MAX_AGE_S = 30 * 24 * 3600
 
 
 class RequestHeaders(Protocol):
-    """Of a request, by name in any case."""
+    """Headers of a request; names are case-insensitive."""
 
     def get(self, key: str, default: None = None, /) -> str | None:
-        """One of them."""
+        """The value of a header, or None."""
 
 
 class HttpResponse(msgspec.Struct, frozen=True):
-    """What a request is answered with."""
+    """The response to a request."""
 
     status: HTTPStatus
     body: bytes
@@ -94,34 +90,33 @@ class HttpResponse(msgspec.Struct, frozen=True):
 
 
 def view_key(path: str) -> str | None:
-    """Whose view it is, by the path of its page or its websocket; None for any other path."""
+    """The session key in the path of a view's page or websocket; None for any other path."""
     match = _VIEW.fullmatch(request_path(path))
     return match[1] if match else None
 
 
 def request_path(path: str) -> str:
-    """A request's path without what follows a question mark; two slashes in front are no other host's name here."""
+    """The path without the query; unlike `urlsplit`, two leading slashes do not start a host name."""
     return path.partition("?")[0]
 
 
 class RequestFilter:
-    """Judges requests by their path and headers; it knows neither sockets nor the disk."""
+    """Decides by path and headers which requests are allowed. Does no I/O."""
 
     def __init__(self, *, host: str, token: str | None = None, origins: Collection[str] = ()) -> None:
-        """The rules.
+        """Creates the filter.
 
         Args:
-            host: where the server listens; others than this machine's own need a token.
-            token: what visitors must know, or None.
-            origins: addresses under which the page may be opened beside its own, such as `https://robot.example`,
-                behind which somebody else passes requests on.
+            host: the address that the server listens on; any other than a loopback address needs a token.
+            token: the token that clients need, or None.
+            origins: further origins of the page, such as `https://robot.example` for a reverse proxy.
 
         Raises:
-            AuthenticationError: others could reach it, and there is no token.
+            AuthenticationError: the host is not a loopback address, and there is no token.
         """
         if not token and not is_loopback(host):
             raise AuthenticationError(
-                host, cause="everyone in the network could come; give a token, or serve at 127.0.0.1"
+                host, cause="everyone in the network could open the page; give a token, or serve at 127.0.0.1"
             )
         self._auth = TokenAuth(host=host, token=token or None, origins=())
         self._local_only = is_loopback(host)
@@ -129,45 +124,45 @@ class RequestFilter:
         self._host_names = frozenset(urlsplit(origin).netloc for origin in self._origins)
         self._cookie_value = hmac.new(token.encode(), b"mindstage page", hashlib.sha256).hexdigest() if token else ""
 
-    # -- the order of questions ----------------------------------------------------------------------------------------
+    # -- checks --------------------------------------------------------------------------------------------------------
 
     def socket_error(self, path: str, headers: RequestHeaders) -> HttpResponse | None:
-        """Why a websocket may not be opened; None where it may."""
+        """Checks a websocket handshake; returns the refusal, or None if it is allowed."""
         if (refusal := self._host_error(headers)) is not None:
             return refusal
         origin = headers.get("Origin")
         if origin is not None and not self._is_same_origin(origin, headers.get("Host") or ""):
-            return _error_response(
-                HTTPStatus.FORBIDDEN, "pages of that origin may not come in; open this server's own page"
-            )
+            return _error_response(HTTPStatus.FORBIDDEN, "this origin is not allowed; open the page of this server")
         if not self._is_authenticated(path, headers):
-            return _error_response(HTTPStatus.UNAUTHORIZED, "a token is needed: open the page with ?token=… first")
+            return _error_response(HTTPStatus.UNAUTHORIZED, "a token is required; open the page with ?token=… first")
         if request_path(path) != CHANNEL and view_key(path) is None:
             return _error_response(HTTPStatus.NOT_FOUND, "there is no such websocket")
         return None
 
     def respond(self, path: str, headers: RequestHeaders) -> HttpResponse | None:
-        """What a plain request gets; None where it is the view's own page, which viser has: see `view_headers`."""
+        """Answers a request; None for the page of the view, which viser provides, see `view_headers`."""
         if (refusal := self._host_error(headers)) is not None:
             return refusal
         site = headers.get("Sec-Fetch-Site")
-        place = request_path(path)
-        if site in {"cross-site", "same-site"} and place != "/":
-            return _error_response(HTTPStatus.FORBIDDEN, "pages from elsewhere may only link to /")
+        route = request_path(path)
+        if site in {"cross-site", "same-site"} and route != "/":
+            return _error_response(HTTPStatus.FORBIDDEN, "other sites may only link to /")
         if not self._is_authenticated(path, headers):
             return self._login_page(
-                place, wrong=self._auth.check_handshake(path, headers.get("Authorization")) is False
+                route, wrong=self._auth.check_handshake(path, headers.get("Authorization")) is False
             )
-        if place == "/":
+        if route == "/":
             return self._cookie(path) or self._file(page_files()["index.html"], headers)
         if view_key(path) is not None:
             return None
-        file = page_files().get(place.removeprefix("/mindstage/")) if place.startswith("/mindstage/") else None
+        file = page_files().get(route.removeprefix("/mindstage/")) if route.startswith("/mindstage/") else None
         return (
-            self._file(file, headers) if file else _error_response(HTTPStatus.NOT_FOUND, "there is no such page; try /")
+            self._file(file, headers)
+            if file
+            else _error_response(HTTPStatus.NOT_FOUND, "there is no such page; open /")
         )
 
-    # -- names and tokens ----------------------------------------------------------------------------------------------
+    # -- host, origin and token ----------------------------------------------------------------------------------------
 
     def _host_error(self, headers: RequestHeaders) -> HttpResponse | None:
         host = (headers.get("Host") or "").lower()
@@ -175,7 +170,7 @@ class RequestFilter:
             name = urlsplit(f"//{host}").hostname or ""
             if host in self._host_names or is_loopback(name) or not self._local_only:
                 return None
-        text = "this server is not known by that name; open it as http://127.0.0.1 or http://localhost"
+        text = "this is not a host name of this server; open http://127.0.0.1 or http://localhost"
         return _error_response(HTTPStatus.MISDIRECTED_REQUEST, text)
 
     def _is_same_origin(self, origin: str, host: str) -> bool:
@@ -189,9 +184,9 @@ class RequestFilter:
     def _is_authenticated(self, path: str, headers: RequestHeaders) -> bool:
         if not self._auth.needs_token:
             return True
-        shown = self._auth.check_handshake(path, headers.get("Authorization"))
-        if shown is not None:
-            return shown
+        allowed = self._auth.check_handshake(path, headers.get("Authorization"))
+        if allowed is not None:
+            return allowed
         try:
             cookie = SimpleCookie(headers.get("Cookie") or "")
         except CookieError:
@@ -203,7 +198,7 @@ class RequestFilter:
         )
 
     def _cookie(self, path: str) -> HttpResponse | None:
-        """Takes a token out of the address, where others could read it, and into a cookie that scripts cannot see."""
+        """Redirects a request with a token in its query: to the address without it, with an HttpOnly cookie instead."""
         query = parse_qsl(path.partition("?")[2], keep_blank_values=True)
         if not self._auth.needs_token or "token" not in dict(query):
             return None
@@ -213,26 +208,26 @@ class RequestFilter:
         return HttpResponse(HTTPStatus.SEE_OTHER, b"", _SECURITY_HEADERS | headers)
 
     def _login_page(self, path: str, *, wrong: bool) -> HttpResponse:
-        why = "That is not the token." if wrong else "A token is needed."
+        message = "That is not the token." if wrong else "A token is needed."
         if path != "/":
-            return _error_response(HTTPStatus.UNAUTHORIZED, why)
-        body = page_files()["sign-in.html"].content.replace(b"{{message}}", why.encode())
+            return _error_response(HTTPStatus.UNAUTHORIZED, message)
+        body = page_files()["sign-in.html"].content.replace(b"{{message}}", message.encode())
         style = hashlib.sha256(body.partition(b"<style>")[2].partition(b"</style>")[0]).digest()
         policy = f"default-src 'none'; style-src 'sha256-{_base64(style)}'; form-action 'self'; frame-ancestors 'none'"
         headers = {"Content-Type": "text/html; charset=utf-8", "Content-Security-Policy": policy}
         return HttpResponse(HTTPStatus.UNAUTHORIZED, body, _SECURITY_HEADERS | {"Cache-Control": "no-store"} | headers)
 
-    # -- answers -------------------------------------------------------------------------------------------------------
+    # -- responses -----------------------------------------------------------------------------------------------------
 
     def _file(self, file: StaticFile, headers: RequestHeaders) -> HttpResponse:
-        told = {"Content-Type": file.type, "ETag": file.etag, "Cache-Control": "no-cache"}
-        told["Content-Security-Policy"] = _page_policy(headers.get("Host") or "")
+        sent = {"Content-Type": file.type, "ETag": file.etag, "Cache-Control": "no-cache"}
+        sent["Content-Security-Policy"] = _page_policy(headers.get("Host") or "")
         if headers.get("If-None-Match") == file.etag:
-            return HttpResponse(HTTPStatus.NOT_MODIFIED, b"", _SECURITY_HEADERS | told)
-        return HttpResponse(HTTPStatus.OK, file.content, _SECURITY_HEADERS | told)
+            return HttpResponse(HTTPStatus.NOT_MODIFIED, b"", _SECURITY_HEADERS | sent)
+        return HttpResponse(HTTPStatus.OK, file.content, _SECURITY_HEADERS | sent)
 
     def view_headers(self, headers: RequestHeaders) -> Mapping[str, str]:
-        """What goes with the view's own page: it is one file with its scripts in it, and only our page may hold it."""
+        """Response headers of the view's page: its scripts are inline, and only pages of this server may frame it."""
         return _SECURITY_HEADERS | {
             "X-Frame-Options": "SAMEORIGIN",
             "Cache-Control": "no-cache",
@@ -278,36 +273,40 @@ def _base64(digest: bytes) -> str:
 
 _STYLESHEETS = ("viserOverrides.css",)
 _SCRIPTS = ("clippingPlane.js", "shadowBias.js")
-"""Of our files, those that the picture itself needs."""
+"""Files of the page that are added to viser's page."""
 
 
 class ViserPage:
-    """One file with everything in it, some megabytes; browsers keep it as long as it is the same."""
+    """Viser's page with added scripts and styles: a single file of some megabytes, which browsers cache."""
 
     def __init__(self, viser: bytes) -> None:
-        """Viser's page as it comes with it."""
-        there = page_files()
-        links = [f'<link rel="stylesheet" href="/mindstage/{name}" />' for name in _STYLESHEETS if name in there]
-        links += [f'<script type="module" src="/mindstage/{name}"></script>' for name in _SCRIPTS if name in there]
+        """Adds the scripts and styles.
+
+        Args:
+            viser: the page of viser.
+        """
+        available = page_files()
+        links = [f'<link rel="stylesheet" href="/mindstage/{name}" />' for name in _STYLESHEETS if name in available]
+        links += [f'<script type="module" src="/mindstage/{name}"></script>' for name in _SCRIPTS if name in available]
         self._page = viser.replace(b"<title>", "".join(links).encode() + b"<title>", 1)
         self._compressed = gzip.compress(self._page, compresslevel=6)
         self._etag = f'"{hashlib.sha256(self._page).hexdigest()[:24]}"'
 
-    def answer(self, headers: RequestHeaders, request_headers: Mapping[str, str]) -> HttpResponse:
-        """The page for a request.
+    def answer(self, headers: RequestHeaders, response_headers: Mapping[str, str]) -> HttpResponse:
+        """Answers a request for the page.
 
         Args:
-            headers: of the request.
-            told: headers that go with it.
+            headers: the headers of the request.
+            response_headers: additional headers of the response.
         """
-        request_headers = {
+        sent = {
             "Content-Type": "text/html; charset=utf-8",
             "ETag": self._etag,
             "Vary": "Accept-Encoding",
-            **request_headers,
+            **response_headers,
         }
         if headers.get("If-None-Match") == self._etag:
-            return HttpResponse(HTTPStatus.NOT_MODIFIED, b"", request_headers)
+            return HttpResponse(HTTPStatus.NOT_MODIFIED, b"", sent)
         if "gzip" in (headers.get("Accept-Encoding") or ""):
-            return HttpResponse(HTTPStatus.OK, self._compressed, request_headers | {"Content-Encoding": "gzip"})
-        return HttpResponse(HTTPStatus.OK, self._page, request_headers)
+            return HttpResponse(HTTPStatus.OK, self._compressed, sent | {"Content-Encoding": "gzip"})
+        return HttpResponse(HTTPStatus.OK, self._page, sent)

@@ -1,13 +1,7 @@
-"""Status: how the world, its engine and its guests are, and what was assumed about its map.
+"""Data of the inspector panels: the scene tree, the details of one body, and the status of simulation and map.
 
-The short state goes to all visitors a few times a second, and only if it changed. The long lists (findings,
-assumptions, what became of each spawn) are asked for by whoever looks at them.
-
-Details: all that is known of one body, as the page shows it.
-
-Outline: a world as the tree that the page shows: rooms, furniture, what belongs to it, what hangs on that.
-
-It is written in rows and numbers of rows, so that five thousand bodies are a few hundred kilobytes, once for all.
+The status is published a few times a second if it has changed; the report of findings, assumptions and failed spawns is
+sent on request. The scene tree refers to rows and classes by index: 5,000 bodies take a few hundred kilobytes.
 """
 
 from __future__ import annotations
@@ -54,18 +48,18 @@ _ROTATION_DIGITS = 5
 
 
 class JointDetails(msgspec.Struct, frozen=True, kw_only=True):
-    """A constraint that the body is part of."""
+    """A joint of the body."""
 
     id: BodyId
     other_body: BodyId
-    """The other end."""
+    """The other body of the joint."""
     moving: BodyId
-    """The end that moves."""
+    """The body that moves."""
     axes: tuple[JointAxisState, ...]
 
 
 class MaterialDetails(msgspec.Struct, frozen=True, kw_only=True):
-    """A surface."""
+    """A material of the body."""
 
     name: str
     color: str | None
@@ -73,25 +67,25 @@ class MaterialDetails(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FactRow(msgspec.Struct, frozen=True, kw_only=True):
-    """A statement, in short names."""
+    """A property assertion, with local names."""
 
     property: str
     value: str
     id: BodyId | None = None
-    """Of the body that the value is."""
+    """The body that the value refers to, if any."""
 
 
 class StorageHint(msgspec.Struct, frozen=True, kw_only=True):
-    """Where things of such a class are kept."""
+    """A storage place of bodies of this class."""
 
     class_name: str
-    """The class of the place."""
+    """The class of the storage place."""
     ids: tuple[BodyId, ...]
-    """The bodies that are such places."""
+    """The bodies of that class."""
 
 
 class BodyDetails(msgspec.Struct, frozen=True, kw_only=True):
-    """What does not change while the physics goes on."""
+    """The properties of a body that do not change while the simulation runs."""
 
     id: BodyId
     iri: Iri
@@ -111,11 +105,11 @@ class BodyDetails(msgspec.Struct, frozen=True, kw_only=True):
     facts: tuple[FactRow, ...]
     storage_places: tuple[StorageHint, ...]
     geometry: str
-    """What its geometry is and why, where it has one."""
+    """Name of the geometry and the reason for it, if there is one."""
 
 
 class LiveDetails(msgspec.Struct, frozen=True, kw_only=True):
-    """What changes all the time."""
+    """The properties of a body that change while the simulation runs."""
 
     id: BodyId
     pose: Pose
@@ -131,15 +125,15 @@ def body_details(
     storage_places: Iterable[StorageHint],
     geometry: str = "",
 ) -> BodyDetails:
-    """What there is to know about a body.
+    """Collects the details of a body.
 
     Args:
-        body: as it is described.
-        world: that it is in.
-        ancestors: of its class, nearest first.
-        joints: that it is part of.
-        storage_places: where its kind is kept.
-        geometry: what its geometry is and why.
+        body: the body.
+        world: the world that contains it.
+        ancestors: superclasses of its class, nearest first.
+        joints: its joints.
+        storage_places: storage places of its class.
+        geometry: name of its geometry and the reason for it.
     """
     ids = {str(other.iri): other.id for other in world.bodies}
     physics = body.physics
@@ -155,8 +149,8 @@ def body_details(
         gravity=physics.gravity,
         overlap_events=physics.overlap_events,
         materials=tuple(MaterialDetails(name=each.name, color=_hex(each.color)) for each in body.materials),
-        attached_to=next((hold.parent for hold in world.attachments if hold.child == body.id), None),
-        attached_bodies=tuple(hold.child for hold in world.attachments if hold.parent == body.id),
+        attached_to=next((link.parent for link in world.attachments if link.child == body.id), None),
+        attached_bodies=tuple(link.child for link in world.attachments if link.parent == body.id),
         joints=tuple(_joint(joint, body.id) for joint in joints),
         tags=tuple((tag.type, tag.key, tag.value) for tag in body.tags),
         facts=tuple(_fact_row(fact, ids) for fact in body.facts[:_MAX_FACTS]),
@@ -166,16 +160,16 @@ def body_details(
 
 
 def live_details(id: BodyId, poses: Mapping[BodyId, Array], joints: Iterable[JointHandle]) -> LiveDetails:
-    """Where a body and its joints are, in digits that a person reads: what trembles less than that is not told.
+    """Collects the pose and joint positions of a body, rounded so that numerical noise causes no updates.
 
     Args:
         id: the body.
-        poses: where all are, seven numbers each.
-        joints: that it is part of.
+        poses: poses of the body and of those it is joined to, 7 each.
+        joints: its joints.
     """
-    x, y, z, *turn = poses[id].tolist()
+    x, y, z, *quaternion = poses[id].tolist()
     row = [round(number, _POSITION_DIGITS) + 0.0 for number in (x, y, z)]
-    row += [round(number, _ROTATION_DIGITS) + 0.0 for number in normalize(turn).tolist()]
+    row += [round(number, _ROTATION_DIGITS) + 0.0 for number in normalize(quaternion).tolist()]
     return LiveDetails(
         id=id,
         pose=pose_from_array(row),
@@ -203,7 +197,7 @@ def _fact_row(fact: PropertyAssertion, ids: Mapping[str, BodyId]) -> FactRow:
             return FactRow(property=property, value=text)
         case BlankNode(facts):
             return FactRow(
-                property=property, value=", ".join(local_name(each.property) for each in facts) or "something"
+                property=property, value=", ".join(local_name(each.property) for each in facts) or "a blank node"
             )
 
 
@@ -212,75 +206,75 @@ def _hex(color: Color | None) -> str | None:
 
 
 class ParentLink(IntEnum):
-    """What a body has to do with the one above it."""
+    """How a body is linked to its parent in the tree."""
 
     NONE = 0
-    """Nothing is above it."""
+    """It has no parent."""
     ATTACHED = 1
     JOINT = 2
 
 
 class SceneTreeRow(msgspec.Struct, frozen=True, array_like=True):
-    """One body."""
+    """One body of the tree."""
 
     id: BodyId
     label: str
     cls: int
-    """A number of the classes."""
+    """Index of its class in `SceneTree.classes`."""
     parent: int
-    """A number of a row, or -1."""
+    """Index of the parent row, or -1."""
     link: ParentLink
     joint: BodyId | None
-    """The constraint by which it is linked."""
+    """The joint that links it to the parent, if any."""
     movable: bool
-    """Whether the physics moves it."""
+    """Whether it is dynamic."""
     encloses: bool
-    """Whether it encloses the place, so that only its outline is drawn."""
+    """Whether it encloses the scene, so that only its outline is drawn."""
 
 
 class SceneTree(msgspec.Struct, frozen=True, kw_only=True):
-    """All of a world."""
+    """All bodies of a world as a tree."""
 
     name: str
     engine: str
     classes: tuple[str, ...]
     rows: tuple[SceneTreeRow, ...]
     joints: int
-    """Constraints that let something move."""
+    """Number of joints that are not fixed."""
 
 
 def scene_tree(world: World, *, engine: str, enclosing: Container[BodyId] = ()) -> SceneTree:
-    """The tree of a world: what is attached is below its holder, what a joint holds below the joint's parent.
+    """Builds the tree of a world: parents are the bodies that others are attached or joined to.
 
     Args:
-        world: all that is there.
-        engine: who runs it.
-        shells: bodies that enclose the place.
+        world: the world.
+        engine: name of the engine.
+        enclosing: bodies that enclose the scene.
     """
-    numbers = {body.id: row for row, body in enumerate(world.bodies)}
-    above: dict[BodyId, tuple[BodyId, ParentLink, BodyId | None]] = {}
+    rows_by_id = {body.id: row for row, body in enumerate(world.bodies)}
+    links: dict[BodyId, tuple[BodyId, ParentLink, BodyId | None]] = {}
     for joint in world.joints:
-        # The map may have the roles upside down: what moves is shown below what it moves in.
-        upside_down = _is_dynamic(world, numbers, joint.parent) and not _is_dynamic(world, numbers, joint.child)
-        parent, child = (joint.child, joint.parent) if upside_down else (joint.parent, joint.child)
-        if parent in numbers and child in numbers and child not in above:
-            above[child] = (parent, ParentLink.JOINT, joint.id)
-    above |= {
-        hold.child: (hold.parent, ParentLink.ATTACHED, None)
-        for hold in world.attachments
-        if hold.parent in numbers and hold.child in numbers
+        # Parent and child may be swapped in the map; in the tree, the static body is the parent.
+        swapped = _is_dynamic(world, rows_by_id, joint.parent) and not _is_dynamic(world, rows_by_id, joint.child)
+        parent, child = (joint.child, joint.parent) if swapped else (joint.parent, joint.child)
+        if parent in rows_by_id and child in rows_by_id and child not in links:
+            links[child] = (parent, ParentLink.JOINT, joint.id)
+    links |= {
+        each.child: (each.parent, ParentLink.ATTACHED, None)
+        for each in world.attachments
+        if each.parent in rows_by_id and each.child in rows_by_id
     }
-    above = _without_cycles(above)
+    links = _without_cycles(links)
     classes = {cls: number for number, cls in enumerate(dict.fromkeys(body.cls for body in world.bodies))}
     rows = []
     for body in world.bodies:
-        parent, link, joint_id = above.get(body.id, (BodyId(""), ParentLink.NONE, None))
+        parent, link, joint_id = links.get(body.id, (BodyId(""), ParentLink.NONE, None))
         rows.append(
             SceneTreeRow(
                 id=body.id,
                 label=body.label or "",
                 cls=classes[body.cls],
-                parent=numbers.get(parent, -1),
+                parent=rows_by_id.get(parent, -1),
                 link=link,
                 joint=joint_id,
                 movable=body.physics.is_dynamic,
@@ -296,14 +290,14 @@ def scene_tree(world: World, *, engine: str, enclosing: Container[BodyId] = ()) 
     )
 
 
-def _is_dynamic(world: World, numbers: Mapping[BodyId, int], id: BodyId) -> bool:
-    return id in numbers and world.bodies[numbers[id]].physics.is_dynamic
+def _is_dynamic(world: World, rows_by_id: Mapping[BodyId, int], id: BodyId) -> bool:
+    return id in rows_by_id and world.bodies[rows_by_id[id]].physics.is_dynamic
 
 
 def _without_cycles(
     parents: Mapping[BodyId, tuple[BodyId, ParentLink, BodyId | None]],
 ) -> dict[BodyId, tuple[BodyId, ParentLink, BodyId | None]]:
-    """Joints may go round in a circle, which has no top; the last link of it is left out."""
+    """Removes the last link of each cycle that joints and attachments form."""
     kept: dict[BodyId, tuple[BodyId, ParentLink, BodyId | None]] = {}
     for child, link in parents.items():
         if child not in _ancestors(link[0], kept):
@@ -320,14 +314,14 @@ def _ancestors(id: BodyId, parents: Mapping[BodyId, tuple[BodyId, ParentLink, Bo
 
 
 _MAX_ENTRIES = 5000
-"""So many entries a page gets at once; how many there are it is told besides."""
+"""Maximum number of entries that are sent; `ReportMessage.total` has the number of all."""
 _PUBLISH_INTERVAL_S = 0.5
-"""Nobody reads numbers faster."""
+"""Minimum time between two status messages [s]."""
 _CLIENTS_INTERVAL_S = 2.0
 
 
 class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """What is always in view."""
+    """The status of the simulation; the topic `status`."""
 
     engine: str
     time_s: float
@@ -337,37 +331,37 @@ class StatusMessage(msgspec.Struct, frozen=True, kw_only=True):
     fault: str
     bodies: int
     statistics: EngineStats | None
-    """None where the engine does not say."""
+    """None if the engine reports none."""
     clients: tuple[ConnectedClient, ...]
     browsers: int
     report: int
-    """Counts up when the report is another."""
+    """Revision of the report."""
     errors: int
-    """Things of the map that are not there, and what could not be spawned."""
+    """Number of errors in maps and of failed spawns."""
     warnings: int
     assumptions: int
 
 
 class ReportGroup(msgspec.Struct, frozen=True):
-    """A group of entries, as people call it."""
+    """A group of entries."""
 
     name: str
     count: int
 
 
 class ReportEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """One thing that was found, assumed or decided."""
+    """A finding, assumption or note."""
 
     group: str
     text: str
     ids: tuple[str, ...] = ()
-    """Bodies that it is about."""
+    """The bodies that it concerns."""
     is_error: bool = False
-    """Whether something is missing because of it."""
+    """Whether a part of the map is missing because of it."""
 
 
 class ReportMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """All of them, the gravest first."""
+    """The report, errors first; the response to `status.report`."""
 
     groups: tuple[ReportGroup, ...]
     entries: tuple[ReportEntry, ...]
@@ -375,14 +369,14 @@ class ReportMessage(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StatusHandler:
-    """Tells the channel's visitors how things are."""
+    """Publishes the topic `status`, and handles `status.report`."""
 
     def __init__(self, simulation: Simulation, channel: RpcChannel) -> None:
-        """Offers `status.report`, and publishes `status` whenever it is told of a frame.
+        """Registers `status.report`.
 
         Args:
-            stage: whose status it is.
-            channel: to the pages.
+            simulation: the simulation.
+            channel: the channel of the pages.
         """
         self._simulation, self._channel = simulation, channel
         self._due = self._clients_due = 0.0
@@ -392,39 +386,39 @@ class StatusHandler:
         self._counts: tuple[int, int, int, int] = (0, 0, 0, 0)
         channel.register("status.report", EmptyRequest, self._get_report, queue="status")
 
-    def publish(self, frame: StateSnapshot) -> None:
-        """Publishes the state, if it is time, or bodies came or went, or the world came to a stop."""
+    def publish(self, snapshot: StateSnapshot) -> None:
+        """Publishes the status at intervals, and at once if bodies were added or removed or the simulation failed."""
         now = time.monotonic()
-        if now < self._due and self._last_message[0] is frame.ids and self._last_message[1] == frame.error:
+        if now < self._due and self._last_message[0] is snapshot.ids and self._last_message[1] == snapshot.error:
             return
-        self._due, self._last_message = now + _PUBLISH_INTERVAL_S, (frame.ids, frame.error)
+        self._due, self._last_message = now + _PUBLISH_INTERVAL_S, (snapshot.ids, snapshot.error)
         if now >= self._clients_due:
             self._clients, self._clients_due = self._simulation.clients.clients(), now + _CLIENTS_INTERVAL_S
         self._update_report()
-        self._channel.publish("status", self._message(frame))
+        self._channel.publish("status", self._message(snapshot))
 
     def _update_report(self) -> None:
-        """Looks again at what there is to report, if there may be more or less of it."""
+        """Counts the entries of the report again if it may have changed."""
         knowledge = self._simulation.knowledge
-        now = (self._simulation.reports, knowledge.findings(), len(knowledge.assumptions()))
-        if now != self._last_report_key:
-            self._last_report_key = now
+        key = (self._simulation.reports, knowledge.findings(), len(knowledge.assumptions()))
+        if key != self._last_report_key:
+            self._last_report_key = key
             entries = list(report_entries(self._simulation))
-            grave = sum(entry.is_error for entry in entries)
-            assumed = sum(entry.group == _ASSUMPTION for entry in entries)
-            self._counts = (self._counts[0] + 1, grave, len(entries) - grave - assumed, assumed)
+            errors = sum(entry.is_error for entry in entries)
+            assumptions = sum(entry.group == _ASSUMPTION for entry in entries)
+            self._counts = (self._counts[0] + 1, errors, len(entries) - errors - assumptions, assumptions)
 
-    def _message(self, frame: StateSnapshot) -> StatusMessage:
+    def _message(self, snapshot: StateSnapshot) -> StatusMessage:
         report, errors, warnings, assumptions = self._counts
         return StatusMessage(
             engine=self._simulation.engine_name,
-            time_s=round(frame.time_s, 1),
-            playing=frame.playing,
-            speed=frame.speed,
-            real_time_factor=round(frame.real_time_factor, 2),
-            fault=frame.error,
-            bodies=len(frame.ids),
-            statistics=frame.stats,
+            time_s=round(snapshot.time_s, 1),
+            playing=snapshot.playing,
+            speed=snapshot.speed,
+            real_time_factor=round(snapshot.real_time_factor, 2),
+            fault=snapshot.error,
+            bodies=len(snapshot.ids),
+            statistics=snapshot.stats,
             clients=self._clients,
             browsers=len(self._channel.sessions),
             report=report,
@@ -444,7 +438,7 @@ _ASSUMPTION = "assumption"
 
 
 def simulation_report(simulation: Simulation) -> ReportMessage:
-    """All that is to be told about what is on a stage."""
+    """Builds the report of a simulation."""
     entries = sorted(report_entries(simulation), key=lambda entry: not entry.is_error)
     counts = dict.fromkeys((entry.group for entry in entries), 0)
     for entry in entries:
@@ -454,17 +448,17 @@ def simulation_report(simulation: Simulation) -> ReportMessage:
 
 
 def report_entries(simulation: Simulation) -> Iterator[ReportEntry]:
-    """What was found odd in the maps, assumed about them, and decided when they were spawned."""
+    """Yields findings and assumptions about the maps, and failures and notes of spawning them."""
     by_iri = {str(body.iri): body.id for world in simulation.worlds for body in world.bodies}
     for finding in simulation.knowledge.findings():
-        grave = finding.severity is Severity.ERROR
+        is_error = finding.severity is Severity.ERROR
         about = ", ".join(local_name(name) for name in (finding.individual, finding.property) if name)
         text = f"{about}: {finding.problem}; {finding.action}"
         ids = (by_iri[finding.individual],) if finding.individual in by_iri else ()
-        yield ReportEntry(group=_MAP_ERROR if grave else _MAP_WARNING, text=text, ids=ids, is_error=grave)
+        yield ReportEntry(group=_MAP_ERROR if is_error else _MAP_WARNING, text=text, ids=ids, is_error=is_error)
     for assumption in simulation.knowledge.assumptions():
-        how = "set" if assumption.overridden else "assumed"
-        text = f"{local_name(assumption.map)}: {assumption.topic} {how} to {assumption.value}, {assumption.evidence}"
+        verb = "set" if assumption.overridden else "assumed"
+        text = f"{local_name(assumption.map)}: {assumption.topic} {verb} to {assumption.value}, {assumption.evidence}"
         yield ReportEntry(group=_ASSUMPTION, text=text)
     for report in simulation.reports:
         for failure in (*report.failed_bodies, *report.failed_joints, *report.failed_attachments):

@@ -1,22 +1,8 @@
-"""Scene: what all visitors see, kept like the world with as few messages as possible.
+"""The 3D scene that all clients share: nodes for bodies, lights and markers, updated with few messages.
 
-Only one thread may call it.
-
-Bodies: the nodes in the visitors' browsers that bodies are drawn with, kept like the world with few messages.
-
-A body has a node of its own, which moves with little effort on both sides. Bodies that look alike and are many are a
-crowd: one node for all, which is drawn at once and whose poses are sent together. Each of both has two guises: as it
-is, a GLB with all its materials, and plain in one color, for what is lit and for what steps back behind it.
-
-Only one thread may call it.
-
-Lamps: the light that bodies give, as few lights as a browser draws with ease.
-
-Only one thread may call it.
-
-Markers: what programs want to be seen beside the bodies, as simple forms.
-
-Only one thread may call it.
+A body has a node of its own; many bodies of equal appearance share a batch, one instanced node whose poses are sent
+together. Each node has two variants: a textured GLB with all materials, and a plain mesh in one color for highlighted
+and dimmed bodies. Only one thread may call into this module.
 """
 
 from __future__ import annotations
@@ -62,9 +48,9 @@ __all__ = [
 
 
 BATCH_SIZE = 8
-"""So many that look alike are drawn at once."""
+"""Number of bodies of equal appearance from which on they share a batch."""
 _MAX_BATCH_SIZE = 128
-"""One that moves in a crowd sends the poses of all that are in it."""
+"""Maximum number of bodies in a batch: when one of them moves, the poses of all are sent."""
 _OUTLINE_COLOR = (208, 212, 216)
 
 Clickable = viser.MeshHandle | viser.GlbHandle | viser.BatchedMeshHandle | viser.BatchedGlbHandle
@@ -72,18 +58,24 @@ Clickable = viser.MeshHandle | viser.GlbHandle | viser.BatchedMeshHandle | viser
 Node = TypeVar("Node", viser.BatchedGlbHandle, viser.BatchedMeshHandle)
 
 Pick = Callable[[int | None], BodyId | None]
-"""Which body of a node was meant, by the number that comes with a click."""
+"""Returns the body of a node by the instance index of a mouse event."""
 
 
 class NodeCallback(Protocol):
-    """Called with each node that can be clicked, whenever it is drawn anew."""
+    """Called with each clickable node when it is created."""
 
-    def __call__(self, node: Clickable, pick: Pick, *, holdable: bool) -> None:
-        """Makes it answer."""
+    def __call__(self, node: Clickable, pick: Pick, *, draggable: bool) -> None:
+        """Registers mouse callbacks.
+
+        Args:
+            node: the node.
+            pick: returns the body of a mouse event.
+            draggable: whether its bodies can be dragged.
+        """
 
 
 class _BodyNode(Protocol):
-    """One body, or a crowd of them."""
+    """The node of one body, or of a batch of bodies."""
 
     def set_poses(self, ids: Sequence[BodyId], rows: Array) -> None: ...
     def set_paints(self, paints: Mapping[BodyId, Paint | None]) -> None: ...
@@ -92,119 +84,119 @@ class _BodyNode(Protocol):
 
 
 class BodyNodes:
-    """All that are there."""
+    """The nodes of all bodies."""
 
     def __init__(self, scene: viser.SceneApi, *, on_node: NodeCallback) -> None:
-        """None yet.
+        """Creates no nodes yet.
 
         Args:
-            scene: where they are drawn.
-            prepare: makes a node that was just drawn answer to the mouse.
+            scene: the scene of the server.
+            on_node: called with each clickable node when it is created.
         """
         self._scene, self._on_node = scene, on_node
         self._nodes: dict[BodyId, _BodyNode] = {}
         self._appearances: dict[BodyId, BodyAppearance] = {}
-        self._holdable: dict[BodyId, bool] = {}
+        self._is_draggable: dict[BodyId, bool] = {}
         self._paints: dict[BodyId, Paint] = {}
         self._hidden: frozenset[BodyId] = frozenset()
         self._batch_count = 0
 
     @property
     def appearances(self) -> Mapping[BodyId, BodyAppearance]:
-        """Of those that are there."""
+        """The appearances of the bodies that have nodes."""
         return self._appearances
 
-    def show(self, appearances: Mapping[BodyId, BodyAppearance], *, holdable: Container[BodyId]) -> None:
-        """Draws what came or changed, and removes what went; the places of what is new are not known yet."""
-        gone = [
+    def show(self, appearances: Mapping[BodyId, BodyAppearance], *, draggable: Container[BodyId]) -> None:
+        """Creates nodes of new and changed bodies, and removes those of others; new nodes have no poses yet."""
+        removed = [
             id
-            for id, look in self._appearances.items()
-            if appearances.get(id) != look or self._holdable[id] != (id in holdable)
+            for id, appearance in self._appearances.items()
+            if appearances.get(id) != appearance or self._is_draggable[id] != (id in draggable)
         ]
-        for drawn, ids in self._batches(gone).items():
-            drawn.remove(ids)
-        for id in gone:
-            del self._nodes[id], self._appearances[id], self._holdable[id]
+        for node, ids in self._by_node(removed).items():
+            node.remove(ids)
+        for id in removed:
+            del self._nodes[id], self._appearances[id], self._is_draggable[id]
         new = [id for id in appearances if id not in self._appearances]
         counts = Counter(appearances[id].key for id in new if appearances[id].part is VisiblePart.WHOLE)
-        crowds: dict[tuple[str, bool], list[BodyId]] = {}
+        batches: dict[tuple[str, bool], list[BodyId]] = {}
         for id in new:
-            look, held = appearances[id], id in holdable
-            self._appearances[id], self._holdable[id] = look, held
-            if counts[look.key] >= BATCH_SIZE:
-                crowds.setdefault((look.key, held), []).append(id)
+            appearance, is_draggable = appearances[id], id in draggable
+            self._appearances[id], self._is_draggable[id] = appearance, is_draggable
+            if counts[appearance.key] >= BATCH_SIZE:
+                batches.setdefault((appearance.key, is_draggable), []).append(id)
             else:
-                self._nodes[id] = _SingleNode(self._scene, id, look, self._on_node, holdable=held)
-        for (_, held), ids in crowds.items():
+                self._nodes[id] = _SingleNode(self._scene, id, appearance, self._on_node, draggable=is_draggable)
+        for (_, is_draggable), ids in batches.items():
             for start in range(0, len(ids), _MAX_BATCH_SIZE):
-                self._add_batch(ids[start : start + _MAX_BATCH_SIZE], held)
+                self._add_batch(ids[start : start + _MAX_BATCH_SIZE], is_draggable)
         self._restore_state(new)
 
     def set_poses(self, ids: Sequence[BodyId], rows: Array) -> None:
-        """Puts bodies in their places.
+        """Sets the poses of bodies.
 
         Args:
-            ids: which; those that are not drawn are passed over.
-            rows: n x 7, the quaternions of norm 1.
+            ids: the bodies; those without nodes are skipped.
+            rows: poses with unit quaternions, n x 7.
         """
         groups: dict[_BodyNode, list[int]] = {}
-        for number, id in enumerate(ids):
-            if (drawn := self._nodes.get(id)) is not None:
-                groups.setdefault(drawn, []).append(number)
-        for drawn, numbers in groups.items():
-            drawn.set_poses([ids[number] for number in numbers], rows[numbers])
+        for row, id in enumerate(ids):
+            if (node := self._nodes.get(id)) is not None:
+                groups.setdefault(node, []).append(row)
+        for node, numbers in groups.items():
+            node.set_poses([ids[number] for number in numbers], rows[numbers])
 
     def set_paints(self, paints: Mapping[BodyId, Paint | None]) -> None:
-        """Draws bodies plain in one color, or as they are where it is None."""
+        """Draws bodies in one color, or textured if it is None."""
         for id, paint in paints.items():
             if paint is None:
                 self._paints.pop(id, None)
             else:
                 self._paints[id] = paint
-        for drawn, ids in self._batches(paints).items():
-            drawn.set_paints({id: paints[id] for id in ids})
+        for node, ids in self._by_node(paints).items():
+            node.set_paints({id: paints[id] for id in ids})
 
     def hide(self, hidden: frozenset[BodyId]) -> None:
-        """Shows all bodies but these."""
+        """Hides these bodies, and shows all others."""
         changed, self._hidden = self._hidden ^ hidden, hidden
-        for drawn, ids in self._batches(changed).items():
-            drawn.set_visible([id for id in ids if id in hidden], False)
-            drawn.set_visible([id for id in ids if id not in hidden], True)
+        for node, ids in self._by_node(changed).items():
+            node.set_visible([id for id in ids if id in hidden], False)
+            node.set_visible([id for id in ids if id not in hidden], True)
 
     def _restore_state(self, ids: Iterable[BodyId]) -> None:
-        """What was drawn anew is lit or hidden as it was."""
-        for drawn, group in self._batches(ids).items():
+        """Applies paints and visibility to new nodes."""
+        for node, group in self._by_node(ids).items():
             if painted := {id: self._paints[id] for id in group if id in self._paints}:
-                drawn.set_paints(painted)
+                node.set_paints(painted)
             if hidden := [id for id in group if id in self._hidden]:
-                drawn.set_visible(hidden, False)
+                node.set_visible(hidden, False)
 
-    def _add_batch(self, ids: list[BodyId], held: bool) -> None:
+    def _add_batch(self, ids: list[BodyId], draggable: bool) -> None:
         self._batch_count += 1
-        look = self._appearances[ids[0]]
-        crowd = _BatchNode(self._scene, f"/crowds/{self._batch_count}", ids, look, self._on_node, holdable=held)
-        self._nodes.update(dict.fromkeys(ids, crowd))
+        name, appearance = f"/batches/{self._batch_count}", self._appearances[ids[0]]
+        batch = _BatchNode(self._scene, name, ids, appearance, self._on_node, draggable=draggable)
+        self._nodes.update(dict.fromkeys(ids, batch))
 
-    def _batches(self, ids: Iterable[BodyId]) -> dict[_BodyNode, list[BodyId]]:
+    def _by_node(self, ids: Iterable[BodyId]) -> dict[_BodyNode, list[BodyId]]:
         groups: dict[_BodyNode, list[BodyId]] = {}
         for id in ids:
-            if (drawn := self._nodes.get(id)) is not None:
-                groups.setdefault(drawn, []).append(id)
+            if (node := self._nodes.get(id)) is not None:
+                groups.setdefault(node, []).append(id)
         return groups
 
 
 class _SingleNode:
-    """A body with a node of its own, below which its guises are."""
+    """The node of a single body; its variants are child nodes."""
 
     def __init__(
-        self, scene: viser.SceneApi, id: BodyId, appearance: BodyAppearance, prepare: NodeCallback, *, holdable: bool
+        self, scene: viser.SceneApi, id: BodyId, appearance: BodyAppearance, on_node: NodeCallback, *, draggable: bool
     ) -> None:
-        # A slash in an id would make it a part of another body.
+        # A slash would make the node a child of another one.
         self._scene, self._name, self._appearance = scene, f"/bodies/{quote(id, safe='')}", appearance
         self._root = scene.add_frame(self._name, show_axes=False)
-        self._turn = b""
-        self._clickable = _is_clickable(appearance, holdable)
-        self._prepare: Callable[[Clickable], None] = lambda node: prepare(node, lambda _: id, holdable=holdable)
+        self._sent_wxyz = b""
+        self._clickable = _is_clickable(appearance, draggable)
+        self._on_node: Callable[[Clickable], None] = lambda node: on_node(node, lambda _: id, draggable=draggable)
         self._plain_node: viser.MeshHandle | None = None
         self._textured_node: viser.GlbHandle | None = None
         self._outline_node: viser.LineSegmentsHandle | None = None
@@ -218,16 +210,16 @@ class _SingleNode:
             )
         else:
             self._textured_node = scene.add_glb(
-                f"{self._name}/seen", _glb(appearance), cast_shadow=_casts_shadow(appearance)
+                f"{self._name}/textured", _glb(appearance), cast_shadow=_casts_shadow(appearance)
             )
             if self._clickable:
-                self._prepare(self._textured_node)
+                self._on_node(self._textured_node)
 
     def set_poses(self, ids: Sequence[BodyId], rows: Array) -> None:
         self._root.position = rows[0, :3]
-        turn = rows[0, 3:].tobytes()
-        if turn != self._turn:  # most things slide, and finding that out costs the page's library more than this
-            self._root.wxyz, self._turn = rows[0, 3:], turn
+        wxyz = rows[0, 3:].tobytes()
+        if wxyz != self._sent_wxyz:  # most bodies slide, and this comparison is cheaper than that of viser
+            self._root.wxyz, self._sent_wxyz = rows[0, 3:], wxyz
 
     def set_paints(self, paints: Mapping[BodyId, Paint | None]) -> None:
         (paint,) = paints.values()
@@ -264,12 +256,12 @@ class _SingleNode:
             cast_shadow=_casts_shadow(self._appearance),
         )
         if self._clickable:
-            self._prepare(node)
+            self._on_node(node)
         return node
 
 
 class _BatchNode:
-    """Bodies that look alike: a node for those as they are, and one for those in a color."""
+    """A batch of bodies of equal appearance: an instanced node for textured ones, and one for plain ones."""
 
     def __init__(
         self,
@@ -277,12 +269,12 @@ class _BatchNode:
         name: str,
         ids: Sequence[BodyId],
         appearance: BodyAppearance,
-        prepare: NodeCallback,
+        on_node: NodeCallback,
         *,
-        holdable: bool,
+        draggable: bool,
     ) -> None:
-        self._scene, self._name, self._appearance, self._prepare = scene, name, appearance, prepare
-        self._holdable, self._clickable = holdable, _is_clickable(appearance, holdable)
+        self._scene, self._name, self._appearance, self._on_node = scene, name, appearance, on_node
+        self._draggable, self._clickable = draggable, _is_clickable(appearance, draggable)
         self._rows: dict[BodyId, Array] = {id: np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]) for id in ids}
         self._paints: dict[BodyId, Paint] = {}
         self._hidden: set[BodyId] = set()
@@ -325,7 +317,7 @@ class _BatchNode:
             self._root.remove()
 
     def _assign_members(self) -> None:
-        """Shares the bodies out between the two nodes."""
+        """Distributes the bodies to the two nodes."""
         shown = [id for id in self._rows if id not in self._hidden]
         members = tuple(id for id in shown if id not in self._paints)
         painted = tuple(id for id in shown if id in self._paints)
@@ -339,7 +331,7 @@ class _BatchNode:
             self._plain_node.batched_colors, self._plain_node.batched_opacities = self._colors()
 
     def _node_for(self, node: Node | None, members: tuple[BodyId, ...], draw: Callable[[], Node]) -> Node | None:
-        """The node that holds these bodies now; one that holds none cannot be drawn, but is kept."""
+        """Updates or creates the node of some members; an instanced node cannot be empty, so it is hidden instead."""
         if members and node is None:
             return draw()
         if node is not None:
@@ -349,31 +341,35 @@ class _BatchNode:
         return node
 
     def _draw(self) -> viser.BatchedGlbHandle:
-        positions, turns = self._member_poses(self._members)
+        positions, quaternions = self._member_poses(self._members)
         node = self._scene.add_batched_glb(
-            f"{self._name}/seen", _glb(self._appearance), turns, positions, cast_shadow=_casts_shadow(self._appearance)
+            f"{self._name}/textured",
+            _glb(self._appearance),
+            quaternions,
+            positions,
+            cast_shadow=_casts_shadow(self._appearance),
         )
         if self._clickable:
-            self._prepare(node, lambda instance: _body_at(self._members, instance), holdable=self._holdable)
+            self._on_node(node, lambda instance: _body_at(self._members, instance), draggable=self._draggable)
         return node
 
     def _draw_plain(self) -> viser.BatchedMeshHandle:
         mesh = _mesh(self._appearance)
-        positions, turns = self._member_poses(self._painted_members)
+        positions, quaternions = self._member_poses(self._painted_members)
         colors, opacities = self._colors()
         node = self._scene.add_batched_meshes_simple(
             f"{self._name}/plain",
             mesh.points.astype(np.float32),
             mesh.faces,
-            turns,
+            quaternions,
             positions,
             batched_colors=colors,
             batched_opacities=opacities,
-            opacity=1.0,  # else none could be seen through
+            opacity=1.0,  # enables transparency of instances
             cast_shadow=False,
         )
         if self._clickable:
-            self._prepare(node, lambda instance: _body_at(self._painted_members, instance), holdable=self._holdable)
+            self._on_node(node, lambda instance: _body_at(self._painted_members, instance), draggable=self._draggable)
         return node
 
     def _send_poses(self, node: viser.BatchedGlbHandle | viser.BatchedMeshHandle, members: tuple[BodyId, ...]) -> None:
@@ -389,24 +385,24 @@ class _BatchNode:
         return np.round(255 * colors).astype(np.uint8), np.array([paint.opacity for paint in paints], np.float32)
 
 
-def _body_at(ids: tuple[BodyId, ...], number: int | None) -> BodyId | None:
-    # A click may come from a page that has not heard yet of who went.
-    return ids[number] if number is not None and number < len(ids) else None
+def _body_at(ids: tuple[BodyId, ...], index: int | None) -> BodyId | None:
+    # A page may send a click before it has received the removal of members.
+    return ids[index] if index is not None and index < len(ids) else None
 
 
 def byte_color(color: Color) -> tuple[int, int, int]:
-    """As the page takes most colors."""
+    """Converts a color to 8 bits per channel."""
     red, green, blue = (round(255 * min(max(part, 0.0), 1.0)) for part in color)
     return red, green, blue
 
 
-def _is_clickable(appearance: BodyAppearance, holdable: bool) -> bool:
-    """Whether a body answers to the mouse.
+def _is_clickable(appearance: BodyAppearance, draggable: bool) -> bool:
+    """Whether a body has mouse callbacks.
 
-    A floor that does would be outlined whenever somebody looks round, and what is drawn from one side only would catch
-    the mouse from the other.
+    viser outlines clickable nodes under the pointer, which is distracting for floors; and one-sided bodies would block
+    clicks from behind, where they are invisible.
     """
-    return appearance.part is VisiblePart.WHOLE and (holdable or not appearance.is_building)
+    return appearance.part is VisiblePart.WHOLE and (draggable or not appearance.is_building)
 
 
 def _casts_shadow(appearance: BodyAppearance) -> bool:
@@ -428,46 +424,46 @@ def _mesh(appearance: BodyAppearance) -> TriangleMesh:
 
 
 _MAX_LIGHTS = 3
-"""So many lights at most: each makes the drawing of everything slower."""
+"""Maximum number of lights: each makes rendering slower."""
 _TOTAL_INTENSITY = 4.0
-"""How bright all of them are [cd]: the sky lights the place already, and no picture shall be too bright."""
+"""Sum of the intensities of all lights [cd], low enough not to overexpose the scene."""
 _LIGHT_RANGE_M = 6.0
 
 
 class LightNodes:
-    """The lights of all bodies that give some; the brightest, where there are many."""
+    """The lights attached to bodies; if there are too many, the brightest."""
 
     def __init__(self, scene: viser.SceneApi) -> None:
-        """None yet.
+        """Creates no lights yet.
 
         Args:
-            scene: where they are.
+            scene: the scene of the server.
         """
         self._scene = scene
         self._attached_lights: dict[BodyId, AttachedLight] = {}
         self._lights: dict[BodyId, viser.PointLightHandle] = {}
 
     def show(self, appearances: Mapping[BodyId, BodyAppearance]) -> None:
-        """Lights the lamps among these bodies, and no others."""
-        glows = [(glow.intensity, id, glow) for id, look in appearances.items() for glow in look.lights[:1]]
-        wanted = {id: glow for _, id, glow in sorted(glows, key=lambda each: -each[0])[:_MAX_LIGHTS]}
-        if wanted == self._attached_lights:
+        """Creates the lights of these bodies, and removes all others."""
+        all_lights = [(id, light) for id, appearance in appearances.items() for light in appearance.lights[:1]]
+        brightest = dict(sorted(all_lights, key=lambda each: -each[1].intensity)[:_MAX_LIGHTS])
+        if brightest == self._attached_lights:
             return
-        for light in self._lights.values():
-            light.remove()
-        self._attached_lights = wanted
-        together = sum(glow.intensity for glow in wanted.values())
+        for handle in self._lights.values():
+            handle.remove()
+        self._attached_lights = brightest
+        total = sum(light.intensity for light in brightest.values())
         self._lights = {
-            id: self._add_light(id, glow, _TOTAL_INTENSITY * glow.intensity / max(together, 1e-9))
-            for id, glow in wanted.items()
+            id: self._add_light(id, light, _TOTAL_INTENSITY * light.intensity / max(total, 1e-9))
+            for id, light in brightest.items()
         }
 
     def set_poses(self, ids: Sequence[BodyId], rows: Array) -> None:
-        """Moves the lights of the bodies that moved.
+        """Moves the lights of bodies.
 
         Args:
-            ids: which.
-            rows: n x 7.
+            ids: the bodies.
+            rows: their poses, n x 7.
         """
         for id, row in zip(ids, rows, strict=True):
             if (light := self._lights.get(id)) is not None:
@@ -476,7 +472,7 @@ class LightNodes:
     def _add_light(self, id: BodyId, attached_light: AttachedLight, intensity: float) -> viser.PointLightHandle:
         red, green, blue = np.round(255 * np.clip(attached_light.color, 0.0, 1.0)).astype(int).tolist()
         return self._scene.add_light_point(
-            f"/lamps/{quote(id, safe='')}",
+            f"/lights/{quote(id, safe='')}",
             color=(red, green, blue),
             intensity=intensity,
             distance=_LIGHT_RANGE_M,
@@ -497,27 +493,27 @@ MarkerNode = viser.MeshHandle | viser.LineSegmentsHandle | viser.PointCloudHandl
 
 
 class MarkerNodes:
-    """The markers that the visitors see."""
+    """The nodes of markers."""
 
     def __init__(self, server: viser.ViserServer) -> None:
-        """Shows none.
+        """Creates no nodes yet.
 
         Args:
-            server: where the visitors come.
+            server: the server of the scene.
         """
         self._server = server
         self._markers: dict[str, Marker] = {}
         self._nodes: dict[str, MarkerNode] = {}
         self._appearances: Mapping[BodyId, BodyAppearance] = {}
         self._body_copies: dict[str, BodyAppearance | None] = {}
-        """How the bodies looked of which ghosts are shown."""
+        """The appearance with which each body copy was drawn."""
 
     def show(self, markers: Iterable[Marker], appearances: Mapping[BodyId, BodyAppearance]) -> None:
-        """Shows these and no others; what only moved is not drawn anew.
+        """Shows these markers, and removes all others. A marker of which only the pose changed is moved.
 
         Args:
-            markers: which.
-            looks: of the bodies, for their ghosts.
+            markers: the markers.
+            appearances: the appearances of bodies, for markers that are copies of them.
         """
         wanted = {marker.id: marker for marker in markers}
         self._appearances = appearances
@@ -547,14 +543,14 @@ class MarkerNodes:
             node.remove()
 
     def _draw(self, marker: Marker) -> None:
-        """Draws what can be seen: a line of one point cannot, nor what is wholly transparent."""
-        position, turn = _pose_array(marker)
+        """Creates the node of a marker, unless it is invisible (a line of one point, or opacity 0)."""
+        position, wxyz = _pose_array(marker)
         name, scene = f"/markers/{quote(marker.id, safe='')}", self._server.scene
         size = _clamped_size(marker.size)
         if marker.opacity <= 0.0:
             return
         if marker.type is MarkerType.TEXT:
-            self._nodes[marker.id] = scene.add_label(name, marker.text, position=position, wxyz=turn)
+            self._nodes[marker.id] = scene.add_label(name, marker.text, position=position, wxyz=wxyz)
         elif marker.type is MarkerType.POINTS and marker.points:
             points, colors = np.array(marker.points), _bytes(_colors(marker))
             self._nodes[marker.id] = scene.add_point_cloud(
@@ -563,15 +559,15 @@ class MarkerNodes:
                 colors,
                 point_size=size[0],
                 point_shape="circle",
-                precision="float32",  # half as many bits would round to centimetres ten meters away
+                precision="float32",  # 16 bits would round to centimeters at ten meters
                 position=position,
-                wxyz=turn,
+                wxyz=wxyz,
             )
         elif marker.type in {MarkerType.LINE_STRIP, MarkerType.LINE_LIST} and len(marker.points) >= 2:
             ends = _segments(marker)
             points, colors = np.array(marker.points)[ends], _bytes(srgb_to_linear(_colors(marker)))[ends]
             self._nodes[marker.id] = scene.add_line_segments(
-                name, points, colors, thickness=size[0], thickness_units="world", position=position, wxyz=turn
+                name, points, colors, thickness=size[0], thickness_units="world", position=position, wxyz=wxyz
             )
         elif (mesh := self._mesh(marker, size)) is not None:
             self._nodes[marker.id] = scene.add_mesh_simple(
@@ -582,13 +578,13 @@ class MarkerNodes:
                 opacity=marker.opacity if marker.opacity < 1.0 else None,
                 cast_shadow=False,
                 position=position,
-                wxyz=turn,
+                wxyz=wxyz,
             )
 
     def _mesh(self, marker: Marker, size: Vector) -> TriangleMesh | None:
         if marker.type is MarkerType.BODY_COPY:
-            look = self._body_copies[marker.id] = self._body_copy_appearance(marker)
-            return merge_visuals(look.visuals) if look is not None and look.visuals else None
+            appearance = self._body_copies[marker.id] = self._body_copy_appearance(marker)
+            return merge_visuals(appearance.visuals) if appearance is not None and appearance.visuals else None
         return _MESHES[marker.type](size) if marker.type in _MESHES else None
 
     def _body_copy_appearance(self, marker: Marker) -> BodyAppearance | None:
@@ -597,8 +593,8 @@ class MarkerNodes:
 
 def _pose_array(marker: Marker) -> tuple[Array, Array]:
     quaternion = np.array(marker.pose.quaternion)
-    turn = normalize(quaternion) if quaternion.any() else np.array([1.0, 0.0, 0.0, 0.0])
-    return np.array(marker.pose.position), turn
+    wxyz = normalize(quaternion) if quaternion.any() else np.array([1.0, 0.0, 0.0, 0.0])
+    return np.array(marker.pose.position), wxyz
 
 
 def _clamped_size(size: Vector) -> Vector:
@@ -607,14 +603,14 @@ def _clamped_size(size: Vector) -> Vector:
 
 
 def _segments(marker: Marker) -> NDArray[np.intp]:
-    """The two ends of each piece of a line, as rows of its points."""
+    """The indices of the two end points of each segment."""
     count = len(marker.points)
     starts = np.arange(count - 1) if marker.type is MarkerType.LINE_STRIP else np.arange(0, count - 1, 2)
     return np.stack([starts, starts + 1], axis=1)
 
 
 def _colors(marker: Marker) -> Array:
-    """One for each point."""
+    """The color of each point."""
     count = len(marker.points)
     return np.array(marker.colors if len(marker.colors) == count else (marker.color,) * count)
 
@@ -624,27 +620,27 @@ def _bytes(colors: Array) -> NDArray[np.uint8]:
 
 
 _TRANSPARENT_OPACITY = 0.32
-"""The opacity of what one sees through, where it is drawn in one color."""
+"""Opacity of transparent bodies that are drawn in one color."""
 _POSE_TOLERANCE = 5e-5
-"""What moves by less than this [m, or in a quaternion's numbers] since it was last sent is not sent again."""
+"""Smallest change of a position [m] or quaternion component that is sent."""
 _SKY_COLORS = ((247, 248, 249), (222, 226, 230))
-"""The background, from the upper to the lower edge."""
+"""Colors of the background at the upper and the lower edge."""
 
 
 def moved_rows(sent: Array, now: Array) -> NDArray[np.intp]:
-    """The rows whose pose is no longer the one that was sent."""
+    """The rows in which the pose differs from the one that was sent."""
     return np.flatnonzero(np.any(np.abs(now - sent) > _POSE_TOLERANCE, axis=1))
 
 
 class ViewerScene:
-    """What the visitors see."""
+    """The scene of all clients."""
 
     def __init__(self, server: viser.ViserServer, *, on_node: NodeCallback) -> None:
-        """Lights an empty place.
+        """Creates an empty scene with daylight.
 
         Args:
-            server: where the visitors come.
-            prepare: makes what was just drawn answer to the mouse.
+            server: the server of the scene.
+            on_node: called with each clickable node when it is created.
         """
         self._server = server
         self._bodies = BodyNodes(server.scene, on_node=on_node)
@@ -660,15 +656,15 @@ class ViewerScene:
 
     @property
     def appearances(self) -> Mapping[BodyId, BodyAppearance]:
-        """Of all bodies that are there."""
+        """The appearances of all bodies."""
         return self._bodies.appearances
 
     @property
     def ids(self) -> tuple[BodyId, ...]:
-        """Whose poses were shown last; the same object until others are shown."""
+        """The bodies of the rows of poses; the same object until `show` is called with others."""
         return self._ids
 
-    # -- bodies ----------------------------------------------------------------------------------------------
+    # -- bodies --------------------------------------------------------------------------------------------------------
 
     def show(
         self,
@@ -676,18 +672,18 @@ class ViewerScene:
         ids: tuple[BodyId, ...],
         poses: Array,
         *,
-        holdable: Container[BodyId],
+        draggable: Container[BodyId],
     ) -> None:
-        """Draws bodies that came or changed, removes those that went, and puts all in their places.
+        """Creates nodes of new and changed bodies, removes those of others, and sets all poses.
 
         Args:
-            looks: of all bodies.
-            ids: whose poses follow.
+            appearances: the appearances of all bodies.
+            ids: the bodies of the rows of `poses`.
             poses: n x 7.
-            holdable: which of them can be pulled.
+            draggable: the bodies that can be dragged.
         """
         with self._server.atomic():
-            self._bodies.show(appearances, holdable=holdable)
+            self._bodies.show(appearances, draggable=draggable)
             self._lights.show(appearances)
             self._ids, self._sent_poses = ids, poses.copy()
             self._send_poses(np.arange(len(ids)))
@@ -695,7 +691,11 @@ class ViewerScene:
             self._repaint()
 
     def move(self, poses: Array) -> NDArray[np.intp]:
-        """Sends the poses that changed, in the order of the ids last shown; gives their rows."""
+        """Sends the poses that changed; returns their rows.
+
+        Args:
+            poses: poses in the order of `ids`, n x 7.
+        """
         rows = moved_rows(self._sent_poses, poses)
         if len(rows):
             self._sent_poses[rows] = poses[rows]
@@ -704,33 +704,35 @@ class ViewerScene:
         return rows
 
     def set_highlights(self, highlights: Mapping[BodyId, Color]) -> None:
-        """Paints lit bodies in their highlight, and all others as they are; dimmed while anything is lit."""
-        dims = bool(highlights) != bool(self._highlights)
-        before, veils_before, self._highlights = self._highlights, self._occluders, dict(highlights)
+        """Paints highlighted bodies in their colors; while there are any, all other bodies are dimmed."""
+        repaint_all = bool(highlights) != bool(self._highlights)
+        before, occluders_before, self._highlights = self._highlights, self._occluders, dict(highlights)
         self._update_occluders()
-        other = self._occluders ^ veils_before
-        changed = [id for id in self.appearances if dims or id in other or highlights.get(id) != before.get(id)]
+        toggled = self._occluders ^ occluders_before
+        changed = [
+            id for id in self.appearances if repaint_all or id in toggled or highlights.get(id) != before.get(id)
+        ]
         with self._server.atomic():
             self._bodies.set_paints({id: self._paint_for(id, self.appearances[id]) for id in changed})
 
     def hide(self, hidden: frozenset[BodyId]) -> None:
-        """Shows all bodies but these."""
+        """Hides these bodies, and shows all others."""
         if hidden != self._hidden:
             self._hidden = hidden
             with self._server.atomic():
                 self._hide()
 
     def show_enclosures(self, shown: bool) -> None:
-        """Draws the outlines of what encloses the place, or not."""
+        """Shows or hides the outlines of enclosing bodies."""
         if shown != self._enclosures_shown:
             self._enclosures_shown = shown
             with self._server.atomic():
                 self._hide()
 
-    # -- the place -------------------------------------------------------------------------------------------
+    # -- surroundings --------------------------------------------------------------------------------------------------
 
     def set_initial_camera(self, camera_pose: CameraPose) -> None:
-        """Where the camera of a visitor is who comes, until the shape of the window is known; the sun stands beside."""
+        """Sets the camera of new clients until their aspect ratio is known, and the sun relative to it."""
         camera = self._server.initial_camera
         camera.position, camera.look_at, camera.fov = (
             camera_pose.position,
@@ -741,7 +743,7 @@ class ViewerScene:
         self._sun.position = _sun_direction(np.subtract(camera_pose.position, camera_pose.look_at))
 
     def set_ground(self, height: float | None) -> None:
-        """A grid to stand on, at a height [m]; None takes it away, for a place with a floor."""
+        """Shows a ground grid at a height [m]; None removes it."""
         grid = self._server.scene.get_handle_by_name("/ground")
         if grid is not None:
             grid.remove()
@@ -757,27 +759,27 @@ class ViewerScene:
                 shadow_opacity=0.18,
             )
 
-    # -- how -------------------------------------------------------------------------------------------------
+    # -- internals -----------------------------------------------------------------------------------------------------
 
     def _hide(self) -> None:
-        outlines = {id for id, look in self.appearances.items() if look.part is VisiblePart.OUTLINE}
+        outlines = {id for id, each in self.appearances.items() if each.part is VisiblePart.OUTLINE}
         self._bodies.hide(self._hidden | (frozenset() if self._enclosures_shown else outlines))
 
     def _repaint(self) -> None:
         if self._highlights:
             self._update_occluders()
-            self._bodies.set_paints({id: self._paint_for(id, look) for id, look in self.appearances.items()})
+            self._bodies.set_paints({id: self._paint_for(id, each) for id, each in self.appearances.items()})
 
     def _update_occluders(self) -> None:
-        """Where visitors stand first, they see what is lit, whatever it is in or behind."""
+        """Finds the bodies that hide highlighted ones from the initial camera; they are drawn transparent."""
         ids = [(row, id) for row, id in enumerate(self._ids) if id in self.appearances]
-        lit = np.array([at for at, (_, id) in enumerate(ids) if id in self._highlights], dtype=np.intp)
-        if self._eye is None or not len(lit):
+        rows = np.array([at for at, (_, id) in enumerate(ids) if id in self._highlights], dtype=np.intp)
+        if self._eye is None or not len(rows):
             self._occluders = frozenset()
             return
         poses = self._sent_poses[[row for row, _ in ids]]
         sizes = np.array([self.appearances[id].size for _, id in ids])
-        self._occluders = frozenset(ids[at][1] for at in find_occluders(self._eye, poses, sizes, lit).tolist())
+        self._occluders = frozenset(ids[at][1] for at in find_occluders(self._eye, poses, sizes, rows).tolist())
 
     def _paint_for(self, id: BodyId, appearance: BodyAppearance) -> Paint | None:
         if not self._highlights:
@@ -792,17 +794,17 @@ class ViewerScene:
         )
 
     def _send_poses(self, rows: NDArray[np.intp]) -> None:
-        placed = self._sent_poses[rows]
-        placed[:, 3:] = normalize(placed[:, 3:])
+        poses = self._sent_poses[rows]
+        poses[:, 3:] = normalize(poses[:, 3:])
         ids = [self._ids[row] for row in rows.tolist()]
-        self._bodies.set_poses(ids, placed)
-        self._lights.set_poses(ids, placed)
+        self._bodies.set_poses(ids, poses)
+        self._lights.set_poses(ids, poses)
 
 
 def _add_daylight(scene: viser.SceneApi) -> viser.DirectionalLightHandle:
-    """Daylight from a window behind the visitor's shoulder, a little from everywhere else, and a quiet background."""
+    """Adds a directional light beside the initial camera, a hemisphere light, and a gray background."""
     scene.configure_default_lights(enabled=False)
-    # Surroundings to be mirrored make each picture thirty times slower where there is no GPU.
+    # An environment map makes rendering 30 times slower without a GPU.
     scene.configure_environment_map(None)
     scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(214, 204, 190), intensity=2.2)
     scene.world_axes.visible = False
@@ -818,6 +820,6 @@ def _add_daylight(scene: viser.SceneApi) -> viser.DirectionalLightHandle:
 
 
 def _sun_direction(view_direction: Array) -> Vector:
-    """Where the sun stands for an eye in that direction from the middle."""
+    """The position of the sun: 18 degrees beside the camera, whose direction from the center is given."""
     azimuth = float(np.arctan2(view_direction[1], view_direction[0])) + np.radians(18.0)
     return 6.0 * float(np.cos(azimuth)), 6.0 * float(np.sin(azimuth)), 11.0

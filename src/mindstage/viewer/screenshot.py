@@ -1,11 +1,7 @@
-"""Photograph: pictures of the page, taken by a browser that comes as one more visitor.
+"""Screenshots of the page, taken by a headless Chromium that connects as one more client.
 
-What it wants to see, nobody else has to see. A picture is finished when nothing in it changes any more; where the
-world itself moves, it is what is seen a while after everything has arrived.
-
-Browser: a headless Chromium of this machine with one page, to take pictures of.
-
-It draws without a GPU, so that the same page gives the same picture everywhere, and keeps nothing once it is closed.
+Camera, selection and labels are set for this client only. The browser renders without a GPU, so that pictures are the
+same on every machine. A picture is taken once it no longer changes, or after a while if the simulation is running.
 """
 
 from __future__ import annotations
@@ -45,7 +41,7 @@ BROWSERS = (
     "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
     "/Applications/Chromium.app/Contents/MacOS/Chromium",
 )
-"""The executables that are looked for; the first that is there is taken."""
+"""The executables that are searched for, in this order."""
 
 _ARGUMENTS = (
     "--headless=new",
@@ -68,14 +64,14 @@ _ARGUMENTS = (
     "--use-mock-keychain",
 )
 _WITHOUT_SANDBOX = "--no-sandbox"
-"""Where the system does not let a browser have one: as root, and in most containers. It sees pages of ours only."""
+"""For systems without sandboxing: root, most containers. The browser only opens pages of this server."""
 
 
 def find_browser(executable: str | None = None) -> Path:
-    """The executable that was named, or else one of those that are usual.
+    """Finds an executable by its name or path; by default one of `BROWSERS`.
 
     Raises:
-        BrowserNotFoundError: there is none.
+        BrowserNotFoundError: it is not installed.
     """
     found = next(filter(None, map(shutil.which, (executable,) if executable else BROWSERS)), None)
     if found is None:
@@ -86,23 +82,23 @@ def find_browser(executable: str | None = None) -> Path:
 
 
 class HeadlessBrowser:
-    """A browser with one page; leaving its context ends it."""
+    """A browser process with one page; a context manager that closes it."""
 
     def __init__(
         self, executable: Path | None = None, *, size: tuple[int, int] = (1280, 800), timeout_s: float = 60.0
     ) -> None:
-        """Starts it.
+        """Starts the browser.
 
         Args:
-            executable: of Chromium, Chrome, or a relative of theirs; by default one that is found.
-            size: of the page, width and height [px].
-            timeout_s: how long it may take to start, and for each thing that it is asked for [s].
+            executable: Chromium or a browser derived from it; by default the one of `find_browser`.
+            size: width and height of the page [px].
+            timeout_s: time limit of the start and of each command [s].
 
         Raises:
-            BrowserNotFoundError: none is found, or it does not start.
+            BrowserNotFoundError: no browser is installed, or it does not start.
         """
         if os.name != "posix":
-            raise BrowserNotFoundError("it can be driven on Linux and macOS only")
+            raise BrowserNotFoundError("it can be controlled on Linux and macOS only")
         self._timeout_s = timeout_s
         found = executable or find_browser()
         self._folder = Path(tempfile.mkdtemp(prefix="mindstage-browser-"))
@@ -110,9 +106,9 @@ class HeadlessBrowser:
             try:
                 self._start(found, (), size)
             except BrowserCrashedError:
-                if not self._tools.has_exited:
+                if not self._pipe.has_exited:
                     raise
-                self._tools.close()
+                self._pipe.close()
                 self._start(found, (_WITHOUT_SANDBOX,), size)
         except (BrowserCrashedError, OSError) as error:
             self.close()
@@ -128,47 +124,50 @@ class HeadlessBrowser:
         self.close()
 
     def navigate(self, url: str) -> None:
-        """Opens an address in the page.
+        """Opens an address.
 
         Raises:
-            BrowserCrashedError: nobody answers there, or the browser broke.
+            BrowserCrashedError: the address cannot be opened, or the browser has crashed.
         """
-        if trouble := self._send_command("Page.navigate", {"url": url}).get("errorText"):
-            raise BrowserCrashedError(f"it cannot open the page: {trouble}")
+        if cause := self._send_command("Page.navigate", {"url": url}).get("errorText"):
+            raise BrowserCrashedError(f"it cannot open the page: {cause}")
 
     def evaluate(self, expression: str) -> Any:
-        """What an expression in JavaScript is worth on the page.
+        """Evaluates a JavaScript expression; promises are awaited.
 
         Raises:
-            BrowserCrashedError: the expression fails, or the browser broke.
+            BrowserCrashedError: the expression throws, or the browser has crashed.
         """
-        told = self._send_command(
+        reply = self._send_command(
             "Runtime.evaluate", {"expression": expression, "returnByValue": True, "awaitPromise": True}
         )
-        if (fault := told.get("exceptionDetails")) is not None:
+        if (details := reply.get("exceptionDetails")) is not None:
             raise BrowserCrashedError(
-                f"the page has a fault: {fault.get('exception', fault).get('description', fault)}"
+                f"an error on the page: {details.get('exception', details).get('description', details)}"
             )
-        return told["result"].get("value")
+        return reply["result"].get("value")
 
     def screenshot(self) -> bytes:
-        """The page as it is now, as PNG.
+        """Takes a picture of the page.
+
+        Returns:
+            The bytes of a PNG file.
 
         Raises:
-            BrowserCrashedError: it is gone, or too slow.
+            BrowserCrashedError: the browser has crashed, or did not answer in time.
         """
         return base64.b64decode(self._send_command("Page.captureScreenshot", {"format": "png"})["data"])
 
     def close(self) -> None:
-        """Ends it; any number of times."""
-        if tools := self.__dict__.get("_tools"):
-            tools.close()
+        """Ends the browser; calling it again is harmless."""
+        if pipe := self.__dict__.get("_pipe"):
+            pipe.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
-    def _start(self, executable: Path, more: tuple[str, ...], size: tuple[int, int]) -> None:
+    def _start(self, executable: Path, arguments: tuple[str, ...], size: tuple[int, int]) -> None:
         width, height = size
         window = f"--window-size={width},{height}"
-        self._tools = CdpPipe(executable, (*_ARGUMENTS, window, *more), folder=self._folder)
+        self._pipe = CdpPipe(executable, (*_ARGUMENTS, window, *arguments), folder=self._folder)
         self._session = ""
         target = self._send_command("Target.createTarget", {"url": "about:blank"})["targetId"]
         self._session = self._send_command("Target.attachToTarget", {"targetId": target, "flatten": True})["sessionId"]
@@ -176,22 +175,22 @@ class HeadlessBrowser:
         self._send_command("Emulation.setDeviceMetricsOverride", metrics)
 
     def _send_command(self, method: str, params: Mapping[str, object] | None = None) -> dict[str, Any]:
-        return self._tools.send(method, params, session=self._session, timeout_s=self._timeout_s)
+        return self._pipe.send(method, params, session=self._session, timeout_s=self._timeout_s)
 
 
 T = TypeVar("T")
 
 _MAX_SIZE_PX = 8192
-"""Of a side: what a browser can draw."""
+"""Maximum width and height that browsers can render."""
 _STABLE_S = 1.2
-"""A picture that has not changed for so long is finished."""
+"""Time without changes after which a picture is finished [s]."""
 _MAX_WAIT_S = 15.0
-"""One that still changes after so long shows something that moves."""
+"""Time after which a picture is taken although it still changes [s]."""
 _POLL_INTERVAL_S = 0.2
 _DRAFT_RESOLUTION = 0.25
-"""So much coarser the view is drawn until everything has come: without a GPU the time goes with the points drawn."""
+"""Device pixel ratio until the scene has loaded: without a GPU, time is proportional to the number of pixels."""
 _FINAL_RESOLUTION = 1.0
-"""So fine it is drawn in the end; edges are smoothed by the browser."""
+"""Device pixel ratio of the picture."""
 _DRAW = """new Promise((drawn) => {
   const window_ = document.getElementById("view")?.contentWindow ?? window;
   const view = window_.__viserMutable;
@@ -203,49 +202,53 @@ _DRAW = """new Promise((drawn) => {
     drawn(true);
   }));
 })"""
-"""Draws the view once as fine as that, and no more."""
+"""Renders one frame at a device pixel ratio, and stops rendering."""
 _DEFAULT_CAMERA = CameraPose((2.5, -2.5, 2.0), (0.0, 0.0, 0.5), 0.63)
-"""How one looks at an empty place."""
+"""The camera for an empty scene."""
 _MIN_HORIZONTAL_M = 1e-3
-"""Straight down no side would be up, so one looks a hair aslant."""
+"""Minimum horizontal part of a view direction: straight down, the up direction would be undefined."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Screenshot:
-    """What shall be in a picture, and how it is taken."""
+    """What a screenshot shows, and how it is taken."""
 
     size: tuple[int, int] = (1280, 800)
     """Width and height [px]."""
     position: Vector | None = None
-    """Where the eye is [m]; as visitors stand at first, if neither this nor `look_at` is given."""
+    """Position of the camera [m]; without this and `look_at`, the home view."""
     look_at: Vector | None = None
-    """What is in the middle [m]."""
+    """Point in the center of the picture [m]."""
     from_above: bool = False
-    """Whether one looks straight down, as on a plan."""
+    """Whether the camera looks straight down, as on a floor plan."""
     focus: tuple[BodyId, ...] = ()
-    """Bodies that shall fill the picture."""
+    """Bodies that the camera frames."""
     clip_height: float | None = None
-    """A height above which nothing is drawn [m]."""
+    """Height of the clipping plane: nothing above it is drawn [m]."""
     selected: BodyId | None = None
-    """A body with a frame round it, which the page's panel describes."""
+    """The selected body, whose details are in the panel."""
     labels: LabelMode = LabelMode.NONE
     with_panels: bool = False
-    """Whether the whole page is in the picture, or the world alone."""
+    """Whether the picture shows the whole page, or the 3D view alone."""
     panel: str = ""
-    """Which of the page's panels is in front, such as "ask"; by default the one that opens first."""
+    """The panel to open, such as "ask"; by default the one that is open initially."""
     browser: str | None = None
-    """The executable; by default one that is found."""
+    """The executable; by default the one of `find_browser`."""
     timeout_s: float = 180.0
-    """How long all of it may take: without a GPU a large world is drawn slowly [s]."""
+    """Time limit of everything; large worlds are rendered slowly without a GPU [s]."""
 
     def __post_init__(self) -> None:
-        """Refuses what no browser can draw."""
+        """Checks size, view and panel.
+
+        Raises:
+            InvalidArgumentError: one of them is invalid.
+        """
         if not all(0 < side <= _MAX_SIZE_PX for side in self.size):
-            cause = f"{self.size[0]} x {self.size[1]} cannot be drawn"
+            cause = f"{self.size[0]} x {self.size[1]} cannot be rendered"
             raise InvalidArgumentError("a picture's size", cause=cause, remedy=f"each side is 1 to {_MAX_SIZE_PX} px")
         if self.position is not None and self.position == self.look_at:
             raise InvalidArgumentError(
-                "a picture's view", cause="it is from and to one point", remedy="give two points"
+                "a picture's view", cause="position and look_at are equal", remedy="give two different points"
             )
         if self.panel and not self.with_panels:
             raise InvalidArgumentError(
@@ -254,25 +257,31 @@ class Screenshot:
 
 
 class ScreenshotTaker:
-    """Takes pictures of one page."""
+    """Takes screenshots of one page."""
 
     def __init__(self, server: viser.ViserServer, views: ClientViews, *, token: str | None = None) -> None:
-        """Starts nothing yet.
+        """Starts no browser yet.
 
         Args:
-            server: of the page.
-            sights: what its visitors see.
-            token: that its visitors need, if they do.
+            server: the server of the page.
+            views: the views of its clients.
+            token: the token that clients need, if any.
         """
         self._server, self._views, self._token = server, views, token
 
     def take(self, screenshot: Screenshot) -> bytes:
-        """Takes one, as PNG.
+        """Takes a screenshot.
+
+        Args:
+            screenshot: what to show.
+
+        Returns:
+            The bytes of a PNG file.
 
         Raises:
-            BrowserNotFoundError: no browser is found, or it does not start.
-            BrowserCrashedError: it ended, or the picture was not finished in time.
-            BodyNotFoundError: a body that shall be seen is not there.
+            BrowserNotFoundError: no browser is installed, or it does not start.
+            BrowserCrashedError: the browser has crashed, or the picture was not finished in time.
+            BodyNotFoundError: a body of the screenshot does not exist.
             InvalidArgumentError: the page has no such panel.
         """
         end = time.monotonic() + screenshot.timeout_s
@@ -281,7 +290,7 @@ class ScreenshotTaker:
         ) as browser:
             _wait_for(lambda: self._views.is_drawn, end, "nothing was drawn")
             key = secrets.token_hex(8)
-            if self._token:  # which the page turns into a cookie
+            if self._token:  # exchanged for a cookie
                 browser.navigate(f"{address(self._server)}/?{urlencode({'token': self._token})}")
             browser.navigate(self._address(key, screenshot))
             if screenshot.with_panels:
@@ -292,43 +301,43 @@ class ScreenshotTaker:
             client = _wait_for(lambda: self._client(key), end, "the view did not open")
             self._prepare(screenshot, client.client_id)
             if not self._views.wait_idle(timeout_s=max(0.0, end - time.monotonic())):
-                raise BrowserCrashedError("the page's own thread did not come to it in time")
+                raise BrowserCrashedError("the view was not updated in time")
             _wait_received(client, end)
             _wait_stable(browser, end)
             browser.evaluate(_DRAW % _FINAL_RESOLUTION)
             return browser.screenshot()
 
     def _address(self, key: str, screenshot: Screenshot) -> str:
-        place = "/" if screenshot.with_panels else f"/view/{key}/"
-        return f"{address(self._server)}{place}?{urlencode({'fixedDpr': _DRAFT_RESOLUTION})}"
+        path = "/" if screenshot.with_panels else f"/view/{key}/"
+        return f"{address(self._server)}{path}?{urlencode({'fixedDpr': _DRAFT_RESOLUTION})}"
 
     def _client(self, key: str) -> viser.ClientHandle | None:
-        """The visitor, once it is welcomed."""
-        there = self._views.clients
+        """The connection of the browser, once its view exists."""
+        known = self._views.clients
         clients = self._server.get_clients().values()
         return next(
-            (each for each in clients if each.client_id in there and session_key_of(each, self._server) == key), None
+            (each for each in clients if each.client_id in known and session_key_of(each, self._server) == key), None
         )
 
     def _prepare(self, screenshot: Screenshot, view: int) -> None:
-        sights, outlook = self._views, self._views.target
+        views, target = self._views, self._views.target
         if screenshot.clip_height is not None:
-            sights.set_clip_height(screenshot.clip_height, client=view)
+            views.set_clip_height(screenshot.clip_height, client=view)
         if screenshot.selected is not None:
-            sights.select(screenshot.selected, client=view)
+            views.select(screenshot.selected, client=view)
         if screenshot.labels is not LabelMode.NONE:
-            sights.set_labels(screenshot.labels, client=view)
+            views.set_labels(screenshot.labels, client=view)
         if screenshot.focus:
-            sights.focus(screenshot.focus, client=view)
+            views.focus(screenshot.focus, client=view)
         elif screenshot.from_above:
-            sights.go_top(client=view)
+            views.go_top(client=view)
         elif screenshot.position is not None or screenshot.look_at is not None:
-            usual = outlook.camera(screenshot.size[0] / screenshot.size[1]) if outlook else _DEFAULT_CAMERA
-            sights.set_camera(_camera_for(screenshot, usual), client=view)
+            default = target.camera(screenshot.size[0] / screenshot.size[1]) if target else _DEFAULT_CAMERA
+            views.set_camera(_camera_for(screenshot, default), client=view)
 
 
 def _show_panel(browser: HeadlessBrowser, panel: str) -> None:
-    """Shows one of the page's panels."""
+    """Opens a panel of the page."""
     known = browser.evaluate("[...document.querySelectorAll('[data-tab]')].map((tab) => tab.dataset.tab)")
     if panel and panel not in known:
         raise InvalidArgumentError(panel, cause="the page has no such panel", remedy=f"there is {', '.join(known)}")
@@ -337,7 +346,7 @@ def _show_panel(browser: HeadlessBrowser, panel: str) -> None:
 
 
 def _camera_for(screenshot: Screenshot, default: CameraPose) -> CameraPose:
-    """The view from one point to another; the one that is not given is as usual, as far as it can be."""
+    """The camera of a screenshot; a missing point is that of the default, moved with the other one."""
     x, y, z = default.position
     (to_x, to_y, to_z) = default.look_at
     if screenshot.position is None and screenshot.look_at is not None:
@@ -358,20 +367,20 @@ def _camera_for(screenshot: Screenshot, default: CameraPose) -> CameraPose:
 
 
 def _wait_received(client: viser.ClientHandle, end: float) -> None:
-    """Waits until the visitor has everything that was sent so far: requests for pictures keep their place among it."""
+    """Waits until the client has received everything sent so far: it answers a render request after it."""
     try:
         client.get_render(8, 8, timeout=max(0.1, end - time.monotonic()))
     except TimeoutError as error:
-        raise BrowserCrashedError("the view was not drawn in time") from error
+        raise BrowserCrashedError("the view was not rendered in time") from error
     except RuntimeError as error:
-        raise BrowserCrashedError(f"the view was lost: {error}") from error
+        raise BrowserCrashedError(f"the connection to the view was lost: {error}") from error
 
 
 def _wait_for(condition: Callable[[], T | None], end: float, label: str) -> T:
-    """What is there at last.
+    """Polls a condition until it is true, and returns its value.
 
     Raises:
-        BrowserCrashedError: it did not come in time.
+        BrowserCrashedError: it did not become true in time.
     """
     while not (found := condition()):
         if time.monotonic() > end:
@@ -381,7 +390,7 @@ def _wait_for(condition: Callable[[], T | None], end: float, label: str) -> T:
 
 
 def _wait_stable(browser: HeadlessBrowser, end: float) -> None:
-    """Waits until nothing in the picture changes any more, or for a while where the world itself moves."""
+    """Waits until the picture no longer changes, or for `_MAX_WAIT_S`."""
     picture = browser.screenshot()
     start = since = time.monotonic()
     while time.monotonic() < min(end, start + _MAX_WAIT_S) and time.monotonic() - since <= _STABLE_S:

@@ -1,24 +1,17 @@
-"""Server: the web server of the page, on a free port: our page and its channel, and viser's view in it.
+"""The web server of the page: viser's server with additional routes, and the RPC channel between page and server.
 
-Patience: long work for pages, so that it holds up neither the world nor what else a page asks for.
+The channel is one websocket per page with small JSON messages:
 
-Sockets: our own doors in viser's web server, at the one port that both share.
-
-viser serves its page and its websocket by one call of `websockets.asyncio.server.serve`. While one of our servers is
-being made, that call goes through here: the gate judges each request first, our own paths are answered by us, and the
-rest is viser's. Nothing else of viser is touched, and a server whose doors were not put in is never opened.
-
-Visitor: one page that somebody has open, and what waits to be sent to it.
-
-Channel: what the page asks and is told, as small JSON messages over one websocket for each visitor.
-
-page → server   {"id": 7, "method": "select", "params": {"id": "Mug"}}
+    page → server   {"id": 7, "method": "select", "params": {"id": "Mug"}}
     server → page   {"id": 7, "result": …}   or   {"id": 7, "error": {"type": "BodyUnknown", "message": "no body …"}}
-    server → page   {"topic": "clock", "value": …}                                                  (unasked)
+    server → page   {"topic": "clock", "value": …}                                                  (event)
 
-Every request is answered. Requests are typed: what is not in the struct of its kind is refused with the path to it.
-They are carried out in worker threads, never on the socket's own loop, so that nobody's question stops anybody's
-picture; within one lane a visitor's requests keep their order.
+Every request gets a response. Parameters are typed, unknown fields are refused with the path to them. Requests run in
+worker threads, never on the event loop; requests of one client in the same queue keep their order.
+
+viser serves its page and its websocket by one call of `websockets.asyncio.server.serve`. While a server is created,
+that call is redirected to `HttpRoutes.serve`: the request filter checks each request first, paths of Mindstage are
+answered here, all others by viser. Nothing else of viser is patched, and a server without the routes is closed at once.
 """
 
 from __future__ import annotations
@@ -76,32 +69,33 @@ T = TypeVar("T")
 
 
 class BoundedExecutor:
-    """So many pieces of work at once, and so long that anybody waits for each.
+    """Runs functions in threads, with a limit on how many run at once and how long the caller waits.
 
-    Nothing in Python can be stopped from outside: what never ends keeps its place, and ends with the process.
+    A Python thread cannot be stopped: after a timeout the function goes on and occupies one of the workers until it
+    returns.
     """
 
     def __init__(self, *, max_workers: int = 4, timeout_s: float = 30.0) -> None:
-        """Nobody works yet.
+        """Starts no thread yet.
 
         Args:
-            places: so much is done at once.
-            timeout_s: how long anybody waits for it [s].
+            max_workers: the maximum number of functions that run at once.
+            timeout_s: how long callers wait for a result [s].
         """
         self._max_workers = max_workers
         self._semaphore = threading.BoundedSemaphore(max_workers)
         self._timeout_s = timeout_s
 
     def run(self, function: Callable[[], T], *, label: str) -> T:
-        """Does it, and gives what comes of it.
+        """Calls a function and returns its result.
 
         Args:
-            work: may take its time.
-            what: it is, for the sentence that says that it takes too long.
+            function: the function.
+            label: what it computes, for error messages.
 
         Raises:
-            QuestionTimeoutError: it took too long.
-            QueryLimitError: as much as can be is being done already.
+            QuestionTimeoutError: there is no result in time.
+            QueryLimitError: all workers are busy.
         """
         if not self._semaphore.acquire(blocking=False):
             raise QueryLimitError(label, pending=self._max_workers)
@@ -110,7 +104,7 @@ class BoundedExecutor:
         try:
             return future.result(self._timeout_s)
         except TimeoutError:
-            if future.done():  # the work itself raised it
+            if future.done():  # raised by the function
                 raise
             raise QuestionTimeoutError(label, timeout_s=self._timeout_s) from None
 
@@ -123,47 +117,47 @@ class BoundedExecutor:
             self._semaphore.release()
 
 
-_infra: Any = _viser  # what it imports is not exported
+_infra: Any = _viser  # imported by viser, but not exported
 ConnectionClosed: type[Exception] = _infra.websockets.exceptions.ConnectionClosed
 _serve = _infra.websockets.asyncio.server.serve
 _patch_lock = threading.Lock()
 _handshake_log = logging.getLogger("mindstage.viewer.handshakes")
-_handshake_log.addHandler(logging.NullHandler())  # what strangers try is told to those who configured logging
+_handshake_log.addHandler(logging.NullHandler())  # failed handshakes appear only if logging is configured
 
 
 class WebSocket(Protocol):
-    """What is used of a websocket."""
+    """The part of a websocket of the `websockets` library that is used."""
 
     request: Any
     protocol: Any
 
     async def send(self, message: bytes, /, *, text: bool) -> None:
-        """Sends a message when there is room for it."""
+        """Sends a message; waits while the buffer is full."""
 
     async def recv(self) -> str | bytes:
         """Waits for the next message."""
 
     async def close(self, code: int = 1000, reason: str = "") -> None:
-        """Says goodbye."""
+        """Closes the connection."""
 
 
 class HttpRoutes:
-    """Our side of the port."""
+    """The routes of Mindstage in viser's server: the page's files, its websocket, and the filter of all requests."""
 
-    def __init__(self, gate: RequestFilter, *, channel: Callable[[WebSocket], Awaitable[None]]) -> None:
-        """The doors of one server.
+    def __init__(self, request_filter: RequestFilter, *, channel: Callable[[WebSocket], Awaitable[None]]) -> None:
+        """Creates the routes of one server.
 
         Args:
-            gate: who may come in.
-            channel: keeps a page's own websocket until it is closed.
+            request_filter: decides which requests are allowed.
+            channel: serves a page's websocket until it is closed.
         """
-        self._filter, self._channel = gate, channel
+        self._filter, self._channel = request_filter, channel
         self._view: ViserPage | None = None
         self.patched = False
-        """Whether a server has them."""
+        """Whether a server uses these routes."""
 
     def serve(self, handler: Callable[[Any], Awaitable[None]], *args: Any, **options: Any) -> Any:
-        """Called by viser in place of `websockets.asyncio.server.serve`."""
+        """Replaces `websockets.asyncio.server.serve`, with the same arguments."""
         page = options["process_request"]
 
         async def handle(socket: Any) -> None:
@@ -188,7 +182,7 @@ class HttpRoutes:
         return _response(socket, answer)
 
     def _view_answer(self, request: Any, page: Callable[[Any], Any]) -> HttpResponse:
-        """Viser's page, with our words in its head."""
+        """Serves viser's page with the additional scripts and headers."""
         if self._view is None:
             plain = page(replace(request, path="/", headers=type(request.headers)()))
             self._view = ViserPage(plain.body)
@@ -207,7 +201,7 @@ def _response(socket: Any, answer: HttpResponse) -> Any:
 
 
 class _ModuleProxy:
-    """A module, but for some of its names."""
+    """A module in which some names are replaced."""
 
     def __init__(self, module: Any, **names: Any) -> None:
         self._module = module
@@ -219,7 +213,7 @@ class _ModuleProxy:
 
 @contextmanager
 def patched_viser(routes: HttpRoutes) -> Iterator[None]:
-    """Whatever server viser makes meanwhile has these doors."""
+    """While active, servers that viser creates use these routes."""
     with _patch_lock:
         library = _infra.websockets
         server = _ModuleProxy(library.asyncio.server, serve=routes.serve)
@@ -231,27 +225,27 @@ def patched_viser(routes: HttpRoutes) -> Iterator[None]:
 
 
 _MAX_QUEUE = 1000
-"""A page that has so many messages before it does not keep up, and is sent away; it comes back by itself."""
+"""Number of unsent messages at which a slow page is disconnected; it reconnects."""
 
 
 def event_message(topic: str, value: object) -> bytes:
-    """A message that nobody asked for."""
+    """Encodes an event."""
     return msgspec.json.encode({"topic": topic, "value": value})
 
 
 class ClientSession:
-    """Whom the channel talks to; kept while the page is open, a new one when it comes back."""
+    """The connection of one page; a page that reconnects gets a new one. Methods may be called from any thread."""
 
     def __init__(self, key: str, socket: WebSocket) -> None:
-        """Somebody who just came.
+        """Creates the session of an accepted websocket, on the event loop.
 
         Args:
-            key: what the page calls itself; the view in it has the same.
-            socket: to it.
+            key: identifies the page and the 3D view in it.
+            socket: the page's websocket.
         """
         self.key = key
         self.state: dict[Hashable, Any] = {}
-        """What whoever answers requests wants to remember of this visitor."""
+        """Values that request handlers keep for this session."""
         self._socket = socket
         self._loop = asyncio.get_running_loop()
         self._queue: deque[bytes] = deque()
@@ -260,31 +254,31 @@ class ClientSession:
         self._has_output = asyncio.Event()
 
     def send_event(self, topic: str, value: object) -> None:
-        """Tells this visitor only of something that happened; from any thread."""
+        """Sends an event to this page only."""
         self.send(event_message(topic, value))
 
     def publish_to(self, topic: str, value: object) -> None:
-        """Tells this visitor only how something is now, unless that was told last; from any thread."""
+        """Sends the current value of a topic to this page only, unless it is the value sent last."""
         text = event_message(topic, value)
         if self._sent.get(topic) != text:
             self._sent[topic] = text
             self.send_latest(topic, text)
 
     def send(self, text: bytes) -> None:
-        """Sends a message; from any thread."""
+        """Sends a message."""
         self._call_soon(self.enqueue, text)
 
     def send_latest(self, topic: str, text: bytes) -> None:
-        """Sends how something is now, in place of how it was where that is not on its way yet; from any thread."""
+        """Sends the current value of a topic; replaces an older value that is still queued."""
         self._call_soon(self._enqueue_latest, topic, text)
 
     def _call_soon(self, function: Callable[..., None], *args: object) -> None:
         try:
             self._loop.call_soon_threadsafe(function, *args)
         except RuntimeError:
-            return  # the server has just closed: nobody is there any more
+            return  # the event loop is closed
 
-    # -- on the server's own loop --------------------------------------------------------------------------------------
+    # -- on the event loop ---------------------------------------------------------------------------------------------
 
     def enqueue(self, text: bytes) -> None:
         """Queues a message."""
@@ -296,13 +290,13 @@ class ClientSession:
         self._has_output.set()
 
     async def run_sender(self) -> None:
-        """Sends what waits, until the page is gone."""
+        """Sends queued messages until the connection is closed."""
         try:
             while await self._has_output.wait():
                 self._has_output.clear()
                 while self._queue or self._latest:
                     if len(self._queue) > _MAX_QUEUE:
-                        await self._socket.close(1013, "too slow: more is to be told than can be sent")
+                        await self._socket.close(1013, "the page is too slow")
                         return
                     text = self._queue.popleft() if self._queue else self._latest.pop(next(iter(self._latest)))
                     await self._socket.send(text, text=True)
@@ -312,21 +306,21 @@ class ClientSession:
 
 R = TypeVar("R", bound=msgspec.Struct)
 Handler = Callable[[ClientSession, R], object]
-"""Gets who asks and what, and gives whatever JSON can hold; a `MindstageError` says no."""
+"""Handles a request of a session; returns a value for JSON, or raises a `MindstageError`."""
 
 _log = logging.getLogger(__name__)
 
 
 class RpcLimits(msgspec.Struct, frozen=True, kw_only=True):
-    """What strangers and broken pages cannot exceed."""
+    """Limits of a channel."""
 
     max_sessions: int = 64
     message_bytes: int = 24 * 1024 * 1024
-    """Enough for a large map."""
+    """Maximum size of a message; maps are uploaded in one message [B]."""
     max_pending: int = 64
-    """Requests of one visitor that are not answered yet."""
+    """Unanswered requests per session."""
     max_requests_per_second: float = 120.0
-    """Requests of one visitor; twice as many in a burst."""
+    """Sustained rate per session; bursts of twice as many are allowed [1/s]."""
 
 
 class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"arguments": "params"}):
@@ -342,17 +336,17 @@ class _Method(msgspec.Struct, frozen=True):
 
 
 class EmptyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The parameters of a request that has none."""
+    """The parameters of a request without parameters."""
 
 
 class RpcChannel:
-    """All visitors' websockets; calls may come from any thread."""
+    """Requests from and events to all pages. Methods may be called from any thread."""
 
-    def __init__(self, limits: RpcLimits = RpcLimits()) -> None:  # noqa: B008 - it is frozen
-        """Nobody is there yet, and nothing can be asked.
+    def __init__(self, limits: RpcLimits = RpcLimits()) -> None:  # noqa: B008 - frozen
+        """Creates a channel without methods and sessions.
 
         Args:
-            limits: of what pages send.
+            limits: limits of what pages send.
         """
         self.limits = limits
         self._methods: dict[str, _Method] = {}
@@ -362,106 +356,106 @@ class RpcChannel:
         self._disconnect_callbacks: list[Callable[[ClientSession], None]] = []
         self._executor = ThreadPoolExecutor(max_workers=32, thread_name_prefix="mindstage-page")
 
-    # -- what the page can ask -----------------------------------------------------------------------------------------
+    # -- requests ------------------------------------------------------------------------------------------------------
 
     def register(self, name: str, request_type: type[R], handler: Handler[R], *, queue: str = "world") -> None:
-        """Lets pages ask for something.
+        """Registers the handler of a method.
 
         Args:
-            name: the request's `method`.
-            kind: a struct of its `params`; it should forbid unknown fields.
+            name: the `method` of requests.
+            request_type: the type of their `params`; it should forbid unknown fields.
             handler: called in a worker thread.
-            lane: requests of one lane and one visitor are carried out one after the other.
+            queue: requests of one session in the same queue are handled one after the other.
 
         Raises:
-            ValueError: the name is taken.
+            ValueError: the method is registered already.
         """
         if name in self._methods:
-            raise ValueError(f"{name!r} is offered already")
+            raise ValueError(f"the method {name!r} is registered already")
         self._methods[name] = _Method(request_type, handler, queue)
 
     def on_connect(self, callback: Callable[[ClientSession], None]) -> None:
-        """Calls a function with each visitor that comes, in a worker thread."""
+        """Registers a callback for new sessions; called in a worker thread."""
         self._connect_callbacks.append(callback)
 
     def on_disconnect(self, callback: Callable[[ClientSession], None]) -> None:
-        """Calls a function with each visitor that left, in a worker thread."""
+        """Registers a callback for closed sessions; called in a worker thread."""
         self._disconnect_callbacks.append(callback)
 
-    # -- what the page is told -----------------------------------------------------------------------------------------
+    # -- events --------------------------------------------------------------------------------------------------------
 
     @property
     def sessions(self) -> tuple[ClientSession, ...]:
-        """Who is there."""
+        """The open sessions."""
         return tuple(self._sessions.values())
 
     def session(self, key: str | None) -> ClientSession | None:
-        """The visitor of that key, if that one is there."""
+        """The open session with a key, or None."""
         return self._sessions.get(key or "")
 
     def publish(self, topic: str, value: object) -> None:
-        """Tells all how something is now, those who come later too; nothing is sent if it is as it was."""
+        """Sets the value of a topic: sent to all sessions, and to later ones when they connect, if it has changed."""
         text = event_message(topic, value)
         if self._states.get(topic) != text:
             self._states[topic] = text
-            for visitor in self.sessions:
-                visitor.send_latest(topic, text)
+            for session in self.sessions:
+                session.send_latest(topic, text)
 
     def broadcast(self, topic: str, value: object) -> None:
-        """Tells all who are there of something that happened."""
+        """Sends an event to all open sessions."""
         text = event_message(topic, value)
-        for visitor in self.sessions:
-            visitor.send(text)
+        for session in self.sessions:
+            session.send(text)
 
     def close(self) -> None:
-        """Takes no requests any more."""
+        """Stops handling requests."""
         self._executor.shutdown(wait=False, cancel_futures=True)
 
-    # -- on the server's own loop --------------------------------------------------------------------------------------
+    # -- on the event loop ---------------------------------------------------------------------------------------------
 
     async def serve_session(self, socket: WebSocket) -> None:
-        """Serves one visitor until the page is closed."""
+        """Serves one page until its websocket is closed."""
         if len(self._sessions) >= self.limits.max_sessions:
-            await socket.close(1013, "too many visitors are here already")
+            await socket.close(1013, "too many pages are open")
             return
-        visitor = ClientSession(_session_key(socket.request.path), socket)
+        session = ClientSession(_session_key(socket.request.path), socket)
         socket.protocol.max_message_size = self.limits.message_bytes
-        # Whoever comes back by the same key is the same page, whose old socket has not noticed yet.
-        self._sessions[visitor.key] = visitor
+        # A page that reconnects has the same key; its old session may not be closed yet.
+        self._sessions[session.key] = session
         for topic, text in list(self._states.items()):
-            visitor.send_latest(topic, text)
-        tasks = [asyncio.create_task(visitor.run_sender())]
-        await self._run_callbacks(self._connect_callbacks, visitor)
+            session.send_latest(topic, text)
+        tasks = [asyncio.create_task(session.run_sender())]
+        await self._run_callbacks(self._connect_callbacks, session)
         try:
-            await self._receive(socket, visitor, tasks)
+            await self._receive(socket, session, tasks)
         except ConnectionClosed:
             pass
         finally:
             for task in tasks:
                 task.cancel()
-            if self._sessions.get(visitor.key) is visitor:
-                del self._sessions[visitor.key]
-            await self._run_callbacks(self._disconnect_callbacks, visitor)
+            if self._sessions.get(session.key) is session:
+                del self._sessions[session.key]
+            await self._run_callbacks(self._disconnect_callbacks, session)
 
     async def _receive(self, socket: WebSocket, session: ClientSession, tasks: list[asyncio.Task[None]]) -> None:
-        lanes: dict[str, asyncio.Lock] = defaultdict(asyncio.Lock)
-        budget = _RateLimiter(self.limits.max_requests_per_second)
-        waiting: set[asyncio.Task[None]] = set()
+        queues: dict[str, asyncio.Lock] = defaultdict(asyncio.Lock)
+        rate = _RateLimiter(self.limits.max_requests_per_second)
+        pending: set[asyncio.Task[None]] = set()
         while True:
             message = await socket.recv()
             request = self._read(message, session)
             if request is None:
                 continue
-            if len(waiting) >= self.limits.max_pending or not budget.try_acquire():
-                session.send(_error_message(request.id, "TooMany", "too much is asked at once; wait for the answers"))
+            if len(pending) >= self.limits.max_pending or not rate.try_acquire():
+                session.send(_error_message(request.id, "TooMany", "too many requests at once; wait for the responses"))
                 continue
-            task = asyncio.create_task(self._reply(session, request, lanes[self._methods[request.method].queue]))
-            waiting.add(task)
-            task.add_done_callback(waiting.discard)
-            tasks[1:] = waiting
+            task = asyncio.create_task(self._reply(session, request, queues[self._methods[request.method].queue]))
+            pending.add(task)
+            task.add_done_callback(pending.discard)
+            tasks[1:] = pending
 
     def _read(self, message: str | bytes, session: ClientSession) -> _Request | None:
-        """A request that somebody offers to answer; all else is answered here."""
+        """Decodes a request of a registered method; anything else is answered with an error."""
         try:
             request = msgspec.json.decode(message, type=_Request)
         except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
@@ -470,7 +464,7 @@ class RpcChannel:
             )
             return None
         if request.method not in self._methods:
-            refused = InvalidRequestError(repr(request.method), cause="nobody answers that", known=self._methods)
+            refused = InvalidRequestError(repr(request.method), cause="there is no such method", known=self._methods)
             session.send(_error_message(request.id, "RequestRefused", str(refused)))
             return None
         return request
@@ -480,38 +474,38 @@ class RpcChannel:
             loop = asyncio.get_running_loop()
             try:
                 text = await loop.run_in_executor(self._executor, self._run_handler, session, request)
-            except RuntimeError:  # the workers have been sent home: the server is closing
+            except RuntimeError:  # the executor is shut down
                 return
         session.enqueue(text)
 
     def _run_handler(self, session: ClientSession, request: _Request) -> bytes:
-        offer = self._methods[request.method]
+        method = self._methods[request.method]
         try:
-            arguments = msgspec.json.decode(request.arguments, type=offer.request_type)
+            arguments = msgspec.json.decode(request.arguments, type=method.request_type)
         except (msgspec.DecodeError, RecursionError) as error:
             refused = InvalidRequestError(repr(request.method), cause=str(error))
             return _error_message(request.id, "RequestRefused", str(refused))
         try:
-            return msgspec.json.encode({"id": request.id, "result": offer.handler(session, arguments)})
+            return msgspec.json.encode({"id": request.id, "result": method.handler(session, arguments)})
         except MindstageError as error:
             return _error_message(request.id, error.code, str(error))
-        except Exception as error:  # whatever it is, the page is told, and whoever runs the server
-            _log.error("a page's request %r failed", request.method, exc_info=error)
+        except Exception as error:  # reported to the page and logged
+            _log.error("request %r failed", request.method, exc_info=error)
             return _error_message(
                 request.id, "Defect", f"{type(error).__name__}: {error}; this is a defect of Mindstage"
             )
 
     async def _run_callbacks(self, callbacks: list[Callable[[ClientSession], None]], session: ClientSession) -> None:
         loop = asyncio.get_running_loop()
-        for react in callbacks:
+        for callback in callbacks:
             try:
-                await loop.run_in_executor(self._executor, react, session)
+                await loop.run_in_executor(self._executor, callback, session)
             except RuntimeError:
                 return
 
 
 class _RateLimiter:
-    """So many in a second, and twice as many in a burst."""
+    """A token bucket: a sustained rate, and bursts of twice as many."""
 
     def __init__(self, per_second: float) -> None:
         self._per_second = per_second
@@ -519,7 +513,7 @@ class _RateLimiter:
         self._last = time.monotonic()
 
     def try_acquire(self) -> bool:
-        """Whether one more is allowed."""
+        """Takes a token; False if there is none."""
         now = time.monotonic()
         self._left = min(2 * self._per_second, self._left + (now - self._last) * self._per_second)
         self._last = now
@@ -534,18 +528,18 @@ def _error_message(id: int | None, type: str, text: str) -> bytes:
 
 
 def _session_key(path: str) -> str:
-    shown = parse_qs(urlsplit(path).query).get("client", [""])[0]
-    return shown if re.fullmatch("[a-z0-9]{8,40}", shown) else secrets.token_hex(8)
+    key = parse_qs(urlsplit(path).query).get("client", [""])[0]
+    return key if re.fullmatch("[a-z0-9]{8,40}", key) else secrets.token_hex(8)
 
 
 _MAX_PORT_TRIES = 200
-"""So many ports are tried, one after the other."""
+"""Number of consecutive ports that are tried."""
 _output_lock = threading.Lock()
 
 
 class _Server(viser.ViserServer):
     def request_share_url(self, verbose: bool = True) -> str | None:
-        """Refuses: any visitor could ask for it, and the page would be open to the whole world."""
+        """Returns None: viser would publish the page on the internet whenever a client asks for it."""
         return None
 
 
@@ -558,45 +552,47 @@ def serve(
     token: str | None = None,
     origins: Collection[str] = (),
 ) -> viser.ViserServer:
-    """Starts a server at the port, or at the next one that is free.
+    """Starts a server at the port, or at the next free one.
 
     Args:
-        host: where to listen; others than this machine's own need a token.
-        port: where to listen; 0 lets the system choose.
-        title: of the page.
-        channel: keeps the visitors' websockets.
-        token: what visitors must know.
-        origins: addresses under which the page may be opened beside its own.
+        host: the address to listen on; any other than a loopback address needs a token.
+        port: the port; 0 lets the system choose.
+        title: the title of the page.
+        channel: serves the websockets of pages.
+        token: the token that clients need.
+        origins: further origins under which the page may be opened.
 
     Raises:
-        AuthenticationError: others could reach it, and there is no token.
-        ViewerUnavailableError: the host is not this machine, or no port is free.
+        AuthenticationError: the host is not a loopback address, and there is no token.
+        ViewerUnavailableError: the host is not an address of this machine, or no port is free.
     """
-    doors = HttpRoutes(RequestFilter(host=host, token=token, origins=origins), channel=channel.serve_session)
+    routes = HttpRoutes(RequestFilter(host=host, token=token, origins=origins), channel=channel.serve_session)
     free = _free_port(host, port)
-    with _without_output(), patched_viser(doors):
+    with _without_output(), patched_viser(routes):
         server = _Server(host=host, port=free, label=title, verbose=False)
-    if not doors.patched:
+    if not routes.patched:
         shut_down(server)
-        raise ViewerUnavailableError(host, port, cause="this release of viser has no place for the gate before it")
+        raise ViewerUnavailableError(
+            host, port, cause="this release of viser cannot be patched with the request filter"
+        )
     server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(232, 93, 4))
     return server
 
 
 def session_key_of(client: viser.ClientHandle, server: viser.ViserServer) -> str | None:
-    """The key of the visitor in whose page a view is; None where somebody opened the view by itself."""
+    """The session key of the page that contains a view; None if the view was opened without the page."""
     connection = server._websock_server._live_connections.get(client.client_id)
     return view_key(connection.request.path) if connection is not None and connection.request is not None else None
 
 
 def shut_down(server: viser.ViserServer) -> None:
-    """Ends a server; its visitors are told that the connection is lost."""
+    """Stops a server; open pages show that the connection is lost."""
     with _without_output():
         server.stop()
 
 
 def address(server: viser.ViserServer) -> str:
-    """What to type into a browser."""
+    """The URL of the page."""
     host = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}.get(server.get_host(), server.get_host())
     return f"http://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
 
@@ -618,7 +614,6 @@ def _free_port(host: str, port: int) -> int:
 
 @contextmanager
 def _without_output() -> Iterator[None]:
-    # viser greets and says goodbye on stdout, where a program's own output belongs. One at a time: two that overlap
-    # would put back each other's stdout.
+    # viser prints to stdout. The lock is needed because overlapping redirections would restore each other's stdout.
     with _output_lock, redirect_stdout(io.StringIO()):
         yield

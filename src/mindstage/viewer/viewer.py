@@ -1,4 +1,7 @@
-"""Viewport: the page on which one sees a stage's world and reaches into it."""
+"""The viewer: serves the page of one simulation and keeps its 3D scene up to date.
+
+It reads published snapshots in a thread of its own, so that open pages neither stop nor slow the simulation.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,7 @@ from mindstage.knowledge.rdf import local_name
 from mindstage.scene import BodyId, BodyPhysics, Iri, Pose, World
 from mindstage.simulation import Simulation, SpawnNoteKind, StateSnapshot
 from mindstage.viewer.appearance import compute_appearance, find_outlines
+from mindstage.viewer.ask import PrologSolver
 from mindstage.viewer.camera import ClientViews, ground_height, initial_target
 from mindstage.viewer.drag import DragController
 from mindstage.viewer.handlers import Handlers
@@ -29,19 +33,19 @@ __all__ = ["Viewer"]
 
 _UPDATE_INTERVAL_S = 1 / 30
 _TEXT_INTERVAL_S = 0.1
-"""Words change more slowly than things: nobody can read faster."""
+"""Interval at which panels are updated, longer than that of the 3D scene [s]."""
 _RETRY_DELAY_S = 1.0
-"""After a fault the page waits so long before it tries again."""
+"""Pause after a failed update [s]."""
 _PAUSED = "The simulation is paused: press Play to pull bodies."
 
 _log = logging.getLogger(__name__)
 
 
 class Viewer:
-    """Serves a page for any number of visitors, in a thread of its own.
+    """Serves the page for any number of clients, in a thread of its own.
 
-    It only reads the frames that the stage publishes, so that visitors neither stop nor slow the world. The bodies
-    that they pull, and the buttons they press, go to the stage like anybody's calls.
+    Reads the snapshots that the simulation publishes. Drags and buttons call the same methods of the simulation as
+    programs do.
     """
 
     def __init__(
@@ -52,53 +56,56 @@ class Viewer:
         port: int = 8080,
         token: str | None = None,
         origins: Collection[str] = (),
+        prolog: PrologSolver | None = None,
     ) -> None:
-        """Opens the page at once, whether or not the stage has a world yet.
+        """Starts serving; the simulation may be empty.
 
         Args:
-            stage: what is shown; not closed together with the viewport.
-            host: 127.0.0.1 is this machine only. Whoever reaches the page may do all that it offers.
-            port: where that one is taken, the next free one is used; 0 lets the system choose.
-            token: what visitors must know; others than this machine's own need one.
-            origins: addresses under which the page may be opened beside its own, such as `https://robot.example`.
+            simulation: the simulation that is shown; not closed together with the viewer.
+            host: the address to listen on. The default is this machine only. The page gives full control of the
+                simulation.
+            port: the port; if it is in use, the next free one is taken, and 0 lets the system choose.
+            token: the token that clients need; required unless `host` is a loopback address.
+            origins: further origins under which the page may be opened, such as `https://robot.example`.
+            prolog: solves Prolog queries typed on the page; without it the page offers none.
 
         Raises:
-            AuthenticationError: others could reach it, and there is no token.
-            ViewerUnavailableError: nothing can be served there.
+            AuthenticationError: the host is not a loopback address, and there is no token.
+            ViewerUnavailableError: the host or port cannot be served.
         """
         self._simulation = simulation
         self.channel = RpcChannel()
-        """What the page and we tell one another."""
+        """The RPC channel of all pages."""
         self._token = token
         self._server = serve(host, port, title="Mindstage", channel=self.channel, token=token, origins=origins)
         self._drag_controller = DragController(simulation)
         self._scene = ViewerScene(self._server, on_node=self._make_clickable)
         self.views = ClientViews(self._server, on_place=self._place_body)
-        """What each visitor sees, and wants to see."""
+        """The views of all clients: camera, selection, labels."""
         self._markers = MarkerNodes(self._server)
-        self._handlers = Handlers(simulation, self.channel, self.views, self._server)
-        self._frame: StateSnapshot | None = None
+        self._handlers = Handlers(simulation, self.channel, self.views, self._server, prolog=prolog)
+        self._snapshot: StateSnapshot | None = None
         self._last_world: World | None = None
-        self._has_camera: Iri | None = None
-        """The world that visitors' first view was chosen for."""
+        self._framed_world: Iri | None = None
+        """The world for which the initial camera was computed."""
         self._text_due = 0.0
-        self._last_error: set[str] = set()
+        self._logged_errors: set[str] = set()
         self._closing = threading.Event()
         self._wakeup = threading.Event()
-        """Set where it is worth looking at once, not only at the next picture."""
+        """Set when the next update should not wait for the interval."""
         self._remove_listener = simulation.clients.on_edit(self._wakeup.set)
-        self._thread = threading.Thread(target=self._run, name="mindstage-viewport", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="mindstage-viewer", daemon=True)
         self._thread.start()
 
-    # -- for whoever opened it -------------------------------------------------------------------------------
+    # -- public interface ----------------------------------------------------------------------------------------------
 
     @property
     def url(self) -> str:
-        """What to type into a browser."""
+        """The address of the page."""
         return address(self._server)
 
     def select(self, id: BodyId | None) -> None:
-        """Draws a frame round a body for all visitors, also for those who come later; None round none.
+        """Selects a body for all clients, later ones included; None selects nothing.
 
         Raises:
             BodyNotFoundError: there is no such body.
@@ -106,17 +113,23 @@ class Viewer:
         self.views.select(id)
 
     def screenshot(self, screenshot: Screenshot | None = None) -> bytes:
-        """A picture of the page or of the world alone, as PNG: `viewport.shot(Screenshot(size=(800, 600), section=1.8))`.
+        """Takes a picture of the page or of the 3D view alone.
+
+        Args:
+            screenshot: what to show, such as `Screenshot(size=(800, 600), clip_height=1.8)`.
+
+        Returns:
+            The bytes of a PNG file.
 
         Raises:
-            BrowserNotFoundError: no browser is found here, or it does not start.
-            BrowserCrashedError: it ended, or the picture was not finished in time.
-            BodyNotFoundError: a body that shall be seen is not there.
+            BrowserNotFoundError: no browser is installed, or it does not start.
+            BrowserCrashedError: the browser has exited, or the picture was not finished in time.
+            BodyNotFoundError: a body of the screenshot does not exist.
         """
         return ScreenshotTaker(self._server, self.views, token=self._token).take(screenshot or Screenshot())
 
     def close(self) -> None:
-        """Ends the page; any number of times. The stage lives on."""
+        """Stops serving; calling it again is harmless. The simulation stays open."""
         if self._closing.is_set():
             return
         self._closing.set()
@@ -141,7 +154,7 @@ class Viewer:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    # -- following the world ---------------------------------------------------------------------------------
+    # -- updates -------------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
         while not self._closing.is_set():
@@ -149,101 +162,100 @@ class Viewer:
             start = time.monotonic()
             try:
                 self._update()
-            except Exception as error:  # whatever it is, the page goes on and says so
+            except Exception as error:  # the page shows it and stays open
                 self._handlers.show_error(self._report_error(error))
                 self._closing.wait(_RETRY_DELAY_S)
             else:
                 self._handlers.show_error("")
-                took = time.monotonic() - start
-                # At least half of the time is left to the world's own thread, however much moves or is edited.
-                self._closing.wait(took)
-                self._wakeup.wait(max(0.0, _UPDATE_INTERVAL_S - 2 * took))
+                elapsed = time.monotonic() - start
+                # At least half of the time is left to the simulation's thread, however much moves or is edited.
+                self._closing.wait(elapsed)
+                self._wakeup.wait(max(0.0, _UPDATE_INTERVAL_S - 2 * elapsed))
 
     def _update(self) -> None:
-        before, frame = self._frame, self._simulation.state
-        if before is None or frame.revision != before.revision or frame.ids is not before.ids:
-            self._rebuild(frame)
-        elif frame is not before:
-            self._move(frame)
-        if before is None or frame.highlights != before.highlights:
-            self._scene.set_highlights(frame.highlights)
-        if before is None or frame.markers is not before.markers or frame.revision != before.revision:
-            self._markers.show(frame.markers, self._scene.appearances)
-        self._frame = frame
+        before, snapshot = self._snapshot, self._simulation.state
+        if before is None or snapshot.revision != before.revision or snapshot.ids is not before.ids:
+            self._rebuild(snapshot)
+        elif snapshot is not before:
+            self._move(snapshot)
+        if before is None or snapshot.highlights != before.highlights:
+            self._scene.set_highlights(snapshot.highlights)
+        if before is None or snapshot.markers is not before.markers or snapshot.revision != before.revision:
+            self._markers.show(snapshot.markers, self._scene.appearances)
+        self._snapshot = snapshot
         self._scene.hide(self.views.hidden)
         self._scene.show_enclosures(self.views.enclosures_shown)
         self.views.process_queue()
         if time.monotonic() >= self._text_due:
             self._text_due = time.monotonic() + _TEXT_INTERVAL_S
-            self._handlers.publish(frame)
+            self._handlers.publish(snapshot)
 
-    def _rebuild(self, frame: StateSnapshot) -> None:
-        """Something came, went or changed."""
-        described = _with_described_poses(self._simulation.snapshot(), self._simulation.worlds)
-        if described == self._last_world and self._frame is not None and frame.ids is self._frame.ids:
-            self._move(frame)
+    def _rebuild(self, snapshot: StateSnapshot) -> None:
+        """Updates panels and scene after bodies were added, removed or edited."""
+        world = _with_described_poses(self._simulation.snapshot(), self._simulation.worlds)
+        if world == self._last_world and self._snapshot is not None and snapshot.ids is self._snapshot.ids:
+            self._move(snapshot)
             return
-        shells = {id for report in self._simulation.reports for id in report.ids_with_note(SpawnNoteKind.ENCLOSURE)}
-        # Words first: they are there long before the picture is drawn.
+        enclosing = {id for report in self._simulation.reports for id in report.ids_with_note(SpawnNoteKind.ENCLOSURE)}
+        # Panels first, because drawing the scene takes much longer.
         self._handlers.on_rebuild(
-            described, enclosing=find_outlines(described, geometry=self._simulation.geometry, enclosing=shells)
+            world, enclosing=find_outlines(world, geometry=self._simulation.geometry, enclosing=enclosing)
         )
         before = self._last_world
-        if before is None or frame.ids is not self._scene.ids or _visible_part(described) != _visible_part(before):
-            self._draw(frame, described, shells)
+        if before is None or snapshot.ids is not self._scene.ids or _visible_part(world) != _visible_part(before):
+            self._draw(snapshot, world, enclosing)
         else:
-            self._move(frame)
-        self._last_world = described
+            self._move(snapshot)
+        self._last_world = world
 
-    def _draw(self, frame: StateSnapshot, world: World, enclosing: Collection[BodyId]) -> None:
-        """Shows a world that looks other than before."""
+    def _draw(self, snapshot: StateSnapshot, world: World, enclosing: Collection[BodyId]) -> None:
         knowledge = self._simulation.knowledge
-        looks = compute_appearance(
+        appearances = compute_appearance(
             world, knowledge.shape_rule, knowledge.ancestors, geometry=self._simulation.geometry, enclosing=enclosing
         )
-        # What came after this frame has no pose in it yet; the next frame will bring it.
-        looks = {id: looks[id] for id in frame.ids if id in looks}
+        # Bodies added after this snapshot have no pose in it; the next snapshot includes them.
+        appearances = {id: appearances[id] for id in snapshot.ids if id in appearances}
         self._drag_controller.set_world(world)
-        self._scene.show(looks, frame.ids, frame.poses, holdable=self._drag_controller.draggable)
-        self._scene.set_ground(ground_height(world, looks))
-        names = {body.id: body.label or local_name(body.cls) for body in world.bodies}
-        self.views.set_bodies(looks, names, frame.ids, frame.poses)
-        if not looks:
-            self._has_camera = None
-        elif self._has_camera != world.iri:
-            outlook = initial_target(world, looks)
-            self._scene.set_initial_camera(outlook.camera())
-            self.views.set_target(outlook)
-            self._has_camera = world.iri
+        self._scene.show(appearances, snapshot.ids, snapshot.poses, draggable=self._drag_controller.draggable)
+        self._scene.set_ground(ground_height(world, appearances))
+        labels = {body.id: body.label or local_name(body.cls) for body in world.bodies}
+        self.views.set_bodies(appearances, labels, snapshot.ids, snapshot.poses)
+        if not appearances:
+            self._framed_world = None
+        elif self._framed_world != world.iri:
+            target = initial_target(world, appearances)
+            self._scene.set_initial_camera(target.camera())
+            self.views.set_target(target)
+            self._framed_world = world.iri
 
-    def _move(self, frame: StateSnapshot) -> None:
-        if len(self._scene.move(frame.poses)):
-            self.views.update_poses(frame.poses)
+    def _move(self, snapshot: StateSnapshot) -> None:
+        if len(self._scene.move(snapshot.poses)):
+            self.views.update_poses(snapshot.poses)
 
-    # -- following the visitors ------------------------------------------------------------------------------
+    # -- mouse events --------------------------------------------------------------------------------------------------
 
-    def _make_clickable(self, node: Clickable, pick: Pick, *, holdable: bool) -> None:
-        """Makes a node that was just drawn answer to the mouse."""
+    def _make_clickable(self, node: Clickable, pick: Pick, *, draggable: bool) -> None:
+        """Registers the mouse callbacks of a new scene node."""
         node.on_click(self._with_toast(lambda event: self._click(pick(event.instance_index), event.client_id)))
-        if holdable:
+        if draggable:
             drag = self._with_toast(lambda event: self._drag(pick(event.instance_index), event))
 
-            # viser keeps the order of what happened for coroutines only.
+            # viser keeps the order of events for coroutines only.
             async def on_drag(event: viser.SceneNodeDragEvent[Any]) -> None:
                 drag(event)
 
             node.on_drag("left")(on_drag)
 
     def _click(self, id: BodyId | None, client: int) -> None:
-        """Who clicks on what is selected selects nothing."""
+        """Selects a body; a click on the selected body clears the selection."""
         self.views.select(None if self.views.selected(client) == id else id, client=client)
 
-    def _place_body(self, visitor: int, id: BodyId, pose: Pose) -> None:
-        """A visitor has put a body somewhere."""
+    def _place_body(self, client: int, id: BodyId, pose: Pose) -> None:
+        """Moves a body to where a client left it with the gizmo."""
         try:
-            self._simulation.editing.move(id, pose)
+            self._simulation.undo_stack.move(id, pose)
         except MindstageError as error:
-            self._handlers.toast(visitor, str(error))
+            self._handlers.toast(client, str(error))
 
     def _drag(self, id: BodyId | None, event: viser.SceneNodeDragEvent[Any]) -> None:
         match event.phase:
@@ -258,7 +270,7 @@ class Viewer:
                 self._drag_controller.release(event.client_id)
 
     def _with_toast(self, callback: Callable[..., None]) -> Callable[..., None]:
-        """Tells the visitor why what they did did not work."""
+        """Wraps a mouse callback: an error is shown to the client that caused the event."""
 
         @wraps(callback)
         def run(event: Any) -> None:
@@ -276,16 +288,16 @@ class Viewer:
         return run
 
     def _report_error(self, error: Exception) -> str:
-        """Says once on stderr what is wrong, and gives it in words."""
+        """Returns the text of an error, and logs it the first time that it occurs."""
         text = str(error) if isinstance(error, MindstageError) else f"{type(error).__name__}: {error}"
-        if text not in self._last_error:
-            self._last_error.add(text)
-            _log.error("the viewport has a fault: %s", text, exc_info=error)
+        if text not in self._logged_errors:
+            self._logged_errors.add(text)
+            _log.error("the viewer failed: %s", text, exc_info=error)
         return text
 
 
 def _visible_part(world: World) -> World:
-    """The same without what nobody sees: weights, gravity, and why anything is so."""
+    """A copy of the world without what does not change its appearance: masses, gravity, tags and facts."""
     bodies = (
         msgspec.structs.replace(body, physics=BodyPhysics(mobility=body.physics.mobility), tags=(), facts=())
         for body in world.bodies
@@ -293,8 +305,8 @@ def _visible_part(world: World) -> World:
     return msgspec.structs.replace(world, bodies=tuple(bodies), facts=())
 
 
-def _with_described_poses(now: World, worlds: Iterable[World]) -> World:
-    """The world that is there, with the poses that it was described with: an open drawer is still in its cupboard."""
-    given = {body.id: body.pose for world in worlds for body in world.bodies}
-    bodies = (msgspec.structs.replace(body, pose=given.get(body.id, body.pose)) for body in now.bodies)
-    return msgspec.structs.replace(now, bodies=tuple(bodies))
+def _with_described_poses(current: World, worlds: Iterable[World]) -> World:
+    """The current bodies at the poses of the spawned worlds, which joints and enclosures are derived from."""
+    described = {body.id: body.pose for world in worlds for body in world.bodies}
+    bodies = (msgspec.structs.replace(body, pose=described.get(body.id, body.pose)) for body in current.bodies)
+    return msgspec.structs.replace(current, bodies=tuple(bodies))

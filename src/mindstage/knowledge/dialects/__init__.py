@@ -1,6 +1,6 @@
-"""Dialects: the generations of semantic maps, each read by a file of its own.
+"""Map dialects: detection of the vocabulary that a semantic map is written in, and the registry of their readers.
 
-To add one, write its reader and name it here, before those that would take its maps for their own.
+`DIALECTS` is searched in order, so a new dialect has to precede those that would also match its maps.
 """
 
 from __future__ import annotations
@@ -26,12 +26,13 @@ __all__ = ["DIALECTS", "Dialect", "detect_dialect", "read_world"]
 
 
 class Dialect(NamedTuple):
-    """One generation of maps."""
+    """A map dialect: a name, a test for it and a reader."""
 
     name: str
     matches: Callable[[SourceMap], bool]
-    """Whether a map is of this dialect, from what its sources say."""
+    """Whether a map is written in this dialect, judged by its statements."""
     read: Callable[[SourceMap], World]
+    """Converts a map of this dialect to a world."""
 
 
 def _match_any(source_map: SourceMap) -> bool:
@@ -45,19 +46,19 @@ DIALECTS: tuple[Dialect, ...] = (
     Dialect("SemLog, early", is_early_semlog, read_early_semlog),
     Dialect("SemLog", _match_any, read_semlog_map),
 )
-"""The first that holds reads; the last one holds for every map, and says of each individual why it has no place."""
+"""The first entry that matches reads the map. The last matches every map and reports each individual without a pose."""
 
 
 def detect_dialect(source_map: SourceMap) -> Dialect:
-    """What a map is written in."""
+    """Returns the dialect that a map is written in."""
     return next(dialect for dialect in DIALECTS if dialect.matches(source_map))
 
 
 def read_world(source_map: SourceMap) -> World:
-    """Reads a map, whatever its dialect."""
+    """Reads a map of any dialect, and reports contradicting sizes and poses that many bodies share."""
     with gc_paused():
-        told = without_restatements(source_map)
-        world = detect_dialect(told).read(told)
+        stripped = without_restatements(source_map)
+        world = detect_dialect(stripped).read(stripped)
     check_restated_sizes(restated_sizes(source_map), world, source_map.report)
     check_duplicate_poses(world, source_map.report)
     return world

@@ -1,14 +1,13 @@
-"""Dialect 3, AMEVA's maps: dialect 1's words in other units, with joints that say neither axis nor limits.
+"""Dialect 3, AMEVA maps: the vocabulary of dialect 1 in other units, with joints that have neither axes nor limits.
 
-How its numbers are meant is decided by evidence (see `inferred_membership`); what classes say of all their members, members then
-say themselves; and a joint gets the axis and range that the things it joins make likely. Whatever was there is kept.
+Units, handedness and quaternion order are inferred (see `infer_conventions`). Values that a class gives for all its
+members are copied to the members. All statements of the source are kept.
 
-AMEVA's joints: what hangs on one, on which axis it moves, and how far.
-
-A joint there is a thing of its own that hangs on the body it moves, which hangs on the body it moves in. It has a
-pose and a class, LinearJoint or RevoluteJoint, and says nothing else. Drawers come out along the joint's x axis, at
-most by their own depth; a door turns about the edge that the joint is at, at most by a right angle; what has its joint
-in its middle is a knob and turns about its thinnest side's axis without end; all else turns upright.
+A joint in these maps is an individual of the class LinearJoint or RevoluteJoint with a pose. It is a child of the body
+that it moves, which is a child of the body that it moves relative to. Axis and range are inferred from the poses and
+sizes of these bodies: a drawer slides along the joint's x axis, at most by its own depth; a door turns about the edge
+at which the joint is located, at most by a right angle; a body with the joint at its center is a knob and turns about
+its thinnest axis without limits; every other body turns about the vertical.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ import numpy as np
 from mindstage.knowledge.dialects.conventions import Handedness, LengthUnit, QuaternionOrder, UnitConventions
 from mindstage.knowledge.dialects.membership import types_of
 from mindstage.knowledge.dialects.semlog import read_semlog, with_tag_properties
-from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.dialects.source_map import SourceMap, ignore_finding
 from mindstage.knowledge.dialects.unit_conversion import convert_source_map, is_converted, original_property
 from mindstage.knowledge.dialects.units import infer_conventions
 from mindstage.knowledge.rdf import Severity, local_name, part_name
@@ -64,51 +63,58 @@ __all__ = ["AMEVA_DIALECT", "add_joint_definitions", "is_ameva", "read_ameva"]
 
 
 _CENTER_TOLERANCE = 0.1
-"""What is off the middle by less than this part of half the extent is in the middle."""
+"""Offset from the center, as a fraction of the half extent, below which a joint counts as centered."""
 _PANEL_RATIO = 0.4
-"""A door is thinner than this part of its shorter side."""
+"""A panel (a door) is thinner than this fraction of its shorter side."""
 _RIGHT_ANGLE = math.pi / 2
+
+
+AMEVA_DIALECT = "AMEVA"
+AMEVA_DEFAULTS = UnitConventions(units=LengthUnit.CENTIMETERS, frame=Handedness.UNREAL, quaternion=QuaternionOrder.XYZW)
+_DISTINCTIVE_PROPERTIES = frozenset({knowrob("maskColor"), knowrob("levelName")})
+_CLASS_VALUED = (MASS.property, MESH.property)
+"""Properties whose value a class may give for all its members."""
 
 
 @dataclass(frozen=True, slots=True)
 class _ObservedBody:
-    """Where something is, and how large, as far as the map says."""
+    """Pose and size of an individual; the size is None if the map does not give it."""
 
     pose: Array
     size: Array | None
 
     @property
     def axes(self) -> Array:
-        """In columns."""
+        """The axes of its frame in the world, as columns."""
         return rotation_matrix(self.pose[3:])
 
 
 def add_joint_definitions(source_map: SourceMap) -> SourceMap:
-    """The excerpt, whose joints say in dialect 1's words what they join and how it moves."""
+    """Returns the map with its joints described in the vocabulary of dialect 1: both bodies, axis and limits."""
     joints = [iri for iri in source_map.members if JOINT_CLASSES.intersection(types_of(source_map.graph[iri]))]
     if not joints:
         return source_map
-    joining = _AmevaJointReader(source_map)
+    reader = _AmevaJointReader(source_map)
     for joint in joints:
-        joining.add_joint(joint)
-    evidence = f"{len(joints)} joints tell neither; bodies' sizes and where the joints are do"
+        reader.add_joint(joint)
+    evidence = f"{len(joints)} joints give neither; they are inferred from the poses and sizes of the bodies"
     source_map.record_assumption("joints", "axes and limits", evidence)
-    return replace(source_map, graph=joining.graph)
+    return replace(source_map, graph=reader.graph)
 
 
 class _AmevaJointReader:
     def __init__(self, source_map: SourceMap) -> None:
         self.source_map = source_map
         self.graph: dict[Iri, Sequence[PropertyAssertion]] = dict(source_map.graph)
-        self.sizes = ClassSizes([source_map.graph, *source_map.ontologies], source_map.hierarchy, _ignore_finding)
+        self.sizes = ClassSizes([source_map.graph, *source_map.ontologies], source_map.hierarchy, ignore_finding)
         self.parents = _parents(source_map)
         self.joined_pairs: set[tuple[Iri, Iri]] = set()
-        """Pairs that a joint joins already."""
+        """Pairs (parent, child) that already have a joint."""
 
     def add_joint(self, joint: Iri) -> None:
-        """Says what a joint joins, unless it says so itself; and how, unless it says that."""
+        """Adds the bodies that a joint connects and its motion, where the map does not give them."""
         facts = self.graph[joint]
-        told = {fact.property for fact in facts}
+        given = {fact.property for fact in facts}
         self._add(joint, PropertyAssertion(TYPE, IriRef(CONSTRAINT)))
         ends = _referenced_iris(facts, PARENT), _referenced_iris(facts, CHILD)
         if ends[0] and ends[1]:
@@ -117,7 +123,7 @@ class _AmevaJointReader:
             moving = next(iter(ends[0] or ends[1]), self.parents.get(joint, joint))
             base = self.parents.get(moving, joint)
             if joint in (base, moving):
-                return  # it is left out, for want of an end, by whoever makes the world
+                return  # the SemLog reader omits a joint without both bodies and reports it
             self._preserve_as_original(joint, PARENT, moving)
             self._preserve_as_original(joint, CHILD, moving)
             self._preserve_as_original(moving, CHILD, joint)
@@ -125,30 +131,30 @@ class _AmevaJointReader:
             self._add(joint, PropertyAssertion(PARENT, IriRef(base)), PropertyAssertion(CHILD, IriRef(moving)))
         self._preserve_as_original(moving, PARENT, base)
         self._preserve_as_original(base, CHILD, moving)
-        if HAS_LINEAR in told or HAS_ANGULAR in told:
+        if HAS_LINEAR in given or HAS_ANGULAR in given:
             return
-        linear, angular, what = self._infer_motion(joint, base, moving)
+        linear, angular, motion = self._infer_motion(joint, base, moving)
         self._add_nested(joint, NESTED_LINEAR_LIMITS, linear)
         self._add_nested(joint, NESTED_ANGULAR_LIMITS, angular)
         self.source_map.report(
             Severity.WARNING,
             joint,
             HAS_LINEAR,
-            "the joint tells neither an axis nor limits",
-            f"{local_name(moving)} {what}",
+            "the joint gives neither an axis nor limits",
+            f"{local_name(moving)} {motion}",
         )
 
     def _infer_motion(self, joint: Iri, parent: Iri, child: Iri) -> tuple[LinearLimits, AngularLimits, str]:
         free = AxisMotion.FREE
         if (parent, child) in self.joined_pairs:
-            what = "hangs on another joint already, so that this one lets it move as it may"
-            return LinearLimits(x=free, y=free, z=free), AngularLimits(swing1=free, swing2=free, twist=free), what
+            note = "already has another joint, so this joint leaves it free"
+            return LinearLimits(x=free, y=free, z=free), AngularLimits(swing1=free, swing2=free, twist=free), note
         self.joined_pairs.add((parent, child))
         frame, body = self._observe(joint), self._observe(child)
         if LINEAR_JOINT in types_of(self.graph[joint]):
             limit = _slide_limit(body, frame)
-            what = f"slides along the joint's x axis by at most {limit:.3g} m either way"
-            return LinearLimits(x=AxisMotion.LIMITED, limit=limit), AngularLimits(), what
+            note = f"slides along the joint's x axis by at most {limit:.3g} m either way"
+            return LinearLimits(x=AxisMotion.LIMITED, limit=limit), AngularLimits(), note
         axis, limited = _hinge_axis(body, frame)
         number = 2 if frame is None else int(np.argmax(np.abs(frame.axes.T @ axis)))
         motion, limit = (AxisMotion.LIMITED, _RIGHT_ANGLE) if limited else (free, 0.0)
@@ -157,10 +163,10 @@ class _AmevaJointReader:
             AngularLimits(swing2=motion, swing2_limit=limit),
             AngularLimits(swing1=motion, swing1_limit=limit),
         )[number]
-        how = "by at most a right angle either way" if limited else "without end"
+        how = "by at most a right angle either way" if limited else "without limits"
         return LinearLimits(), angular, f"turns about the joint's {'xyz'[number]} axis {how}"
 
-    # -- what the map tells --------------------------------------------------------------------------------------------
+    # -- reading -------------------------------------------------------------------------------------------------------
 
     def _observe(self, iri: Iri) -> _ObservedBody | None:
         facts = self.graph.get(iri, ())
@@ -180,17 +186,17 @@ class _AmevaJointReader:
 
     def _size(self, facts: Sequence[PropertyAssertion]) -> Array | None:
         inherited = self.sizes.get(types_of(facts))
-        own = [word.first_value(facts) for word in SIZE]
-        size = [of_class if told is None else told for told, of_class in zip(own, inherited, strict=True)]
+        own = [codec.first_value(facts) for codec in SIZE]
+        size = [of_class if value is None else value for value, of_class in zip(own, inherited, strict=True)]
         return None if None in size else np.array(size, dtype=np.float64)
 
-    # -- what is said --------------------------------------------------------------------------------------------------
+    # -- writing -------------------------------------------------------------------------------------------------------
 
     def _add(self, iri: Iri, *facts: PropertyAssertion) -> None:
         self.graph[iri] = [*self.graph[iri], *(fact for fact in facts if fact not in self.graph[iri])]
 
     def _preserve_as_original(self, iri: Iri, property: Iri, other: Iri) -> None:
-        """Keeps a statement under another name, since in dialect 1 it would mean that the two cannot move."""
+        """Renames a statement's property to its `original_property`, since dialect 1 reads it as a rigid attachment."""
         old, new = (
             PropertyAssertion(property, IriRef(other)),
             PropertyAssertion(original_property(property), IriRef(other)),
@@ -201,16 +207,16 @@ class _AmevaJointReader:
         self, owner: Iri, nested_resource: NestedResource[Any], value: LinearLimits | AngularLimits
     ) -> None:
         name = part_name(owner, nested_resource.suffix, self.graph)
-        said = SubjectWriter(name)
-        said.add_reference(TYPE, NAMED_INDIVIDUAL)
-        said.add_reference(TYPE, nested_resource.cls)
-        nested_resource.write(said, value)
-        self.graph[name] = said.all_facts()
+        writer = SubjectWriter(name)
+        writer.add_reference(TYPE, NAMED_INDIVIDUAL)
+        writer.add_reference(TYPE, nested_resource.cls)
+        nested_resource.write(writer, value)
+        self.graph[name] = writer.all_facts()
         self._add(owner, PropertyAssertion(nested_resource.property, IriRef(name)))
 
 
 def _slide_limit(body: _ObservedBody | None, frame: _ObservedBody | None) -> float:
-    """How far something comes out: by its own extent along the joint's x axis."""
+    """Returns the distance that a body can slide [m]: its extent along the joint's x axis."""
     if body is None or body.size is None:
         return 0.0
     direction = np.array([1.0, 0.0, 0.0]) if frame is None else frame.axes[:, 0]
@@ -218,7 +224,7 @@ def _slide_limit(body: _ObservedBody | None, frame: _ObservedBody | None) -> flo
 
 
 def _hinge_axis(body: _ObservedBody | None, frame: _ObservedBody | None) -> tuple[Array, bool]:
-    """The axis in the world about which something turns, and whether it ends."""
+    """Returns the axis that a body turns about, in the world frame, and whether its range is limited."""
     up = np.array([0.0, 0.0, 1.0])
     if body is None or body.size is None or frame is None:
         return up, True
@@ -235,7 +241,7 @@ def _hinge_axis(body: _ObservedBody | None, frame: _ObservedBody | None) -> tupl
 
 
 def _parents(source_map: SourceMap) -> Mapping[Iri, Iri]:
-    """By child; the first that is told counts."""
+    """Returns the parent of each child; the first one given counts."""
     members = set(source_map.members)
     parents: dict[Iri, Iri] = {}
     for iri in source_map.members:
@@ -252,20 +258,8 @@ def _referenced_iris(facts: Sequence[PropertyAssertion], property: Iri) -> list[
     return [fact.value.iri for fact in facts if fact.property == property and isinstance(fact.value, IriRef)]
 
 
-def _ignore_finding(severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
-    """Whoever makes the world reports the same."""
-
-
-AMEVA_DIALECT = "AMEVA"
-AMEVA_DEFAULTS = UnitConventions(units=LengthUnit.CENTIMETERS, frame=Handedness.UNREAL, quaternion=QuaternionOrder.XYZW)
-
-_DISTINCTIVE_PROPERTIES = frozenset({knowrob("maskColor"), knowrob("levelName")})
-_CLASS_VALUED = (MASS.property, MESH.property)
-"""What a class may say of all its members."""
-
-
 def is_ameva(source_map: SourceMap) -> bool:
-    """Whether a map is of this dialect, and still as it was written: what we write of one is in dialect 1."""
+    """Whether a map is written in this dialect and has not been converted to dialect 1 by Mindstage."""
     if is_converted(source_map):
         return False
     classes: set[Iri] = set()
@@ -275,26 +269,26 @@ def is_ameva(source_map: SourceMap) -> bool:
                 return True
             if fact.property == TYPE and isinstance(fact.value, IriRef):
                 classes.add(fact.value.iri)
-    said = (fact for cls in classes for fact in _class_values(source_map.graph.get(cls, ())))
-    return not JOINT_CLASSES.isdisjoint(classes) or any(fact.property in _CLASS_VALUED for fact in said)
+    values = (fact for cls in classes for fact in _class_values(source_map.graph.get(cls, ())))
+    return not JOINT_CLASSES.isdisjoint(classes) or any(fact.property in _CLASS_VALUED for fact in values)
 
 
 def read_ameva(source_map: SourceMap) -> World:
-    """Reads a map of dialect 3."""
+    """Reads an AMEVA map."""
     conventions = infer_conventions(source_map, AMEVA_DEFAULTS)
     source_map = convert_source_map(source_map, conventions, dialect=AMEVA_DIALECT)
     return read_semlog(add_joint_definitions(with_tag_properties(_with_class_values(source_map))))
 
 
 def _with_class_values(source_map: SourceMap) -> SourceMap:
-    """Members say what their classes say of them, where they say nothing else."""
-    told: dict[Iri, dict[Iri, PropertyAssertion]] = {}
+    """Returns the map with the values that classes give copied to their members; values of a member take precedence."""
+    by_class: dict[Iri, dict[Iri, PropertyAssertion]] = {}
     members = set(source_map.members)
     for cls, facts in source_map.graph.items():
         for fact in _class_values(facts) if cls not in members else ():
             if fact.property in _CLASS_VALUED:
-                told.setdefault(cls, {}).setdefault(fact.property, fact)
-    if not told:
+                by_class.setdefault(cls, {}).setdefault(fact.property, fact)
+    if not by_class:
         return source_map
     graph = dict(source_map.graph)
     for member in source_map.members:
@@ -303,14 +297,14 @@ def _with_class_values(source_map: SourceMap) -> SourceMap:
         above = (cls for level in source_map.hierarchy.levels(types) for cls in level)
         inherited: dict[Iri, PropertyAssertion] = {}
         for cls in above:
-            inherited = {**told.get(cls, {}), **inherited}
+            inherited = {**by_class.get(cls, {}), **inherited}
         own = {fact.property for fact in facts}
         graph[member] = [*facts, *(fact for property, fact in inherited.items() if property not in own)]
     return replace(source_map, graph=graph)
 
 
 def _class_values(facts: Sequence[PropertyAssertion]) -> Iterator[PropertyAssertion]:
-    """What a class says of its members: plainly, or by a restriction to a value."""
+    """Yields the values that a class gives for its members, directly or by an `owl:hasValue` restriction."""
     for fact in facts:
         if fact.property in (SUBCLASS_OF, EQUIVALENT_CLASS) and isinstance(fact.value, BlankNode):
             inner = fact.value.facts

@@ -1,8 +1,7 @@
-"""Conventions: in which units, frame and order of a quaternion's parts a map writes its numbers.
+"""Conventions of a map's numbers (units, axes, quaternion order), and the assumptions that its reader makes.
 
-Few maps say it. A reader decides it from what it finds (see `assumption_notes`), unless whoever loads the map knows better.
-
-Assumptions: what a map does not say and a reader had to decide, with what speaks for it.
+Few maps declare their conventions. A reader infers them (see `mindstage.knowledge.dialects.units`) unless the user
+chooses them, and records each decision as an `Assumption`.
 """
 
 from __future__ import annotations
@@ -18,31 +17,31 @@ __all__ = ["SI", "Assumption", "AssumptionSink", "Handedness", "LengthUnit", "Qu
 
 
 class Assumption(msgspec.Struct, frozen=True, rename={"topic": "about"}):
-    """One decision about a whole map. If it is wrong, all that was read is wrong with it, so it is said aloud."""
+    """A decision about a whole map that the map does not state; a wrong one affects everything read from the map."""
 
     map: Iri
     topic: str
-    """What had to be decided, such as "units", "frame" or "quaternion"."""
+    """What was decided, such as "units", "frame" or "quaternion"."""
     value: str
     evidence: str
-    """What speaks for it, in numbers where there are any."""
+    """The reason, with numbers where there are any."""
     overridden: bool = False
-    """Whether the user decided it; `evidence` then says what would have been decided."""
+    """Whether the user made the decision; `evidence` then describes the alternative."""
 
     def __str__(self) -> str:
-        how = "as told" if self.overridden else "assumed"
+        how = "set" if self.overridden else "assumed"
         return f"{self.topic}: {self.value}, {how}: {self.evidence}"
 
 
 class AssumptionSink(Protocol):
-    """Where assumptions go while a map is read."""
+    """Callback that receives the assumptions made while a map is read."""
 
     def __call__(self, assumption: Assumption) -> None:
-        """Keeps one."""
+        """Receives one assumption."""
 
 
 class LengthUnit(StrEnum):
-    """What lengths are counted in."""
+    """Unit of lengths."""
 
     METERS = "m"
     CENTIMETERS = "cm"
@@ -50,12 +49,12 @@ class LengthUnit(StrEnum):
 
     @property
     def per_meter(self) -> float:
-        """How many of them make a meter."""
+        """Number of these units in a meter."""
         return {LengthUnit.METERS: 1.0, LengthUnit.CENTIMETERS: 100.0, LengthUnit.MILLIMETERS: 1000.0}[self]
 
 
 class Handedness(StrEnum):
-    """Which way the axes point; z is up in both."""
+    """Direction of the axes; z is up in both."""
 
     ROS = "ros"
     """Right-handed: x forward, y left."""
@@ -64,14 +63,14 @@ class Handedness(StrEnum):
 
 
 class QuaternionOrder(StrEnum):
-    """Where a quaternion has its scalar."""
+    """Position of the scalar in a quaternion."""
 
     WXYZ = "wxyz"
     XYZW = "xyzw"
 
 
 class UnitConventions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the numbers of one map are meant; what is None is decided by whoever reads it."""
+    """Conventions of one map's numbers; None in a field leaves the decision to the reader."""
 
     units: LengthUnit | None = None
     frame: Handedness | None = None
@@ -79,4 +78,4 @@ class UnitConventions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
 
 
 SI = UnitConventions(units=LengthUnit.METERS, frame=Handedness.ROS, quaternion=QuaternionOrder.WXYZ)
-"""What a world is in."""
+"""The conventions of a `World`."""

@@ -1,13 +1,11 @@
-"""Likely joints: where a door turns and which way a drawer slides, where the map says only that they do.
+"""Joint axes and frames, shared by the dialects that describe a joint by an axis and a range.
 
-What is decided comes from where things stand. A drawer comes out on the side that its handle is on. A door turns about
-the edge farthest from its handle, and opens away from what it closes. What there is no sign of is taken as in most
-kitchens: doors turn about their upright edge on the left, drawers come out along their x axis, which points forward.
+A joint frame has its x axis along the joint axis. A range from `lower` to `upper` has its middle halfway and its limit
+at half the distance, so that middle - limit is `lower` and middle + limit is `upper`.
 
-Joint frames: from an axis and a range, as other dialects tell joints, to the frame and motions of a constraint.
-
-The frame's x lies along the axis. A range from `lower` to `upper` has its middle between the two and its limit at half
-of their distance, so that middle - limit is `lower` again and middle + limit `upper`.
+Where a map gives no axis, it is inferred from the poses of the bodies: a drawer opens towards its handle; a door turns
+about the edge farthest from its handle and opens away from the body that it closes. Without such evidence a door turns
+about its left vertical edge and a drawer slides along its x axis, which points forward.
 """
 
 from __future__ import annotations
@@ -35,23 +33,27 @@ __all__ = [
 ]
 
 
+JointRange = tuple[float, float] | None
+"""Lower and upper limit relative to the initial pose [m or rad]; None for no limits."""
+_OFFSET_TOLERANCE = 0.05
+"""Offset from the center, as a fraction of the half extent, below which a box counts as centered."""
+_DEFAULT_EXTENT_M = 0.1
+"""Extent of a body without a size [m]."""
+
+
 class JointType(StrEnum):
-    """What a joint lets its child do."""
+    """The kind of motion that a joint allows."""
 
     REVOLUTE = "hinge"
     PRISMATIC = "slide"
     FIXED = "fixed"
     FLOATING = "floating"
     PLANAR = "planar"
-    """Slide and turn in the plane that its axis stands on."""
-
-
-JointRange = tuple[float, float] | None
-"""From where to where, seen from the pose as spawned [m or rad]; None for no end."""
+    """Translation and rotation in the plane perpendicular to its axis."""
 
 
 class JointLimits(msgspec.Struct, frozen=True):
-    """What a constraint needs beyond its two ends."""
+    """Pose and degrees of freedom of a joint."""
 
     pose: Pose
     linear: LinearLimits
@@ -59,28 +61,28 @@ class JointLimits(msgspec.Struct, frozen=True):
 
     @property
     def is_movable(self) -> bool:
-        """Whether it lets anything happen."""
+        """Whether any axis is not locked."""
         linear, angular = self.linear, self.angular
         axes = (linear.x, linear.y, linear.z, angular.twist, angular.swing1, angular.swing2)
         return any(axis is not AxisMotion.LOCKED for axis in axes)
 
 
 def center_and_half_range(lower: float, upper: float) -> tuple[float, float]:
-    """The middle of a range and how far it goes either way."""
+    """Returns the middle of a range and half its width."""
     return (lower + upper) / 2, (upper - lower) / 2
 
 
 def joint_from_axis(
     joint_type: JointType, origin: Array, axis: Array, range: JointRange, *, damping: float = 0.0
 ) -> JointLimits:
-    """A joint at a place in the world.
+    """Creates a joint from a point and an axis in the world frame.
 
     Args:
-        kind: what it lets happen.
-        origin: a point on its axis [m].
-        axis: its direction; any length but 0.
-        range: of a hinge or a slide; its lower end comes first.
-        damping: of its motion [Ns/m or Nms/rad].
+        joint_type: the motion that it allows.
+        origin: a point on the joint axis [m].
+        axis: direction of the axis; any length but 0.
+        range: limits of a revolute or prismatic joint, lower one first.
+        damping: of the motion [Ns/m or Nms/rad].
     """
     pose = pose_from_array(np.concatenate([origin, _rotation_from_x(axis / np.linalg.norm(axis))]))
     linear, angular = LinearLimits(), AngularLimits()
@@ -100,7 +102,7 @@ def joint_from_axis(
 
 
 def _rotation_from_x(axis: Array) -> Array:
-    """The shortest rotation that takes x to an axis; about z where that is the way back."""
+    """Returns the shortest rotation (w x y z) that maps x to a unit axis; half a turn about z for -x."""
     x, y, z = (float(part) for part in axis)
     if x < -1.0 + 1e-12:
         return np.array([0.0, 0.0, 0.0, 1.0])
@@ -109,45 +111,39 @@ def _rotation_from_x(axis: Array) -> Array:
 
 
 def to_vector(row: Array) -> Vector:
-    """Three numbers of an array."""
+    """Converts an array of three numbers to a tuple."""
     x, y, z = (float(part) for part in row)
     return x, y, z
 
 
-_OFFSET_TOLERANCE = 0.05
-"""What is off the middle by less than this part of half the extent is in the middle."""
-_DEFAULT_EXTENT_M = 0.1
-"""Of what has no size."""
-
-
 class ObservedBox(NamedTuple):
-    """Where something stands, and how large it is."""
+    """Pose and size of a body in the world frame; the size is None if unknown."""
 
     pose: Pose
     size: Vector | None
 
     @property
     def center(self) -> Array:
-        """In the world [m]."""
+        """Position in the world frame [m]."""
         return np.array(self.pose.position)
 
     @property
     def half_extents(self) -> Array:
-        """Half the extents along its own axes [m], never 0."""
+        """Half the extents along the box's own axes [m], never 0."""
         return np.maximum(self.size or (_DEFAULT_EXTENT_M,) * 3, 1e-3) / 2
 
     def axis(self, number: int) -> Array:
-        """One of its axes, in the world."""
+        """Returns the direction of one of the box's axes in the world frame."""
         return quat_rotate(normalized_pose_array(self.pose)[3:], np.eye(3)[number])
 
     def local_center_of(self, other: ObservedBox) -> Array:
-        """Another box's center along its own axes [m]."""
-        away = other.center - self.center
-        return np.array([float(away @ self.axis(number)) for number in range(3)])
+        """Returns the center of another box relative to this one's, along this one's axes [m]."""
+        offset = other.center - self.center
+        return np.array([float(offset @ self.axis(number)) for number in range(3)])
 
 
 class InferredAxis(NamedTuple):
-    """An axis, and what speaks for it."""
+    """An axis in the world frame, a point on it, and the evidence for it."""
 
     origin: Array
     axis: Array
@@ -155,12 +151,12 @@ class InferredAxis(NamedTuple):
 
 
 def infer_prismatic_axis(parent: ObservedBox, child: ObservedBox, handle: ObservedBox | None) -> InferredAxis:
-    """The way along which a child comes out of its parent.
+    """Returns the direction in which a child slides out of its parent.
 
     Args:
-        parent: what it comes out of.
-        child: what comes out.
-        handle: what it is pulled by.
+        parent: the body that contains the child, such as a cupboard.
+        child: the body that slides, such as a drawer.
+        handle: the handle of the child, if there is one.
     """
     for base, other, evidence in ((child, handle, "its handle is on that side"), (parent, child, "it is on that side")):
         if other is None:
@@ -169,7 +165,7 @@ def infer_prismatic_axis(parent: ObservedBox, child: ObservedBox, handle: Observ
         number = int(np.argmax(np.abs(off)))
         if abs(off[number]) > _OFFSET_TOLERANCE:
             return InferredAxis(child.center, np.sign(off[number]) * base.axis(number), evidence)
-    return InferredAxis(child.center, child.axis(0), "nothing tells another way than forward")
+    return InferredAxis(child.center, child.axis(0), "there is no evidence for another direction than forward")
 
 
 def infer_hinge_axis(
@@ -181,24 +177,24 @@ def infer_hinge_axis(
     origin: Array | None = None,
     radius: float | None = None,
 ) -> InferredAxis:
-    """The line about which a child turns; turning it on, where the range is wider, takes it away from its parent.
+    """Returns the line that a child turns about; positive rotation opens it if the upper limit is the farther one.
 
     Args:
-        parent: what it closes.
-        child: what turns.
-        handle: what it is pulled by.
-        range: how far it turns.
-        origin: a point on the line, where that is known.
-        radius: how far from the line the handle is, where that is known [m].
+        parent: the body that the child closes, such as a cupboard.
+        child: the body that turns, such as a door.
+        handle: the handle of the child, if there is one.
+        range: limits of the rotation [rad].
+        origin: a point on the line, if known.
+        radius: distance of the handle from the line, if known [m].
     """
     thin = int(np.argmin(child.half_extents))
-    plane = [number for number in (2, 1, 0) if number != thin]  # where nothing tells, the edge to the side counts
+    plane = [number for number in (2, 1, 0) if number != thin]  # without evidence, a vertical edge is chosen
     out = child.axis(thin)
     if (child.center - parent.center) @ out < 0.0:
         out = -out
     if origin is not None:
         off = np.array([float((child.center - origin) @ child.axis(number)) for number in (0, 1, 2)])
-        evidence = "its place is told"
+        evidence = "its position is given"
     else:
         off = child.local_center_of(handle) if handle is not None else np.zeros(3)
         evidence = "its handle is on the other side"
@@ -206,17 +202,18 @@ def infer_hinge_axis(
     side = max(plane, key=lambda number: float(share[number]))
     if share[side] <= _OFFSET_TOLERANCE:
         side = next(number for number in (1, 0, 2) if number != thin)
-        towards, evidence = _right_hand_direction(out, child.axis(side)), "nothing tells another edge than the left one"
+        towards = _right_hand_direction(out, child.axis(side))
+        evidence = "there is no evidence for another edge than the left one"
     else:
         towards = np.sign(off[side]) * child.axis(side)
     along = next(number for number in plane if number != side)
     if origin is None:
-        far = (
+        distance = (
             child.half_extents[side]
             if radius is None or handle is None
             else radius - float(child.local_center_of(handle) @ _to_box_frame(child, towards))
         )
-        origin = child.center - far * towards
+        origin = child.center - distance * towards
     axis = child.axis(along)
     opens = float(np.cross(axis, towards) @ out)
     if range is not None and abs(range[0]) > abs(range[1]):
@@ -225,11 +222,11 @@ def infer_hinge_axis(
 
 
 def _right_hand_direction(outward: Array, side: Array) -> Array:
-    """The way along a side that is on the right of whoever stands in front."""
+    """Returns the direction along a side that points to the right when the front is looked at from outside."""
     right = np.cross(np.array([0.0, 0.0, 1.0]), outward)
     return side if side @ right >= 0.0 else -side
 
 
 def _to_box_frame(box: ObservedBox, direction: Array) -> Array:
-    """A direction of the world along a box's own axes."""
+    """Returns a direction of the world frame along a box's own axes."""
     return np.array([float(direction @ box.axis(number)) for number in range(3)])

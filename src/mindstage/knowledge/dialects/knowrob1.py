@@ -1,18 +1,14 @@
-"""Dialect 4, KnowRob 1 (2009 to 2016): what robots perceived, and what hangs together.
+"""Dialect 4, KnowRob 1 (2009 to 2016): perceived objects, parts and joints.
 
-An object's pose is where it was perceived last, or in the oldest maps where it says that it stands; earlier perceptions
-stay facts. Matrices tell it (see `matrices`). Parts go with their whole, unless a joint lets them move.
+The pose of an object is that of its latest perception, or in the oldest maps that of its `orientation`; earlier
+perceptions are kept as facts. Poses are 4 x 4 matrices (see `pose_from_matrix`). Parts are attached to their whole
+unless a joint lets them move.
 
-Perceptions: where KnowRob 1 says that things are, and when it was that they were there.
+A joint is an individual. It refers to its two bodies, or they or their whole refer to it. Its position and axis are
+inferred where they are missing (see `mindstage.knowledge.dialects.joints`), and recorded as assumptions.
 
-KnowRob 1's joints: individuals of their own, and the things around them that say to be joined.
-
-A joint names its two ends, or they name it, or its whole does. What it leaves out (where it is, which way it goes) is
-decided from where things stand (see `likely_joints`) and said aloud.
-
-Dialect 4, KnowRob 1: what has moved was perceived once more, a second after it was perceived last.
-
-The exact pose stands beside it in dialect 1's words, since a matrix rounds; the perception only restates it.
+A body that has moved is written with an additional perception, one second after its latest one. Matrices are rounded,
+so the exact pose is written in the vocabulary of dialect 1 and the perception only restates it.
 """
 
 from __future__ import annotations
@@ -41,7 +37,7 @@ from mindstage.knowledge.dialects.semlog import read_semlog
 from mindstage.knowledge.dialects.soma import is_soma, read_soma
 from mindstage.knowledge.dialects.source_map import SourceMap
 from mindstage.knowledge.rdf import Graph, local_name, part_name
-from mindstage.knowledge.rdf_mapping import properties as words
+from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.rdf_mapping.serialize import SubjectBlock
 from mindstage.knowledge.vocabulary import (
     CHILD,
@@ -86,19 +82,33 @@ _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d.*", re.ASCII)
 _SECONDS = re.compile(r"(\d+(?:\.\d+)?)$", re.ASCII)
 
 
+_JOINT_TYPES = {
+    "HingedJoint": JointType.REVOLUTE,
+    "RevoluteJoint": JointType.REVOLUTE,
+    "PrismaticJoint": JointType.PRISMATIC,
+    "FixedJoint": JointType.FIXED,
+    "RigidJoint": JointType.FIXED,
+}
+_DIRECTION, _TURN_RADIUS = knowrob("direction"), knowrob("turnRadius")
+_VECTOR = tuple(knowrob(f"vector{axis}") for axis in "XYZ")
+_CONNECTION_JOINT_TYPES = {HINGED_TO: JointType.REVOLUTE, PRISMATICALLY_CONNECTED_TO: JointType.PRISMATIC}
+KNOWROB1_DIALECT = "KnowRob 1"
+_RESTATES_POSE = PropertyAssertion(RESTATES, IriRef(HAS_POSE))
+
+
 class _Perception(NamedTuple):
-    """One place at which something was seen."""
+    """A pose at which an individual was perceived."""
 
     time_s: float
-    """Seconds; least where nobody says when."""
+    """Time [s]; -inf if unknown."""
     order: int
-    """Of several at one time, what was told first counts."""
+    """Order among perceptions of the same time; the first one given counts."""
     pose_node: FactValue
     property: Iri
 
 
 class PerceivedPoses:
-    """All that is said about where things are."""
+    """The poses of individuals by perceptions and by their `orientation`."""
 
     def __init__(self, graph: Graph) -> None:
         self._graph = graph
@@ -111,26 +121,29 @@ class PerceivedPoses:
         if not seen:
             return
         at = max((_time_of(fact.value) for fact in facts if fact.property == START_TIME), default=-np.inf)
-        for place in (fact.value for fact in facts if fact.property == EVENT_OCCURS_AT):
+        for pose_node in (fact.value for fact in facts if fact.property == EVENT_OCCURS_AT):
             for individual in seen:
-                sights = self._by_individual.setdefault(individual, [])
-                sights.append(_Perception(at, -len(sights), place, EVENT_OCCURS_AT))
+                perceptions = self._by_individual.setdefault(individual, [])
+                perceptions.append(_Perception(at, -len(perceptions), pose_node, EVENT_OCCURS_AT))
 
     def perceptions_of(self, individual: Iri) -> list[_Perception]:
-        """Where it was seen, the last time first; then where it says itself that it is."""
+        """Returns the perceptions of an individual, latest first, then the poses that it gives itself."""
         facts = self._graph.get(individual, ())
-        told = [_Perception(-np.inf, 0, fact.value, ORIENTATION) for fact in facts if fact.property == ORIENTATION]
-        return [*sorted(self._by_individual.get(individual, ()), reverse=True, key=lambda sight: sight[:2]), *told]
+        own = [_Perception(-np.inf, 0, fact.value, ORIENTATION) for fact in facts if fact.property == ORIENTATION]
+        perceptions = sorted(
+            self._by_individual.get(individual, ()), reverse=True, key=lambda perception: perception[:2]
+        )
+        return [*perceptions, *own]
 
     def latest_pose(self, normalizer: DialectNormalizer, individual: Iri) -> MatrixPose | None:
-        """The last place of a thing that can be understood; what had to be done for it is reported."""
-        for sight in self.perceptions_of(individual):
-            found = self._parse_pose(sight.pose_node)
+        """Returns the latest valid pose of an individual, or None; repairs and invalid poses are reported."""
+        for perception in self.perceptions_of(individual):
+            found = self._parse_pose(perception.pose_node)
             if isinstance(found, str):
-                normalizer.warn(individual, sight.property, found, "it tells no place")
+                normalizer.warn(individual, perception.property, found, "this pose is ignored")
                 continue
-            for what, did in found.repairs:
-                normalizer.warn(individual, sight.property, what, did)
+            for problem, action in found.repairs:
+                normalizer.warn(individual, perception.property, problem, action)
             return found
         return None
 
@@ -144,22 +157,22 @@ class PerceivedPoses:
         return self._parse_matrix(name, facts)
 
     def _parse_matrix(self, name: str, facts: Sequence[PropertyAssertion]) -> MatrixPose | str:
-        told: dict[tuple[int, int], float] = {}
+        elements: dict[tuple[int, int], float] = {}
         for fact in facts:
-            if place := _MATRIX_ELEMENTS.get(fact.property):
-                number = words.parse_number(words.literal_text(fact.value) or "")
+            if index := _MATRIX_ELEMENTS.get(fact.property):
+                number = codecs.parse_number(codecs.literal_text(fact.value) or "")
                 if number is None:
                     return (
-                        f"{name} has {_value_text(fact.value)} as m{place[0]}{place[1]}, which is not a finite number"
+                        f"{name} has {_value_text(fact.value)} as m{index[0]}{index[1]}, which is not a finite number"
                     )
-                told.setdefault(place, number)
-        missing = _REQUIRED_ELEMENTS - told.keys()
-        by_rows = missing <= _LAST_COLUMN and any(told.get((3, column)) for column in range(3))
+                elements.setdefault(index, number)
+        missing = _REQUIRED_ELEMENTS - elements.keys()
+        by_rows = missing <= _LAST_COLUMN and any(elements.get((3, column)) for column in range(3))
         if missing and not by_rows:
-            return f"{name} does not tell {', '.join(f'm{row}{column}' for row, column in sorted(missing))}"
+            return f"{name} does not give {', '.join(f'm{row}{column}' for row, column in sorted(missing))}"
         matrix = np.eye(4)
-        for place, number in told.items():
-            matrix[place] = number
+        for index, number in elements.items():
+            matrix[index] = number
         return pose_from_matrix(matrix)
 
     def _facts(self, value: FactValue) -> list[PropertyAssertion]:
@@ -169,8 +182,8 @@ class PerceivedPoses:
 
 
 def _time_of(value: FactValue) -> float:
-    """Seconds of a time point, which KnowRob writes into its name, or of a date."""
-    text = local_name(value.iri) if isinstance(value, IriRef) else words.literal_text(value) or ""
+    """Returns the time [s] of a date, or of a time point, which KnowRob encodes in its name; -inf if there is none."""
+    text = local_name(value.iri) if isinstance(value, IriRef) else codecs.literal_text(value) or ""
     if found := _DATE.search(text):
         try:
             date = datetime.fromisoformat(found[0])
@@ -182,55 +195,43 @@ def _time_of(value: FactValue) -> float:
 
 
 def _pose_from_facts(facts: list[PropertyAssertion]) -> Pose | None:
-    """A pose told by translation and quaternion, as the last maps of this kind have it."""
+    """Reads a pose given by translation and quaternion, as in the latest maps of this dialect; None if incomplete."""
     found: dict[Iri, Array] = {}
-    for word in (words.TRANSLATION, words.QUATERNION):
-        values = (word.decode(fact.value) for fact in facts if fact.property == word.property)
-        told = next((value for value in values if value is not None), None)
-        if told is None:
+    for codec in (codecs.TRANSLATION, codecs.QUATERNION):
+        values = (codec.decode(fact.value) for fact in facts if fact.property == codec.property)
+        value = next((value for value in values if value is not None), None)
+        if value is None:
             return None
-        found[word.property] = np.array(told)
-    x, y, z = found[words.TRANSLATION.property].tolist()
-    w, i, j, k = found[words.QUATERNION.property].tolist()
+        found[codec.property] = np.array(value)
+    x, y, z = found[codecs.TRANSLATION.property].tolist()
+    w, i, j, k = found[codecs.QUATERNION.property].tolist()
     return Pose((x, y, z), (w, i, j, k))
 
 
 def _value_text(value: FactValue) -> str:
-    return repr(value.text) if isinstance(value, Literal) else "a thing"
-
-
-_JOINT_TYPES = {
-    "HingedJoint": JointType.REVOLUTE,
-    "RevoluteJoint": JointType.REVOLUTE,
-    "PrismaticJoint": JointType.PRISMATIC,
-    "FixedJoint": JointType.FIXED,
-    "RigidJoint": JointType.FIXED,
-}
-_DIRECTION, _TURN_RADIUS = knowrob("direction"), knowrob("turnRadius")
-_VECTOR = tuple(knowrob(f"vector{axis}") for axis in "XYZ")
-_CONNECTION_JOINT_TYPES = {HINGED_TO: JointType.REVOLUTE, PRISMATICALLY_CONNECTED_TO: JointType.PRISMATIC}
+    return repr(value.text) if isinstance(value, Literal) else "a resource"
 
 
 def find_joints(normalizer: DialectNormalizer) -> Mapping[Iri, JointType | None]:
-    """The members that are joints, and of what kind; None for one of no kind that is known."""
+    """Returns the members that are joints and their types; None for an unknown type."""
     joints: dict[Iri, JointType | None] = {}
     for member in normalizer.members:
         types = types_of(normalizer.graph.get(member, ()))
         names = [local_name(cls) for cls in types]
         above = [local_name(upper) for cls in types for upper in normalizer.source_map.hierarchy.ancestors(cls)]
-        kind = next((_JOINT_TYPES[name] for name in (*names, *above) if name in _JOINT_TYPES), None)
-        if kind or any(name.endswith("Joint") for name in names) or normalizer.values(member, *JOINT_VALUES):
-            joints[member] = kind
+        joint_type = next((_JOINT_TYPES[name] for name in (*names, *above) if name in _JOINT_TYPES), None)
+        if joint_type or any(name.endswith("Joint") for name in names) or normalizer.values(member, *JOINT_VALUES):
+            joints[member] = joint_type
     return joints
 
 
 def add_joints(normalizer: DialectNormalizer, joints: Mapping[Iri, JointType | None]) -> None:
-    """Says of every joint what it joins and how."""
+    """Adds every joint of a map to the normalizer, with the bodies that it connects and its motion."""
     _Knowrob1JointReader(normalizer, joints).run()
 
 
 class _Knowrob1JointReader:
-    """All joints of a map."""
+    """Reads the joints of a map."""
 
     def __init__(self, normalizer: DialectNormalizer, joints: Mapping[Iri, JointType | None]) -> None:
         self.normalizer, self.joints = normalizer, joints
@@ -244,33 +245,37 @@ class _Knowrob1JointReader:
         self.neighbors = self._find_neighbors()
 
     def run(self) -> None:
-        for joint, kind in self.joints.items():
+        for joint, joint_type in self.joints.items():
             if self.normalizer.values(joint, HAS_LINEAR):
-                continue  # it is told in the words of dialect 1 already
+                continue  # the joint is already given in the vocabulary of dialect 1
             ends = self._joint_ends(joint)
             if ends is None:
-                # A constraint without its ends is left out by dialect 1's reader, which says why.
+                # Dialect 1's reader omits a constraint without its ends and reports the reason.
                 self.normalizer.add(joint, TYPE, IriRef(CONSTRAINT))
                 continue
             parent, child = ends
-            if kind is None:
-                what = f"{', '.join(map(local_name, types_of(self.normalizer.graph[joint])))} is no known kind of joint"
-                self.normalizer.warn(joint, TYPE, what, "it holds its two ends together")
+            if joint_type is None:
+                names = ", ".join(map(local_name, types_of(self.normalizer.graph[joint])))
+                self.normalizer.warn(
+                    joint, TYPE, f"{names} is an unknown type of joint", "the two bodies are joined rigidly"
+                )
             self.normalizer.add_joint(
-                joint, parent, child, self._joint_limits(joint, kind or JointType.FIXED, *ends), name=joint
+                joint, parent, child, self._joint_limits(joint, joint_type or JointType.FIXED, *ends), name=joint
             )
-        for what, joints in self.inferred.items():
-            evidence = f"{len(joints)} joints do not tell it, such as {abbreviated_names(joints)}"
-            self.normalizer.source_map.record_assumption(f"joints: {what}", "from where things stand", evidence)
+        for attribute, joints in self.inferred.items():
+            evidence = f"{len(joints)} joints do not give it, such as {abbreviated_names(joints)}"
+            self.normalizer.source_map.record_assumption(
+                f"joints: {attribute}", "inferred from poses and sizes", evidence
+            )
 
-    # -- what is joined ------------------------------------------------------------------------------------------------
+    # -- connected bodies ----------------------------------------------------------------------------------------------
 
     def _find_neighbors(self) -> Mapping[Iri, Sequence[Iri]]:
-        """By joint, the things that it names or that name it, whatever they say of one another."""
-        ways = (*CONNECTIONS, *TO_PARTS, *TO_WHOLES, PARENT, CHILD)
+        """Returns the resources that each joint refers to or that refer to it."""
+        properties = (*CONNECTIONS, *TO_PARTS, *TO_WHOLES, PARENT, CHILD)
         found: dict[Iri, dict[Iri, None]] = {}
         for member in self.normalizer.members:
-            for other in self.normalizer.references(member, *ways):
+            for other in self.normalizer.references(member, *properties):
                 found.setdefault(member, {})[other] = None
                 found.setdefault(other, {})[member] = None
         return {joint: list(found.get(joint, ())) for joint in self.joints}
@@ -282,8 +287,8 @@ class _Knowrob1JointReader:
         if len(bodies) < 2:
             return None
         if len(bodies) > 2:
-            what = f"it has to do with {len(bodies)} things: {abbreviated_names(bodies)}"
-            self.normalizer.warn(joint, "", what, "the first whole and its part are joined")
+            problem = f"it is related to {len(bodies)} bodies: {abbreviated_names(bodies)}"
+            self.normalizer.warn(joint, "", problem, "the first whole and its part are joined")
         pairs = [(one, other) for one in bodies for other in bodies if other in self.parts[one]]
         if pairs:
             return pairs[0]
@@ -295,47 +300,51 @@ class _Knowrob1JointReader:
         return one, other
 
     def _connected_bodies(self, body: Iri, joint_type: JointType | None) -> list[Iri]:
-        """What a body says to be joined with, in the way of a joint that names only this body; else its whole."""
-        ways = [way for way, how in _CONNECTION_JOINT_TYPES.items() if joint_type in (how, None)]
-        told = self.normalizer.references(body, *ways)
-        told += [member for member in self.normalizer.members if body in self.normalizer.references(member, *ways)]
-        told += [whole for whole, parts in self.parts.items() if body in parts]
-        return [other for other in told if other in self.normalizer.poses]
+        """Returns the bodies that one with a joint is connected to by a joint of this type, then its wholes."""
+        properties = [
+            property for property, connected in _CONNECTION_JOINT_TYPES.items() if joint_type in (connected, None)
+        ]
+        candidates = self.normalizer.references(body, *properties)
+        candidates += [
+            member for member in self.normalizer.members if body in self.normalizer.references(member, *properties)
+        ]
+        candidates += [whole for whole, parts in self.parts.items() if body in parts]
+        return [other for other in candidates if other in self.normalizer.poses]
 
     def _volume(self, body: Iri) -> float:
         return float(np.prod(self.normalizer.sizes.get(body, (0.0, 0.0, 0.0))))
 
-    # -- how -----------------------------------------------------------------------------------------------------------
+    # -- axis and limits -----------------------------------------------------------------------------------------------
 
     def _joint_limits(self, joint: Iri, joint_type: JointType, parent: Iri, child: Iri) -> JointLimits:
         range = self._range(joint, joint_type)
         origin, axis = self._origin(joint), self._axis(joint)
         if origin is None or (axis is None and joint_type is not JointType.FIXED):
-            for what, told in (("where they are", origin), ("which way they go", axis)):
-                if told is None and joint_type is not JointType.FIXED:
-                    self.inferred.setdefault(what, []).append(joint)
+            for attribute, given in (("position", origin), ("axis", axis)):
+                if given is None and joint_type is not JointType.FIXED:
+                    self.inferred.setdefault(attribute, []).append(joint)
             boxes = self._box(parent), self._box(child), self._find_handle(child)
             if joint_type is JointType.REVOLUTE:
                 radius = next(iter(self._numbers(joint, _TURN_RADIUS)), None)
-                likely = infer_hinge_axis(*boxes, range, origin=origin, radius=radius)
+                inferred = infer_hinge_axis(*boxes, range, origin=origin, radius=radius)
             else:
-                likely = infer_prismatic_axis(*boxes)
-            origin = likely.origin if origin is None else origin
-            axis = likely.axis if axis is None else axis
+                inferred = infer_prismatic_axis(*boxes)
+            origin = inferred.origin if origin is None else origin
+            axis = inferred.axis if axis is None else axis
         return joint_from_axis(joint_type, origin, np.array([1.0, 0.0, 0.0]) if axis is None else axis, range)
 
     def _range(self, joint: Iri, joint_type: JointType) -> JointRange:
         if joint_type not in (JointType.REVOLUTE, JointType.PRISMATIC):
             return None
-        told = [next(iter(self._numbers(joint, property)), None) for property in JOINT_VALUES]
-        lower, upper = told
+        values = [next(iter(self._numbers(joint, property)), None) for property in JOINT_VALUES]
+        lower, upper = values
         if lower is None or upper is None:
-            missing = [property for property, value in zip(JOINT_VALUES, told, strict=True) if value is None]
-            self.normalizer.warn(joint, missing[0], "nothing understandable is told", "it may move without end")
+            missing = [property for property, value in zip(JOINT_VALUES, values, strict=True) if value is None]
+            self.normalizer.warn(joint, missing[0], "it has no valid limit", "it may move without limits")
             return None
         if lower > upper:
-            what = f"its least value {lower:g} is more than its greatest {upper:g}"
-            self.normalizer.warn(joint, JOINT_VALUES[0], what, "the two are taken the other way round")
+            problem = f"its lower limit {lower:g} is above its upper limit {upper:g}"
+            self.normalizer.warn(joint, JOINT_VALUES[0], problem, "the two are swapped")
             lower, upper = upper, lower
         if joint_type is JointType.PRISMATIC:
             lower, upper = self.number_reader.lengths((lower, upper))
@@ -344,56 +353,54 @@ class _Knowrob1JointReader:
     def _origin(self, joint: Iri) -> Array | None:
         if not self.perceived_poses.perceptions_of(joint):
             return None
-        placement = self.perceived_poses.latest_pose(self.normalizer, joint)
-        return None if placement is None else np.array(self.number_reader.pose(placement.pose).position)
+        matrix_pose = self.perceived_poses.latest_pose(self.normalizer, joint)
+        return None if matrix_pose is None else np.array(self.number_reader.pose(matrix_pose.pose).position)
 
     def _axis(self, joint: Iri) -> Array | None:
         for value in self.normalizer.values(joint, _DIRECTION):
             facts = value.facts if isinstance(value, BlankNode) else ()
             if isinstance(value, IriRef):
                 facts = tuple(self.normalizer.graph.get(value.iri, ()))
-            told = [
-                next((words.parse_number(words.literal_text(f.value) or "") for f in facts if f.property == part), None)
+            vector = [
+                next(
+                    (codecs.parse_number(codecs.literal_text(f.value) or "") for f in facts if f.property == part), None
+                )
                 for part in _VECTOR
             ]
-            direction = np.array([part for part in told if part is not None])
+            direction = np.array([part for part in vector if part is not None])
             if len(direction) == 3 and np.linalg.norm(direction) > 0.0:
                 return np.array(self.number_reader.direction(direction.tolist()))
             self.normalizer.warn(
-                joint, _DIRECTION, "it is not three finite numbers that are not all 0", "it tells no way"
+                joint, _DIRECTION, "it is not three finite numbers that are not all 0", "it is ignored"
             )
         return None
 
     def _numbers(self, joint: Iri, property: Iri) -> list[float]:
-        told = (
-            words.parse_number(words.literal_text(value) or "") for value in self.normalizer.values(joint, property)
+        numbers = (
+            codecs.parse_number(codecs.literal_text(value) or "") for value in self.normalizer.values(joint, property)
         )
-        return [number for number in told if number is not None]
+        return [number for number in numbers if number is not None]
 
     def _box(self, body: Iri) -> ObservedBox:
         return ObservedBox(self.normalizer.poses[body], self.normalizer.sizes.get(body))
 
     def _find_handle(self, child: Iri) -> ObservedBox | None:
-        """The part of a child that it is likely pulled by: the handle, or in front of a drawer its door."""
+        """Returns the part of a child that it is most likely pulled by: a handle, or for a drawer possibly its door."""
         parts = [part for part in self.parts[child] if part not in self.joints]
         parts.sort(key=lambda part: not self.normalizer.class_name_contains(part, "Handle"))
         return self._box(parts[0]) if parts else None
 
 
-KNOWROB1_DIALECT = "KnowRob 1"
-_RESTATES_POSE = PropertyAssertion(RESTATES, IriRef(HAS_POSE))
-
-
 def perception_blocks(body: Body, graph: Graph, used_names: Container[str]) -> Iterator[SubjectBlock]:
-    """A perception of a body where it is now, and the matrix that says where.
+    """Yields a perception of a body at its current pose, and the matrix of the pose.
 
     Args:
-        body: what has moved.
-        graph: what the map says, earlier perceptions among it.
-        taken: names that others have.
+        body: the body that has moved.
+        graph: the statements of the map, with its earlier perceptions.
+        used_names: names that are taken.
     """
-    sights = PerceivedPoses(graph).perceptions_of(body.iri)
-    last = max((sight.time_s for sight in sights if isfinite(sight.time_s)), default=-1.0)
+    perceptions = PerceivedPoses(graph).perceptions_of(body.iri)
+    last = max((perception.time_s for perception in perceptions if isfinite(perception.time_s)), default=-1.0)
     event, matrix = (part_name(body.iri, suffix, used_names) for suffix in ("perception", "matrix"))
     yield SubjectBlock(
         event,
@@ -420,25 +427,27 @@ def _matrix_facts(pose: Pose) -> Iterator[PropertyAssertion]:
 
 
 def is_knowrob1(source_map: SourceMap) -> bool:
-    """Whether something in the map has a place that only this dialect understands."""
+    """Whether some individual of the map has a pose in this dialect only."""
     unplaced = [member for member in source_map.members if not _has_pose(source_map, member)]
     return bool(unplaced) and any(map(PerceivedPoses(source_map.graph).perceptions_of, unplaced))
 
 
 def read_knowrob1(source_map: SourceMap) -> World:
-    """Reads a map of dialect 4."""
-    with np.errstate(over="ignore", invalid="ignore"):  # what becomes of too large numbers is looked at afterwards
-        reworded = _normalize(DialectNormalizer(source_map))
-    # Maps were carried from one generation to the next by hand, and some things were left as they were.
-    return read_soma(reworded) if is_soma(reworded) else read_semlog(reworded)
+    """Reads a KnowRob 1 map."""
+    with np.errstate(over="ignore", invalid="ignore"):  # overflowing poses are reported afterwards
+        normalized = _normalize(DialectNormalizer(source_map))
+    # Maps were migrated between dialects by hand, and may contain statements of several of them.
+    return read_soma(normalized) if is_soma(normalized) else read_semlog(normalized)
 
 
 def _normalize(normalizer: DialectNormalizer) -> SourceMap:
-    excerpt = normalizer.source_map
+    source_map = normalizer.source_map
     joints = find_joints(normalizer)
-    numbers = NumberReader(excerpt.conventions)
+    numbers = NumberReader(source_map.conventions)
     _set_poses(
-        normalizer, [each for each in excerpt.members if each not in joints and not _has_pose(excerpt, each)], numbers
+        normalizer,
+        [each for each in source_map.members if each not in joints and not _has_pose(source_map, each)],
+        numbers,
     )
     _set_sizes(normalizer, numbers)
     numbers.report_assumptions(normalizer)
@@ -453,49 +462,49 @@ def _has_pose(source_map: SourceMap, individual: Iri) -> bool:
 
 
 def _set_poses(normalizer: DialectNormalizer, individuals: list[Iri], number_reader: NumberReader) -> None:
-    """Says where things are."""
-    excerpt = normalizer.source_map
-    perceptions = PerceivedPoses(excerpt.graph)
-    placements = {}
+    """Adds the poses of individuals."""
+    source_map = normalizer.source_map
+    perceptions = PerceivedPoses(source_map.graph)
+    matrix_poses = {}
     for individual in individuals:
-        placement = perceptions.latest_pose(normalizer, individual)
-        if placement is not None:
-            placements[individual] = placement
-    mirrored = [individual for individual, placement in placements.items() if placement.mirrored]
+        matrix_pose = perceptions.latest_pose(normalizer, individual)
+        if matrix_pose is not None:
+            matrix_poses[individual] = matrix_pose
+    mirrored = [individual for individual, matrix_pose in matrix_poses.items() if matrix_pose.mirrored]
     if mirrored:
-        evidence = f"{len(mirrored)} of {len(placements)} matrices are left-handed: {abbreviated_names(mirrored)}"
-        value = "matrices are taken without their mirror: x and z stay, y is turned round"
-        excerpt.record_assumption("handedness", value, evidence)
-    poses = {individual: number_reader.pose(placement.pose) for individual, placement in placements.items()}
+        evidence = f"{len(mirrored)} of {len(matrix_poses)} matrices are left-handed: {abbreviated_names(mirrored)}"
+        value = "mirrored matrices are converted: x and z are kept, y is negated"
+        source_map.record_assumption("handedness", value, evidence)
+    poses = {individual: number_reader.pose(matrix_pose.pose) for individual, matrix_pose in matrix_poses.items()}
     for individual, pose in resolve_pose_frames(normalizer, poses, dict(_part_pairs(normalizer))).items():
         normalizer.set_pose(individual, pose)
 
 
 def _set_sizes(normalizer: DialectNormalizer, number_reader: NumberReader) -> None:
-    """Says how large things are: a length below 0 only says which way an axis was drawn."""
-    backwards = []
+    """Adds the sizes of individuals; the sign of a length, which may encode the direction of an axis, is dropped."""
+    negative = []
     for individual in normalizer.poses:
-        told = [_read_length(normalizer, individual, number) for number in range(3)]
-        if any(length is not None and length < 0.0 for length in told):
-            backwards.append(individual)
-        normalizer.set_size(individual, [None if each is None else abs(number_reader.length(each)) for each in told])
-    if backwards:
+        lengths = [_read_length(normalizer, individual, number) for number in range(3)]
+        if any(length is not None and length < 0.0 for length in lengths):
+            negative.append(individual)
+        normalizer.set_size(individual, [None if each is None else abs(number_reader.length(each)) for each in lengths])
+    if negative:
         evidence = (
-            f"{len(backwards)} of {len(normalizer.poses)} things have a length below 0: {abbreviated_names(backwards)}"
+            f"{len(negative)} of {len(normalizer.poses)} bodies have a negative length: {abbreviated_names(negative)}"
         )
-        normalizer.source_map.record_assumption("lengths below 0", "the same above 0", evidence)
+        normalizer.source_map.record_assumption("negative lengths", "their absolute values", evidence)
 
 
 def _read_length(normalizer: DialectNormalizer, individual: Iri, axis: int) -> float | None:
-    for value in normalizer.values(individual, words.SIZE[axis].property):
-        length = words.parse_number(words.literal_text(value) or "")
+    for value in normalizer.values(individual, codecs.SIZE[axis].property):
+        length = codecs.parse_number(codecs.literal_text(value) or "")
         if length is not None:
             return length
     return None
 
 
 def _part_pairs(normalizer: DialectNormalizer) -> Iterator[tuple[Iri, Iri]]:
-    """Each part, and what it is a part of."""
+    """Yields each part with its whole."""
     for member in normalizer.members:
         for part in normalizer.references(member, *TO_PARTS):
             yield part, member
@@ -504,9 +513,9 @@ def _part_pairs(normalizer: DialectNormalizer) -> Iterator[tuple[Iri, Iri]]:
 
 
 def _attach_parts(normalizer: DialectNormalizer) -> None:
-    """Says what goes where other things go."""
-    hanging = {child for member in normalizer.members for child in normalizer.references(member, CHILD)}
-    hanging |= {member for member in normalizer.members if normalizer.references(member, PARENT)}
+    """Attaches parts and connected bodies, unless a joint lets them move."""
+    attached = {child for member in normalizer.members for child in normalizer.references(member, CHILD)}
+    attached |= {member for member in normalizer.members if normalizer.references(member, PARENT)}
     pairs = dict.fromkeys((whole, part) for part, whole in _part_pairs(normalizer))
     for member in normalizer.members:
         for property in CONNECTIONS:
@@ -517,8 +526,8 @@ def _attach_parts(normalizer: DialectNormalizer) -> None:
                     property in (HINGED_TO, PRISMATICALLY_CONNECTED_TO)
                     and frozenset((member, other)) not in normalizer.joined_pairs
                 ):
-                    what = f"it is joined with {local_name(other)}, but no joint tells how far that moves"
-                    normalizer.warn(member, property, what, "they go together")
+                    problem = f"it is connected to {local_name(other)}, but no joint gives their motion"
+                    normalizer.warn(member, property, problem, "they are attached rigidly")
     for whole, part in pairs:
-        if normalizer.can_attach(whole, part) and part not in hanging:
+        if normalizer.can_attach(whole, part) and part not in attached:
             normalizer.attach(whole, part)

@@ -1,10 +1,8 @@
-"""Residence: who lives in which map, where a dialect leaves that to be understood.
+"""Membership: which maps a graph contains, and which individuals belong to each of them.
 
-In KnowRob 1 a part belongs to the map of its whole, and in the oldest maps nobody says where he belongs. KnowRob 2 has
-no word for a map at all: a file is one. What follows is said here in the words of dialect 1, so that maps, questions
-and analyzes need not know of any of this.
-
-The census: which maps a graph tells of, who lives in each, and what belongs to none but the others.
+In KnowRob 1 a part belongs to the map of its whole, and the oldest maps do not state membership at all. KnowRob 2 has
+no map class: a file is a map. What follows from this is added as `describedInMap` statements of dialect 1, so that
+readers and queries need only these.
 """
 
 from __future__ import annotations
@@ -44,42 +42,42 @@ __all__ = [
 
 
 MapMembers = Mapping[Iri, Sequence[Iri]]
-"""By map, its individuals in the order of the graph. A map is what is called one, or what something is described in."""
+"""Individuals by map, in the order of the graph. A map has the map class or is the object of `describedInMap`."""
 
 _PART_CLASSES = frozenset(part.cls for part in NESTED_RESOURCES)
 _PART_PROPERTIES = frozenset(part.property for part in NESTED_RESOURCES)
 
 
 def types_of(facts: Iterable[PropertyAssertion]) -> tuple[Iri, ...]:
-    """Classes that a thing is said to be of, but for OWL's remark that it is an individual."""
+    """Returns the classes that a resource is declared to have, without `owl:NamedIndividual`."""
     types = [fact.value.iri for fact in facts if fact.property == TYPE and isinstance(fact.value, IriRef)]
     return tuple(cls for cls in types if cls != NAMED_INDIVIDUAL)
 
 
 def individuals_by_map(graph: Graph) -> MapMembers:
-    """Goes through a graph once."""
-    residents: dict[Iri, dict[Iri, None]] = {}
-    homeless: dict[Iri, None] = {}
+    """Returns the maps of a graph and their members."""
+    members_by_map: dict[Iri, dict[Iri, None]] = {}
+    constraints: dict[Iri, None] = {}
     map_class, constraint_class = IriRef(SEMANTIC_MAP), IriRef(CONSTRAINT)
     for subject, facts in graph.items():
         for fact in facts:
             if fact.property == DESCRIBED_IN_MAP and isinstance(fact.value, IriRef):
-                residents.setdefault(fact.value.iri, {})[subject] = None
+                members_by_map.setdefault(fact.value.iri, {})[subject] = None
             elif fact.property == TYPE and fact.value == map_class:
-                residents.setdefault(subject, {})
+                members_by_map.setdefault(subject, {})
             elif fact.property == TYPE and fact.value == constraint_class:
-                homeless[subject] = None
-    _assign_constraints(graph, homeless, residents)
+                constraints[subject] = None
+    _assign_constraints(graph, constraints, members_by_map)
     return {
         map: [member for member in members if member != map and not _is_nested_resource(graph[member])]
-        for map, members in residents.items()
+        for map, members in members_by_map.items()
     }
 
 
 def _assign_constraints(
     graph: Graph, constraints: Iterable[Iri], members_by_map: Mapping[Iri, dict[Iri, None]]
 ) -> None:
-    """Early maps do not say where their constraints belong: it is where the things are that they join."""
+    """Assigns constraints without `describedInMap`, as in early maps, to the map of a body that they join."""
     maps: dict[Iri, Iri] = {}
     for map, members in members_by_map.items():
         for member in members:
@@ -87,8 +85,8 @@ def _assign_constraints(
     ends: dict[Iri, list[Iri]] = {}
     for constraint in constraints:
         if constraint not in maps:
-            told = (fact for fact in graph[constraint] if fact.property in (PARENT, CHILD))
-            ends[constraint] = [fact.value.iri for fact in told if isinstance(fact.value, IriRef)]
+            references = (fact for fact in graph[constraint] if fact.property in (PARENT, CHILD))
+            ends[constraint] = [fact.value.iri for fact in references if isinstance(fact.value, IriRef)]
     if not ends:
         return
     for member in maps:
@@ -96,19 +94,19 @@ def _assign_constraints(
             if isinstance(fact.value, IriRef) and fact.value.iri in ends and fact.property in (PARENT, CHILD):
                 ends[fact.value.iri].append(member)
     for constraint, others in ends.items():
-        if home := next((maps[other] for other in others if other in maps), None):
-            members_by_map[home][constraint] = None
+        if map_iri := next((maps[other] for other in others if other in maps), None):
+            members_by_map[map_iri][constraint] = None
 
 
 def without_other_maps(graph: Graph, map: Iri, members_by_map: MapMembers) -> Graph:
-    """The graph without other maps, their individuals, and their individuals' parts."""
+    """Returns the graph without other maps, their members and the nested resources of these."""
     if members_by_map.keys() <= {map}:
         return graph
     own = {map, *members_by_map.get(map, ())}
-    strangers = (members_by_map.keys() | {member for members in members_by_map.values() for member in members}) - own
-    parts = set(_nested_resources(graph, strangers)) - set(_nested_resources(graph, own)) - own
-    away = strangers | parts
-    return {subject: facts for subject, facts in graph.items() if subject not in away}
+    others = (members_by_map.keys() | {member for members in members_by_map.values() for member in members}) - own
+    parts = set(_nested_resources(graph, others)) - set(_nested_resources(graph, own)) - own
+    excluded = others | parts
+    return {subject: facts for subject, facts in graph.items() if subject not in excluded}
 
 
 def _nested_resources(graph: Graph, individuals: Iterable[Iri]) -> Iterator[Iri]:
@@ -126,38 +124,38 @@ def _is_nested_resource(facts: Sequence[PropertyAssertion]) -> bool:
 
 
 def with_inferred_membership(graph: Graph) -> Graph:
-    """The graph, and with it what follows about who lives where."""
-    more = inferred_membership(graph)
-    if not more:
+    """Returns the graph extended by inferred membership."""
+    inferred = inferred_membership(graph)
+    if not inferred:
         return graph
-    return {subject: [*graph.get(subject, ()), *more.get(subject, ())] for subject in {**graph, **more}}
+    return {subject: [*graph.get(subject, ()), *inferred.get(subject, ())] for subject in {**graph, **inferred}}
 
 
 def inferred_membership(graph: Graph) -> dict[Iri, list[PropertyAssertion]]:
-    """What follows about who lives where; nothing, where all is said."""
+    """Returns the membership statements that follow from a graph; empty if all membership is stated."""
     placed = _individuals_with_pose(graph)
     if not placed or any(fact.property == DIALECT for map in _semantic_maps(graph) for fact in graph[map]):
-        return {}  # maps that we write say all of it
-    homes = _map_of_individual(graph)
-    maps = _semantic_maps(graph) | dict.fromkeys(map for map in homes.values())
-    following: dict[Iri, list[PropertyAssertion]] = {}
+        return {}  # Mindstage writes all membership explicitly
+    map_of = _map_of_individual(graph)
+    maps = _semantic_maps(graph) | dict.fromkeys(map for map in map_of.values())
+    inferred: dict[Iri, list[PropertyAssertion]] = {}
     if not maps:
         map = _derive_map_iri(graph, placed)
-        following[map] = [PropertyAssertion(TYPE, IriRef(SEMANTIC_MAP))]
+        inferred[map] = [PropertyAssertion(TYPE, IriRef(SEMANTIC_MAP))]
         maps[map] = None
     if len(maps) == 1:
         only = next(iter(maps))
-        placed_nowhere = (individual for individual in placed if individual not in homes and individual not in maps)
-        homes |= dict.fromkeys(placed_nowhere, only)
-    told = set(_map_of_individual(graph))
-    for individual, map in _propagate_maps(graph, homes).items():
-        if individual not in told and individual not in maps:
-            following.setdefault(individual, []).append(PropertyAssertion(DESCRIBED_IN_MAP, IriRef(map)))
-    return following
+        unassigned = (individual for individual in placed if individual not in map_of and individual not in maps)
+        map_of |= dict.fromkeys(unassigned, only)
+    stated = set(_map_of_individual(graph))
+    for individual, map in _propagate_maps(graph, map_of).items():
+        if individual not in stated and individual not in maps:
+            inferred.setdefault(individual, []).append(PropertyAssertion(DESCRIBED_IN_MAP, IriRef(map)))
+    return inferred
 
 
 def _individuals_with_pose(graph: Graph) -> dict[Iri, None]:
-    """What other dialects give a place."""
+    """Returns the individuals that have a pose in the vocabulary of another dialect."""
     placed: dict[Iri, None] = {}
     for subject, facts in graph.items():
         for fact in facts:
@@ -171,31 +169,31 @@ def _individuals_with_pose(graph: Graph) -> dict[Iri, None]:
 
 
 def _map_of_individual(graph: Graph) -> dict[Iri, Iri]:
-    """By individual, the first map that it says to be described in."""
-    homes: dict[Iri, Iri] = {}
+    """Returns the first `describedInMap` value of each individual."""
+    map_of: dict[Iri, Iri] = {}
     for subject, facts in graph.items():
         for fact in facts:
             if fact.property == DESCRIBED_IN_MAP and isinstance(fact.value, IriRef):
-                homes.setdefault(subject, fact.value.iri)
-    return homes
+                map_of.setdefault(subject, fact.value.iri)
+    return map_of
 
 
 def _semantic_maps(graph: Graph) -> dict[Iri, None]:
-    called = PropertyAssertion(TYPE, IriRef(SEMANTIC_MAP))
-    return {subject: None for subject, facts in graph.items() if called in facts}
+    is_map = PropertyAssertion(TYPE, IriRef(SEMANTIC_MAP))
+    return {subject: None for subject, facts in graph.items() if is_map in facts}
 
 
 def _propagate_maps(graph: Graph, map_of: Mapping[Iri, Iri]) -> dict[Iri, Iri]:
-    """Homes, and those of all that hangs together with who has one, wholes before parts."""
+    """Returns `map_of` extended to all individuals that are connected to its members, from wholes to parts."""
     neighbors = _connected(graph)
     found = dict(map_of)
-    waiting = list(map_of)
-    while waiting:
-        here = waiting.pop()
+    pending = list(map_of)
+    while pending:
+        here = pending.pop()
         for other in neighbors.get(here, ()):
             if other not in found and types_of(graph.get(other, ())):
                 found[other] = found[here]
-                waiting.append(other)
+                pending.append(other)
     return found
 
 
@@ -212,7 +210,7 @@ def _connected(graph: Graph) -> Mapping[Iri, Sequence[Iri]]:
 
 
 def _derive_map_iri(graph: Graph, individuals: Iterable[Iri]) -> Iri:
-    """A name for a map that has none: that of the ontology which it is, or of the namespace that most things are in."""
+    """Returns an IRI for a map without one: from its ontology, or from the most common namespace of its individuals."""
     ontologies = [subject for subject, facts in graph.items() if ONTOLOGY in types_of(facts) and subject[:2] != "_:"]
     namespaces = Counter(namespace_of(individual) for individual in individuals if not individual.startswith("_:"))
     common = max(namespaces, key=namespaces.__getitem__, default="")

@@ -1,14 +1,12 @@
-"""Dialect 1, SemLog's maps with physics: from a graph to a world (`mapwriter` is the way back).
+"""Dialects 1 and 2, SemLog maps: conversion of a map's statements to a world.
 
-Every individual that says `describedInMap` becomes a body, a constraint or a light, if it has a pose. Every statement
-about it that has no field stays a fact of it, and all else that the source says stays a resource: each statement of
-the source is in the world, once. What cannot be taken as it is told is reported, and written again as it was.
+Every individual with `describedInMap` and a pose becomes a body, a joint or a light. A statement about it that has no
+field in the world becomes one of its facts, and every other statement of the source becomes a fact of a named resource,
+so each statement is in the world exactly once. Values that cannot be used as given are reported, and written back
+unchanged. `mindstage.knowledge.io.write` is the inverse.
 
-Crowds: many bodies in one and the same place, which is what a map looks like whose poses were never written.
-
-Dialect 2, SemLog's early maps: dialect 1 without properties for the physics, of which the tags tell.
-
-Their constraints do not say what map they are described in; the census finds that out, since it is true of any map.
+The early maps (dialect 2) give physical properties in tags only. Their constraints do not name the map that they belong
+to; `individuals_by_map` infers it.
 """
 
 from __future__ import annotations
@@ -25,7 +23,7 @@ from mindstage.knowledge.dialects.unit_conversion import convert_source_map
 from mindstage.knowledge.dialects.units import default_conventions
 from mindstage.knowledge.map_statistics import is_constraint
 from mindstage.knowledge.rdf import FindingSink, Severity, assign_ids, local_name
-from mindstage.knowledge.rdf_mapping import properties as words
+from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.rdf_mapping.fields import (
     AttachmentReader,
     ClassSizes,
@@ -96,25 +94,33 @@ __all__ = [
 
 
 _MIN_DUPLICATES = 10
-"""So many bodies in one place are a crowd; a door, its panel and its hinge may well share one."""
+"""Number of bodies at one position above which it is reported; a door, its panel and its hinge may share one."""
+
+
+T = TypeVar("T")
+_TAG_CODECS: dict[str, PropertyCodec[Any]] = {
+    "mobility": MOBILITY,
+    "mass": MASS,
+    "gravity": GRAVITY,
+    "overlapevents": OVERLAP_EVENTS,
+}
+"""Codecs of the properties that tags may give, by the tag's key in lower case."""
+_MOBILITY_MARKER = ";mobility,"
 
 
 def check_duplicate_poses(world: World, report: FindingSink) -> None:
-    """Reports the places that many bodies are in."""
-    places = Counter(body.pose.position for body in world.bodies)
-    for place, number in places.items():
+    """Reports each position that many bodies share, as in a map whose poses were never written."""
+    positions = Counter(body.pose.position for body in world.bodies)
+    for position, number in positions.items():
         if number >= _MIN_DUPLICATES:
-            where = " ".join(f"{part:g}" for part in place)
+            where = " ".join(f"{part:g}" for part in position)
             report(
                 Severity.WARNING,
                 world.iri,
                 HAS_POSE,
-                f"{number:,} bodies are in one place ({where})",
+                f"{number:,} bodies are at one position ({where})",
                 "they stay there",
             )
-
-
-T = TypeVar("T")
 
 
 class _SizeSources(NamedTuple):
@@ -123,19 +129,19 @@ class _SizeSources(NamedTuple):
 
 
 def read_semlog(source_map: SourceMap) -> World:
-    """Reads what is said in the words of dialect 1, in meters, ROS's frame and with w x y z."""
+    """Reads a map in the vocabulary of dialect 1 with SI units, ROS axes and quaternions w x y z."""
     return _SemlogReader(source_map).world()
 
 
 def read_semlog_map(source_map: SourceMap) -> World:
-    """Reads a map of dialect 1, whose numbers are as they are in a world unless somebody says otherwise."""
+    """Reads a map of dialect 1, in SI units and ROS axes unless the map or the user declares others."""
     return read_semlog(
         convert_source_map(source_map, default_conventions(source_map, SI, dialect="SemLog"), dialect="SemLog")
     )
 
 
 class _SemlogReader:
-    """One map on its way to a world. The order matters: places, relations, joints, ids, resources, sizes."""
+    """Conversion of one map. The order matters: poses, relations, joints, ids, resources, sizes."""
 
     def __init__(self, source_map: SourceMap) -> None:
         self.source_map = source_map
@@ -143,69 +149,67 @@ class _SemlogReader:
         self.members = source_map.members
         self.nested_reader = NestedResourceReader(self.graph, {self.map, *self.members}, self.report)
         self.readers: dict[Iri, SubjectReader] = {}
-        """All individuals that are there in the end."""
+        """Readers of the individuals that become part of the world."""
         self.poses: dict[Iri, Pose] = {}
         self.joint_limits: dict[Iri, tuple[LinearLimits, AngularLimits]] = {}
         self.types: dict[Iri, tuple[Iri, ...]] = {}
 
     def world(self) -> World:
-        bodies, constraints, lights = self._classify()
-        relations = AttachmentReader(bodies, constraints)
+        bodies, joints, lights = self._classify()
+        relations = AttachmentReader(bodies, joints)
         ends = {
-            iri: joined for iri, heard in constraints.items() if (joined := self._joint_ends(heard, bodies, relations))
+            iri: joined for iri, reader in joints.items() if (joined := self._joint_ends(reader, bodies, relations))
         }
         self.readers = {iri: self.readers[iri] for iri in self.members if iri in self.readers}
         ids = self._assign_ids()
         resources = self._resources()
         sizes = self._size_sources(resources)
-        heard = SubjectReader(self.map, self.graph.get(self.map, ()), self.report)
-        heard.consume_references(TYPE, NAMED_INDIVIDUAL, SEMANTIC_MAP)
-        if SEMANTIC_MAP not in types_of(heard.facts):
-            heard.warn(TYPE, "individuals are described in it, but nothing calls it a map", "it is taken as one")
-        name = heard.read(words.LABEL_CODEC)
+        reader = SubjectReader(self.map, self.graph.get(self.map, ()), self.report)
+        reader.consume_references(TYPE, NAMED_INDIVIDUAL, SEMANTIC_MAP)
+        if SEMANTIC_MAP not in types_of(reader.facts):
+            reader.warn(TYPE, "individuals are described in it, but it has no map class", "it is read as a map")
+        name = reader.read(codecs.LABEL_CODEC)
         return World(
             iri=self.map,
             name=local_name(self.map) if name is None else name,
             bodies=tuple(self._body(iri, ids[iri], sizes) for iri in bodies),
-            joints=tuple(
-                self._constraint(iri, ids[iri], ids[parent], ids[child]) for iri, (parent, child) in ends.items()
-            ),
+            joints=tuple(self._joint(iri, ids[iri], ids[parent], ids[child]) for iri, (parent, child) in ends.items()),
             attachments=tuple(
                 Attachment(parent=ids[relations.parents[child]], child=ids[child])
                 for child in bodies
                 if child in relations.parents
             ),
             lights=tuple(self._light(iri, ids[iri], kind) for iri, kind in lights.items()),
-            facts=heard.remaining(),
+            facts=reader.remaining(),
             resources=resources,
         )
 
-    # -- who is what ---------------------------------------------------------------------------------------------------
+    # -- individuals ---------------------------------------------------------------------------------------------------
 
     def _classify(self) -> tuple[dict[Iri, SubjectReader], dict[Iri, SubjectReader], dict[Iri, LightType]]:
         kinds = {cls: kind for kind, cls in LIGHT_CLASSES.items()}
         bodies: dict[Iri, SubjectReader] = {}
-        constraints: dict[Iri, SubjectReader] = {}
+        joints: dict[Iri, SubjectReader] = {}
         lights: dict[Iri, LightType] = {}
         for iri in self.members:
-            heard = SubjectReader(iri, self.graph[iri], self.report)
-            heard.consume_references(TYPE, NAMED_INDIVIDUAL)
-            heard.consume_references(DESCRIBED_IN_MAP, self.map)
-            types = self.types[iri] = types_of(heard.facts)
+            reader = SubjectReader(iri, self.graph[iri], self.report)
+            reader.consume_references(TYPE, NAMED_INDIVIDUAL)
+            reader.consume_references(DESCRIBED_IN_MAP, self.map)
+            types = self.types[iri] = types_of(reader.facts)
             if is_constraint(types, self.source_map.hierarchy):
-                constraints[iri] = heard
-            elif self._read_pose(heard):
+                joints[iri] = reader
+            elif self._read_pose(reader):
                 if kind := next((kinds[cls] for cls in types if cls in kinds), None):
                     lights[iri] = kind
                 else:
-                    bodies[iri] = heard
-        return bodies, constraints, lights
+                    bodies[iri] = reader
+        return bodies, joints, lights
 
     def _read_pose(self, reader: SubjectReader) -> bool:
-        """Whether the individual has a pose; only those that have one are in the world."""
+        """Reads the pose of an individual and returns whether it has one; individuals without a pose are omitted."""
         pose = self.nested_reader.read(reader, NESTED_POSE)
         if pose is None:
-            self._report_omitted(reader.subject, HAS_POSE, "it has no pose that can be understood")
+            self._report_omitted(reader.subject, HAS_POSE, "it has no valid pose")
             return False
         self.readers[reader.subject] = reader
         self.poses[reader.subject] = pose
@@ -214,13 +218,13 @@ class _SemlogReader:
     def _joint_ends(
         self, reader: SubjectReader, bodies: Mapping[Iri, SubjectReader], relations: AttachmentReader
     ) -> tuple[Iri, Iri] | None:
-        """The two bodies that a constraint joins, if they are there and it has a pose."""
+        """Returns the parent and the child of a joint, or None if one of them or its pose is missing."""
         ends = []
         for role in (PARENT, CHILD):
             end = self._resolve_end(reader, role, bodies) or relations.ends.get((reader.subject, role))
             if end is None:
                 name = local_name(role)
-                self._report_omitted(reader.subject, role, f"its {name} is missing, or is no body of this map")
+                self._report_omitted(reader.subject, role, f"its {name} is missing, or is not a body of this map")
                 return None
             ends.append(end)
         if not self._read_pose(reader):
@@ -235,83 +239,83 @@ class _SemlogReader:
     def _read_limits(self, reader: SubjectReader, nested_resource: NestedResource[T]) -> T | None:
         motion = self.nested_reader.read(reader, nested_resource)
         if motion is None:
-            reader.warn(nested_resource.property, "nothing understandable is told", "all of it is taken as locked")
+            reader.warn(nested_resource.property, "it has no valid limits", "all of its axes are locked")
         return motion
 
     def _resolve_end(self, reader: SubjectReader, role: Iri, bodies: Mapping[Iri, SubjectReader]) -> Iri | None:
         found: Iri | None = None
         for index, other in reader.references(role):
             if other not in bodies:
-                reader.warn(role, f"{other} is no body of this map", "it stays a fact")
+                reader.warn(role, f"{other} is not a body of this map", "it is kept as a fact")
             elif found is None:
                 found = other
                 reader.consume(index)
             elif other != found:
-                reader.warn(role, "it is told twice, differently", "the first counts, the other stays a fact")
+                reader.warn(role, "it is given twice, differently", "the first counts, the other is kept as a fact")
         return found
 
     def _report_omitted(self, individual: Iri, property: Iri, reason: str) -> None:
-        self.report(Severity.ERROR, individual, property, reason, "it is left out; what is said about it is kept")
+        self.report(Severity.ERROR, individual, property, reason, "it is omitted; its statements are kept")
 
-    # -- what they are called ------------------------------------------------------------------------------------------
+    # -- ids -----------------------------------------------------------------------------------------------------------
 
     def _assign_ids(self) -> dict[Iri, BodyId]:
         explicit: dict[Iri, str] = {}
         taken: set[str] = set()
-        for iri, heard in self.readers.items():
-            id = heard.read(words.ID, keep_if=taken.__contains__)
+        for iri, reader in self.readers.items():
+            id = reader.read(codecs.ID, keep_if=taken.__contains__)
             if id in taken:
-                heard.warn(words.ID.property, f"the id {id!r} is taken", "it gets another one")
+                reader.warn(codecs.ID.property, f"the id {id!r} is taken", "it gets another one")
             elif id is not None:
                 explicit[iri] = id
                 taken.add(id)
         ids = assign_ids(explicit, (iri for iri in self.readers if iri not in explicit))
         for iri in ids.keys() - explicit.keys():
             if ids[iri] != local_name(iri):
-                self.readers[iri].warn("", f"the id {local_name(iri)!r} is taken", f"it is called {ids[iri]!r}")
+                self.readers[iri].warn("", f"the id {local_name(iri)!r} is taken", f"its id is {ids[iri]!r}")
         return ids
 
-    # -- what they are -------------------------------------------------------------------------------------------------
+    # -- bodies, joints and lights -------------------------------------------------------------------------------------
 
     def _body(self, iri: Iri, id: BodyId, sizes: _SizeSources) -> Body:
-        heard = self.readers[iri]
-        cls = self._most_specific_class(heard)
+        reader = self.readers[iri]
+        cls = self._most_specific_class(reader)
         classes = (cls, *(other for other in self.types[iri] if other != cls))
-        shape = heard.read(words.SHAPE)
+        shape = reader.read(codecs.SHAPE)
         return Body(
             id=id,
             iri=iri,
             cls=cls,
             pose=self.poses[iri],
-            label=heard.read(words.LABEL_CODEC),
-            size=read_size(heard, classes, all_classes=sizes.all_classes, map_classes=sizes.map_classes),
-            mesh=heard.read(words.MESH),
+            label=reader.read(codecs.LABEL_CODEC),
+            size=read_size(reader, classes, all_classes=sizes.all_classes, map_classes=sizes.map_classes),
+            mesh=reader.read(codecs.MESH),
             shape=None if shape is None else PrimitiveShape(type=shape),
             physics=BodyPhysics(
-                mobility=heard.read(words.MOBILITY),
-                gravity=heard.read(words.GRAVITY),
-                overlap_events=heard.read(words.OVERLAP_EVENTS),
-                mass_kg=heard.read(words.MASS),
+                mobility=reader.read(codecs.MOBILITY),
+                gravity=reader.read(codecs.GRAVITY),
+                overlap_events=reader.read(codecs.OVERLAP_EVENTS),
+                mass_kg=reader.read(codecs.MASS),
             ),
-            materials=read_materials(heard),
-            tags=read_tags(heard),
-            facts=heard.remaining(),
+            materials=read_materials(reader),
+            tags=read_tags(reader),
+            facts=reader.remaining(),
         )
 
     def _most_specific_class(self, reader: SubjectReader) -> Iri:
         types = self.types[reader.subject]
-        telling = [cls for cls in types if not cls.startswith((OWL, RDFS))]
-        if telling:
-            cls = self.source_map.hierarchy.most_specific(telling)
+        specific = [cls for cls in types if not cls.startswith((OWL, RDFS))]
+        if specific:
+            cls = self.source_map.hierarchy.most_specific(specific)
             reader.consume_references(TYPE, cls)
             return cls
         if not types:
-            reader.warn(TYPE, "it has no class", "it is taken as an owl:Thing, which everything is")
+            reader.warn(TYPE, "it has no class", "it is read as an owl:Thing")
         return THING
 
-    def _constraint(self, iri: Iri, id: BodyId, parent: BodyId, child: BodyId) -> Joint:
-        heard = self.readers[iri]
-        heard.consume_references(TYPE, CONSTRAINT)
+    def _joint(self, iri: Iri, id: BodyId, parent: BodyId, child: BodyId) -> Joint:
+        reader = self.readers[iri]
+        reader.consume_references(TYPE, CONSTRAINT)
         linear, angular = self.joint_limits[iri]
         return Joint(
             id=id,
@@ -321,16 +325,16 @@ class _SemlogReader:
             pose=self.poses[iri],
             linear=linear,
             angular=angular,
-            disable_collision=heard.read(words.DISABLE_COLLISION),
-            tags=read_tags(heard),
-            facts=heard.remaining(),
+            disable_collision=reader.read(codecs.DISABLE_COLLISION),
+            tags=read_tags(reader),
+            facts=reader.remaining(),
         )
 
     def _light(self, iri: Iri, id: BodyId, light_type: LightType) -> Light:
-        heard = self.readers[iri]
-        heard.consume_references(TYPE, LIGHT_CLASSES[light_type])
-        red, green, blue = heard.read(words.COLOR) or (1.0, 1.0, 1.0)
-        intensity = heard.read(words.INTENSITY)
+        reader = self.readers[iri]
+        reader.consume_references(TYPE, LIGHT_CLASSES[light_type])
+        red, green, blue = reader.read(codecs.COLOR) or (1.0, 1.0, 1.0)
+        intensity = reader.read(codecs.INTENSITY)
         return Light(
             id=id,
             iri=iri,
@@ -338,20 +342,20 @@ class _SemlogReader:
             pose=self.poses[iri],
             color=(red, green, blue),
             intensity=1.0 if intensity is None else intensity,
-            tags=read_tags(heard),
-            facts=heard.remaining(),
+            tags=read_tags(reader),
+            facts=reader.remaining(),
         )
 
-    # -- what else there is --------------------------------------------------------------------------------------------
+    # -- resources -----------------------------------------------------------------------------------------------------
 
     def _resources(self) -> tuple[NamedResource, ...]:
-        elsewhere = {self.map, *self.readers}
-        left = {
+        in_world = {self.map, *self.readers}
+        remaining = {
             iri: self.nested_reader.remaining_facts.get(iri, facts)
             for iri, facts in self.graph.items()
-            if iri not in elsewhere
+            if iri not in in_world
         }
-        return tuple(NamedResource(iri, tuple(facts)) for iri, facts in left.items() if facts)
+        return tuple(NamedResource(iri, tuple(facts)) for iri, facts in remaining.items() if facts)
 
     def _size_sources(self, resources: Sequence[NamedResource]) -> _SizeSources:
         own = {resource.iri: resource.facts for resource in resources}
@@ -361,18 +365,8 @@ class _SemlogReader:
         )
 
 
-_TAG_CODECS: dict[str, PropertyCodec[Any]] = {
-    "mobility": MOBILITY,
-    "mass": MASS,
-    "gravity": GRAVITY,
-    "overlapevents": OVERLAP_EVENTS,
-}
-"""What tags tell, by their keys in small letters."""
-_MOBILITY_MARKER = ";mobility,"
-
-
 def is_early_semlog(source_map: SourceMap) -> bool:
-    """Whether tags alone tell of the mobility of something."""
+    """Whether some individual's mobility is given by a tag only."""
     return any(
         fact.property == TAGS_DATA
         and _MOBILITY_MARKER in (literal_text(fact.value) or "").lower()
@@ -388,34 +382,34 @@ def read_early_semlog(source_map: SourceMap) -> World:
 
 
 def with_tag_properties(source_map: SourceMap) -> SourceMap:
-    """What is said nowhere but in tags, said as properties too."""
+    """Returns the map with the values that are given by tags only added as properties."""
     graph = dict(source_map.graph)
     for member in source_map.members:
-        if told := list(_facts_from_tags(source_map, member, graph[member])):
-            graph[member] = [*graph[member], *told]
+        if facts := list(_facts_from_tags(source_map, member, graph[member])):
+            graph[member] = [*graph[member], *facts]
     return replace(source_map, graph=graph)
 
 
 def _lacks_mobility(facts: Sequence[PropertyAssertion]) -> bool:
-    """Whether no property tells of the mobility."""
+    """Whether no statement gives the mobility."""
     return all(fact.property != MOBILITY.property for fact in facts)
 
 
 def _facts_from_tags(
     source_map: SourceMap, member: Iri, facts: Sequence[PropertyAssertion]
 ) -> Iterator[PropertyAssertion]:
-    """What is said nowhere but in tags, as properties."""
+    """Yields the values that are given by tags only, as property assertions."""
     if not _lacks_mobility(facts):
         return
-    told = {fact.property for fact in facts}
+    given = {fact.property for fact in facts}
     for tag in (tag for fact in facts if fact.property == TAGS_DATA for tag in parse_tags(fact.value)):
-        word = _TAG_CODECS.get(tag.key.lower())
-        if word is None or word.property in told:
+        codec = _TAG_CODECS.get(tag.key.lower())
+        if codec is None or codec.property in given:
             continue
-        told.add(word.property)
-        value = word.decode(Literal(tag.value))
+        given.add(codec.property)
+        value = codec.decode(Literal(tag.value))
         if value is None:
-            what, did = f"the tag {tag.key} is {tag.value!r}, not {word.expected}", "it stays a tag without meaning"
-            source_map.report(Severity.WARNING, member, word.property, what, did)
+            problem, action = f"the tag {tag.key} is {tag.value!r}, not {codec.expected}", "the tag is ignored"
+            source_map.report(Severity.WARNING, member, codec.property, problem, action)
         else:
-            yield PropertyAssertion(word.property, word.encode(value))
+            yield PropertyAssertion(codec.property, codec.encode(value))

@@ -1,8 +1,7 @@
-"""Dialect 5, SOMA (KnowRob 2): objects that have a localization, a shape and a color, each a thing of its own.
+"""Dialect 5, SOMA (KnowRob 2): objects whose localization, shape and color are separate RDF nodes.
 
-Poses are x y z and a quaternion x y z w; a joint hangs on its parent link, and its class says how far it goes.
-
-SOMA's joints: things without a name on their parent link, whose classes say what they do and how far.
+A pose is a position x y z and a quaternion x y z w. A joint is a node of its parent link; its kind and its limits come
+from its class. What is read is added in the vocabulary of dialect 1 by `DialectNormalizer`.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from mindstage.knowledge.dialects.poses import NumberReader
 from mindstage.knowledge.dialects.soma_nodes import RdfNode, RdfNodes
 from mindstage.knowledge.dialects.source_map import SourceMap
 from mindstage.knowledge.rdf import local_name
-from mindstage.knowledge.rdf_mapping import properties as words
+from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.vocabulary import (
     CHILD,
     HAS_COLOR,
@@ -73,21 +72,35 @@ _AXIS = (urdf("hasAxisVector"), urdf("hasJointAxis"), urdf("hasAxis"))
 _ORIGIN, _XYZ = urdf("hasOrigin"), (urdf("hasXYZ"), urdf("hasTranslation"))
 
 
+_POSITION = (knowrob("translation"), soma("hasPositionVector"), soma("translation"))
+_ROTATION = (knowrob("quaternion"), soma("hasOrientationVector"), soma("quaternion"))
+_REFERENCE_FRAME = (
+    *(soma("isDescribedRelativeTo"), soma("isRelativeTo"), soma("hasReferenceFrame"), soma("relativeTo")),
+    *(knowrob("isDescribedRelativeTo"), knowrob("relativeTo"), knowrob("hasReferenceFrame")),
+)
+_COLOR = (soma("hasRGBValue"), soma("hasRGBAValue"), knowrob("hasRGBValue"))
+_RADIUS, _LENGTH, _PATH = soma("hasRadius"), soma("hasLength"), (soma("hasFilePath"), knowrob("pathToCadModel"))
+_EXTENTS = tuple((soma(name),) for name in ("hasDepth", "hasWidth", "hasHeight"))
+_SIZE_PROPERTIES = (_RADIUS, *(property for properties in _EXTENTS for property in properties))
+_PART_RELATIONS = frozenset((*TO_PARTS, *TO_WHOLES))
+_REGION = (soma("hasSpaceRegion"), dul("hasRegion"))
+
+
 def add_joints(normalizer: DialectNormalizer, nodes: RdfNodes, number_reader: NumberReader) -> None:
-    """Says of every joint what it joins and how."""
-    joining = _SomaJointReader(normalizer, nodes, number_reader)
+    """Adds every joint of a map to the normalizer, with the bodies that it connects and its motion."""
+    reader = _SomaJointReader(normalizer, nodes, number_reader)
     for owner in list(normalizer.members):
         for value in normalizer.values(owner, HAS_JOINT):
             node = nodes.node_from_value(value)
             if node is None:
-                normalizer.warn(owner, HAS_JOINT, "its joint is not described anywhere", "it stays a fact")
+                normalizer.warn(owner, HAS_JOINT, "its joint is not described anywhere", "it is kept as a fact")
             elif not node.has(HAS_LINEAR):
-                joining.add_joint(owner, node)
-    joining.report_inferred()
+                reader.add_joint(owner, node)
+    reader.report_inferred()
 
 
 class _SomaJointReader:
-    """All joints of a map."""
+    """Reads the joints of a map."""
 
     def __init__(self, normalizer: DialectNormalizer, nodes: RdfNodes, number_reader: NumberReader) -> None:
         self.normalizer, self.nodes, self.number_reader = normalizer, nodes, number_reader
@@ -96,49 +109,51 @@ class _SomaJointReader:
         self._ancestor_cache: dict[tuple[Iri, ...], Sequence[Iri]] = {}
 
     def add_joint(self, owner: Iri, node: RdfNode) -> None:
-        """Says what one joint joins, and how."""
+        """Adds one joint; one whose bodies are missing or already joined is reported and omitted."""
         parent, child = self._referenced_iri(node, _PARENT_LINK) or owner, self._referenced_iri(node, _CHILD_LINK)
         for end, role in ((parent, _PARENT_LINK), (child, _CHILD_LINK)):
             if end not in self.normalizer.poses:
                 name = "it" if end is None else end
-                what = f"one end of its joint is missing: {name} is no body of this map"
-                self.normalizer.warn(owner, role[0], what, "the joint stays a fact")
+                problem = f"one end of its joint is missing: {name} is not a body of this map"
+                self.normalizer.warn(owner, role[0], problem, "the joint is kept as a fact")
                 return
         assert child is not None
         if parent == child:
-            self.normalizer.warn(owner, HAS_JOINT, "its joint joins it to itself", "the joint stays a fact")
+            self.normalizer.warn(owner, HAS_JOINT, "its joint connects it to itself", "the joint is kept as a fact")
             return
         if frozenset((parent, child)) in self.existing_pairs:
-            return  # it is told in the words of dialect 1 already
+            return  # the joint is already given in the vocabulary of dialect 1
         if frozenset((parent, child)) in self.normalizer.joined_pairs:
             self.normalizer.warn(
-                owner, HAS_JOINT, f"a second joint joins it with {local_name(child)}", "it stays a fact"
+                owner, HAS_JOINT, f"a second joint connects it to {local_name(child)}", "it is kept as a fact"
             )
             return
-        kinds = self._class_names(node)
-        kind = next((_JOINT_TYPES[name] for name in kinds if name in _JOINT_TYPES), None)
-        if kind is None:
-            what = f"{', '.join(node.types()) or 'a joint without class'} is no known kind of joint"
-            self.normalizer.warn(owner, HAS_JOINT, what, "it holds its two ends together")
+        names = self._class_names(node)
+        joint_type = next((_JOINT_TYPES[name] for name in names if name in _JOINT_TYPES), None)
+        if joint_type is None:
+            problem = f"{', '.join(node.types()) or 'a joint without a class'} is an unknown type of joint"
+            self.normalizer.warn(owner, HAS_JOINT, problem, "the two bodies are joined rigidly")
         range = (
             self._range(owner, node)
-            if kind in (JointType.REVOLUTE, JointType.PRISMATIC) and _CONTINUOUS not in kinds
+            if joint_type in (JointType.REVOLUTE, JointType.PRISMATIC) and _CONTINUOUS not in names
             else None
         )
-        joint = self._joint_limits(node, kind or JointType.FIXED, range, parent, child)
+        joint = self._joint_limits(node, joint_type or JointType.FIXED, range, parent, child)
         self.normalizer.add_joint(owner, parent, child, joint, name=node.name)
 
     def report_inferred(self) -> None:
-        """Says aloud what joints do not tell."""
-        for what, children in self.inferred.items():
-            evidence = f"{len(children)} joints do not tell it, such as those of {abbreviated_names(children)}"
-            self.normalizer.source_map.record_assumption(f"joints: {what}", "from where things stand", evidence)
+        """Reports as assumptions what the joints do not give."""
+        for attribute, children in self.inferred.items():
+            evidence = f"{len(children)} joints do not give it, such as those of {abbreviated_names(children)}"
+            self.normalizer.source_map.record_assumption(
+                f"joints: {attribute}", "inferred from poses and sizes", evidence
+            )
 
     def _referenced_iri(self, node: RdfNode, properties: Sequence[Iri]) -> Iri | None:
         return next((value.iri for value in node.values(*properties) if isinstance(value, IriRef)), None)
 
     def _classes(self, node: RdfNode) -> Sequence[Iri]:
-        """The classes of a joint, and those above them, the nearest first."""
+        """Returns the classes of a joint and their ancestors, nearest first."""
         types = types_of(node.facts)
         if types not in self._ancestor_cache:
             classes = dict.fromkeys(types)
@@ -151,20 +166,20 @@ class _SomaJointReader:
         return [local_name(cls) for cls in self._classes(node)]
 
     def _range(self, owner: Iri, node: RdfNode) -> JointRange:
-        """From the joint itself, or from the nearest of its classes that says it of all its members."""
+        """Returns the limits given by the joint, or by the nearest class that restricts them for its members."""
         for limits in self._limits(node):
             lower, upper = limits.number(*_LOWER), limits.number(*_UPPER)
             if lower is None or upper is None:
-                self.normalizer.warn(owner, _LIMITS[0], "its limits are not two finite numbers", "they limit nothing")
+                self.normalizer.warn(owner, _LIMITS[0], "its limits are not two finite numbers", "they are ignored")
                 continue
             if lower > upper:
-                what = f"its lower limit {lower:g} is above its upper limit {upper:g}"
-                self.normalizer.warn(owner, _LOWER[0], what, "the two are taken the other way round")
+                problem = f"its lower limit {lower:g} is above its upper limit {upper:g}"
+                self.normalizer.warn(owner, _LOWER[0], problem, "the two are swapped")
                 lower, upper = upper, lower
             if JointType.PRISMATIC in (_JOINT_TYPES.get(name) for name in self._class_names(node)):
                 lower, upper = self.number_reader.lengths((lower, upper))
             return lower, upper
-        self.normalizer.warn(owner, _LIMITS[0], "its joint has no limits", "it may move without end")
+        self.normalizer.warn(owner, _LIMITS[0], "its joint has no limits", "it may move without limits")
         return None
 
     def _limits(self, node: RdfNode) -> list[RdfNode]:
@@ -181,23 +196,23 @@ class _SomaJointReader:
     ) -> JointLimits:
         base = self._box(parent)
         origin, axis = self._origin(node, base), self._axis(node, base)
-        turns = joint_type in (JointType.REVOLUTE, JointType.PRISMATIC)
-        if turns and (axis is None or (origin is None and joint_type is JointType.REVOLUTE)):
+        is_single_axis = joint_type in (JointType.REVOLUTE, JointType.PRISMATIC)
+        if is_single_axis and (axis is None or (origin is None and joint_type is JointType.REVOLUTE)):
             handle = self._find_handle(child)
             if joint_type is JointType.REVOLUTE:
-                likely = infer_hinge_axis(base, self._box(child), handle, range, origin=origin)
+                inferred = infer_hinge_axis(base, self._box(child), handle, range, origin=origin)
             else:
-                likely = infer_prismatic_axis(base, self._box(child), handle)
-            for what, told in (("where they are", origin), ("which way they go", axis)):
-                if told is None:
-                    self.inferred.setdefault(what, []).append(child)
-            origin = likely.origin if origin is None else origin
-            axis = likely.axis if axis is None else axis
+                inferred = infer_prismatic_axis(base, self._box(child), handle)
+            for attribute, given in (("position", origin), ("axis", axis)):
+                if given is None:
+                    self.inferred.setdefault(attribute, []).append(child)
+            origin = inferred.origin if origin is None else origin
+            axis = inferred.axis if axis is None else axis
         origin = self._box(child).center if origin is None else origin
         return joint_from_axis(joint_type, origin, np.array([1.0, 0.0, 0.0]) if axis is None else axis, range)
 
     def _axis(self, node: RdfNode, base: ObservedBox) -> Array | None:
-        """As in a robot's description, told in the frame of the parent link."""
+        """Returns the joint axis in the world frame; as in URDF, the map gives it in the frame of the parent link."""
         axis = next((row for each in self._with_axis_nodes(node) if len(row := each.numbers(*_AXIS)) == 3), ())
         if not any(axis):
             return None
@@ -207,8 +222,8 @@ class _SomaJointReader:
         row = next((row for each in self.nodes.descendants(node, _ORIGIN) if len(row := each.numbers(*_XYZ)) == 3), ())
         if not row:
             return None
-        way = self.number_reader.direction(self.number_reader.lengths(row))
-        return base.center + quat_rotate(normalized_pose_array(base.pose)[3:], way)
+        offset = self.number_reader.direction(self.number_reader.lengths(row))
+        return base.center + quat_rotate(normalized_pose_array(base.pose)[3:], offset)
 
     def _with_axis_nodes(self, node: RdfNode) -> list[RdfNode]:
         return [node, *self.nodes.descendants(node, *_AXIS, depth=1)]
@@ -217,137 +232,123 @@ class _SomaJointReader:
         return ObservedBox(self.normalizer.poses[body], self.normalizer.sizes.get(body))
 
     def _find_handle(self, child: Iri) -> ObservedBox | None:
-        """The part of a child that it is likely pulled by."""
+        """Returns the part of a child that it is most likely pulled by."""
         parts = [part for part in self.normalizer.references(child, *TO_PARTS) if part in self.normalizer.poses]
         parts.sort(key=lambda part: not self.normalizer.class_name_contains(part, "Handle"))
         return self._box(parts[0]) if parts else None
 
 
-_POSITION = (knowrob("translation"), soma("hasPositionVector"), soma("translation"))
-_ROTATION = (knowrob("quaternion"), soma("hasOrientationVector"), soma("quaternion"))
-_REFERENCE_FRAME = (
-    *(soma("isDescribedRelativeTo"), soma("isRelativeTo"), soma("hasReferenceFrame"), soma("relativeTo")),
-    *(knowrob("isDescribedRelativeTo"), knowrob("relativeTo"), knowrob("hasReferenceFrame")),
-)
-_COLOR = (soma("hasRGBValue"), soma("hasRGBAValue"), knowrob("hasRGBValue"))
-_RADIUS, _LENGTH, _PATH = soma("hasRadius"), soma("hasLength"), (soma("hasFilePath"), knowrob("pathToCadModel"))
-_EXTENTS = tuple((soma(name),) for name in ("hasDepth", "hasWidth", "hasHeight"))
-_SIZE_PROPERTIES = (_RADIUS, *(property for properties in _EXTENTS for property in properties))
-_PART_RELATIONS = frozenset((*TO_PARTS, *TO_WHOLES))
-_REGION = (soma("hasSpaceRegion"), dul("hasRegion"))
-
-
 def is_soma(source_map: SourceMap) -> bool:
-    """Whether something in the map has a place that only this dialect understands."""
+    """Whether some individual of the map has a pose in this dialect only."""
     return any(_lacks_pose(source_map, member) for member in source_map.members)
 
 
 def read_soma(source_map: SourceMap) -> World:
-    """Reads a map of dialect 5."""
-    with np.errstate(over="ignore", invalid="ignore"):  # what becomes of too large numbers is looked at afterwards
+    """Reads a SOMA map."""
+    with np.errstate(over="ignore", invalid="ignore"):  # overflowing poses are reported afterwards
         return _read_normalized(DialectNormalizer(source_map))
 
 
 def _read_normalized(normalizer: DialectNormalizer) -> World:
-    reading, excerpt = _SomaReader(normalizer), normalizer.source_map
-    unplaced = [member for member in excerpt.members if _lacks_pose(excerpt, member)]
-    reading.set_poses(unplaced)
+    reader, source_map = _SomaReader(normalizer), normalizer.source_map
+    unplaced = [member for member in source_map.members if _lacks_pose(source_map, member)]
+    reader.set_poses(unplaced)
     for individual in normalizer.poses:
-        reading.set_size(individual)
-        reading.set_color(individual)
-    reading.number_reader.report_assumptions(normalizer, quaternions=True)
-    reading.add_existing_poses()
-    add_joints(normalizer, reading.nodes, reading.number_reader)
-    reading.attach_parts()
+        reader.set_size(individual)
+        reader.set_color(individual)
+    reader.number_reader.report_assumptions(normalizer, quaternions=True)
+    reader.add_existing_poses()
+    add_joints(normalizer, reader.nodes, reader.number_reader)
+    reader.attach_parts()
     normalizer.make_jointed_dynamic()
     return normalizer.world()
 
 
 def _lacks_pose(source_map: SourceMap, individual: Iri) -> bool:
-    told = {fact.property for fact in source_map.graph.get(individual, ())}
-    return HAS_LOCALIZATION in told and HAS_POSE not in told
+    given = {fact.property for fact in source_map.graph.get(individual, ())}
+    return HAS_LOCALIZATION in given and HAS_POSE not in given
 
 
 class _SomaReader:
-    """One map on its way into the words of dialect 1."""
+    """Adds the poses, sizes, colors and attachments of a map to its normalizer."""
 
     def __init__(self, normalizer: DialectNormalizer) -> None:
         self.normalizer = normalizer
         self.nodes = RdfNodes(normalizer.source_map.graph, normalizer.members)
         self.number_reader = NumberReader(normalizer.source_map.conventions, order=QuaternionOrder.XYZW)
 
-    # -- where ---------------------------------------------------------------------------------------------------------
+    # -- poses ---------------------------------------------------------------------------------------------------------
 
     def set_poses(self, individuals: list[Iri]) -> None:
-        """Says where things are, those told relative to others among them."""
-        told: dict[Iri, Pose] = {}
+        """Adds the poses of individuals, converted to the map frame."""
+        given: dict[Iri, Pose] = {}
         frames: dict[Iri, Iri] = {}
         for individual in individuals:
             found = self._pose(individual)
             if found is not None:
-                told[individual] = found[0]
+                given[individual] = found[0]
                 if frame := self._reference_frame(individual, found[1]):
                     frames[individual] = frame
-        for individual, pose in self._to_map_frame(told, frames).items():
+        for individual, pose in self._to_map_frame(given, frames).items():
             self.normalizer.set_pose(individual, pose)
 
     def _pose(self, individual: Iri) -> tuple[Pose, list[RdfNode]] | None:
         here = self.nodes.node_named(individual)
-        way = list(self.nodes.descendants(here, HAS_LOCALIZATION))
-        for node in way:
+        path = list(self.nodes.descendants(here, HAS_LOCALIZATION))
+        for node in path:
             if not (node.has(*_POSITION) and node.has(*_ROTATION)):
                 continue
             position, rotation = node.numbers(*_POSITION), node.numbers(*_ROTATION)
             if len(position) == 3 and len(rotation) == 4 and any(rotation):
                 x, y, z = position
-                return self.number_reader.pose(Pose((x, y, z), self.number_reader.quaternion(rotation))), way
-            what = "its pose is not three finite numbers, and four that are not all 0"
-            self.normalizer.warn(individual, HAS_LOCALIZATION, what, "it tells no place")
+                return self.number_reader.pose(Pose((x, y, z), self.number_reader.quaternion(rotation))), path
+            problem = "its pose is not three finite numbers, and four that are not all 0"
+            self.normalizer.warn(individual, HAS_LOCALIZATION, problem, "it has no pose")
             return None
-        self.normalizer.warn(individual, HAS_LOCALIZATION, "no pose hangs on it", "it tells no place")
+        self.normalizer.warn(individual, HAS_LOCALIZATION, "its localization has no pose", "it has no pose")
         return None
 
     def _reference_frame(self, individual: Iri, path: list[RdfNode]) -> Iri | None:
-        """The thing that the pose is told relative to, if there is one."""
+        """Returns the individual that a pose is relative to, or None for the map."""
         for value in (value for node in path for value in node.values(*_REFERENCE_FRAME)):
             if isinstance(value, IriRef) and value.iri in self.normalizer.members and value.iri != individual:
                 return value.iri
-            name = local_name(value.iri) if isinstance(value, IriRef) else words.literal_text(value) or ""
+            name = local_name(value.iri) if isinstance(value, IriRef) else codecs.literal_text(value) or ""
             if name.strip("/").lower() not in {
                 "map",
                 "world",
                 "odom",
                 local_name(self.normalizer.source_map.map).lower(),
             }:
-                what = f"its pose is told relative to {name!r}, which has no place in this map"
-                self.normalizer.warn(individual, HAS_LOCALIZATION, what, "it is taken as told in the frame of the map")
+                problem = f"its pose is relative to {name!r}, which has no pose in this map"
+                self.normalizer.warn(individual, HAS_LOCALIZATION, problem, "it is read as relative to the map")
         return None
 
     def _to_map_frame(self, poses: dict[Iri, Pose], parents: Mapping[Iri, Iri]) -> Mapping[Iri, Pose]:
-        """Poses told relative to other things, in the frame of the map; each way is gone once."""
+        """Converts poses relative to other individuals to the map frame; each chain of parents is followed once."""
         rows: dict[Iri, Array] = {
             individual: normalized_pose_array(poses[individual]) for individual in poses.keys() - parents.keys()
         }
-        lost: dict[Iri, Iri] = {}
-        """By individual, where the way from it ends without having led anywhere."""
+        unresolved: dict[Iri, Iri] = {}
+        """By individual, the end of its chain of parents, where that has no pose."""
         for start in parents:
-            way: dict[Iri, None] = {}
+            chain: dict[Iri, None] = {}
             here = start
-            while here in parents and here not in rows and here not in lost and here not in way:
-                way[here] = None
+            while here in parents and here not in rows and here not in unresolved and here not in chain:
+                chain[here] = None
                 here = parents[here]
-            for individual in reversed(way):
+            for individual in reversed(chain):
                 if (base := rows.get(parents[individual])) is None:
-                    lost[individual] = lost.get(here, here)
+                    unresolved[individual] = unresolved.get(here, here)
                 else:
                     rows[individual] = pose_multiply(base, normalized_pose_array(poses[individual]))
-        for individual, end in lost.items():
-            what = f"its pose is told relative to {local_name(end)}, which leads nowhere"
-            self.normalizer.warn(individual, HAS_LOCALIZATION, what, "it is taken as told in the frame of the map")
+        for individual, end in unresolved.items():
+            problem = f"its pose is relative to {local_name(end)}, which has no pose in the map frame"
+            self.normalizer.warn(individual, HAS_LOCALIZATION, problem, "it is read as relative to the map")
         return poses | {each: pose_from_array(rows[each]) for each in parents if each in rows}
 
     def add_existing_poses(self) -> None:
-        """Things that are placed in the words of dialect 1 can be joined and attached too."""
+        """Adds poses given in the vocabulary of dialect 1, so that these bodies can be joined and attached."""
         for member in self.normalizer.members:
             if member not in self.normalizer.poses:
                 for node in self.nodes.descendants(self.nodes.node_named(member), HAS_POSE, depth=1):
@@ -357,37 +358,37 @@ class _SomaReader:
                         w, i, j, k = rotation
                         self.normalizer.poses[member] = Pose((x, y, z), (w, i, j, k))
 
-    # -- what it looks like --------------------------------------------------------------------------------------------
+    # -- appearance ----------------------------------------------------------------------------------------------------
 
     def set_size(self, individual: Iri) -> None:
-        """Says how large something is, and of what form."""
+        """Adds the size, primitive shape and mesh of an individual."""
         shapes = list(self._nodes_of(individual, HAS_SHAPE))
         if not shapes:
             return
-        told = ((node, self._extents(node)) for node in shapes)
-        shape, extents = next((each for each in told if each[1]), (None, ()))
+        candidates = ((node, self._extents(node)) for node in shapes)
+        shape, extents = next((each for each in candidates if each[1]), (None, ()))
         if shape is not None:
             self.normalizer.set_size(individual, self.number_reader.lengths(extents))
-            kind = PrimitiveType.BOX
+            shape_type = PrimitiveType.BOX
             if shape.has(_RADIUS):
-                kind = (
+                shape_type = (
                     PrimitiveType.SPHERE
                     if extents[0] == extents[2] and not shape.has(_LENGTH)
                     else PrimitiveType.CYLINDER
                 )
-            if kind is not PrimitiveType.BOX and self.normalizer.first_value(individual, words.SHAPE) is None:
-                self.normalizer.set_shape(individual, kind)
+            if shape_type is not PrimitiveType.BOX and self.normalizer.first_value(individual, codecs.SHAPE) is None:
+                self.normalizer.set_shape(individual, shape_type)
         path = next(
-            (text for node in shapes for value in node.values(*_PATH) if (text := words.literal_text(value))), None
+            (text for node in shapes for value in node.values(*_PATH) if (text := codecs.literal_text(value))), None
         )
-        if path is not None and self.normalizer.first_value(individual, words.MESH) is None:
+        if path is not None and self.normalizer.first_value(individual, codecs.MESH) is None:
             self.normalizer.set_mesh(individual, path)
         if shape is None and path is None:
-            what = "its shape has no extents of 0 or more, no radius and no mesh"
-            self.normalizer.warn(individual, HAS_SHAPE, what, "it has no size")
+            problem = "its shape has no extents of 0 or more, no radius and no mesh"
+            self.normalizer.warn(individual, HAS_SHAPE, problem, "it has no size")
 
     def _extents(self, node: RdfNode) -> tuple[float, ...]:
-        """Along x, y and z; nothing, where one of them is missing or makes no sense."""
+        """Returns the extents along x, y and z; empty if one is missing or negative."""
         if not node.has(*_SIZE_PROPERTIES):
             return ()
         radius = node.number(_RADIUS)
@@ -395,48 +396,48 @@ class _SomaReader:
             length = node.number(_LENGTH, *_EXTENTS[2])
             extents = [2 * radius, 2 * radius, 2 * radius if length is None else length]
         else:
-            told = [node.number(*properties) for properties in _EXTENTS]
-            extents = [extent for extent in told if extent is not None]
+            values = [node.number(*properties) for properties in _EXTENTS]
+            extents = [extent for extent in values if extent is not None]
         return tuple(extents) if len(extents) == 3 and min(extents) >= 0.0 else ()
 
     def set_color(self, individual: Iri) -> None:
-        """Says what color something has."""
+        """Adds the color of an individual as a material."""
         if self.normalizer.values(individual, MATERIAL):
             return
         for node in self._nodes_of(individual, HAS_COLOR):
             if not node.has(*_COLOR):
                 continue
-            told = node.numbers(*_COLOR)
-            if len(told) not in (3, 4) or min(told) < 0.0 or max(told[:3]) > 255.0:
-                what = "its colour is not three or four numbers from 0 to 1, or to 255"
-                self.normalizer.warn(individual, HAS_COLOR, what, "it has none")
+            rgb = node.numbers(*_COLOR)
+            if len(rgb) not in (3, 4) or min(rgb) < 0.0 or max(rgb[:3]) > 255.0:
+                problem = "its color is not three or four numbers from 0 to 1, or to 255"
+                self.normalizer.warn(individual, HAS_COLOR, problem, "it has none")
                 return
-            red, green, blue = (part / 255.0 if max(told[:3]) > 1.0 else part for part in told[:3])
+            red, green, blue = (part / 255.0 if max(rgb[:3]) > 1.0 else part for part in rgb[:3])
             self.normalizer.set_materials(individual, [Material(name="colour", color=(red, green, blue))])
             return
 
     def _nodes_of(self, individual: Iri, property: Iri) -> Iterator[RdfNode]:
         return self.nodes.descendants(self.nodes.node_named(individual), property)
 
-    # -- what hangs together -------------------------------------------------------------------------------------------
+    # -- attachments ---------------------------------------------------------------------------------------------------
 
     def attach_parts(self) -> None:
-        """Says that parts go with their wholes, unless a joint lets them move."""
-        rewording = self.normalizer
-        hanging = {child for member in rewording.members for child in rewording.references(member, CHILD)}
-        hanging |= {member for member in rewording.members if rewording.references(member, PARENT)}
+        """Attaches parts to their wholes, unless a joint lets them move."""
+        normalizer = self.normalizer
+        attached = {child for member in normalizer.members for child in normalizer.references(member, CHILD)}
+        attached |= {member for member in normalizer.members if normalizer.references(member, PARENT)}
         pairs: dict[tuple[Iri, Iri], Iri] = {}
-        for member in rewording.members:
-            for fact in rewording.graph.get(member, ()):
+        for member in normalizer.members:
+            for fact in normalizer.graph.get(member, ()):
                 property, other = fact.property, fact.value
                 if property not in _PART_RELATIONS or not isinstance(other, IriRef):
                     continue
                 pair = (member, other.iri) if property in TO_PARTS else (other.iri, member)
-                if other.iri in rewording.poses and member in rewording.poses:
+                if other.iri in normalizer.poses and member in normalizer.poses:
                     pairs.setdefault(pair, property)
                 else:
-                    what = f"{other.iri} is no body of this map"
-                    rewording.warn(member, property, what, "the relation stays a fact")
+                    problem = f"{other.iri} is not a body of this map"
+                    normalizer.warn(member, property, problem, "the relation is kept as a fact")
         for whole, part in pairs:
-            if rewording.can_attach(whole, part) and part not in hanging:
-                rewording.attach(whole, part)
+            if normalizer.can_attach(whole, part) and part not in attached:
+                normalizer.attach(whole, part)

@@ -1,10 +1,9 @@
-"""Dialect 5, SOMA: any world as a map of KnowRob 2 that needs no other file.
+"""Writing of any world as a self-contained SOMA map (KnowRob 2).
 
-Places stand where SOMA has them, and nowhere else. Shapes, colors, parts and joints are said once more in its words,
-in nodes that say so; what it has no words for (physics, tags, lights, several axes at once) stays in dialect 1's and
-ours. So those who know only SOMA find what they look for, and we read the same world again (see `restating`).
-
-SOMA's nodes for values of a world: localizations, shapes, colors and joints, each saying what it restates.
+Poses are written only where SOMA has them. Shapes, colors, parts and joints are restated in SOMA's vocabulary, by nodes
+marked with `ms:restates`. What SOMA cannot express (physics, tags, lights, joints with several axes) stays in the
+vocabularies of dialect 1 and of Mindstage. A SOMA reader finds its usual statements, and Mindstage reads the same world
+again (see `without_restatements`).
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from mindstage.knowledge.dialects.soma_nodes import (
 )
 from mindstage.knowledge.dialects.unit_conversion import original_property
 from mindstage.knowledge.rdf import part_name
-from mindstage.knowledge.rdf_mapping import properties as words
+from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.rdf_mapping.nested import sorted_facts
 from mindstage.knowledge.rdf_mapping.properties import QUATERNION, TRANSLATION
 from mindstage.knowledge.rdf_mapping.serialize import DocumentSection, SubjectBlock
@@ -90,34 +89,39 @@ _REGION = dul("hasRegion")
 _DOUBLE = xsd("double")
 
 
+SOMA_DIALECT = "SOMA"
+_AXISLESS_CLASSES = {0: "FixedJoint", 6: "FloatingJoint"}
+_RESTRICTION = Iri(OWL + "Restriction")
+
+
 class DofAxis(NamedTuple):
-    """One way in which a constraint lets something move."""
+    """A free or limited axis of a joint."""
 
     is_rotational: bool
     direction: Array
-    """In the constraint's frame."""
+    """Unit vector in the joint frame."""
     range: tuple[float, float] | None
-    """From where it was spawned [m or rad]; None for no end."""
+    """Lower and upper limit relative to the initial pose [m or rad]; None for no limits."""
 
 
 def blank_node(cls: Iri, facts: Iterable[PropertyAssertion] = (), *, restates: Iri | None = None) -> BlankNode:
-    """A thing without a name."""
+    """Creates a blank node of a class, marked as restating a property if one is given."""
     mark = () if restates is None else (PropertyAssertion(RESTATES, IriRef(restates)),)
     return BlankNode(sorted_facts((PropertyAssertion(TYPE, IriRef(cls)), *mark, *facts)))
 
 
 def localization_node(pose_node: FactValue) -> BlankNode:
-    """Where something is: at a pose that is told in SOMA's way."""
+    """Creates the localization of an object from a pose in SOMA's form."""
     return blank_node(soma("Localization"), [PropertyAssertion(SPACE_REGION, pose_node)], restates=HAS_POSE)
 
 
 def shape_node(body: Body) -> BlankNode | None:
-    """How large something is and which mesh it has, if anything is known of it."""
+    """Creates the shape of a body from its size and mesh; None if it has neither."""
     regions = [*_shape_nodes(body), *_mesh_nodes(body)]
     if not regions:
         return None
     return blank_node(
-        soma("Shape"), (PropertyAssertion(_REGION, region) for region in regions), restates=words.SIZE[0].property
+        soma("Shape"), (PropertyAssertion(_REGION, region) for region in regions), restates=codecs.SIZE[0].property
     )
 
 
@@ -143,7 +147,7 @@ def _mesh_nodes(body: Body) -> Iterator[BlankNode]:
 
 
 def color_node(color: Color) -> BlankNode:
-    """What color something has."""
+    """Creates the color of an object."""
     region = blank_node(soma("ColorRegion"), [_number_row_fact(soma("hasRGBValue"), (*color, 1.0))])
     return blank_node(soma("Color"), [PropertyAssertion(_REGION, region)], restates=MATERIAL)
 
@@ -151,32 +155,32 @@ def color_node(color: Color) -> BlankNode:
 # -- joints ------------------------------------------------------------------------------------------------------------
 
 
-def free_axes(constraint: Joint) -> Sequence[DofAxis]:
-    """The axes along or about which a constraint lets something move."""
+def free_axes(joint: Joint) -> Sequence[DofAxis]:
+    """Returns the axes that a joint does not lock."""
     return [
         DofAxis(at >= 3, np.eye(3)[at % 3], None if motion is AxisMotion.FREE else (middle - limit, middle + limit))
-        for at, (motion, limit, middle) in enumerate(axis_ranges(constraint))
+        for at, (motion, limit, middle) in enumerate(axis_ranges(joint))
         if motion is AxisMotion.FREE or (motion is AxisMotion.LIMITED and limit)
     ]
 
 
-def joint_node(constraint: Joint, cls: Iri, ends: tuple[Iri, Iri], parent: Pose) -> BlankNode:
-    """A joint as robots' descriptions tell it, seen from the link that holds.
+def joint_node(joint: Joint, cls: Iri, ends: tuple[Iri, Iri], parent: Pose) -> BlankNode:
+    """Creates the node of a joint, with its frame relative to the parent link as in URDF.
 
     Args:
-        constraint: what it restates.
-        cls: what kind of joint it is, and with that how far it goes.
-        ends: what holds and what is held.
-        parent: where the former is.
+        joint: the joint.
+        cls: class of the node, which gives its type and limits.
+        ends: IRIs of the parent and the child.
+        parent: pose of the parent in the map frame.
     """
     facts = [
         PropertyAssertion(urdf("hasParentLink"), IriRef(ends[0])),
         PropertyAssertion(urdf("hasChildLink"), IriRef(ends[1])),
     ]
-    axes = free_axes(constraint)
-    with np.errstate(over="ignore", invalid="ignore"):  # some poses are too large to reckon with
+    axes = free_axes(joint)
+    with np.errstate(over="ignore", invalid="ignore"):  # the result may overflow
         parent_from_frame: Array = pose_multiply(
-            pose_inverse(normalized_pose_array(parent)), normalized_pose_array(constraint.pose)
+            pose_inverse(normalized_pose_array(parent)), normalized_pose_array(joint.pose)
         )
         axis = quat_rotate(parent_from_frame[3:], axes[0].direction) if len(axes) == 1 else parent_from_frame[:0]
     if np.isfinite(parent_from_frame).all():
@@ -191,7 +195,7 @@ def joint_node(constraint: Joint, cls: Iri, ends: tuple[Iri, Iri], parent: Pose)
 
 
 def limits_node(range: tuple[float, float]) -> BlankNode:
-    """From where to where a joint goes."""
+    """Creates the limits of a joint, lower one first."""
     ends = zip((urdf("hasLowerLimit"), urdf("hasUpperLimit")), range, strict=True)
     return blank_node(urdf("JointLimits"), [_number_fact(property, end) for property, end in ends])
 
@@ -204,41 +208,41 @@ def _number_row_fact(property: Iri, numbers: Iterable[float]) -> PropertyAsserti
     return PropertyAssertion(property, Literal(" ".join(repr(float(number) + 0.0) for number in numbers), ARRAY))
 
 
-SOMA_DIALECT = "SOMA"
-_AXISLESS_CLASSES = {0: "FixedJoint", 6: "FloatingJoint"}
-_RESTRICTION = Iri(OWL + "Restriction")
-
-
 def write_as_soma(
     world: World, all_sections: Sequence[DocumentSection]
 ) -> tuple[Sequence[DocumentSection], tuple[str, ...]]:
-    """The sections of a map in SOMA's words, and what those have no way to say.
+    """Rewrites the sections of a map in SOMA's vocabulary.
 
     Args:
-        world: what is written.
-        whole: all of it in the words of dialect 1.
+        world: the world.
+        all_sections: its complete description in the vocabulary of dialect 1; it is not modified.
+
+    Returns:
+        The sections, and sentences about what SOMA cannot express.
     """
     sections = [replace(section, blocks=[replace(block, facts=list(block.facts)) for block in section.blocks])
                 for section in all_sections]  # fmt: skip
     blocks = {block.subject: block for section in sections for block in section.blocks}
-    writing = _SomaWriter(world, blocks)
-    writing.write()
-    return [*sections[:2], DocumentSection("Joint Classes", writing.classes), *sections[2:]], tuple(
+    writer = _SomaWriter(world, blocks)
+    writer.write()
+    return [*sections[:2], DocumentSection("Joint Classes", writer.classes), *sections[2:]], tuple(
         _unsupported_notes(world)
     )
 
 
 def _unsupported_notes(world: World) -> Sequence[str]:
-    """What those who know only SOMA will not find in such a map, in sentences."""
+    """Returns sentences about what a reader that supports SOMA only will not find in the map."""
     several = [each.id for each in world.joints if len(free_axes(each)) not in (1, *_AXISLESS_CLASSES)]
     dynamic = [body.id for body in world.bodies if body.physics != BodyPhysics()]
-    told = (
-        (several, "joints move in several ways at once"),
-        (dynamic, "bodies say how they take part in the physics"),
-        ([light.id for light in world.lights], "lights shine"),
+    unsupported = (
+        (several, "joints have several axes"),
+        (dynamic, "bodies have physical properties"),
+        ([light.id for light in world.lights], "lights"),
         ([body.id for body in world.bodies if body.tags], "bodies have tags"),
     )
-    return [f"{len(ids)} {what}, for which SOMA has no words: SemLog's are used" for ids, what in told if ids]
+    return [
+        f"{len(ids)} {what}, which SOMA cannot express: SemLog's vocabulary is used" for ids, what in unsupported if ids
+    ]
 
 
 class _SomaWriter:
@@ -246,20 +250,20 @@ class _SomaWriter:
         self.world, self.blocks = world, blocks
         self.bodies = {body.id: body for body in world.bodies}
         self.parents = {attachment.child: attachment.parent for attachment in world.attachments}
-        self.non_bodies = {thing.iri for thing in world.joints} | {thing.iri for thing in world.lights}
+        self.non_bodies = {each.iri for each in world.joints} | {each.iri for each in world.lights}
         self.classes: list[SubjectBlock] = []
 
     def write(self) -> None:
-        """Says everything; the map last, since it is told then what others were written in before."""
-        places = SomaPoseWriter(self.blocks, self.non_bodies)
+        """Writes all bodies and joints, then the dialect of the map."""
+        poses = SomaPoseWriter(self.blocks, self.non_bodies)
         for body in self.world.bodies:
             facts = self.blocks[body.iri].facts
-            places.write(body, facts)
+            poses.write(body, facts)
             self._write_shape(body, facts)
             self._write_color(body, facts)
             self._write_parent(body, facts)
-        for constraint in self.world.joints:
-            self._write_joint(constraint)
+        for joint in self.world.joints:
+            self._write_joint(joint)
         facts = self.blocks[self.world.iri].facts
         facts.insert(0, PropertyAssertion(DIALECT, Literal(SOMA_DIALECT)))
 
@@ -287,20 +291,18 @@ class _SomaWriter:
             whole.facts.append(part)
             facts.append(PropertyAssertion(RESTATES, IriRef(HAS_COMPONENT)))
 
-    def _write_joint(self, constraint: Joint) -> None:
-        parent, child = self.bodies[constraint.parent], self.bodies[constraint.child]
+    def _write_joint(self, joint: Joint) -> None:
+        parent, child = self.bodies[joint.parent], self.bodies[joint.child]
         facts = self.blocks[parent.iri].facts
-        told = (fact.value.facts for fact in facts if fact.property == HAS_JOINT and isinstance(fact.value, BlankNode))
-        if any(PropertyAssertion(urdf("hasChildLink"), IriRef(child.iri)) in each for each in told):
+        nodes = (fact.value.facts for fact in facts if fact.property == HAS_JOINT and isinstance(fact.value, BlankNode))
+        if any(PropertyAssertion(urdf("hasChildLink"), IriRef(child.iri)) in each for each in nodes):
             return
-        if (cls := self._joint_class(constraint)) is not None:
-            facts.append(
-                PropertyAssertion(HAS_JOINT, joint_node(constraint, cls, (parent.iri, child.iri), parent.pose))
-            )
+        if (cls := self._joint_class(joint)) is not None:
+            facts.append(PropertyAssertion(HAS_JOINT, joint_node(joint, cls, (parent.iri, child.iri), parent.pose)))
 
-    def _joint_class(self, constraint: Joint) -> Iri | None:
-        """What kind of joint it is; one that ends somewhere has a class of its own, which says where."""
-        axes = free_axes(constraint)
+    def _joint_class(self, joint: Joint) -> Iri | None:
+        """Returns the class of a joint; a limited one gets a class of its own, which gives its limits."""
+        axes = free_axes(joint)
         if len(axes) != 1:
             return urdf(_AXISLESS_CLASSES[len(axes)]) if len(axes) in _AXISLESS_CLASSES else None
         axis = axes[0]
@@ -313,7 +315,7 @@ class _SomaWriter:
                 PropertyAssertion(HAS_VALUE, limits_node(axis.range)),
             ],
         )
-        cls = part_name(constraint.iri, "class", self.blocks)
+        cls = part_name(joint.iri, "class", self.blocks)
         block = SubjectBlock(
             cls,
             [
@@ -331,14 +333,14 @@ class _SomaWriter:
 
 
 class SomaPoseWriter:
-    """Says where bodies are in SOMA's words and not in dialect 1's."""
+    """Replaces poses of dialect 1 by poses in SOMA's form."""
 
     def __init__(self, blocks: Mapping[Iri, SubjectBlock], non_bodies: Iterable[Iri]) -> None:
-        """Begins.
+        """Creates a writer.
 
         Args:
-            blocks: by subject, all that is said; poses among it change.
-            others: what is no body, and keeps its pose as it is.
+            blocks: the statements of the map by subject; those about poses are modified.
+            non_bodies: individuals whose poses are not converted.
         """
         self.blocks = blocks
         self._kept_poses = {
@@ -350,41 +352,44 @@ class SomaPoseWriter:
         self._converted: set[Iri] = set()
 
     def write(self, body: Body, facts: list[PropertyAssertion]) -> bool:
-        """Says where a body is, unless it does so itself; a place that is not true any more is shelved.
+        """Replaces the pose of a body, unless its facts already give it in SOMA's form; outdated ones are set aside.
 
         Args:
-            body: what is somewhere.
-            facts: all that is said about it, which changes.
+            body: the body.
+            facts: its statements, which are modified.
+
+        Returns:
+            Whether the pose was replaced.
         """
         at = next((index for index, fact in enumerate(facts) if fact.property == HAS_POSE), None)
         if at is None or _has_pose(facts, body.pose):
             return False
-        place = self._localized_value(facts[at].value)
-        if place is None:
+        localized = self._localized_value(facts[at].value)
+        if localized is None:
             return False
-        facts[at] = PropertyAssertion(HAS_LOCALIZATION, localization_node(place))
+        facts[at] = PropertyAssertion(HAS_LOCALIZATION, localization_node(localized))
         _preserve_as_original(facts, HAS_LOCALIZATION, except_index=at)
         return True
 
     def _localized_value(self, value: FactValue) -> FactValue | None:
         if isinstance(value, BlankNode) and not any(isinstance(inner.value, BlankNode) for inner in value.facts):
-            told = to_soma_pose(value.facts)
-            return None if told is None else BlankNode(sorted_facts(told))
+            converted = to_soma_pose(value.facts)
+            return None if converted is None else BlankNode(sorted_facts(converted))
         if not isinstance(value, IriRef) or value.iri not in self.blocks or value.iri in self._kept_poses:
             return None
         if value.iri not in self._converted:
             if any(fact.property == DESCRIBED_IN_MAP for fact in self.blocks[value.iri].facts):
-                return None  # what else it is could not be told without its being a pose
-            told = to_soma_pose(self.blocks[value.iri].facts)
-            if told is None:
+                return None  # the resource is an individual of the map as well, and would not remain one
+            converted = to_soma_pose(self.blocks[value.iri].facts)
+            if converted is None:
                 return None
-            self.blocks[value.iri].facts = told
+            self.blocks[value.iri].facts = converted
             self._converted.add(value.iri)
         return value
 
 
 def _has_pose(facts: Sequence[PropertyAssertion], pose: Pose) -> bool:
-    """Whether something says itself in SOMA's words that it is there."""
+    """Whether the facts give this pose in SOMA's form."""
     here = RdfNode(None, facts)
     for below in RdfNodes({}).descendants(here, HAS_LOCALIZATION):
         position, rotation = below.numbers(TRANSLATION.property), below.numbers(QUATERNION.property)
@@ -394,7 +399,7 @@ def _has_pose(facts: Sequence[PropertyAssertion], pose: Pose) -> bool:
 
 
 def _preserve_as_original(facts: list[PropertyAssertion], property: Iri, *, except_index: int | None = None) -> None:
-    """Puts aside what is not true any more; whoever reads the map puts it back."""
+    """Renames outdated statements to their `original_property`, which reading the map reverses."""
     for index, fact in enumerate(facts):
         if fact.property == property and index != except_index:
             facts[index] = PropertyAssertion(original_property(property), fact.value)

@@ -1,13 +1,12 @@
-"""SOMA's nodes: values that stand some things without a name away from what they are said of.
+"""RDF nodes of SOMA maps, and the removal of what a map restates in a second dialect.
 
-An object has a localization, which has a region, which has numbers; how many of those stand between differs from map to
-map, so a value is looked for among all that hangs below, the nearest first.
+SOMA puts values behind a chain of nodes: an object has a localization, which has a region, which has the numbers. The
+length of the chain differs between maps, so a value is searched for breadth-first among all descendants.
 
-Restating: what maps that we write in another dialect say twice, once in its words and once in dialect 1's.
-
-Such a map says so of itself (`ms:dialect`), and each node that only restates something says what (`ms:restates`). A
-pose is not said twice: its numbers stand where the dialect has them. Read back, it goes to where dialect 1 has it, and
-what is restated goes away, so that the map is what it was before it was written.
+A map that Mindstage writes in another dialect states everything in the vocabulary of dialect 1, and restates it in the
+other one. It names that dialect by `ms:dialect`, and each restating node names the property that it restates by
+`ms:restates`. Poses are written only once, where the other dialect has them. `without_restatements` moves them back and
+removes the restating nodes, so that reading gives the map that was written.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from mindstage.knowledge.dialects.membership import types_of
 from mindstage.knowledge.dialects.source_map import SourceMap
 from mindstage.knowledge.dialects.unit_conversion import original_property
 from mindstage.knowledge.rdf import FindingSink, Graph, Severity, local_name
-from mindstage.knowledge.rdf_mapping import properties as words
+from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.rdf_mapping.nested import sorted_facts
 from mindstage.knowledge.rdf_mapping.properties import QUATERNION, TRANSLATION, literal_text
 from mindstage.knowledge.vocabulary import (
@@ -61,34 +60,45 @@ _BRACKETS = re.compile(r"[\[\]()]")
 _SEPARATORS = re.compile(r"[\s,;]+")
 
 
+ARRAY = soma("array_double")
+SPACE_REGION = soma("hasSpaceRegion")
+POSE_6D = soma("6DPose")
+HAS_COMPONENT = dul("hasComponent")
+SAME_DIALECT = "same"
+"""Value of `ms:dialect` in a map that restates only poses that have changed, in its own dialect."""
+_POSE_CODECS = {TRANSLATION.property: TRANSLATION, QUATERNION.property: QUATERNION}
+_SET_ASIDE_PROPERTIES = {original_property(property): property for property in (HAS_LOCALIZATION, HAS_SHAPE)}
+"""Maps the name under which an outdated statement of another dialect is kept to the original property."""
+
+
 class RdfNode(NamedTuple):
-    """A thing, and what is said about it."""
+    """A node of the graph with its statements; the name of a blank node is None."""
 
     name: Iri | None
     facts: Sequence[PropertyAssertion]
 
     def types(self) -> tuple[str, ...]:
-        """The local names of its classes."""
+        """Returns the local names of its classes."""
         return tuple(local_name(cls) for cls in types_of(self.facts))
 
     def values(self, *properties: Iri) -> list[FactValue]:
-        """All that is said by some properties."""
+        """Returns the values of some properties, in the order of the statements."""
         return [fact.value for fact in self.facts if fact.property in properties]
 
     def has(self, *properties: Iri) -> bool:
-        """Whether anything is said by some properties."""
+        """Whether any of some properties has a value."""
         return any(fact.property in properties for fact in self.facts)
 
     def number(self, *properties: Iri) -> float | None:
-        """The first finite number that is said by some properties."""
-        numbers = (words.parse_number(words.literal_text(value) or "") for value in self.values(*properties))
+        """Returns the first finite number among the values of some properties, or None."""
+        numbers = (codecs.parse_number(codecs.literal_text(value) or "") for value in self.values(*properties))
         return next((number for number in numbers if number is not None), None)
 
     def numbers(self, *properties: Iri) -> tuple[float, ...]:
-        """The first row of finite numbers that is said by some properties; none where one of them is no number."""
+        """Returns the first value of some properties that is a row of finite numbers; empty if there is none."""
         for value in self.values(*properties):
-            text = _BRACKETS.sub(" ", words.literal_text(value) or "").strip()
-            row = [words.parse_number(part) for part in _SEPARATORS.split(text)]
+            text = _BRACKETS.sub(" ", codecs.literal_text(value) or "").strip()
+            row = [codecs.parse_number(part) for part in _SEPARATORS.split(text)]
             numbers = tuple(number for number in row if number is not None)
             if len(numbers) == len(row):
                 return numbers
@@ -96,19 +106,19 @@ class RdfNode(NamedTuple):
 
 
 class RdfNodes:
-    """The things of a graph, nested or not."""
+    """Access to the nodes of a graph, whether they are blank nodes or named."""
 
     def __init__(self, graph: Graph, individuals: Container[Iri] = ()) -> None:
-        """Looks nothing up yet.
+        """Creates the view; nothing is indexed.
 
         Args:
-            graph: what is said.
-            individuals: things of their own, below which nothing of another one hangs.
+            graph: the statements.
+            individuals: resources at which `descendants` stops, as their nodes are not part of another individual.
         """
         self._graph, self._individuals = graph, individuals
 
     def node_from_value(self, value: FactValue) -> RdfNode | None:
-        """What a value stands for, if it is a thing that something is said about."""
+        """Returns the node that a value refers to; None for a literal or a resource without statements."""
         if isinstance(value, BlankNode):
             return RdfNode(None, value.facts)
         if isinstance(value, IriRef) and value.iri in self._graph:
@@ -116,11 +126,11 @@ class RdfNodes:
         return None
 
     def node_named(self, subject: Iri) -> RdfNode:
-        """A thing by its name."""
+        """Returns the node of a named resource."""
         return RdfNode(subject, self._graph.get(subject, ()))
 
     def descendants(self, start: RdfNode, *properties: Iri, depth: int = _MAX_DEPTH) -> Iterator[RdfNode]:
-        """What hangs on some properties of a thing, and what hangs on that, the nearest first."""
+        """Yields the nodes reachable through some properties of a node, breadth-first, down to a depth."""
         seen = set() if start.name is None else {start.name}
         level = self._child_nodes(start.values(*properties), seen)
         for _ in range(depth):
@@ -128,7 +138,7 @@ class RdfNodes:
             level = self._child_nodes((fact.value for above in level for fact in above.facts), seen)
 
     def _child_nodes(self, values: Iterable[FactValue], seen: set[Iri]) -> list[RdfNode]:
-        """The things among some values, each named one once: a web of names has more ways than anyone could go."""
+        """Returns the nodes among some values; a named one is visited only once, or cycles would never end."""
         found = []
         for value in values:
             if isinstance(value, BlankNode):
@@ -142,19 +152,8 @@ class RdfNodes:
         return name in self._graph and name not in self._individuals
 
 
-ARRAY = soma("array_double")
-SPACE_REGION = soma("hasSpaceRegion")
-POSE_6D = soma("6DPose")
-HAS_COMPONENT = dul("hasComponent")
-SAME_DIALECT = "same"
-"""Says of a map that it is in its own words, in which it restates where things have moved."""
-_POSE_CODECS = {TRANSLATION.property: TRANSLATION, QUATERNION.property: QUATERNION}
-_SHELVED_PROPERTIES = {original_property(property): property for property in (HAS_LOCALIZATION, HAS_SHAPE)}
-"""Where another dialect's own statements stand that are not true any more, and where they stood."""
-
-
 def is_restatement_of(facts: Sequence[PropertyAssertion], property: Iri) -> bool:
-    """Whether a node says that it restates what a property says."""
+    """Whether a node is marked as restating a property."""
     return PropertyAssertion(RESTATES, IriRef(property)) in facts
 
 
@@ -162,7 +161,7 @@ def is_restatement_of(facts: Sequence[PropertyAssertion], property: Iri) -> bool
 
 
 def to_soma_pose(facts: Sequence[PropertyAssertion]) -> list[PropertyAssertion] | None:
-    """A pose as SOMA says it; None where it is told in a way that would not come back."""
+    """Converts a pose of dialect 1 to SOMA's form; None if the conversion would not be reversible."""
     numbers = [fact for fact in facts if fact.property in _POSE_CODECS]
     if {fact.property for fact in numbers} != _POSE_CODECS.keys() or len(numbers) != len(_POSE_CODECS):
         return None
@@ -178,17 +177,17 @@ def _is_plain(fact: PropertyAssertion) -> bool:
 
 
 def _to_dialect1_pose(facts: Sequence[PropertyAssertion]) -> list[PropertyAssertion]:
-    """The same as dialect 1 says it."""
+    """Converts a pose of SOMA's form to that of dialect 1."""
     return [_convert_pose_number(fact, None) for fact in facts if fact != PropertyAssertion(TYPE, IriRef(POSE_6D))]
 
 
 def _convert_pose_number(fact: PropertyAssertion, datatype: Iri | None) -> PropertyAssertion:
-    """Numbers of a pose under another datatype; a quaternion has its scalar last where there is one."""
+    """Converts a statement of a pose to another datatype; with a datatype, quaternions are written scalar last."""
     if fact.property not in _POSE_CODECS:
         return fact
     parts: Sequence[str] = (literal_text(fact.value) or "").split()
     if _POSE_CODECS[fact.property].decode(Literal(" ".join(parts))) is None:
-        numbers = RdfNode(None, [fact]).numbers(fact.property)  # others write brackets and commas
+        numbers = RdfNode(None, [fact]).numbers(fact.property)  # some maps write brackets and commas
         if not numbers:
             return fact
         parts = [repr(number) for number in numbers]
@@ -201,7 +200,7 @@ def _convert_pose_number(fact: PropertyAssertion, datatype: Iri | None) -> Prope
 
 
 def without_restatements(source_map: SourceMap) -> SourceMap:
-    """The excerpt of a map as it was before it was written in other words; as it is, if it never was."""
+    """Returns the map without its restatements; a map without `ms:dialect` is returned unchanged."""
     if not any(fact.property == DIALECT for fact in source_map.graph.get(source_map.map, ())):
         return source_map
     return replace(source_map, graph=_RestatementRemover(source_map).graph())
@@ -211,7 +210,7 @@ class _RestatementRemover:
     def __init__(self, source_map: SourceMap) -> None:
         self.source_map, self.source_graph = source_map, source_map.graph
         self.poses: set[Iri] = set()
-        """Poses that have names."""
+        """Named poses that have been restated."""
         self.components: set[tuple[Iri, PropertyAssertion]] = set()
 
     def graph(self) -> Mapping[Iri, Sequence[PropertyAssertion]]:
@@ -226,35 +225,35 @@ class _RestatementRemover:
         return graph
 
     def _strip(self, subject: Iri, facts: Sequence[PropertyAssertion]) -> list[PropertyAssertion]:
-        found: list[PropertyAssertion] = []
+        kept: list[PropertyAssertion] = []
         is_restated = False
         for fact in facts:
             inner = fact.value.facts if isinstance(fact.value, BlankNode) else ()
             if fact.property == RESTATES:
                 self._mark_component(subject, facts)
             elif not any(each.property == RESTATES for each in inner):
-                found.append(fact)
+                kept.append(fact)
             else:
                 is_restated = True
                 if is_restatement_of(inner, HAS_POSE):
-                    found += [PropertyAssertion(HAS_POSE, place) for place in self._restated_poses(inner)]
+                    kept += [PropertyAssertion(HAS_POSE, pose) for pose in self._restated_poses(inner)]
         if is_restated:
-            found = [
-                PropertyAssertion(_SHELVED_PROPERTIES.get(fact.property, fact.property), fact.value) for fact in found
+            kept = [
+                PropertyAssertion(_SET_ASIDE_PROPERTIES.get(fact.property, fact.property), fact.value) for fact in kept
             ]
         if subject == self.source_map.map:
-            found = [fact for fact in found if fact.property != DIALECT]
-        return found
+            kept = [fact for fact in kept if fact.property != DIALECT]
+        return kept
 
     def _restated_poses(self, facts: Sequence[PropertyAssertion]) -> list[FactValue]:
-        places: list[FactValue] = []
+        poses: list[FactValue] = []
         for fact in facts:
             if fact.property == SPACE_REGION and isinstance(fact.value, BlankNode):
-                places.append(BlankNode(sorted_facts(_to_dialect1_pose(fact.value.facts))))
+                poses.append(BlankNode(sorted_facts(_to_dialect1_pose(fact.value.facts))))
             elif fact.property == SPACE_REGION and isinstance(fact.value, IriRef):
                 self.poses.add(fact.value.iri)
-                places.append(fact.value)
-        return places
+                poses.append(fact.value)
+        return poses
 
     def _mark_component(self, subject: Iri, facts: Sequence[PropertyAssertion]) -> None:
         if is_restatement_of(facts, HAS_COMPONENT):
@@ -264,42 +263,44 @@ class _RestatementRemover:
 
 
 class DualDialectInfo(NamedTuple):
-    """What a map says in other words, too."""
+    """The second dialect of a map that Mindstage has written, and what is restated in it."""
 
     dialect: str = ""
-    """In whose words all of it is written, or `SAME_DIALECT`; nothing, where nothing is restated."""
+    """Name of the dialect, or `SAME_DIALECT`; empty if nothing is restated."""
     pose_iris: frozenset[Iri] = frozenset()
-    """The things whose places are told so."""
+    """The individuals whose poses are restated."""
 
 
 def dual_dialect_info(source_map: SourceMap) -> DualDialectInfo:
-    """What a map that we have written says in other words."""
-    told = (literal_text(fact.value) for fact in source_map.graph.get(source_map.map, ()) if fact.property == DIALECT)
-    dialect = next((text for text in told if text), "")
+    """Returns what a map that Mindstage has written restates in a second dialect."""
+    declared = (
+        literal_text(fact.value) for fact in source_map.graph.get(source_map.map, ()) if fact.property == DIALECT
+    )
+    dialect = next((text for text in declared if text), "")
     if not dialect:
         return DualDialectInfo()
-    places: set[Iri] = set()
+    restated_poses: set[Iri] = set()
     for subject, facts in source_map.graph.items():
         if is_restatement_of(facts, HAS_POSE):
             seen = (fact.value for fact in facts if fact.property == OBJECT_ACTED_ON)
-            places.update(value.iri for value in seen if isinstance(value, IriRef))
+            restated_poses.update(value.iri for value in seen if isinstance(value, IriRef))
         if any(isinstance(fact.value, BlankNode) and is_restatement_of(fact.value.facts, HAS_POSE) for fact in facts):
-            places.add(subject)
-    return DualDialectInfo(dialect, frozenset(places))
+            restated_poses.add(subject)
+    return DualDialectInfo(dialect, frozenset(restated_poses))
 
 
-# -- what is said twice ------------------------------------------------------------------------------------------------
+# -- sizes ---------------------------------------------------------------------------------------------------------
 
 
 def restated_sizes(source_map: SourceMap) -> Mapping[Iri, Sequence[float]]:
-    """How large things are in another dialect's words, where dialect 1's say it too."""
+    """Returns the sizes that SOMA shapes restate, by individual [m]."""
     found: dict[Iri, Sequence[float]] = {}
     if not any(fact.property == DIALECT for fact in source_map.graph.get(source_map.map, ())):
         return found
     for member in source_map.members:
         for fact in source_map.graph.get(member, ()):
             if fact.property == HAS_SHAPE and isinstance(fact.value, BlankNode):
-                if not is_restatement_of(fact.value.facts, words.SIZE[0].property):
+                if not is_restatement_of(fact.value.facts, codecs.SIZE[0].property):
                     continue
                 for region in (each.value for each in fact.value.facts if isinstance(each.value, BlankNode)):
                     assert isinstance(region, BlankNode)
@@ -309,24 +310,24 @@ def restated_sizes(source_map: SourceMap) -> Mapping[Iri, Sequence[float]]:
 
 
 def extents_of(node: RdfNode) -> Sequence[float]:
-    """The extents of a shape along x, y and z; nothing, where it does not tell them."""
+    """Returns the extents of a shape node along x, y and z; empty if they are incomplete."""
     radius = node.number(soma("hasRadius"))
     length = node.number(soma("hasLength"))
     if radius is not None:
         return 2 * radius, 2 * radius, 2 * radius if length is None else length
-    told = [node.number(soma(name)) for name in ("hasDepth", "hasWidth", "hasHeight")]
-    extents = [extent for extent in told if extent is not None]
-    return extents if len(extents) == len(told) else ()
+    values = [node.number(soma(name)) for name in ("hasDepth", "hasWidth", "hasHeight")]
+    extents = [extent for extent in values if extent is not None]
+    return extents if len(extents) == len(values) else ()
 
 
 def check_restated_sizes(restated: Mapping[Iri, Sequence[float]], world: World, report: FindingSink) -> None:
-    """Reports where somebody has changed a size in one dialect's words only."""
+    """Reports sizes that differ between the two dialects, as after an edit of one of them only."""
     for body in world.bodies:
-        said = restated.get(body.iri)
-        if said is not None and body.size != tuple(said):
-            what = f"as a shape it is {_numbers_text(said)}, and as a thing {_numbers_text(body.size or ())}"
-            did = "the latter counts; the shape only restates it"
-            report(Severity.WARNING, body.iri, HAS_SHAPE, what, did)
+        size = restated.get(body.iri)
+        if size is not None and body.size != tuple(size):
+            problem = f"as a shape its size is {_numbers_text(size)}, and as a body {_numbers_text(body.size or ())}"
+            action = "the latter counts; the shape only restates it"
+            report(Severity.WARNING, body.iri, HAS_SHAPE, problem, action)
 
 
 def _numbers_text(numbers: Sequence[float] | Vector) -> str:

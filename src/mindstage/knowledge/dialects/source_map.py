@@ -1,4 +1,4 @@
-"""Excerpts: what is known of one map, gathered for whoever can read its dialect."""
+"""The statements and class hierarchy of one map, as the dialect readers receive them."""
 
 from __future__ import annotations
 
@@ -6,38 +6,42 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from mindstage.knowledge.dialects.conventions import Assumption, AssumptionSink, UnitConventions
-from mindstage.knowledge.rdf import FindingSink, Graph
+from mindstage.knowledge.rdf import FindingSink, Graph, Severity
 from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.scene import Iri
 
-__all__ = ["SourceMap"]
+__all__ = ["SourceMap", "ignore_finding"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceMap:
-    """What a reader gets."""
+    """The input of a dialect reader: one map of a graph."""
 
     map: Iri
     graph: Graph
-    """What the map's sources say, nested, but for what belongs to other maps."""
+    """The nested statements of the map's sources, without those of other maps."""
     members: Sequence[Iri]
-    """The individuals that are described in the map."""
+    """The individuals that belong to the map."""
     ontologies: Sequence[Graph]
-    """Ontologies that say something about sizes."""
+    """Ontologies that give sizes of classes."""
     hierarchy: ClassHierarchy
-    """All that is known about classes."""
+    """The subclass relations of all sources and ontologies."""
     report: FindingSink
     add_assumption: AssumptionSink
     conventions: UnitConventions = field(default_factory=UnitConventions)
-    """What the user says about the map's numbers; None in it is the reader's to decide."""
+    """Conventions chosen by the user; None in a field leaves the decision to the reader."""
 
     def record_assumption(self, topic: str, value: str, evidence: str) -> None:
-        """Says aloud what was decided about the whole map; one of `conventions`' fields counts as told by the user.
+        """Records a decision about the whole map; a field of `conventions` that is set counts as chosen by the user.
 
         Args:
-            about: what was decided; the field's name where it is one of `conventions`.
-            value: what the reader goes by.
-            evidence: what speaks for it, or what would have been decided where the user said otherwise.
+            topic: what was decided; the field's name if it is one of `conventions`.
+            value: the decision.
+            evidence: the reason, or what would have been decided without the user's choice.
         """
         overridden = getattr(self.conventions, topic, None) is not None
         self.add_assumption(Assumption(self.map, topic, value, evidence, overridden))
+
+
+def ignore_finding(severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
+    """Discards a finding; a `FindingSink` for repeated reading of statements whose findings are already reported."""

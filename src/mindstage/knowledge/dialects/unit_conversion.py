@@ -1,8 +1,8 @@
-"""Conversion: a map whose numbers are meant otherwise, said in meters, in ROS's frame and with w x y z, and back.
+"""Conversion of a map's numbers to SI units, ROS axes and quaternions w x y z, and back.
 
-Every number that changes is kept beside the new one, under the name of its property with `original_property` before it. A map
-that says such a thing about itself has been converted already. Numbers change digit by digit, as on paper, so that
-each comes back as it was: of those that a computer divides by 100, some do not.
+Each number that changes is kept as given, under its `original_property`. A map with such a statement about itself is
+already converted. Conversion uses decimal arithmetic, so that every number converts back exactly, which binary
+division by 100 does not guarantee.
 """
 
 from __future__ import annotations
@@ -49,38 +49,38 @@ Decimals = tuple[Decimal, ...]
 
 _DECLARATIONS = (UNITS, FRAME, QUATERNION_ORDER)
 _LENGTH_CODECS: dict[Iri, PropertyCodec[float]] = {
-    word.property: word for word in (*SIZE, LIMIT, X_MIDDLE, Y_MIDDLE, Z_MIDDLE)
+    codec.property: codec for codec in (*SIZE, LIMIT, X_MIDDLE, Y_MIDDLE, Z_MIDDLE)
 }
-_ANGLE_CODECS: dict[Iri, PropertyCodec[float]] = {word.property: word for word in (TWIST_MIDDLE, SWING1_MIDDLE)}
-"""Of turns that run the other way in a mirrored frame."""
+_ANGLE_CODECS: dict[Iri, PropertyCodec[float]] = {codec.property: codec for codec in (TWIST_MIDDLE, SWING1_MIDDLE)}
+"""Angles whose sign changes in a mirrored frame."""
 
 _CODECS: dict[Iri, PropertyCodec[Any]] = (
-    _LENGTH_CODECS | _ANGLE_CODECS | {word.property: word for word in (TRANSLATION, QUATERNION)}
+    _LENGTH_CODECS | _ANGLE_CODECS | {codec.property: codec for codec in (TRANSLATION, QUATERNION)}
 )
 CONVERTED_PROPERTIES = frozenset({HAS_VALUE, *_CODECS})
-"""Properties whose values may change."""
+"""Properties whose values may be converted."""
 _MIRRORED_PROPERTIES = frozenset({Y_MIDDLE.property, *_ANGLE_CODECS})
 
 
 @lru_cache(maxsize=1024)
 def original_property(property: Iri) -> Iri:
-    """The name under which a map's own statement is kept, where one in SI stands in its place."""
+    """Returns the property under which a value is kept as given, where a converted value has replaced it."""
     name = local_name(property)
     return ms(f"given{name[:1].upper()}{name[1:]}")
 
 
 def is_converted(source_map: SourceMap) -> bool:
-    """Whether the map says that its numbers are in SI now, and how they were meant before."""
+    """Whether a map's numbers have been converted to SI; it then also states its original conventions."""
     return any(fact.property == original_property(UNITS) for fact in source_map.graph.get(source_map.map, ()))
 
 
 def convert_source_map(source_map: SourceMap, conventions: UnitConventions, *, dialect: str) -> SourceMap:
-    """The same excerpt in SI; it tells how it was, so that it can be written back in its own way.
+    """Converts the numbers of a map to SI and adds statements of its original conventions.
 
     Args:
-        excerpt: as the map has it.
-        conventions: how its numbers are meant; all three are told.
-        dialect: what kind of map it is, which is kept too.
+        source_map: the map as given.
+        conventions: its conventions; no field is None.
+        dialect: name of its dialect, which is kept too.
     """
     if conventions == SI:
         return source_map
@@ -89,106 +89,106 @@ def convert_source_map(source_map: SourceMap, conventions: UnitConventions, *, d
         *(fact for fact in graph.get(source_map.map, ()) if fact.property not in _DECLARATIONS),
         PropertyAssertion(ms("givenDialect"), Literal(dialect)),
         *(
-            PropertyAssertion(original_property(property), Literal(told.value))
-            for property, told in _declaration_values(conventions)
+            PropertyAssertion(original_property(property), Literal(value.value))
+            for property, value in _declaration_values(conventions)
         ),
     ]
     return replace(source_map, graph=graph)
 
 
 def original_conventions(facts: Iterable[PropertyAssertion]) -> UnitConventions | None:
-    """How a map's numbers were meant before, as its facts tell it; None where it never was converted."""
-    told = {fact.property: literal_text(fact.value) for fact in facts}
+    """Returns a map's conventions before its conversion, from its statements; None if it was not converted."""
+    given = {fact.property: literal_text(fact.value) for fact in facts}
     chosen: list[Any] = []
-    kinds: tuple[type[Enum], ...] = (LengthUnit, Handedness, QuaternionOrder)
-    for property, kind in zip(_DECLARATIONS, kinds, strict=True):
-        chosen += [each for each in kind if each.value == told.get(original_property(property))]
-    if len(chosen) != len(kinds):
+    enum_types: tuple[type[Enum], ...] = (LengthUnit, Handedness, QuaternionOrder)
+    for property, enum_type in zip(_DECLARATIONS, enum_types, strict=True):
+        chosen += [each for each in enum_type if each.value == given.get(original_property(property))]
+    if len(chosen) != len(enum_types):
         return None
     units, frame, quaternion = chosen
     return UnitConventions(units=units, frame=frame, quaternion=quaternion)
 
 
 def restore_declarations(facts: Iterable[PropertyAssertion], conventions: UnitConventions) -> list[PropertyAssertion]:
-    """What a map that was converted says of itself once it is as it was."""
-    away = {ms("givenDialect"), *map(original_property, _DECLARATIONS)}
-    kept = [fact for fact in facts if fact.property not in away]
+    """Returns the statements of a converted map about itself as they were before the conversion."""
+    added = {ms("givenDialect"), *map(original_property, _DECLARATIONS)}
+    kept = [fact for fact in facts if fact.property not in added]
     return [
         *kept,
-        *(PropertyAssertion(property, Literal(told.value)) for property, told in _declaration_values(conventions)),
+        *(PropertyAssertion(property, Literal(value.value)) for property, value in _declaration_values(conventions)),
     ]
 
 
 def _declaration_values(
     conventions: UnitConventions,
 ) -> Iterator[tuple[Iri, LengthUnit | Handedness | QuaternionOrder]]:
-    for property, told in zip(
+    for property, value in zip(
         _DECLARATIONS, (conventions.units, conventions.frame, conventions.quaternion), strict=True
     ):
-        assert told is not None
-        yield property, told
+        assert value is not None
+        yield property, value
 
 
 def convert_facts(facts: Sequence[PropertyAssertion], conventions: UnitConventions) -> list[PropertyAssertion]:
-    """Statements about one thing in SI, and what was given in their place."""
+    """Converts the statements of one resource to SI; the values given are kept under `original_property`."""
     if not any(fact.property in CONVERTED_PROPERTIES or isinstance(fact.value, BlankNode) for fact in facts):
         return list(facts)
     measures = _measured_length(facts)
-    found: list[PropertyAssertion] = []
+    result: list[PropertyAssertion] = []
     for fact in facts:
         if isinstance(fact.value, BlankNode):
-            found.append(
+            result.append(
                 PropertyAssertion(fact.property, BlankNode(sorted_facts(convert_facts(fact.value.facts, conventions))))
             )
             continue
         value = _changed_literal(fact, measures, _UnitChange(conventions))
         if value is None:
-            found.append(fact)
+            result.append(fact)
         else:
-            found += (
+            result += (
                 PropertyAssertion(fact.property, value),
                 PropertyAssertion(original_property(fact.property), fact.value),
             )
-    return list(dict.fromkeys(found))  # two numbers may come to the same
+    return list(dict.fromkeys(result))  # two values may become equal
 
 
 def restore_facts(facts: Sequence[PropertyAssertion], conventions: UnitConventions) -> list[PropertyAssertion]:
-    """The same statements as they were given; those that say something else by now are converted back."""
+    """Restores the values given; values that have changed since the conversion are converted back."""
     measures = _measured_length(facts)
     kept: dict[Iri, list[Literal]] = {}
     for fact in facts:
         if isinstance(fact.value, Literal):
             kept.setdefault(fact.property, []).append(fact.value)
-    found: list[PropertyAssertion] = []
+    result: list[PropertyAssertion] = []
     gone: set[PropertyAssertion] = set()
     for fact in facts:
         if isinstance(fact.value, BlankNode):
-            found.append(
+            result.append(
                 PropertyAssertion(fact.property, BlankNode(sorted_facts(restore_facts(fact.value.facts, conventions))))
             )
             continue
-        word = _codec_for(fact, measures)
-        if word is None:
-            found.append(fact)
+        codec = _codec_for(fact, measures)
+        if codec is None:
+            result.append(fact)
             continue
         before = [PropertyAssertion(fact.property, value) for value in kept.get(original_property(fact.property), ())]
         same = [
-            each for each in before if _converted_value(each, word, measures, conventions) == word.decode(fact.value)
+            each for each in before if _converted_value(each, codec, measures, conventions) == codec.decode(fact.value)
         ]
         back = _changed_literal(fact, measures, _UnitChange(conventions, inverse=True))
-        found += same or [fact if back is None else PropertyAssertion(fact.property, back)]
+        result += same or [fact if back is None else PropertyAssertion(fact.property, back)]
         gone.update(PropertyAssertion(original_property(fact.property), each.value) for each in before)
-    return [fact for fact in dict.fromkeys(found) if fact not in gone]
+    return [fact for fact in dict.fromkeys(result) if fact not in gone]
 
 
 def _measured_length(facts: Sequence[PropertyAssertion]) -> Iri | None:
-    """The length that a restriction is about, if it is one about a length."""
+    """Returns the length property that a restriction is about, if it is about one."""
     on = (fact.value.iri for fact in facts if fact.property == ON_PROPERTY and isinstance(fact.value, IriRef))
     return next((property for property in on if property in _LENGTH_CODECS), None)
 
 
 def _codec_for(fact: PropertyAssertion, measured_length: Iri | None) -> PropertyCodec[Any] | None:
-    """What a statement says, if it is one of those that change."""
+    """Returns the codec of a statement whose value is converted, or None."""
     property = measured_length if fact.property == HAS_VALUE and measured_length else fact.property
     return _CODECS.get(property)
 
@@ -196,31 +196,31 @@ def _codec_for(fact: PropertyAssertion, measured_length: Iri | None) -> Property
 def _converted_value(
     fact: PropertyAssertion, codec: PropertyCodec[Any], measured_length: Iri | None, conventions: UnitConventions
 ) -> object:
-    """What a statement comes to in SI."""
+    """Returns the value of a statement in SI."""
     return codec.decode(_changed_literal(fact, measured_length, _UnitChange(conventions)) or fact.value)
 
 
 def _changed_literal(fact: PropertyAssertion, measured_length: Iri | None, change: _UnitChange) -> Literal | None:
-    """Another value for a fact; None where it is no number that changes."""
-    word = _codec_for(fact, measured_length)
-    told = None if word is None else word.decode(fact.value)
-    if word is None or told is None:
+    """Returns the converted value of a statement, or None if it does not change."""
+    codec = _codec_for(fact, measured_length)
+    value = None if codec is None else codec.decode(fact.value)
+    if codec is None or value is None:
         return None
-    row = change.row(word, tuple(map(_parse_decimal, (literal_text(fact.value) or "").split())))
+    row = change.row(codec, tuple(map(_parse_decimal, (literal_text(fact.value) or "").split())))
     numbers = tuple(map(float, row))
-    if numbers == (told if isinstance(told, tuple) else (told,)):
+    if numbers == (value if isinstance(value, tuple) else (value,)):
         return None
     if change.inverse:
-        # Digit by digit: of the numbers that a computer has, not each is the hundredfold of another one.
-        return Literal(" ".join(map(_format_decimal, row)), word.datatype)
-    said = word.encode(numbers if isinstance(told, tuple) else numbers[0])
-    assert isinstance(said, Literal)
-    return said
+        # Decimal digits are kept: not every binary number is a hundred times another one.
+        return Literal(" ".join(map(_format_decimal, row)), codec.datatype)
+    encoded = codec.encode(numbers if isinstance(value, tuple) else numbers[0])
+    assert isinstance(encoded, Literal)
+    return encoded
 
 
 @dataclass(frozen=True, slots=True)
 class _UnitChange:
-    """The way of numbers into SI, or back."""
+    """A conversion of numbers to SI, or back if `inverse`."""
 
     conventions: UnitConventions
     inverse: bool = False
@@ -240,20 +240,20 @@ class _UnitChange:
         scalar_last = self.conventions.quaternion is QuaternionOrder.XYZW
         a, b, c, d = row
         w, x, y, z = (d, a, b, c) if scalar_last and not self.inverse else (a, b, c, d)
-        if mirrors:  # the same turn runs the other way; y, which is mirrored itself, keeps its sign
+        if mirrors:  # the sense of rotation changes; the y axis is itself mirrored, so y keeps its sign
             x, z = _negated(x), _negated(z)
         return (x, y, z, w) if scalar_last and self.inverse else (w, x, y, z)
 
     def _length(self, number: Decimal) -> Decimal:
         assert self.conventions.units is not None
         digits = {LengthUnit.METERS: 0, LengthUnit.CENTIMETERS: 2, LengthUnit.MILLIMETERS: 3}[self.conventions.units]
-        told = number.as_tuple()
-        assert isinstance(told.exponent, int)
-        return Decimal((told.sign, told.digits, told.exponent + (digits if self.inverse else -digits)))
+        parts = number.as_tuple()
+        assert isinstance(parts.exponent, int)
+        return Decimal((parts.sign, parts.digits, parts.exponent + (digits if self.inverse else -digits)))
 
 
 def _parse_decimal(text: str) -> Decimal:
-    """A number to all its digits; one so small that it is none is 0."""
+    """Parses a number with all its digits; one that underflows is 0."""
     number = float(text)
     return Decimal(text if number else repr(number))
 
@@ -263,6 +263,6 @@ def _negated(number: Decimal) -> Decimal:
 
 
 def _format_decimal(number: Decimal) -> str:
-    """A number without an exponent, unless it is far from 1, and with a point."""
+    """Formats a number with a decimal point, and without an exponent unless it is far from 1."""
     text = f"{number:f}" if not number or -9 <= number.adjusted() <= 15 else str(number)
     return text if "." in text or "E" in text else f"{text}.0"

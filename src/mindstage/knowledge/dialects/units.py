@@ -1,12 +1,8 @@
-"""Evidence: what a map's own numbers tell about how they are meant.
+"""Units, handedness and quaternion order of a map, decided once for each map and recorded as assumptions.
 
-Furniture is about as large everywhere, and most things stand upright and square to the room. What a person would see
-at a glance in a drawing, a reader can count: how large the things are, and how many would lie on their side.
-
-Settling: how a map's numbers are meant, decided once for each map and said aloud.
-
-What the user says counts first, then what the map itself says, then the evidence where a dialect leaves it open, and
-last what is usual in the dialect.
+The choice of the user takes precedence, then the declaration in the map, then the evidence in its numbers where a
+dialect leaves the convention open, then the default of the dialect. Evidence rests on two observations: furniture has
+similar sizes everywhere, and most bodies are upright and aligned with the walls.
 """
 
 from __future__ import annotations
@@ -20,7 +16,7 @@ from typing import Any, TypeVar
 
 from mindstage.knowledge.dialects.conventions import Handedness, LengthUnit, QuaternionOrder, UnitConventions
 from mindstage.knowledge.dialects.membership import types_of
-from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.dialects.source_map import SourceMap, ignore_finding
 from mindstage.knowledge.rdf import Graph, Severity
 from mindstage.knowledge.rdf_mapping.fields import ClassSizes
 from mindstage.knowledge.rdf_mapping.properties import QUATERNION, SIZE, TRANSLATION, literal_text
@@ -31,90 +27,92 @@ __all__ = ["ConventionEvidence", "ConventionGuess", "collect_evidence", "default
 
 
 _SAMPLE_SIZE = 500
-"""Individuals looked at, evenly spread; more tell no more."""
+"""Number of individuals that are evaluated, evenly spread over the map."""
 _TYPICAL_EXTENT_M = 0.4
-"""The largest extent of the middle one of a household's things [m]: handles and cups, drawers, cupboards."""
+"""Median of the largest extents of household objects [m]: handles, cups, drawers, cupboards."""
 _TYPICAL_SPREAD_M = 2.0
-"""How far the middle one of them is from the middle of all [m]."""
+"""Median distance of household objects from their median position [m]."""
 _SIZE_TOLERANCE = 2.0
-"""Sizes of one class differ by less than this factor from what an ontology says of it."""
+"""Maximum factor between the size of a class in a map and in an ontology."""
 _UPRIGHT_COSINE = 0.999
+
+
+ConventionT = TypeVar("ConventionT", bound=Enum)
 
 
 @dataclass(frozen=True, slots=True)
 class ConventionGuess:
-    """What the numbers speak for, and how clearly."""
+    """A convention that the numbers of a map indicate, and the evidence for it."""
 
     value: LengthUnit | Handedness | QuaternionOrder | None
-    """None where they speak for nothing."""
+    """None if the numbers indicate nothing."""
     evidence: str
     is_conclusive: bool = False
-    """Whether another answer would make a world that no household looks like."""
+    """Whether any other value would give an implausible world."""
 
 
 @dataclass(frozen=True, slots=True)
 class ConventionEvidence:
-    """The numbers of some of a map's individuals, as they stand."""
+    """The numbers of a sample of a map's individuals, in the units of the map."""
 
     positions: Sequence[tuple[float, ...]]
     quaternions: Sequence[tuple[float, ...]]
     sizes: Mapping[Iri, tuple[float, ...]]
-    """By class, of each individual's largest extent, or the class's own."""
+    """By class, the extents of one of its individuals or of the class itself."""
     largest_extents: Sequence[float]
     """The largest extent of each individual that has a size."""
     known_sizes: Mapping[Iri, float]
-    """By class, the largest extent that ontologies tell of it [m]."""
+    """By class, the largest extent that ontologies give [m]."""
 
     def guess_units(self) -> ConventionGuess:
-        """What lengths are counted in."""
+        """Guesses the unit of lengths."""
         fits = {unit: self._matching_class_count(unit) for unit in LengthUnit}
         best = max(fits, key=lambda unit: fits[unit])
         if fits[best]:
             known = len(self.known_sizes.keys() & self.sizes.keys())
             return ConventionGuess(
-                best, f"{fits[best]} of {known} classes that ontologies know are as large as they say", True
+                best, f"the sizes of {fits[best]} of {known} classes agree with those in ontologies", True
             )
         if self.largest_extents:
             typical = median(self.largest_extents)
-            unit = _paeth(typical, _TYPICAL_EXTENT_M)
-            told = (
-                f"the middle one of {len(self.largest_extents)} things would be {typical / unit.per_meter:.2g} m large"
-            )
-            return ConventionGuess(unit, _with_alternatives(told, typical, unit), len(self.largest_extents) >= 5)
+            unit = _closest_unit(typical, _TYPICAL_EXTENT_M)
+            text = f"the median of {len(self.largest_extents)} bodies would be {typical / unit.per_meter:.2g} m large"
+            return ConventionGuess(unit, _with_alternatives(text, typical, unit), len(self.largest_extents) >= 5)
         if len(self.positions) > 1:
             spread = median(self._distances())
-            unit = _paeth(spread, _TYPICAL_SPREAD_M) if spread else LengthUnit.METERS
-            told = f"nothing has a size; the middle one of {len(self.positions)} is {spread / unit.per_meter:.2g} m off"
-            return ConventionGuess(unit if spread else None, told)
-        return ConventionGuess(None, "there are too few numbers to tell")
+            unit = _closest_unit(spread, _TYPICAL_SPREAD_M) if spread else LengthUnit.METERS
+            distance = f"{spread / unit.per_meter:.2g} m"
+            text = f"without sizes; the median distance of {len(self.positions)} bodies from their center is {distance}"
+            return ConventionGuess(unit if spread else None, text)
+        return ConventionGuess(None, "there are too few numbers to decide")
 
     def guess_quaternion_order(self) -> ConventionGuess:
-        """Where quaternions have their scalar."""
+        """Guesses the position of the scalar in quaternions."""
         if not self.quaternions:
-            return ConventionGuess(None, "no rotation is told")
+            return ConventionGuess(None, "no rotation is given")
         upright = {order: sum(map(_is_upright, self._rotations(order))) for order in QuaternionOrder}
         square = {order: sum(map(_is_unrotated, self._rotations(order))) for order in QuaternionOrder}
         score = {order: upright[order] + square[order] for order in QuaternionOrder}
         best = max(score, key=lambda order: score[order])
         number = len(self.quaternions)
-        told = "; ".join(
-            f"as {order.value} {upright[order]} of {number} stand upright and {square[order]} are not turned"
+        text = "; ".join(
+            f"as {order.value} {upright[order]} of {number} are upright and {square[order]} are not rotated"
             for order in sorted(QuaternionOrder, key=lambda order: order is not best)
         )
         worst = min(score.values())
         if score[best] == worst:
-            return ConventionGuess(None, told)
-        return ConventionGuess(best, told, number >= 5 and score[best] >= number and worst <= score[best] / 2)
+            return ConventionGuess(None, text)
+        return ConventionGuess(best, text, number >= 5 and score[best] >= number and worst <= score[best] / 2)
 
     def height_range(self, unit: LengthUnit) -> str:
-        """Where the ground is, as far as positions tell."""
+        """Describes the range of heights [m], which should contain the ground."""
         if not self.positions:
             return "nothing has a position"
         heights = [position[2] / unit.per_meter for position in self.positions]
         return f"heights go from {min(heights):.2f} to {max(heights):.2f} m"
 
     def _matching_class_count(self, unit: LengthUnit) -> int:
-        """How many classes are about as large as ontologies say."""
+        """Returns the number of classes whose size agrees with the ontologies."""
         return sum(
             1 / _SIZE_TOLERANCE < max(size) / unit.per_meter / self.known_sizes[cls] < _SIZE_TOLERANCE
             for cls, size in self.sizes.items()
@@ -131,17 +129,17 @@ class ConventionEvidence:
 
 
 def collect_evidence(source_map: SourceMap) -> ConventionEvidence:
-    """What can be counted in a map."""
+    """Collects the numbers of a sample of a map's individuals."""
     members = source_map.members[:: max(1, len(source_map.members) // _SAMPLE_SIZE)]
     poses = [list(_pose_facts(source_map.graph, source_map.graph.get(member, ()))) for member in members]
-    own = ClassSizes([_class_graph(source_map, members)], source_map.hierarchy, _ignore_finding)
-    known = ClassSizes(source_map.ontologies, source_map.hierarchy, _ignore_finding)
+    own = ClassSizes([_class_graph(source_map, members)], source_map.hierarchy, ignore_finding)
+    known = ClassSizes(source_map.ontologies, source_map.hierarchy, ignore_finding)
     sizes: dict[Iri, tuple[float, ...]] = {}
     largest: list[float] = []
     for member in members:
         facts = source_map.graph.get(member, ())
         types = types_of(facts)
-        extents = [word.first_value(facts) for word in SIZE]
+        extents = [codec.first_value(facts) for codec in SIZE]
         size = [
             extent if extent is not None else of_class for extent, of_class in zip(extents, own.get(types), strict=True)
         ]
@@ -159,13 +157,13 @@ def collect_evidence(source_map: SourceMap) -> ConventionEvidence:
 
 
 def _class_graph(source_map: SourceMap, members: Sequence[Iri]) -> Graph:
-    """What a map says about the classes of some individuals, and about what has no name, which may be shared."""
-    told = {cls for member in members for cls in types_of(source_map.graph.get(member, ()))}
-    above = {cls for each in told for cls in source_map.hierarchy.ancestors(each)}
+    """Returns the statements about the classes of some individuals, and about blank nodes, which classes may share."""
+    classes = {cls for member in members for cls in types_of(source_map.graph.get(member, ()))}
+    ancestors = {cls for each in classes for cls in source_map.hierarchy.ancestors(each)}
     return {
         subject: facts
         for subject, facts in source_map.graph.items()
-        if subject in told or subject in above or subject[:2] == "_:"
+        if subject in classes or subject in ancestors or subject[:2] == "_:"
     }
 
 
@@ -178,7 +176,7 @@ def _pose_facts(graph: Graph, facts: Sequence[PropertyAssertion]) -> Iterator[Pr
                 yield from fact.value.facts
 
 
-def _paeth(length: float, typical_m: float) -> LengthUnit:
+def _closest_unit(length: float, typical_m: float) -> LengthUnit:
     return min(LengthUnit, key=lambda unit: abs(math.log10(length / unit.per_meter / typical_m)))
 
 
@@ -190,7 +188,7 @@ def _with_alternatives(evidence: str, typical: float, unit: LengthUnit) -> str:
 
 
 def _is_upright(rotation: tuple[float, ...]) -> bool:
-    length = math.hypot(*rotation)  # of squares, the least numbers would leave nothing
+    length = math.hypot(*rotation)  # the squares of very small numbers would underflow
     _, x, y, _ = rotation
     return 1.0 - 2.0 * ((x / length) ** 2 + (y / length) ** 2) > _UPRIGHT_COSINE
 
@@ -199,19 +197,12 @@ def _is_unrotated(rotation: tuple[float, ...]) -> bool:
     return abs(rotation[0]) / math.hypot(*rotation) > _UPRIGHT_COSINE
 
 
-def _ignore_finding(severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
-    """Reading reports the same."""
-
-
-ConventionT = TypeVar("ConventionT", bound=Enum)
-
-
 def infer_conventions(source_map: SourceMap, defaults: UnitConventions) -> UnitConventions:
-    """The conventions of a map whose dialect leaves them open.
+    """Decides the conventions of a map whose dialect leaves them open.
 
     Args:
-        excerpt: the map.
-        usual: what holds where nothing speaks for anything.
+        source_map: the map.
+        defaults: conventions that hold where there is no evidence.
     """
     evidence = collect_evidence(source_map)
     units = _decide(source_map, "units", UNITS, LengthUnit, defaults.units, evidence.guess_units())
@@ -222,12 +213,12 @@ def infer_conventions(source_map: SourceMap, defaults: UnitConventions) -> UnitC
 
 
 def default_conventions(source_map: SourceMap, defaults: UnitConventions, *, dialect: str) -> UnitConventions:
-    """The conventions of a map whose dialect settles them; evidence that speaks against that is reported.
+    """Decides the conventions of a map whose dialect fixes them; contradicting evidence is reported.
 
     Args:
-        excerpt: the map.
-        usual: what holds in the dialect.
-        dialect: its name.
+        source_map: the map.
+        defaults: conventions of the dialect.
+        dialect: name of the dialect.
     """
     evidence = collect_evidence(source_map)
     guesses: dict[str, ConventionGuess] = {
@@ -235,21 +226,21 @@ def default_conventions(source_map: SourceMap, defaults: UnitConventions, *, dia
         "quaternion": evidence.guess_quaternion_order(),
     }
     settled: dict[str, Any] = {}
-    for about, property, kind in (
+    for topic, property, enum_type in (
         ("units", UNITS, LengthUnit),
         ("frame", FRAME, Handedness),
         ("quaternion", QUATERNION_ORDER, QuaternionOrder),
     ):
-        value = getattr(defaults, about)
-        guess = guesses.get(about) or ConventionGuess(None, evidence.height_range(settled["units"]))
-        so = f"{dialect} maps have it; {guess.evidence}"
-        settled[about] = _decide(source_map, about, property, kind, value, ConventionGuess(value, so))
+        value = getattr(defaults, topic)
+        guess = guesses.get(topic) or ConventionGuess(None, evidence.height_range(settled["units"]))
+        defaulted = ConventionGuess(value, f"the default of {dialect} maps; {guess.evidence}")
+        settled[topic] = _decide(source_map, topic, property, enum_type, value, defaulted)
         if (
             guess.is_conclusive
-            and guess.value not in (None, settled[about])
-            and getattr(source_map.conventions, about) is None
+            and guess.value not in (None, settled[topic])
+            and getattr(source_map.conventions, topic) is None
         ):
-            _report_contradiction(source_map, about, property, settled[about], guess)
+            _report_contradiction(source_map, topic, property, settled[topic], guess)
     return UnitConventions(**settled)
 
 
@@ -261,17 +252,20 @@ def _decide(
     default: ConventionT | None,
     guess: ConventionGuess,
 ) -> ConventionT:
-    told = getattr(source_map.conventions, topic)
+    chosen = getattr(source_map.conventions, topic)
     declared = _declared_value(source_map, property, enum_type)
-    if told is not None:
-        otherwise = f" would be {guess.value.value}" if guess.value is not None else ""
-        value, evidence = told, f"the user says so; by evidence it{otherwise or ' is open'} ({guess.evidence})"
+    if chosen is not None:
+        otherwise = f" indicates {guess.value.value}" if guess.value is not None else ""
+        value, evidence = (
+            chosen,
+            f"chosen by the user; the evidence{otherwise or ' is inconclusive'} ({guess.evidence})",
+        )
     elif declared is not None:
-        value, evidence = declared, f"the map says so by {property}"
+        value, evidence = declared, f"declared in the map by {property}"
     elif guess.value is not None:
         value, evidence = enum_type(guess.value.value), guess.evidence
     else:
-        value, evidence = default, f"usual in this dialect; {guess.evidence}"
+        value, evidence = default, f"the default of this dialect; {guess.evidence}"
     assert isinstance(value, enum_type)
     source_map.record_assumption(topic, str(value.value), evidence)
     return value
@@ -284,19 +278,21 @@ def _declared_value(source_map: SourceMap, property: Iri, enum_type: type[Conven
             text = literal_text(fact.value)
             if text is not None and text.strip().lower() in names:
                 return names[text.strip().lower()]
-            what = f"{text if text is not None else 'its value'!r} is not one of {', '.join(names)}"
-            source_map.report(Severity.WARNING, source_map.map, property, what, "it is decided by evidence")
+            problem = f"{text if text is not None else 'its value'!r} is not one of {', '.join(names)}"
+            source_map.report(
+                Severity.WARNING, source_map.map, property, problem, "it is ignored, and evidence decides"
+            )
     return None
 
 
 def _guess_handedness(units: LengthUnit, evidence: ConventionEvidence) -> ConventionGuess:
-    """Handedness cannot be seen in a mirror: a mirrored kitchen is a kitchen. What wrote the map gives it away."""
+    """Guesses handedness from the unit, which the logger decides too: a mirrored map would be equally plausible."""
     levels = evidence.height_range(units)
     if units is LengthUnit.CENTIMETERS:
-        why = "centimetres are what Unreal counts in, and a logger that converts axes converts lengths as well"
+        why = "Unreal uses centimeters, and a logger that converts axes converts lengths as well"
         return ConventionGuess(Handedness.UNREAL, f"{why}; z is up: {levels}")
     return ConventionGuess(
-        Handedness.ROS, f"whoever converts lengths to {units.value} converts axes as well; z is up: {levels}"
+        Handedness.ROS, f"a logger that converts lengths to {units.value} converts axes as well; z is up: {levels}"
     )
 
 
@@ -304,6 +300,6 @@ def _report_contradiction(
     source_map: SourceMap, topic: str, property: Iri, chosen: Enum, guess: ConventionGuess
 ) -> None:
     assert guess.value is not None
-    what = f"its numbers look like {guess.value.value}: {guess.evidence}"
-    did = f"they are read as {chosen.value}; --{topic} {guess.value.value} would change that"
-    source_map.report(Severity.WARNING, source_map.map, property, what, did)
+    problem = f"its numbers indicate {guess.value.value}: {guess.evidence}"
+    action = f"they are read as {chosen.value}; --{topic} {guess.value.value} would change that"
+    source_map.report(Severity.WARNING, source_map.map, property, problem, action)

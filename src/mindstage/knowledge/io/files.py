@@ -1,10 +1,7 @@
-"""Files: from a path to bytes that are safe to parse, and an error with line and cause where that fails.
+"""Input files of a knowledge base: encoding, format detection, safety checks, repair, and the bundled files.
 
-A file that is wrong only in ways that SWI-Prolog forgives is repaired (see `xml_repair`), and tells what was done.
-
-The files that come with Mindstage: a household ontology and a furnished kitchen.
-
-Sources: what was read from one place, as statements in the store and, where a world is made of it, as exact text.
+`read_file` returns bytes that are safe to parse, or raises an error with line and cause. XML errors that SWI-Prolog
+tolerates are repaired (see `repair_xml`) and reported. A `Source` is one loaded file or endpoint graph.
 """
 
 from __future__ import annotations
@@ -48,36 +45,13 @@ __all__ = [
 
 
 BUNDLED_KITCHEN = "bundled:kitchen"
-"""The name under which `KnowledgeBase.load` and every command of the shell take the bundled kitchen."""
-
-
-def map_path(name: str | os.PathLike[str]) -> str:
-    """The path of a map: that of the bundled kitchen for its name, any other as it is."""
-    path = os.fspath(name)
-    return os.fspath(bundled_kitchen()) if path == BUNDLED_KITCHEN else path
-
-
-def bundled_kitchen() -> Path:
-    """A kitchen to play with: a map of dialect 1."""
-    return _bundled_path("kitchen.owl")
-
-
-def bundled_ontology() -> Path:
-    """What a household holds, as classes that maps and questions share; every `KnowledgeBase` knows it unless told."""
-    return _bundled_path("household.ttl")
-
-
-def _bundled_path(name: str) -> Path:
-    # Wheels are always unpacked, so that a resource of ours is a file.
-    return Path(__file__).parents[1] / "bundled" / name
+"""Name under which `KnowledgeBase.load` and all commands of the CLI accept the bundled kitchen."""
 
 
 RDF_XML, TURTLE, N_TRIPLES = ox.RdfFormat.RDF_XML, ox.RdfFormat.TURTLE, ox.RdfFormat.N_TRIPLES
 SUFFIXES = {".owl": RDF_XML, ".rdf": RDF_XML, ".xml": RDF_XML, ".ttl": TURTLE, ".nt": N_TRIPLES}
-
 MAX_REPORTED_REPAIRS = 100
-"""More repairs of one file than this are counted, but not told one by one."""
-
+"""Maximum number of repairs of one file that are reported individually; others are counted."""
 _BOMS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 _DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z][\w.-]*)["']""")
 _WIDE_ENCODINGS = re.compile(r"utf-?(16|32)|ucs-?[24]", re.IGNORECASE)
@@ -88,34 +62,61 @@ _TURTLE_START = re.compile(rb"(?:\s|#[^\n]*\n)*(?:@prefix|@base|PREFIX|BASE)\s",
 _STATEMENT_START = re.compile(rb"(?:\s|#[^\n]*\n)*(?:<[^<>\"{}|^`\\\s]+>|_:\S+)\s+(?:<[^<>\"{}|^`\\\s]+>|a)\s")
 
 
+def map_path(name: str | os.PathLike[str]) -> str:
+    """Returns the path of a map; the name of the bundled kitchen is replaced by its path."""
+    path = os.fspath(name)
+    return os.fspath(bundled_kitchen()) if path == BUNDLED_KITCHEN else path
+
+
+def bundled_kitchen() -> Path:
+    """Returns the path of the bundled kitchen, a map of dialect 1."""
+    return _bundled_path("kitchen.owl")
+
+
+def bundled_ontology() -> Path:
+    """Returns the path of the bundled household ontology, which every `KnowledgeBase` loads by default."""
+    return _bundled_path("household.ttl")
+
+
+def _bundled_path(name: str) -> Path:
+    # Wheels are always unpacked, so package data are files.
+    return Path(__file__).parents[1] / "bundled" / name
+
+
 @dataclass(frozen=True, slots=True)
 class SourceFile:
-    """A file that parses, or is said to be `parse_error` by whoever finds that it does not."""
+    """The contents of a file in UTF-8; whether it parses is not known until it is parsed."""
 
     path: Path
     data: bytes
-    """UTF-8."""
+    """Contents, in UTF-8."""
     format: ox.RdfFormat
     repairs: tuple[XmlRepair, ...] = ()
-    """What was changed in it so that it can be parsed."""
+    """Changes that were made to the contents so that they parse."""
 
     @property
     def iri(self) -> str:
-        """What relative names in it are relative to, and what its graph is called."""
+        """Base IRI of the file, and the name of its graph."""
         return self.path.as_uri()
 
     def findings(self) -> list[Finding]:
-        """What is to be told about its repairs."""
-        told = [self._finding(f"line {line}: {what}", did) for line, what, did in self.repairs[:MAX_REPORTED_REPAIRS]]
-        if more := len(self.repairs) - len(told):
-            told.append(self._finding(f"{more:,} more places like these", "they are read alike"))
-        return told
+        """Returns the findings about its repairs."""
+        findings = [
+            self._finding(f"line {line}: {problem}", action)
+            for line, problem, action in self.repairs[:MAX_REPORTED_REPAIRS]
+        ]
+        if more := len(self.repairs) - len(findings):
+            findings.append(self._finding(f"{more:,} more places like these", "they are read in the same way"))
+        return findings
 
     def repair(self, error: SyntaxError) -> SourceFile:
-        """The file as SWI-Prolog would read it, after the parser gave up on it as it stands.
+        """Returns the file repaired as SWI-Prolog would read it.
+
+        Args:
+            error: the parser's error about the file as it is.
 
         Raises:
-            SourceParseError: there is no way to read it.
+            SourceParseError: it cannot be repaired.
         """
         is_rdf = RDF.encode() in self.data or _LATE_START.search(self.data)
         if self.format != RDF_XML or not is_rdf:
@@ -123,7 +124,7 @@ class SourceFile:
         return _repair(self)
 
     def parse_error(self, error: SyntaxError) -> SourceParseError:
-        """What is to be said where the parser gave up on this file."""
+        """Converts a parser's error about this file to a `SourceParseError` with line and cause."""
         if self.format == RDF_XML:
             return _xml_error(self, str(error))
         return SourceParseError(str(self.path), cause=_without_position(str(error)), line=error.lineno)
@@ -133,17 +134,17 @@ class SourceFile:
 
 
 def read_file(path: Path) -> SourceFile:
-    """Reads a file and makes sure that parsing it is harmless; whether it parses shows only then.
+    """Reads a file and checks that it is safe to parse.
 
     Raises:
-        SourceParseError: it is missing, of no known format, cut off, or dangerous.
+        SourceParseError: it does not exist, is truncated or unsafe, or its format is unknown.
     """
     try:
         data = path.read_bytes()
     except FileNotFoundError as error:
         raise SourceParseError(str(path), cause="there is no such file") from error
     except IsADirectoryError as error:
-        cause = "it is a folder; name the map's file in it, or give a folder of ROS packages as an ontology"
+        cause = "it is a folder; give the map file in it, or give a folder of ROS packages as an ontology"
         raise SourceParseError(str(path), cause=cause) from error
     except OSError as error:
         raise SourceParseError(str(path), cause=error.strerror or str(error)) from error
@@ -153,7 +154,7 @@ def read_file(path: Path) -> SourceFile:
         return SourceFile(path, data, format, repairs)
     data, late = _strip_leading_text(data)
     if is_too_deep(data):
-        cause = f"its elements stand in one another more than {DEPTH_LIMIT:,} deep"
+        cause = f"its elements are nested more than {DEPTH_LIMIT:,} deep"
         raise SourceParseError(str(path), cause=cause)
     file = SourceFile(path, _make_safe(path, data), RDF_XML, (*repairs, *late))
     if has_conflicting_entities(file.data) or (not is_complete(file.data) and find_xml_error(file.data)):
@@ -161,11 +162,11 @@ def read_file(path: Path) -> SourceFile:
     return file
 
 
-# -- letters -----------------------------------------------------------------------------------------------------------
+# -- encodings ---------------------------------------------------------------------------------------------------------
 
 
 def _as_utf8(data: bytes) -> tuple[bytes, tuple[XmlRepair, ...]]:
-    """The file in the one encoding that the parser takes, and what was wrong with its own."""
+    """Converts a file to UTF-8, and returns repairs of a wrong encoding."""
     mark = next((name for mark, name in _BOMS if data.startswith(mark)), None)
     declared = _DECLARED_ENCODING.match(data)
     encoding = mark or (declared[1].decode("ascii") if declared else "utf-8")
@@ -174,15 +175,15 @@ def _as_utf8(data: bytes) -> tuple[bytes, tuple[XmlRepair, ...]]:
         return (data, ()) if data.isascii() else _utf8_or_latin(data)
     try:
         if mark is None and _WIDE_ENCODINGS.match(encoding):
-            raise UnicodeError("a declaration that can be read as ASCII is in no encoding of wider letters")
+            raise UnicodeError("the declaration is readable as ASCII, so the file is not in a wide encoding")
         text = data.decode(encoding)
         repairs: tuple[XmlRepair, ...] = ()
     except (LookupError, UnicodeError):
         data, others = _utf8_or_latin(data)
         text = data.decode()
-        what = f"it names the encoding {encoding!r}, which it is not in"
-        repairs = (XmlRepair(1, what, "it is read as UTF-8"), *others)
-    # The declaration would now be wrong; UTF-8 is what XML takes where none is given.
+        problem = f"it declares the encoding {encoding!r}, but is not in that encoding"
+        repairs = (XmlRepair(1, problem, "it is read as UTF-8"), *others)
+    # The declaration would be wrong now, and UTF-8 is the default of XML.
     head, _, rest = text.partition("\n")
     return f"{_DECLARATION.sub('', head, count=1)}\n{rest}".encode("utf-8", "surrogatepass"), repairs
 
@@ -192,11 +193,11 @@ def _utf8_or_latin(data: bytes) -> tuple[bytes, tuple[XmlRepair, ...]]:
         data.decode()
     except UnicodeDecodeError as error:
         if b"\0" in data[:4096]:
-            return data.decode("utf-8", "replace").encode(), ()  # no text at all, as will be said
+            return data.decode("utf-8", "replace").encode(), ()  # binary; the parser reports it
         line = data.count(b"\n", 0, error.start) + 1
-        what = f"the byte {data[error.start]:#04x} is no UTF-8"
-        # In Windows' code page every byte but five is a letter, and ISO 8859-1 is a part of it.
-        repair = XmlRepair(line, what, "the file is read in Windows' code page 1252")
+        problem = f"the byte {data[error.start]:#04x} is not valid UTF-8"
+        # Code page 1252 contains ISO 8859-1 and defines all bytes but five.
+        repair = XmlRepair(line, problem, "the file is read as code page 1252")
         return data.decode("cp1252", "replace").encode(), (repair,)
     return data, ()
 
@@ -205,17 +206,17 @@ def _utf8_or_latin(data: bytes) -> tuple[bytes, tuple[XmlRepair, ...]]:
 
 
 def _format(path: Path, data: bytes) -> ox.RdfFormat:
-    told = SUFFIXES.get(path.suffix.lower())
+    suffix_format = SUFFIXES.get(path.suffix.lower())
     if _TURTLE_START.match(data):
-        return TURTLE  # Protégé calls its files .owl whatever is in them
-    if told is not None:
-        return told
+        return TURTLE  # Protégé uses .owl for every format
+    if suffix_format is not None:
+        return suffix_format
     if _XML_START.match(data):
         return RDF_XML
     if _STATEMENT_START.match(data):
-        return TURTLE  # N-Triples is a part of it
+        return TURTLE  # N-Triples is a subset of it
     known = ", ".join(SUFFIXES)
-    cause = f"neither its suffix {path.suffix!r} nor its beginning tell a format; known are {known}"
+    cause = f"neither its suffix {path.suffix!r} nor its contents indicate a format; known suffixes: {known}"
     raise SourceParseError(str(path), cause=cause)
 
 
@@ -230,10 +231,10 @@ def _make_safe(path: Path, data: bytes) -> bytes:
 
 
 def _strip_leading_text(data: bytes) -> tuple[bytes, tuple[XmlRepair, ...]]:
-    """The document without what stands before it, but for line breaks."""
+    """Removes text before the document, keeping line breaks."""
     start = data.lstrip()
     if start.startswith((b"<?xml", b"<!", b"<")):
-        # Blanks before a declaration are forbidden, and the only thing that ever comes of that is an error.
+        # XML forbids white space before the declaration; the parser reports it.
         return data, ()
     found = _LATE_START.search(data)
     if found is None:
@@ -241,7 +242,7 @@ def _strip_leading_text(data: bytes) -> tuple[bytes, tuple[XmlRepair, ...]]:
     before = data[: found.start()]
     shown = " ".join(before.decode("utf-8", "replace").split())[:40]
     line = data.count(b"\n", 0, len(data) - len(start)) + 1
-    repair = XmlRepair(line, f"the text {shown!r} stands before the document", "it is ignored")
+    repair = XmlRepair(line, f"there is text before the document: {shown!r}", "it is ignored")
     return b"\n" * before.count(b"\n") + data[found.start() :], (repair,)
 
 
@@ -250,7 +251,7 @@ def _repair(file: SourceFile) -> SourceFile:
     try:
         text, repairs = repair_xml(file.data.decode("utf-8", "surrogatepass"))
     except XmlNotRepairable as error:
-        # What a strict parser stumbled over first may be one of the things that could have been repaired.
+        # The strict parser's first error may be one that can be repaired.
         first = None if error.is_truncated else find_xml_error(file.data)
         cause, line = first or (error.cause, error.line)
         raise SourceParseError(path, cause=cause, line=line) from error
@@ -264,7 +265,7 @@ def _xml_error(file: SourceFile, cause: str) -> SourceParseError:
     root = first_tag(file.data)
     name = root[1].decode("utf-8", "replace") if root else ""
     if "XML namespaces are required" in cause and root and not name.endswith("RDF"):
-        hint = "OWL/XML; save it as RDF/XML or Turtle" if name == "Ontology" else "some other XML"
+        hint = "OWL/XML; save it as RDF/XML or Turtle" if name == "Ontology" else "another XML format"
         line = file.data.count(b"\n", 0, root.start()) + 1
         cause = f"its root element is <{name}>: not RDF/XML but {hint}"
         return SourceParseError(str(file.path), cause=cause, line=line)
@@ -272,7 +273,7 @@ def _xml_error(file: SourceFile, cause: str) -> SourceParseError:
 
 
 class _LineReader(io.BytesIO):
-    """Hands out one line at a time, so that the parser's stop tells the line."""
+    """Returns one line per read, so that `line` is the line of a parser's error."""
 
     line = 0
 
@@ -298,52 +299,52 @@ def _without_position(message: str) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Source:
-    """One file, or one graph of an endpoint."""
+    """A loaded file, or a graph of a SPARQL endpoint."""
 
     name: str
-    """Its path, or the graph's name."""
+    """Path of the file, or IRI of the graph."""
     graph: ox.NamedNode | ox.DefaultGraph
     store: QuadSource
     load_text: Callable[[], SourceFile]
-    """Gives its text, which may have to be fetched from where it is kept."""
+    """Returns the text, which may be read from a store folder."""
     is_map: bool
-    """Whether it was named as a map, and not only imported or given as an ontology."""
+    """Whether it was given as a map, not as an ontology or by an import."""
     is_explicit: bool
-    """Whether it was named at all, and not only imported."""
+    """Whether it was given by the user, not by an import."""
 
     @property
     def path(self) -> Path:
-        """Where it lies, if it is a file."""
+        """Path of the file; meaningless for a graph of an endpoint."""
         return Path(self.name)
 
     def quads(self) -> Iterator[ox.Quad]:
-        """What it says, to the letter: the store itself writes numbers its own way."""
+        """Yields its statements with literals as written: the store normalizes numbers."""
         file = self.load_text()
         base = self.graph.value if isinstance(self.graph, ox.NamedNode) else None
         return ox.parse(file.data, file.format, base_iri=base)
 
     def imported_iris(self) -> list[str]:
-        """What it names as its imports, in one order."""
+        """Returns the IRIs that it imports, sorted."""
         return sorted(
             quad.object.value for quad in self._quads_with_predicate(IMPORTS) if isinstance(quad.object, ox.NamedNode)
         )
 
     def maps(self) -> frozenset[Iri]:
-        """The maps that it tells of, or of something in them; a label stands for one without a name."""
+        """Returns the maps that it describes or has members of; an unnamed map is given by its blank node label."""
         nodes: set[object] = {quad.subject for quad in self._quads_with_predicate(TYPE, SEMANTIC_MAP)}
         nodes.update(quad.object for quad in self._quads_with_predicate(DESCRIBED_IN_MAP))
         named = {Iri(node.value) for node in nodes if isinstance(node, ox.NamedNode)}
         return frozenset(named | {Iri(f"_:{node.value}") for node in nodes if isinstance(node, ox.BlankNode)})
 
     def has_maps(self) -> bool:
-        """Whether it tells of a map or of something in one."""
+        """Whether it describes a map or a member of one."""
         return any(True for _ in self._quads_with_predicate(DESCRIBED_IN_MAP)) or any(
             True for _ in self._quads_with_predicate(TYPE, SEMANTIC_MAP)
         )
 
     def has_class_sizes(self) -> bool:
-        """Whether it tells how large the things of some class are."""
-        return any(True for word in SIZE for _ in self._quads_with_predicate(ON_PROPERTY, word.property))
+        """Whether it gives sizes for all members of a class."""
+        return any(True for codec in SIZE for _ in self._quads_with_predicate(ON_PROPERTY, codec.property))
 
     def _quads_with_predicate(self, property: Iri, value: Iri | None = None) -> Iterator[ox.Quad]:
         node: ObjectNode | None = None if value is None else ox.NamedNode(value)

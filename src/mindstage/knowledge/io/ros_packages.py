@@ -1,4 +1,4 @@
-"""Packages: where the files are that imports name."""
+"""Resolution of `package://` and `file:` IRIs to files."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ _SCHEME = "package://"
 
 
 class RosPackagePath:
-    """Folders that hold ROS packages, searched in the order that they were given."""
+    """Folders that contain ROS packages, searched in the given order."""
 
     def __init__(self, folders: Iterable[Path] = ()) -> None:
         self.folders = tuple(dict.fromkeys(folder.resolve() for folder in folders))
         self._cache: dict[str, Path | None] = {}
 
     def find(self, iri: str) -> Path | None:
-        """The file that `package://NAME/rest` names, or None where no folder has it.
+        """Returns the file of a `package://NAME/path` IRI, or None if no folder contains it.
 
-        A package lies directly in one of the folders, or up to two levels deeper, or the folder is the package.
+        A package is one of the folders, or lies in one of them, at most two levels deeper.
 
         Raises:
-            ValueError: the name leads out of its package.
+            ValueError: the path is outside of the package.
         """
         if iri not in self._cache:
             self._cache[iri] = self._search_file(iri)
         return self._cache[iri]
 
     def package_folder(self, name: str) -> Path | None:
-        """The folder of a package, or None where no folder has one of that name."""
+        """Returns the folder of a package, or None if no folder contains a package of that name."""
         if not name or name == ".." or "/" in name:
             return None
-        homes = (home for folder in self.folders for home in _package_folders(folder, name))
-        return next((home for home in homes if home.is_dir()), None)
+        candidates = (each for folder in self.folders for each in _package_folders(folder, name))
+        return next((each for each in candidates if each.is_dir()), None)
 
     def _search_file(self, iri: str) -> Path | None:
         name, *rest = PurePosixPath(unquote(iri.removeprefix(_SCHEME))).parts or ("",)
         if name in {"", "/", ".."} or ".." in rest or not rest:
-            raise ValueError("it leads out of every package")
+            raise ValueError("its path is outside of every package")
         for folder in self.folders:
             for package in _package_folders(folder, name):
                 path = package.joinpath(*rest)
@@ -59,11 +59,11 @@ def _package_folders(folder: Path, name: str) -> Iterator[Path]:
 
 
 def file_from_iri(iri: str, importer: Path) -> Path | None:
-    """The file that a `file:` IRI names, relative to whoever imports it; None for files of other machines, or none."""
+    """Returns the path of a `file:` IRI relative to the importing file; None for other hosts and invalid paths."""
     try:
         parts = urlsplit(iri)
         if parts.netloc not in {"", "localhost"}:
             return None
         return (importer.parent / unquote(parts.path)).resolve()
     except (OSError, RuntimeError, ValueError):
-        return None  # no path has such letters, or its links lead round in a circle
+        return None  # invalid characters, or a loop of symbolic links

@@ -1,6 +1,7 @@
-"""RDF/XML in the community's layout: entities for namespaces, a comment for each individual, one statement a line.
+"""Serialization of statements to RDF/XML, in KnowRob's layout, and to Turtle.
 
-Turtle: the same statements for people to read, and for everything that XML has no way to write.
+The RDF/XML has an entity for each namespace, a comment for each individual and one statement per line. Turtle can
+represent everything, RDF/XML neither all characters nor all property names.
 """
 
 from __future__ import annotations
@@ -21,8 +22,17 @@ _ESCAPES = {code: f"\\u{code:04X}" for code in (*range(0x20), 0x7F)}
 _ESCAPES |= {ord('"'): '\\"', ord("\\"): "\\\\", ord("\n"): "\\n", ord("\r"): "\\r", ord("\t"): "\\t"}
 
 
+_REMEDY = "write Turtle (.ttl), which can represent it"
+_RESERVED = frozenset(
+    RDF + name
+    for name in ("RDF", "Description", "ID", "about", "parseType", "resource", "nodeID", "datatype", "li", "aboutEach")
+) | {RDF + "bagID", RDF + "aboutEachPrefix"}
+_TEXT = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", "\r": "&#13;"})
+_ATTRIBUTE = str.maketrans({"&": "&amp;", "<": "&lt;", '"': "&quot;"})
+
+
 def to_turtle(sections: Sequence[DocumentSection], prefix_table: PrefixTable) -> str:
-    """Statements as Turtle."""
+    """Serializes statements as Turtle."""
     return "".join(_TurtleSerializer(prefix_table).lines(sections))
 
 
@@ -82,20 +92,11 @@ class _TurtleSerializer:
         return name
 
 
-_REMEDY = "Turtle (.ttl) has a way to write it"
-_RESERVED = frozenset(
-    RDF + name
-    for name in ("RDF", "Description", "ID", "about", "parseType", "resource", "nodeID", "datatype", "li", "aboutEach")
-) | {RDF + "bagID", RDF + "aboutEachPrefix"}
-_TEXT = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", "\r": "&#13;"})
-_ATTRIBUTE = str.maketrans({"&": "&amp;", "<": "&lt;", '"': "&quot;"})
-
-
 def to_rdf_xml(sections: Sequence[DocumentSection], prefix_table: PrefixTable) -> str:
-    """Statements as RDF/XML.
+    """Serializes statements as RDF/XML.
 
     Raises:
-        MapWriteError: a property has no XML name, or a text holds letters that XML forbids.
+        MapWriteError: a property has no XML name, or a text contains a character that XML forbids.
     """
     return "".join(_RdfXmlSerializer(prefix_table).lines(sections))
 
@@ -135,9 +136,9 @@ class _RdfXmlSerializer:
         yield from self._node(block.subject, block.facts, about, "\t")
 
     def _node(self, subject: Iri, facts: Sequence[PropertyAssertion], about: str, indent: str) -> Iterator[str]:
-        kind = next((at for at, fact in enumerate(facts) if _is_typed_element(fact)), None)
-        element = "rdf:Description" if kind is None else self._element_of(facts[kind])
-        rest = [fact for at, fact in enumerate(facts) if at != kind]
+        type_index = next((at for at, fact in enumerate(facts) if _is_typed_element(fact)), None)
+        element = "rdf:Description" if type_index is None else self._element_of(facts[type_index])
+        rest = [fact for at, fact in enumerate(facts) if at != type_index]
         if not rest:
             yield f"{indent}<{element}{about}/>\n"
             return
@@ -156,9 +157,10 @@ class _RdfXmlSerializer:
                 yield f'{indent}<{element} rdf:resource="{self._iri(value.iri)}"/>\n'
         elif isinstance(value, Literal):
             if illegal := find_forbidden_character(value.text):
-                cause = f"the text of {fact.property} holds the letter U+{ord(illegal[0]):04X}, which XML forbids"
+                cause = f"the text of {fact.property} contains the character U+{ord(illegal[0]):04X}, which XML forbids"
                 raise MapWriteError(subject, cause=cause, remedy=_REMEDY)
-            yield f"{indent}<{element}{self._literal_attribute(fact.property, value)}>{value.text.translate(_TEXT)}</{element}>\n"
+            attribute = self._literal_attribute(fact.property, value)
+            yield f"{indent}<{element}{attribute}>{value.text.translate(_TEXT)}</{element}>\n"
         else:
             yield f"{indent}<{element}>\n"
             yield from self._node(subject, value.facts, "", indent + "\t")
@@ -169,7 +171,7 @@ class _RdfXmlSerializer:
             return f' xml:lang="{literal.language}"'
         if literal.datatype:
             return f' rdf:datatype="{self._iri(literal.datatype)}"'
-        # The community says of its own texts that they are texts; everywhere else that is needless.
+        # KnowRob's files give the datatype of their strings explicitly; it is redundant elsewhere.
         return ' rdf:datatype="&xsd;string"' if property.startswith(KNOWROB) else ""
 
     def _element_of(self, fact: PropertyAssertion) -> str:
@@ -196,7 +198,7 @@ class _RdfXmlSerializer:
 
 
 def _is_typed_element(fact: PropertyAssertion) -> bool:
-    """Whether it says a class in OWL's or RDFS's own words, which then is the element's name."""
+    """Whether the statement gives a class of OWL or RDFS, which is written as the element's name."""
     return (
         fact.property == TYPE
         and isinstance(fact.value, IriRef)

@@ -1,12 +1,9 @@
-"""The library: every source of a knowledge base, wherever it is kept, and what each says to the letter.
+"""Sources of a knowledge base: loading of files and their imports, from memory, a store folder or an endpoint.
 
-Intake: what a file says beyond its letters is written at its end, before anything else reads it.
-
-The dialects of KnowRob 1 and 2 leave it to be understood who lives in which map (see `residence`), and some maps leave
-places and joints to a robot's description. It is added to the text once, here, so that the store, the exact text and
-whatever is made of them say the same. A description that is given as a map is turned into one.
-
-Loading: files and all that they import go into a store, each as a graph of its own, or none of them does.
+Each file becomes a graph of the store. Statements that a dialect leaves implicit are appended to a map's text before it
+is stored: membership in a map (see `membership`), and poses and joints from robot descriptions. The store and the exact
+text therefore agree. A robot description given as a map is converted to one. Loading is atomic: if a file cannot be
+read, the store is unchanged.
 """
 
 from __future__ import annotations
@@ -55,42 +52,46 @@ __all__ = ["LoadTransaction", "SourceRegistry", "StrPath", "preprocess", "read_m
 
 
 _END_TAG = re.compile(rb"</([\w.-]+:)?RDF\s*>")
-_POSE_MARKERS = tuple(local_name(place).encode() for place in POSE_PROPERTIES)
+_POSE_MARKERS = tuple(local_name(property).encode() for property in POSE_PROPERTIES)
+
+
+StrPath = str | os.PathLike[str]
+_CHANGED_MESSAGE = "it has changed since it was stored"
 
 
 def read_map_file(path: Path, urdf_sources: UrdfSources) -> SourceFile:
-    """Reads a map's file, or a robot's description as a map.
+    """Reads a map file, or a robot description as a map.
 
     Raises:
-        SourceParseError: it is missing, of no known format, cut off, or dangerous.
+        SourceParseError: it does not exist, is truncated or unsafe, or its format is unknown.
     """
     return urdf_sources.urdf_as_map(path) if is_urdf(path) else preprocess(read_file(path), urdf_sources)
 
 
 def preprocess(file: SourceFile, urdf_sources: UrdfSources) -> SourceFile:
-    """The same file, and with it what follows about who lives where, and what robots' descriptions lend it.
+    """Appends inferred membership statements, and poses and joints from robot descriptions, to a map file.
 
-    A file that does not parse comes back as it is: whoever loads it says why.
+    A file that does not parse is returned unchanged; loading it reports the error.
     """
-    if not any(sign in file.data for sign in _POSE_MARKERS):
+    if not any(marker in file.data for marker in _POSE_MARKERS):
         return file
     try:
         quads = list(ox.parse(file.data, file.format, base_iri=file.iri))
         graph = graph_from_quads(quads, set())
     except (SyntaxError, ValueError, MemoryError):
         return file
-    more: Graph = inferred_membership(graph)
-    leans = any(True for _ in linked_individuals(graph))
-    if not more and not leans:
+    inferred: Graph = inferred_membership(graph)
+    has_links = any(True for _ in linked_individuals(graph))
+    if not inferred and not has_links:
         return file
-    if leans or any(subject.startswith("_:") for subject in more):
-        file, more = _as_n_triples(file, quads, more)
-    file = _append_statements(file, more)
-    return urdf_sources.add_linked_robots(file, with_inferred_membership(graph)) if leans else file
+    if has_links or any(subject.startswith("_:") for subject in inferred):
+        file, inferred = _as_n_triples(file, quads, inferred)
+    file = _append_statements(file, inferred)
+    return urdf_sources.add_linked_robots(file, with_inferred_membership(graph)) if has_links else file
 
 
 def _append_statements(file: SourceFile, added: Graph) -> SourceFile:
-    """The file with further statements at its end."""
+    """Appends statements to a file."""
     if file.format != ox.RdfFormat.RDF_XML:
         return replace(file, data=file.data + b"\n" + "".join(_to_n_triples(added)).encode())
     end = max((tag.start() for tag in _END_TAG.finditer(file.data)), default=len(file.data))
@@ -98,17 +99,17 @@ def _append_statements(file: SourceFile, added: Graph) -> SourceFile:
 
 
 def _as_n_triples(file: SourceFile, quads: Sequence[ox.Quad], added: Graph) -> tuple[SourceFile, Graph]:
-    """The file as triples, in which things without a name have labels that do not change from time to time.
+    """Converts a file to N-Triples, with a stable label for each blank node that statements are added to.
 
-    RDF/XML and Turtle may give such a thing not even a label, so there nothing more can be said of it.
+    A blank node of RDF/XML or Turtle may have no label, so statements about it cannot be appended.
     """
-    free = (label for number in count(1) if (label := f"_:unnamed{number}").encode() not in file.data)
-    labels: Mapping[Iri, Iri] = {subject: Iri(next(free)) for subject in added if subject.startswith("_:")}
+    unused = (label for number in count(1) if (label := f"_:unnamed{number}").encode() not in file.data)
+    labels: Mapping[Iri, Iri] = {subject: Iri(next(unused)) for subject in added if subject.startswith("_:")}
     data = ox.serialize((quad.triple for quad in quads), format=ox.RdfFormat.N_TRIPLES) or b""
     for subject, label in labels.items():
         data = data.replace(f"{subject} ".encode(), f"{label} ".encode())
-    told = {labels.get(subject, subject): facts for subject, facts in added.items()}
-    return replace(file, data=data, format=ox.RdfFormat.N_TRIPLES), told
+    relabeled = {labels.get(subject, subject): facts for subject, facts in added.items()}
+    return replace(file, data=data, format=ox.RdfFormat.N_TRIPLES), relabeled
 
 
 def _to_n_triples(added: Graph) -> list[str]:
@@ -121,7 +122,7 @@ def _to_n_triples(added: Graph) -> list[str]:
 
 
 def _to_rdf_xml(added: Graph) -> list[str]:
-    from xml.sax.saxutils import quoteattr  # it loads urllib and with it ssl and email
+    from xml.sax.saxutils import quoteattr  # imports urllib, ssl and email
 
     return [
         f"<rdf:Description xmlns:rdf={quoteattr(RDF)} rdf:about={quoteattr(subject)}>"
@@ -139,18 +140,18 @@ def _keep_in_memory(file: SourceFile) -> Callable[[], SourceFile]:
 
 @dataclass(slots=True)
 class LoadTransaction:
-    """One call to load, which either leads somewhere or leaves no trace."""
+    """One atomic call of load: if it fails, the store is unchanged."""
 
     store: TripleStore
     packages: RosPackagePath
     sources: dict[Path, Source]
-    """All that is loaded, by resolved path; new ones join at the end. It is of no use after a failure."""
+    """All loaded sources by resolved path; new ones are appended. Invalid after a failure."""
     store_text: Callable[[SourceFile], Callable[[], SourceFile]] = _keep_in_memory
-    """Keeps a text, and says how to get it back."""
+    """Stores a text and returns a function that reads it."""
     urdf_paths: Iterable[Path] = ()
-    """Of robots, whose links maps may name."""
+    """Robot descriptions whose links maps may refer to."""
     follow_imports: bool = True
-    """Whether imports may name files that are not loaded yet."""
+    """Whether imported files that are not loaded yet are loaded."""
     findings: list[Finding] = field(default_factory=list)
     assumptions: list[Assumption] = field(default_factory=list)
     _unresolved_imports: list[tuple[Source, str]] = field(default_factory=list)
@@ -159,15 +160,15 @@ class LoadTransaction:
         """Loads files and everything that they import, each once.
 
         Raises:
-            SourceParseError: one of the files cannot be read; the store is as it was.
+            SourceParseError: one of the files cannot be read; the store is unchanged.
         """
         self._run([*((path, True, True) for path in maps), *((path, False, True) for path in ontologies)])
 
     def reload(self, sources: Iterable[Source]) -> None:
-        """Loads what was loaded once and taken out since.
+        """Loads sources that were loaded before and removed since.
 
         Raises:
-            SourceParseError: one of the files cannot be read; the store is as it was.
+            SourceParseError: one of the files cannot be read; the store is unchanged.
         """
         self._run([(source.path, source.is_map, source.is_explicit) for source in sources])
 
@@ -175,13 +176,13 @@ class LoadTransaction:
         before = self.sources.keys() | set()
         try:
             robots = self._load_urdfs()
-            requested = [(path.resolve(), asked_for, given) for path, asked_for, given in requested]
-            # A link is what its name says only where the classes are known, so robots come after the ontologies.
-            late = [each for each in requested if each[1] and (robots.urdf_robots or is_urdf(each[0]))]
-            for wave in ([each for each in requested if each not in late], late):
+            requested = [(path.resolve(), is_map, is_explicit) for path, is_map, is_explicit in requested]
+            # The class of a link depends on the known classes, so robot descriptions are loaded after the ontologies.
+            maps = [each for each in requested if each[1] and (robots.urdf_robots or is_urdf(each[0]))]
+            for batch in ([each for each in requested if each not in maps], maps):
                 known = self.sources.keys() | set()
-                for path, asked_for, given in wave:
-                    self._load(path, robots, is_map=asked_for, is_explicit=given)
+                for path, is_map, is_explicit in batch:
+                    self._load(path, robots, is_map=is_map, is_explicit=is_explicit)
                 self._follow_imports(known)
             self.findings += robots.findings
             self.assumptions += robots.assumptions
@@ -193,7 +194,7 @@ class LoadTransaction:
         for importer, iri in self._unresolved_imports:
             if iri in missing:
                 self._report_missing_import(
-                    importer, iri, "which is not among the sources and in none of the given folders of packages"
+                    importer, iri, "which is not among the sources nor in any of the given package folders"
                 )
 
     def _load_urdfs(self) -> UrdfSources:
@@ -232,23 +233,23 @@ class LoadTransaction:
         try:
             self.store.load(file.data, file.format, base_iri=file.iri, to_graph=graph)
         except MemoryError as error:
-            cause = "it, or a single text in it, is too long to be held in memory"
+            cause = "it, or a single literal in it, is too long to be held in memory"
             raise SourceParseError(str(file.path), cause=cause) from error
 
     def unreferenced(self) -> set[Path]:
-        """Those that nobody gave and no other one imports any more."""
+        """Returns the sources that were not given by the user and are not imported any more."""
         needed = [path for path, source in self.sources.items() if source.is_explicit]
         for path in needed:
-            found = (self._resolve_import(self.sources[path], iri) for iri in self.sources[path].imported_iris())
-            needed += [path for path in found if path in self.sources and path not in needed]
+            imported = (self._resolve_import(self.sources[path], iri) for iri in self.sources[path].imported_iris())
+            needed += [path for path in imported if path in self.sources and path not in needed]
         return self.sources.keys() - set(needed)
 
     # -- imports -------------------------------------------------------------------------------------------------------
 
     def _follow_imports(self, loaded: Collection[Path]) -> None:
-        waiting = [source for path, source in self.sources.items() if path not in loaded]
-        while waiting:
-            importer = waiting.pop(0)
+        queue = [source for path, source in self.sources.items() if path not in loaded]
+        while queue:
+            importer = queue.pop(0)
             for iri in importer.imported_iris():
                 path = self._resolve_import(importer, iri)
                 if path is None or path in self.sources:
@@ -258,10 +259,10 @@ class LoadTransaction:
                 except SourceParseError as error:
                     self._report_missing_import(importer, iri, str(error), Severity.ERROR)
                 else:
-                    waiting.append(self.sources[path])
+                    queue.append(self.sources[path])
 
     def _resolve_import(self, importer: Source, iri: str) -> Path | None:
-        """The file that an import names. Nothing is ever fetched: other schemes must be met by what is here."""
+        """Returns the file that an import refers to, or None; nothing is ever downloaded."""
         path: Path | None = None
         if iri.startswith("package:"):
             try:
@@ -272,13 +273,13 @@ class LoadTransaction:
         elif iri.startswith("file:"):
             path = file_from_iri(iri, importer.path)
             if path is not None and path not in self.sources and path.suffix.lower() not in SUFFIXES:
-                what = f"but the suffix {path.suffix!r} is that of no format that can be read"
-                self._report_missing_import(importer, iri, what, Severity.ERROR)
+                problem = f"but its suffix {path.suffix!r} is not that of a known format"
+                self._report_missing_import(importer, iri, problem, Severity.ERROR)
                 return None
         if path is not None and path in self.sources:
             return path
         if path is not None and not self.follow_imports:
-            self._report_missing_import(importer, iri, "but imports of it are not followed", Severity.ERROR)
+            self._report_missing_import(importer, iri, "but its imports are not followed", Severity.ERROR)
             return None
         if path is not None and path.is_file():
             return path
@@ -286,7 +287,7 @@ class LoadTransaction:
         return None
 
     def _not_loaded(self, iris: Collection[str]) -> set[str]:
-        """Those imports that are not here under another name either: that of an ontology, or the end of a path."""
+        """Returns the imports that do not match an ontology IRI, a version IRI or the end of a path either."""
         if not iris:
             return set()
         paths = [path.as_posix() for path in self.sources]
@@ -308,28 +309,23 @@ class LoadTransaction:
     def _report_missing_import(
         self, importer: Source, iri: str, reason: str, severity: Severity = Severity.WARNING
     ) -> None:
-        what, did = f"it imports {iri}, {reason}", "went on without it"
-        self.findings.append(Finding(severity, importer.name, IMPORTS, what, did))
+        problem, action = f"it imports {iri}, {reason}", "it is skipped"
+        self.findings.append(Finding(severity, importer.name, IMPORTS, problem, action))
 
 
 def _without_trailing_separator(iri: str) -> str:
-    """Ontologies are imported with and without the mark that their names are split at."""
+    """Removes the trailing separator of a namespace, which imports of an ontology may or may not have."""
     return iri.rstrip("#/")
 
 
-StrPath = str | os.PathLike[str]
-
-_CHANGED_MESSAGE = "it has changed since it was stored"
-
-
 class SourceRegistry:
-    """All sources, in memory, in a folder, or with more of them at an endpoint."""
+    """All sources of a knowledge base, in memory or in a store folder, and optionally at a SPARQL endpoint."""
 
     def __init__(self, *, folder: StrPath | None = None, endpoint: SparqlEndpoint | None = None) -> None:
-        """Opens it; a folder's sources that have changed since are read anew.
+        """Opens the sources; those of a store folder that have changed since are reloaded.
 
         Raises:
-            StoreError: the folder cannot be used, for the reason it gives.
+            StoreError: the store folder cannot be used.
         """
         self._directory = None if folder is None else StoreDirectory(Path(folder).absolute())
         self._endpoint = None if endpoint is None else SparqlEndpointStore(endpoint)
@@ -338,7 +334,7 @@ class SourceRegistry:
         self.findings: dict[Finding, None] = {}
         self.conventions: dict[Path, UnitConventions] = {}
         self.assumptions: list[Assumption] = []
-        """What was decided about robots' descriptions."""
+        """Assumptions about robot descriptions."""
         self._loading_findings: dict[Finding, None] = {}
         self._urdf_paths: dict[Path, None] = {}
         self._package_path = RosPackagePath()
@@ -350,26 +346,26 @@ class SourceRegistry:
     # -- loading -------------------------------------------------------------------------------------------------------
 
     def open(self, *, bundled: bool) -> None:
-        """Brings in what the folder holds, or the bundled ontology.
+        """Loads the contents of the store folder, or else the bundled ontology.
 
         Raises:
-            StoreError: the folder was made with the bundled ontology, and shall do without.
+            StoreError: the store folder was created with the bundled ontology, and `bundled` is false.
         """
         if self._directory is None or self._directory.is_new:
             self._bundled = bundled_ontology() if bundled else None
             self.load([], [self._bundled] if self._bundled else [])
             return
-        told = self._directory.manifest
-        if told.bundled_ontology and not bundled:
+        manifest = self._directory.manifest
+        if manifest.bundled_ontology and not bundled:
             cause = "it was made with the bundled ontology"
-            raise StoreError(str(self._directory.path), cause=cause, remedy="make another one without it")
-        self._bundled = Path(told.bundled_ontology) if told.bundled_ontology else None
-        self._package_path = RosPackagePath(map(Path, told.packages))
-        self._urdf_paths = dict.fromkeys(map(Path, told.urdf_files))
+            raise StoreError(str(self._directory.path), cause=cause, remedy="create another one without it")
+        self._bundled = Path(manifest.bundled_ontology) if manifest.bundled_ontology else None
+        self._package_path = RosPackagePath(map(Path, manifest.packages))
+        self._urdf_paths = dict.fromkeys(map(Path, manifest.urdf_files))
         self.sources = self._directory.sources()
-        self.conventions = {Path(path): each for path, each in told.conventions.items()}
-        self.assumptions = list(told.assumptions)
-        self._loading_findings = dict.fromkeys(told.findings)
+        self.conventions = {Path(path): each for path, each in manifest.conventions.items()}
+        self.assumptions = list(manifest.assumptions)
+        self._loading_findings = dict.fromkeys(manifest.findings)
         self.findings.update(self._loading_findings)
         self._reload_changed(self._directory)
 
@@ -381,11 +377,11 @@ class SourceRegistry:
         urdf_files: Iterable[StrPath] = (),
         follow_imports: bool = True,
     ) -> list[ox.NamedNode]:
-        """Reads files and all that they import, and gives the graphs that are new.
+        """Loads files and everything that they import, and returns the graphs that are new.
 
         Raises:
-            SourceParseError: one of the files cannot be read, for the reason it gives; nothing has changed then.
-            StoreError: the folder can only be read.
+            SourceParseError: one of the files cannot be read; nothing has changed then.
+            StoreError: the store folder is read-only.
         """
         entries = [os.fspath(entry) for entry in ontologies]
         folders = [Path(entry) for entry in entries if not entry.startswith("package:") and Path(entry).is_dir()]
@@ -393,26 +389,26 @@ class SourceRegistry:
         files = [_resolve_entry(entry, packages) for entry in entries if Path(entry) not in folders]
         paths = [_resolve_entry(os.fspath(entry), packages) for entry in maps]
         new = {path.resolve() for path in (*paths, *files)} - self.sources.keys()
-        loading = self._new_transaction(packages, self.sources)
-        given = dict.fromkeys(_resolve_entry(os.fspath(entry), packages).resolve() for entry in urdf_files)
-        loading.urdf_paths = list(given)
-        loading.follow_imports = follow_imports
+        transaction = self._new_transaction(packages, self.sources)
+        urdf_paths = dict.fromkeys(_resolve_entry(os.fspath(entry), packages).resolve() for entry in urdf_files)
+        transaction.urdf_paths = list(urdf_paths)
+        transaction.follow_imports = follow_imports
         with self._directory.transaction() if self._directory and (new or self._directory.is_new) else nullcontext():
-            loading.run(paths, files)
-            graphs = [ox.NamedNode(path.as_uri()) for path in loading.sources if path not in self.sources]
-            self._urdf_paths |= given
+            transaction.run(paths, files)
+            graphs = [ox.NamedNode(path.as_uri()) for path in transaction.sources if path not in self.sources]
+            self._urdf_paths |= urdf_paths
             if conventions != UnitConventions():
                 self.conventions |= dict.fromkeys((path.resolve() for path in paths), conventions)
-            self._commit(loading)
+            self._commit(transaction)
         return graphs
 
     @property
     def packages(self) -> tuple[Path, ...]:
-        """The folders of ROS packages."""
+        """The folders that are searched for ROS packages."""
         return tuple(self._package_path.folders)
 
     def find_file(self, name: str) -> Path | None:
-        """The file that a name in some map stands for, if it is here: one of a package, or beside the map."""
+        """Returns the file that a map refers to: in a package, or relative to a map; None if it does not exist."""
         if name.startswith("package:"):
             try:
                 return self._package_path.find(name)
@@ -422,10 +418,10 @@ class SourceRegistry:
         return next((path for path in beside if path is not None and path.is_file()), None)
 
     def _new_transaction(self, packages: RosPackagePath, sources: dict[Path, Source]) -> LoadTransaction:
-        loading = LoadTransaction(self.store, packages, dict(sources))
+        transaction = LoadTransaction(self.store, packages, dict(sources))
         if self._directory:
-            loading.store_text = self._directory.store_text
-        return loading
+            transaction.store_text = self._directory.store_text
+        return transaction
 
     def _commit(self, transaction: LoadTransaction) -> None:
         self._package_path, self.sources = transaction.packages, transaction.sources
@@ -433,7 +429,7 @@ class SourceRegistry:
         self.findings |= dict.fromkeys(transaction.findings)
         self.assumptions += transaction.assumptions
         if self._directory and not self._directory.read_only:
-            contents = StoreManifest(
+            manifest = StoreManifest(
                 bundled_ontology=str(self._bundled) if self._bundled else None,
                 packages=tuple(map(str, self._package_path.folders)),
                 urdf_files=tuple(map(str, self._urdf_paths)),
@@ -441,52 +437,55 @@ class SourceRegistry:
                 assumptions=tuple(self.assumptions),
                 findings=tuple(self._loading_findings),
             )
-            self._directory.commit(contents, self.sources.values())
+            self._directory.commit(manifest, self.sources.values())
 
     def close(self) -> None:
-        """Lets go of files, processes and connections; any number of times."""
+        """Closes files, subprocesses and connections; may be called repeatedly."""
         self.store.close()
 
-    # -- what has changed since ----------------------------------------------------------------------------------------
+    # -- changed sources -----------------------------------------------------------------------------------------------
 
     def _reload_changed(self, directory: StoreDirectory) -> None:
-        """Reads anew what has changed since it was stored, the ontology of another Mindstage among it, and says so."""
+        """Reloads and reports sources that have changed since they were stored, including the bundled ontology."""
         changed = [self.sources[path] for path in directory.changed_sources() if path != self._bundled]
         if directory.read_only:
             for source in changed:
                 self._add_finding(
-                    Severity.WARNING, source.path, _CHANGED_MESSAGE, "the stored one stays: the folder is read-only"
+                    Severity.WARNING,
+                    source.path,
+                    _CHANGED_MESSAGE,
+                    "the stored version is used: the folder is read-only",
                 )
             return
-        again = [source for source in changed if self._can_be_read(source.path)]
-        old = (
+        readable = [source for source in changed if self._can_be_read(source.path)]
+        outdated = (
             self.sources.get(self._bundled)
             if self._bundled and not directory.contains_version_of(bundled_ontology())
             else None
         )
-        if not again and not old:
+        if not readable and not outdated:
             return
         with directory.transaction():
-            self._reload(again, outdated=old)
-        for source in (*again, *([old] if old else [])):
-            self._add_finding(Severity.WARNING, source.path, _CHANGED_MESSAGE, "it was read anew")
+            self._reload(readable, outdated=outdated)
+        for source in (*readable, *([outdated] if outdated else [])):
+            self._add_finding(Severity.WARNING, source.path, _CHANGED_MESSAGE, "it is reloaded")
 
     def _reload(self, changed: Sequence[Source], *, outdated: Source | None) -> None:
-        self.store.remove_graph(INFERRED_GRAPH)  # it may not follow any more
+        self.store.remove_graph(INFERRED_GRAPH)  # its statements may not follow any more
         before = dict.fromkeys(self.sources)
         for source in (*changed, *([outdated] if outdated else [])):
             self._remove(self.sources.pop(source.path))
-        loading = self._new_transaction(self._package_path, self.sources)
-        loading.urdf_paths = [path for path in self._urdf_paths if path.is_file()]
+        transaction = self._new_transaction(self._package_path, self.sources)
+        transaction.urdf_paths = [path for path in self._urdf_paths if path.is_file()]
         if outdated:
             self._bundled = bundled_ontology()
-            loading.run([], [self._bundled])
-        loading.reload(changed)
-        for path in loading.unreferenced():
-            self._remove(loading.sources.pop(path))
-        order = [path for path in (*before, *loading.sources) if path in loading.sources]
-        loading.sources = {path: loading.sources[path] for path in dict.fromkeys(order)}
-        self._commit(loading)
+            transaction.run([], [self._bundled])
+        transaction.reload(changed)
+        for path in transaction.unreferenced():
+            self._remove(transaction.sources.pop(path))
+        order = [path for path in (*before, *transaction.sources) if path in transaction.sources]
+        transaction.sources = {path: transaction.sources[path] for path in dict.fromkeys(order)}
+        self._commit(transaction)
 
     def _remove(self, source: Source) -> None:
         if isinstance(source.graph, ox.NamedNode):
@@ -506,30 +505,30 @@ class SourceRegistry:
             except SyntaxError as error:
                 file.repair(error)
         except SourceParseError as error:
-            self._add_finding(Severity.ERROR, path, f"{_CHANGED_MESSAGE}, and: {error}", "the stored one stays")
+            self._add_finding(Severity.ERROR, path, f"{_CHANGED_MESSAGE}, and: {error}", "the stored version is used")
             return False
         return True
 
     def _add_finding(self, severity: Severity, path: Path, problem: str, action: str) -> None:
         self.findings[Finding(severity, str(path), "", problem, action)] = None
 
-    # -- what they say -------------------------------------------------------------------------------------------------
+    # -- graphs --------------------------------------------------------------------------------------------------------
 
     def all_sources(self) -> list[Source]:
-        """Every source, the endpoint's graphs after the files."""
+        """Returns every source, with the graphs of the endpoint last."""
         return [*self.sources.values(), *(self._endpoint.sources() if self._endpoint else ())]
 
     def map_sources(self) -> list[Source]:
-        """Those that worlds may be made from."""
+        """Returns the sources that worlds may be made from."""
         return [source for source in self.all_sources() if source.is_map or source.has_maps()]
 
     def size_sources(self) -> Iterator[Source]:
-        """Ontologies that tell sizes; the sources of maps speak for themselves."""
+        """Returns the ontologies that give sizes; sizes in the sources of maps are read with the maps."""
         maps = {source.name for source in self.map_sources()}
         return (source for source in self.all_sources() if source.name not in maps and source.has_class_sizes())
 
     def maps_in(self, source: Source) -> tuple[Iri, ...]:
-        """The maps that a source tells of, in its order; it is parsed only where there are several."""
+        """Returns the maps that a source describes, in its order; it is parsed only if there are several."""
         if source.name not in self._maps_by_source:
             maps = source.maps()
             is_plain = len(maps) < 2 and not any(map.startswith("_:") for map in maps)
@@ -537,19 +536,19 @@ class SourceRegistry:
         return self._maps_by_source[source.name]
 
     def map_graph(self, map: Iri) -> tuple[Graph, MapMembers]:
-        """What the sources of a map say: those that tell of it, and those given as maps that tell of none at all."""
+        """Returns the graph of a map: of sources that describe it, and of those given as maps that describe none."""
         maps = [(source, self.maps_in(source)) for source in self.map_sources()]
-        told = [self.source_graph(source) for source, there in maps if map in there or not there]
-        if len(told) == 1:
-            return told[0]
-        graph = merge_graphs([graph for graph, _ in told])
+        graphs = [self.source_graph(source) for source, described in maps if map in described or not described]
+        if len(graphs) == 1:
+            return graphs[0]
+        graph = merge_graphs([graph for graph, _ in graphs])
         return graph, individuals_by_map(graph)
 
     def source_graph(self, source: Source) -> tuple[Graph, MapMembers]:
-        """What a source says, exactly; only those that worlds are made from are ever read in this way.
+        """Returns the exact statements of a source and the members of its maps; the result is cached.
 
         Raises:
-            SourceParseError: it says something about statements, for which a world has no place.
+            SourceParseError: it contains statements about statements, which a world cannot represent.
         """
         if source.name not in self._graphs:
             try:
@@ -569,5 +568,5 @@ def _resolve_entry(entry: str, packages: RosPackagePath) -> Path:
         raise SourceParseError(entry, cause=str(error)) from error
     if path is None:
         folders = ", ".join(map(str, packages.folders)) or "none; give one as an ontology"
-        raise SourceParseError(entry, cause=f"no folder of packages has it; searched: {folders}")
+        raise SourceParseError(entry, cause=f"no package folder contains it; searched: {folders}")
     return path

@@ -1,8 +1,7 @@
-"""Map files: a world as a semantic map, from which the same world is read again.
+"""Writing of worlds to semantic map files that KnowRob and RDF libraries can read.
 
-KnowRob and any RDF library can read them. Everything that a world holds is written, in whichever dialect: a value for
-which it has no word stands under dialect 1's or a name of our own (see `all_names`), and facts and resources stand as
-they came.
+Reading a written map gives the same world, in every dialect. A value that a dialect cannot express is written in the
+vocabulary of dialect 1 or of Mindstage, and facts and resources are written unchanged.
 """
 
 from __future__ import annotations
@@ -25,19 +24,19 @@ __all__ = ["MapDialect", "MapFormat", "save_file", "save_map", "write_map"]
 
 
 class MapDialect(StrEnum):
-    """In whose words any world can be written."""
+    """The vocabularies that any world can be written in."""
 
     SEMLOG = "semlog"
-    """Those of 2019, with physics: what KnowRob's plugins for game engines read."""
+    """SemLog with physical properties (2019), which KnowRob's game engine plugins read."""
     SOMA = "soma"
-    """Those of KnowRob 2; what it has no words for is told in SemLog's."""
+    """KnowRob 2; values that it cannot express are written in the SemLog vocabulary."""
 
 
 class MapFormat(StrEnum):
-    """How a map file is written."""
+    """File formats of maps."""
 
     RDF_XML = "rdf/xml"
-    """What KnowRob reads; a few names and letters have no place in it."""
+    """The format that KnowRob reads; it cannot represent some names and characters."""
     TURTLE = "turtle"
 
 
@@ -56,16 +55,16 @@ def write_map(
     dialect: MapDialect = MapDialect.SEMLOG,
     source_view: SourceMapView | None = None,
 ) -> str:
-    """The text of a map file; the same for equal worlds.
+    """Serializes a world as the text of a map file; equal worlds give equal texts.
 
     Args:
-        world: what is written.
-        format: how.
-        dialect: in whose words.
-        origin: the map that the world came from, in whose own words it is written then, whatever the dialect.
+        world: the world.
+        format: the file format.
+        dialect: the vocabulary.
+        source_view: the map that the world was read from; it is written in that map's dialect, whatever `dialect` is.
 
     Raises:
-        MapWriteError: the world holds something that the format cannot, and the error says what.
+        MapWriteError: the world contains something that the format cannot represent.
     """
     return _serialize(world, format, dialect, source_view)[0]
 
@@ -78,42 +77,42 @@ def save_map(
     dialect: MapDialect = MapDialect.SEMLOG,
     source_view: SourceMapView | None = None,
 ) -> tuple[str, ...]:
-    """Writes a map file; it is there as a whole or not at all.
+    """Writes a map file atomically.
 
     Args:
-        world: what is written.
-        path: where to.
-        format: how; None for that which the suffix stands for.
-        dialect: in whose words.
-        origin: the map that the world came from, in whose own words it is written then, whatever the dialect.
+        world: the world.
+        path: the file.
+        format: the file format; None for that of the suffix.
+        dialect: the vocabulary.
+        source_view: the map that the world was read from; it is written in that map's dialect, whatever `dialect` is.
 
     Returns:
-        What could not be said in those words, and is said in others, in sentences.
+        Sentences about what the dialect could not express and is written in another vocabulary.
 
     Raises:
-        MapWriteError: the suffix stands for none, the world holds something that the format cannot, or the disk
-            refuses.
+        MapWriteError: the suffix is unknown, the world contains something that the format cannot represent, or the
+            file cannot be written.
     """
     path = Path(path)
     format = format or _SUFFIXES.get(path.suffix.lower())
     if format is None:
         remedy = f"use one of {', '.join(_SUFFIXES)}"
-        raise MapWriteError(str(path), cause=f"the suffix {path.suffix!r} stands for no format", remedy=remedy)
+        raise MapWriteError(str(path), cause=f"the suffix {path.suffix!r} is not that of a known format", remedy=remedy)
     text, notes = _serialize(world, format, dialect, source_view)
     try:
         content = text.encode()
     except UnicodeEncodeError as error:
-        letter = f"U+{ord(error.object[error.start]):04X}"
-        raise MapWriteError(str(path), cause=f"a text holds {letter}, which is half a letter") from error
+        surrogate = f"U+{ord(error.object[error.start]):04X}"
+        raise MapWriteError(str(path), cause=f"a text contains {surrogate}, an unpaired surrogate") from error
     save_file(path, content)
     return notes
 
 
 def save_file(path: Path, content: bytes) -> None:
-    """Writes a file, which replaces an existing one only once it is complete.
+    """Writes a file atomically.
 
     Raises:
-        MapWriteError: the file system does not allow it.
+        MapWriteError: the file cannot be written.
     """
     try:
         atomic_write(path, content)

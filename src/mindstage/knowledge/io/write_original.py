@@ -1,8 +1,9 @@
-"""Own words: a world written back in the dialect of the map that it came from.
+"""Writing of a world in the dialect of the map that it was read from.
 
-What a map says itself is written as it stands there, and nothing else, as long as its reader makes the same world of
-it. Of what has changed since, as much is said as the reader needs; how is found out by reading. Where that leads
-nowhere (somebody took a part off, which no statement of the map allows) the world is written in dialect 1's words.
+Statements of the source map are written unchanged, and nothing is added, as long as reading them gives the same world.
+For what has changed, as many statements are added as reading requires, which is found by trial. If no such statements
+exist, as after a part was detached that the map states to be attached, the world is written in the vocabulary of
+dialect 1.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from mindstage.knowledge.dialects.knowrob1 import KNOWROB1_DIALECT, perception_b
 from mindstage.knowledge.dialects.membership import individuals_by_map
 from mindstage.knowledge.dialects.soma_export import SOMA_DIALECT, SomaPoseWriter, write_as_soma
 from mindstage.knowledge.dialects.soma_nodes import SAME_DIALECT, dual_dialect_info, without_restatements
-from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.dialects.source_map import SourceMap, ignore_finding
 from mindstage.knowledge.dialects.unit_conversion import (
     CONVERTED_PROPERTIES,
     is_converted,
@@ -29,7 +30,6 @@ from mindstage.knowledge.dialects.unit_conversion import (
     restore_facts,
 )
 from mindstage.knowledge.graph_diff import SourceMapView, canonical_statement
-from mindstage.knowledge.rdf import Severity
 from mindstage.knowledge.rdf_mapping.nested import NESTED_RESOURCES, nest_blank_nodes
 from mindstage.knowledge.rdf_mapping.serialize import DocumentSection, SubjectBlock
 from mindstage.knowledge.vocabulary import CHILD, DIALECT, FRAME, HAS_POSE, PARENT, QUATERNION_ORDER, UNITS
@@ -51,7 +51,7 @@ __all__ = ["write_in_source_dialect"]
 
 SEMLOG_DIALECT = "SemLog"
 _DEFINITION_SECTIONS = 3
-"""Sections of ontologies, properties and classes, which stand first."""
+"""Number of leading sections: ontologies, properties and classes."""
 _PART_PROPERTIES = frozenset(part.property for part in NESTED_RESOURCES)
 _ORIGINAL_PROPERTIES = frozenset(map(original_property, CONVERTED_PROPERTIES))
 _DECLARATIONS = frozenset({UNITS, FRAME, QUATERNION_ORDER})
@@ -60,17 +60,18 @@ _DECLARATIONS = frozenset({UNITS, FRAME, QUATERNION_ORDER})
 def write_in_source_dialect(
     world: World, all_sections: Sequence[DocumentSection], source_view: SourceMapView
 ) -> tuple[Sequence[DocumentSection], tuple[str, ...]]:
-    """The sections of a map that says the same as its origin where the world is still the same.
-
-    With them comes what could not be said in the map's own words.
+    """Rewrites the sections of a map in the dialect of its source.
 
     Args:
-        world: as it is now.
-        whole: all of it in the words of dialect 1.
-        origin: the map that it came from.
+        world: the world.
+        all_sections: its complete description in the vocabulary of dialect 1.
+        source_view: the map that the world was read from.
+
+    Returns:
+        The sections, and sentences about what the source's dialect cannot express.
     """
-    writing = _SourceDialectWriter(world, all_sections, source_view)
-    return writing.sections(), tuple(writing.notes)
+    writer = _SourceDialectWriter(world, all_sections, source_view)
+    return writer.sections(), tuple(writer.notes)
 
 
 class _SourceDialectWriter:
@@ -81,134 +82,141 @@ class _SourceDialectWriter:
         self.notes: list[str] = []
         self.target = _without_original_numbers(world)
         self.conventions = None if is_converted(self.source_map) else original_conventions(world.facts)
-        told = self.source_map.graph
+        source_graph = self.source_map.graph
         self.source_facts = {
-            subject: {canonical_statement(fact): at for at, fact in enumerate(facts)} for subject, facts in told.items()
+            subject: {canonical_statement(fact): at for at, fact in enumerate(facts)}
+            for subject, facts in source_graph.items()
         }
-        self.source_order = {subject: at for at, subject in enumerate(told)}
+        self.source_order = {subject: at for at, subject in enumerate(source_graph)}
 
     def sections(self) -> Sequence[DocumentSection]:
         full = self._in_source_order(
             [self._in_source_dialect(block) for section in self.all_sections for block in section.blocks]
         )
-        for away in (_DECLARATIONS, frozenset[Iri]()) if self.conventions else (frozenset[Iri](),):
+        for excluded in (_DECLARATIONS, frozenset[Iri]()) if self.conventions else (frozenset[Iri](),):
             changed: set[Iri] = set()
             while True:
-                blocks = list(self._only_changes(full, changed, away))
-                found = diff(self.target, _without_original_numbers(read_world(self._source_map_of(blocks))))
-                if found.identical():
+                blocks = list(self._only_changes(full, changed, excluded))
+                difference = diff(self.target, _without_original_numbers(read_world(self._source_map_of(blocks))))
+                if difference.identical():
                     self._add_note(changed)
                     return self._with_moved_poses(self._sections(blocks), changed)
-                touched = self._changed_subjects(found, full)
+                touched = self._changed_subjects(difference, full)
                 if touched <= changed:
                     break
                 changed |= touched
         if self.dialect != SEMLOG_DIALECT or self.conventions:
-            self.notes.append(f"what has changed cannot be said as {self.dialect} says it; SemLog's words are used")
+            self.notes.append(f"{self.dialect} cannot express the changes; SemLog's vocabulary is used")
         return self.all_sections
 
-    # -- saying --------------------------------------------------------------------------------------------------------
+    # -- writing -------------------------------------------------------------------------------------------------------
 
     def _in_source_dialect(self, block: SubjectBlock) -> SubjectBlock:
-        """All that is said of one thing, as the map says such things."""
+        """Restores the original numbers and properties of a block."""
         facts: Sequence[PropertyAssertion] = block.facts
         if self.conventions:
             facts = restore_facts(facts, self.conventions)
             if block.subject == self.world.iri:
                 facts = restore_declarations(facts, self.conventions)
-        told = self.source_facts.get(block.subject, {})
-        return replace(block, facts=[_restore_role(fact, told) for fact in facts])
+        source_facts = self.source_facts.get(block.subject, {})
+        return replace(block, facts=[_restore_role(fact, source_facts) for fact in facts])
 
     def _in_source_order(self, blocks: Iterable[SubjectBlock]) -> list[SubjectBlock]:
-        """As the map has them, what is new last: where readers take the first of several, it is the same one then."""
+        """Sorts blocks as in the source map, new ones last, since readers use the first of several values."""
         last = len(self.source_order)
         return sorted(blocks, key=lambda block: self.source_order.get(block.subject, last))
 
     def _only_changes(
         self, blocks: Iterable[SubjectBlock], changed: Container[Iri], excluded: Container[Iri]
     ) -> Iterator[SubjectBlock]:
-        """What the map itself says, and all that is to be said of what has changed."""
+        """Yields the statements of the source map, and all statements about the subjects that have changed."""
         for block in blocks:
-            told = self.source_facts.get(block.subject, {})
-            said = [(fact, canonical_statement(fact)) for fact in block.facts]
+            source_facts = self.source_facts.get(block.subject, {})
+            statements = [(fact, canonical_statement(fact)) for fact in block.facts]
             if block.subject not in changed:
-                plain = {each for _, each in said}
-                otherwise = {fact.property for fact in told if fact not in plain} | _DECLARATIONS
-                said = [(fact, each) for fact, each in said if each in told or fact.property in otherwise]
-            said = [(fact, each) for fact, each in said if fact.property not in excluded or each in told]
+                written = {each for _, each in statements}
+                replaced = {fact.property for fact in source_facts if fact not in written} | _DECLARATIONS
+                statements = [
+                    (fact, each) for fact, each in statements if each in source_facts or fact.property in replaced
+                ]
+            statements = [
+                (fact, each) for fact, each in statements if fact.property not in excluded or each in source_facts
+            ]
             if block.subject not in changed:
-                said.sort(key=lambda pair: told.get(pair[1], -1))  # what has changed counts, so it comes first
-            if said:
-                yield replace(block, facts=[fact for fact, _ in said])
+                statements.sort(
+                    key=lambda pair: source_facts.get(pair[1], -1)
+                )  # changed values first, to take precedence
+            if statements:
+                yield replace(block, facts=[fact for fact, _ in statements])
 
     def _sections(self, blocks: Iterable[SubjectBlock]) -> Sequence[DocumentSection]:
-        """Under the headings that they have in the whole; individuals and all else in the order of the map."""
+        """Groups blocks under the headings of their definitions; all other blocks become individuals."""
         headings = {
             block.subject: section.heading
             for section in self.all_sections[:_DEFINITION_SECTIONS]
             for block in section.blocks
         }
-        sorted_out: dict[str, list[SubjectBlock]] = {
+        by_heading: dict[str, list[SubjectBlock]] = {
             section.heading: [] for section in self.all_sections[:_DEFINITION_SECTIONS]
         }
-        rest = sorted_out["Individuals"] = []
+        rest = by_heading["Individuals"] = []
         for block in blocks:
-            sorted_out.get(headings.get(block.subject, ""), rest).append(block)
-        return [DocumentSection(heading, each) for heading, each in sorted_out.items()]
+            by_heading.get(headings.get(block.subject, ""), rest).append(block)
+        return [DocumentSection(heading, each) for heading, each in by_heading.items()]
 
-    # -- moving --------------------------------------------------------------------------------------------------------
+    # -- changed poses -------------------------------------------------------------------------------------------------
 
     def _with_moved_poses(
         self, sections: Sequence[DocumentSection], changed: Container[Iri]
     ) -> Sequence[DocumentSection]:
-        """The same, and where things have moved to in the words of the dialect, as it was restated before."""
+        """Adds changed poses in the vocabulary of the dialect, as restatements."""
         if self.dual_dialect.dialect == SOMA_DIALECT:
             return write_as_soma(self.world, sections)[0]
         moved = [body for body in self.world.bodies if body.iri in changed or body.iri in self.dual_dialect.pose_iris]
         if not moved or self.dialect not in (SOMA_DIALECT, KNOWROB1_DIALECT):
             return sections
         blocks = {block.subject: block for section in sections for block in section.blocks}
-        more: list[SubjectBlock] = []
+        added: list[SubjectBlock] = []
         if self.dialect == SOMA_DIALECT:
             bodies = {body.iri for body in self.world.bodies}
-            places = SomaPoseWriter(blocks, blocks.keys() - bodies)
-            said = [body for body in moved if places.write(body, blocks[body.iri].facts)]
+            poses = SomaPoseWriter(blocks, blocks.keys() - bodies)
+            written = [body for body in moved if poses.write(body, blocks[body.iri].facts)]
         else:
-            said = [body for body in moved if any(fact.property == HAS_POSE for fact in blocks[body.iri].facts)]
-            for body in said:
-                more += perception_blocks(body, self.source_map.graph, blocks)
-        if said:
+            written = [body for body in moved if any(fact.property == HAS_POSE for fact in blocks[body.iri].facts)]
+            for body in written:
+                added += perception_blocks(body, self.source_map.graph, blocks)
+        if written:
             blocks[self.world.iri].facts.append(PropertyAssertion(DIALECT, Literal(SAME_DIALECT)))
-        return [*sections, DocumentSection("What Has Moved", more)]
+        return [*sections, DocumentSection("What Has Moved", added)]
 
     def _add_note(self, changed: Container[Iri]) -> None:
         if self.dialect == SEMLOG_DIALECT:
             return
-        things: list[Body | Joint | Light] = [*self.world.bodies, *self.world.joints, *self.world.lights]
-        count = sum(thing.iri in changed for thing in things)
+        individuals: list[Body | Joint | Light] = [*self.world.bodies, *self.world.joints, *self.world.lights]
+        count = sum(each.iri in changed for each in individuals)
         if count:
-            self.notes.append(f"{count} things have changed, or are new; SemLog's words say how")
+            self.notes.append(f"{count} individuals have changed, or are new; SemLog's vocabulary is used for them")
 
     # -- reading -------------------------------------------------------------------------------------------------------
 
     def _source_map_of(self, blocks: Iterable[SubjectBlock]) -> SourceMap:
-        told: dict[Iri, list[PropertyAssertion]] = {}
+        facts_by_subject: dict[Iri, list[PropertyAssertion]] = {}
         for block in blocks:
-            told.setdefault(block.subject, []).extend(block.facts)
-        graph = nest_blank_nodes(told)
+            facts_by_subject.setdefault(block.subject, []).extend(block.facts)
+        graph = nest_blank_nodes(facts_by_subject)
         return replace(
             self.source_map,
             graph=graph,
             members=individuals_by_map(graph).get(self.source_map.map, ()),
-            report=_ignore_finding,
+            report=ignore_finding,
             add_assumption=_ignore_assumption,
             conventions=UnitConventions(),
         )
 
     def _changed_subjects(self, diff: WorldDiff, blocks: Iterable[SubjectBlock]) -> set[Iri]:
-        """The things that came out otherwise, and their parts."""
-        things: Iterable[Body | Joint | Light] = chain(self.world.bodies, self.world.joints, self.world.lights)
-        iris: Mapping[str, Iri] = {thing.id: thing.iri for thing in things}
+        """Returns the individuals that differ, and their nested resources."""
+        individuals: Iterable[Body | Joint | Light] = chain(self.world.bodies, self.world.joints, self.world.lights)
+        iris: Mapping[str, Iri] = {each.id: each.iri for each in individuals}
         ids = {*diff.only_in_a, *diff.only_in_b, *(change.id for change in diff.changed)}
         touched = {iris.get(id, Iri(id)) for id in ids}
         parts = {
@@ -222,7 +230,7 @@ class _SourceDialectWriter:
 
 
 def _without_original_numbers(world: World) -> World:
-    """The world without the numbers that stand for those in SI: once something moves, others are given."""
+    """Returns the world without the numbers of its source, which do not apply to values that have changed."""
     if original_conventions(world.facts) is None:
         return world
     resources = {
@@ -249,16 +257,12 @@ def _referenced_iri(fact: PropertyAssertion) -> Iri | None:
 
 
 def _restore_role(fact: PropertyAssertion, source_facts: Container[PropertyAssertion]) -> PropertyAssertion:
-    """What a reader has put another name on for dialect 1's sake goes under its own name again."""
+    """Restores a property that a reader has renamed to `original_property`."""
     for role in (PARENT, CHILD):
         if fact.property == original_property(role) and PropertyAssertion(role, fact.value) in source_facts:
             return PropertyAssertion(role, fact.value)
     return fact
 
 
-def _ignore_finding(severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
-    """It has been said when the map was read."""
-
-
 def _ignore_assumption(assumption: Assumption) -> None:
-    """The same."""
+    """Discards assumptions: they were reported when the map was read."""

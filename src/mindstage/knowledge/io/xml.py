@@ -1,6 +1,6 @@
-"""XML: what has to be known of a document before a parser may have it, and why one cannot be parsed.
+"""Safety checks of XML documents before they are parsed, and the cause of XML errors.
 
-The parser expands entities without any limit and takes the end of a file for the end of a document, wherever it comes.
+The RDF parser expands entities without a limit and accepts a document that ends in the middle of an element.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ __all__ = [
 ]
 
 DEPTH_LIMIT = 10_000
-"""Elements inside elements; the parser's time grows with the square of it, and nobody nests a hundred."""
+"""Maximum depth of elements: the parser's time is quadratic in it, and real files have less than a hundred."""
 ENTITY_LIMIT = 64 * 1024
-"""Bytes that one entity may stand for; namespaces, which they are there for, need a hundred."""
+"""Maximum size of an expanded entity [bytes]; namespaces, the usual entities, need about a hundred."""
 EXPANSION_LIMIT = 8 * 1024 * 1024
-"""Bytes that all uses of a file's entities may come to; the XML parser expat draws the same line."""
+"""Maximum size of all expanded entities of a file [bytes]; the limit of expat is the same."""
 MAX_SAFE_ENTITY = 256
-"""Bytes below which an entity cannot make a file a hundred times as long, as its use takes three."""
+"""Size [bytes] below which entities cannot make a file a hundred times longer, as each use takes three."""
 
 _CHUNK = 64 * 1024
 _ENTITY = re.compile(rb"""(<!(?i:ENTITY)\s*(%\s+)?([^\s%"'>]+)\s*)(?:("[^"]*"|'[^']*')|(?i:SYSTEM|PUBLIC)\b)""")
@@ -37,7 +37,7 @@ _FIRST_TAG = re.compile(rb"<([^\W\d][^\s/<>]*)")
 
 
 class UnsafeXmlEntity(ValueError):
-    """An entity that must not be expanded."""
+    """An entity that is external or expands to too much."""
 
     def __init__(self, cause: str, line: int | None = None) -> None:
         self.line = line
@@ -45,10 +45,10 @@ class UnsafeXmlEntity(ValueError):
 
 
 def expand_safe_entities(data: bytes) -> bytes:
-    """The document, in which every entity is short and written as the parser wants it.
+    """Checks the entities of a document, and quotes their values as the RDF parser requires.
 
     Raises:
-        UnsafeXmlEntity: one of them stands in another file, or they would grow beyond all measure.
+        UnsafeXmlEntity: an entity refers to another file, or the entities expand to too much.
     """
     if b"<!ENTITY" not in data and b"<!entity" not in data:
         return data
@@ -58,23 +58,23 @@ def expand_safe_entities(data: bytes) -> bytes:
         name, quoted = entity[3], entity[4]
         shown = name.decode("utf-8", "replace")
         if quoted is None:
-            cause = f"the entity {shown!r} stands in another file; nothing outside is ever fetched"
+            cause = f"the entity {shown!r} refers to another file; external entities are never fetched"
             raise UnsafeXmlEntity(cause, _line_of(data, entity))
         length = len(quoted) - 2 + sum(lengths.get(used, 0) for used in _ENTITY_USE.findall(quoted))
-        lengths[name] = max(length, lengths.get(name, 0))  # whichever of two the parser takes
+        lengths[name] = max(length, lengths.get(name, 0))  # of two declarations, the parser may use either
         if length > ENTITY_LIMIT:
-            cause = f"the entity {shown!r} would grow to {length:,} bytes; {ENTITY_LIMIT:,} are allowed"
+            cause = f"the entity {shown!r} would expand to {length:,} bytes; {ENTITY_LIMIT:,} are allowed"
             raise UnsafeXmlEntity(cause, _line_of(data, entity))
         needs_quotes = needs_quotes or quoted.startswith(b"'")
     if max(lengths.values(), default=0) > MAX_SAFE_ENTITY:
         grown = sum(length * data.count(b"&" + name + b";") for name, length in lengths.items())
         if grown > max(EXPANSION_LIMIT, 100 * len(data)):
-            raise UnsafeXmlEntity(f"its entities would grow to {grown:,} bytes")
+            raise UnsafeXmlEntity(f"its entities would expand to {grown:,} bytes")
     return _ENTITY.sub(_double_quoted, data) if needs_quotes else data
 
 
 def has_conflicting_entities(data: bytes) -> bool:
-    """Whether an entity is declared twice, differently: the first counts, but not for the parser."""
+    """Whether an entity is declared twice with different values: XML uses the first, the RDF parser does not."""
     meanings: dict[bytes, bytes] = {}
     return any(meanings.setdefault(entity[3], entity[4][1:-1]) != entity[4][1:-1] for entity in _ENTITY.finditer(data))
 
@@ -84,43 +84,43 @@ def _line_of(data: bytes, entity: re.Match[bytes]) -> int:
 
 
 def _double_quoted(entity: re.Match[bytes]) -> bytes:
-    """XML allows both quotes, the parser only one."""
+    """Quotes an entity's value with double quotes; the RDF parser does not accept single ones."""
     if not entity[4].startswith(b"'"):
         return entity[0]
     return entity[1] + b'"' + entity[4][1:-1].replace(b'"', b"&#34;") + b'"'
 
 
 def first_tag(data: bytes) -> re.Match[bytes] | None:
-    """The outermost element's start; its first group is the name."""
+    """Matches the start of the root element; group 1 is its name."""
     return _FIRST_TAG.search(data)
 
 
 def is_complete(data: bytes) -> bool:
-    """Whether a look at the end tells that the document ends there; if not, only a parser can say."""
+    """Whether the last bytes show that the document is complete; if not, it has to be parsed to find out."""
     root = first_tag(data)
     if root is None:
         return False
     end = data[-4096:].rstrip()
     while end.endswith(b"-->"):
         end = end[: max(end.rfind(b"<!--"), 0)].rstrip()
-    # Where no other element has the name of the outermost one, its end tag is the document's end.
+    # If no other element has the root's name, its end tag ends the document.
     return end.endswith(b"</" + root[1] + b">") and data.count(b"<" + root[1]) == 1
 
 
 def is_too_deep(data: bytes) -> bool:
-    """Whether far too many elements stand in one another, as counts of tags tell that cost next to no time."""
+    """Whether elements are nested too deep, estimated from the numbers of tags, which is fast."""
     depth = 0
     for start in range(0, len(data), _CHUNK):
-        piece = data[start : start + _CHUNK]
-        ends, others = piece.count(b"</"), piece.count(b"<!") + piece.count(b"<?")
-        depth += piece.count(b"<") - 2 * ends - others - piece.count(b"/>")
+        chunk = data[start : start + _CHUNK]
+        ends, others = chunk.count(b"</"), chunk.count(b"<!") + chunk.count(b"<?")
+        depth += chunk.count(b"<") - 2 * ends - others - chunk.count(b"/>")
         if depth > DEPTH_LIMIT:
             return True
     return False
 
 
 def find_xml_error(data: bytes) -> tuple[str, int] | None:
-    """Why it is no XML document, and the line; None where it is one."""
+    """Returns the cause and the line of the first XML error, or None if the document is well-formed."""
     parser = expat.ParserCreate()
     try:
         parser.Parse(data, True)
@@ -136,5 +136,5 @@ def _xml_error_cause(data: bytes, error: expat.ExpatError) -> str:
     if not first_tag(data):
         return "it is not XML"
     if error.code in {codes[expat.errors.XML_ERROR_NO_ELEMENTS], codes[expat.errors.XML_ERROR_UNCLOSED_TOKEN]}:
-        return "it is cut off: the file ends before its outermost element does"
+        return "it is truncated: the file ends before its root element does"
     return f"it is not well-formed XML: {expat.ErrorString(error.code)}"

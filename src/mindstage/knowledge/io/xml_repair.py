@@ -1,8 +1,7 @@
-"""Repairs: RDF/XML that is not well-formed, made so the way that SWI-Prolog reads it, each change told with its line.
+"""Repair of RDF/XML that is not well-formed, as SWI-Prolog would read it; every change is reported with its line.
 
-Only files that the parser refuses come here. Nothing is guessed about their end: a file that was cut off stays so.
-
-Tags of XML, read as leniently as can be without guessing, and what RDF/XML lets stand inside each element.
+Only files that the RDF parser rejects are repaired. A truncated file is not: nothing is guessed about its end. Tags are
+parsed leniently, and the content model of RDF/XML decides where text and elements are allowed.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ __all__ = [
 
 
 Attribute = tuple[str, str]
-"""Name and value, the value as it stands in the file."""
+"""Name and value; the value is not unescaped."""
 
 _NAME = re.compile(r"[^\W\d][\w:.-]*")
 _ATTRIBUTE = re.compile(
@@ -42,24 +41,41 @@ _END = re.compile(r"\s*(/?)>")
 _JUNK = re.compile(r"\s*[^\s<>]+")
 
 
+WELL_KNOWN_PREFIXES = {"rdf": RDF, "rdfs": RDFS, "owl": OWL, "xsd": XSD, "knowrob": KNOWROB}
+"""Namespaces of prefixes and entities that are used without a declaration."""
+_XML_ENTITIES = {"amp", "lt", "gt", "quot", "apos"}
+_XML_NAMESPACE = "xml"
+_RDF_ATTRIBUTES = {"about", "ID", "resource", "datatype", "nodeID", "parseType"}
+_AMPERSAND = re.compile(r"&(#\d+;|#x[0-9a-fA-F]+;|([^\W\d][\w.-]*)([;:]))?")
+_ENTITY = re.compile(
+    r"""<!ENTITY\s*(?P<name>[^\W\d][\w.-]*)\s*(?:"(?P<double>[^"]*)"|'(?P<single>[^']*)'|(?P<bare>[^\s"'<>]+))\s*(?P<end>>?)""",
+    re.IGNORECASE,
+)
+_STRICT_ENTITY = re.compile(r"""<!ENTITY\s+\S+\s+(?:"[^"]*"|'[^']*')\s*>""")
+_DOCTYPE_END = re.compile(r"\]\s*>")
+_NOT_IN_IRIS = re.compile(r"[\x00-\x20<>\"{}|\\^`]|%(?![0-9a-fA-F]{2})")
+_LANGUAGE = re.compile(r"[A-Za-z]{1,8}(-[A-Za-z0-9]{1,8})*\Z")
+_XML_NAME = re.compile(r"[^\W\d][\w.-]*\Z")
+
+
 @dataclass(slots=True)
 class StartTag:
-    """A start tag, or what can be made of it."""
+    """A start tag, parsed leniently."""
 
     name: str
     attributes: list[Attribute] = field(default_factory=list)
     issues: list[str] = field(default_factory=list)
-    """What is wrong with it that had no effect."""
+    """Errors in the tag that were ignored."""
     is_self_closing: bool = False
-    """Whether it is an end tag as well."""
+    """Whether it ends with `/>`."""
     is_truncated: bool = False
-    """Whether the text ends before the tag does."""
+    """Whether the text ends within the tag."""
     end: int = 0
-    """Where the text goes on."""
+    """Position after the tag."""
 
 
 def parse_start_tag(text: str, position: int) -> StartTag:
-    """The start tag that begins there."""
+    """Parses the start tag at a position."""
     named = _NAME.match(text, position + 1)
     tag = StartTag(named[0] if named else "", end=named.end() if named else position + 1)
     while True:
@@ -69,7 +85,7 @@ def parse_start_tag(text: str, position: int) -> StartTag:
         if attribute := _ATTRIBUTE.match(text, tag.end):
             _add_attribute(tag, attribute)
         elif junk := _JUNK.match(text, tag.end):
-            tag.issues.append(f"{junk[0].strip()[:40]!r} is no attribute")
+            tag.issues.append(f"{junk[0].strip()[:40]!r} is not an attribute")
             tag.end = junk.end()
         else:
             rest = text[tag.end : tag.end + 1_000].lstrip()
@@ -89,7 +105,7 @@ def _add_attribute(tag: StartTag, attribute: re.Match[str]) -> None:
 
 
 def find_tag_end(text: str, position: int) -> int | None:
-    """Where the end tag that begins there ends; None where the text ends before."""
+    """Returns the position after the end tag at a position, or None if the text ends within it."""
     close, opening = text.find(">", position), text.find("<", position + 1)
     if close < 0 or 0 <= opening < close:
         return opening if opening >= 0 else None
@@ -97,34 +113,34 @@ def find_tag_end(text: str, position: int) -> int | None:
 
 
 class ContentModel(Enum):
-    """What RDF/XML lets stand inside an element."""
+    """The content that RDF/XML allows inside an element."""
 
     NODES = auto()
-    """Things: in rdf:RDF, and in a collection."""
+    """Nodes: in rdf:RDF, and in a collection."""
     PROPERTIES = auto()
-    """Statements about a thing."""
+    """Properties of a node."""
     VALUE = auto()
-    """A thing or a text: in a statement."""
+    """A node or a text: in a property."""
     LITERAL = auto()
-    """Anything: it is a text of XML."""
+    """Anything: in an XML literal."""
 
 
 @dataclass(slots=True)
 class OpenElement:
-    """An element that has begun."""
+    """An element whose end tag has not been read."""
 
     name: str
     content_model: ContentModel
     declared_prefixes: Sequence[str] = ()
-    """Prefixes."""
+    """Prefixes that are declared in its start tag."""
     text_positions: list[int] = field(default_factory=list)
-    """Where its texts stand in what is written."""
+    """Indices of its texts in the output."""
     has_children: bool = False
     has_resource: bool = False
 
     @classmethod
     def child_of(cls, parent: OpenElement | None, name: str, *, is_root: bool) -> OpenElement:
-        """An element that begins inside another one, or first of all."""
+        """Creates an element inside another one, or the root element."""
         if parent is None:
             return cls(name, ContentModel.NODES if is_root and name.endswith(":RDF") else ContentModel.PROPERTIES)
         inside = {
@@ -136,7 +152,7 @@ class OpenElement:
         return cls(name, inside[parent.content_model])
 
     def apply_attributes(self, attributes: Sequence[Attribute]) -> None:
-        """Heeds the attributes that change what it holds."""
+        """Updates the content model by the attributes of the start tag."""
         for name, value in attributes:
             if self.content_model is ContentModel.VALUE and name == "rdf:parseType":
                 self.content_model = {"Resource": ContentModel.PROPERTIES, "Collection": ContentModel.NODES}.get(
@@ -146,32 +162,14 @@ class OpenElement:
                 self.has_resource = True
 
     def allows_text(self) -> bool:
-        """Whether a text has a place in it."""
+        """Whether text is allowed at this point."""
         return self.content_model is ContentModel.LITERAL or (
             self.content_model is ContentModel.VALUE and not self.has_children and not self.has_resource
         )
 
 
-WELL_KNOWN_PREFIXES = {"rdf": RDF, "rdfs": RDFS, "owl": OWL, "xsd": XSD, "knowrob": KNOWROB}
-"""What these prefixes and entities mean wherever nobody says otherwise."""
-
-_XML_ENTITIES = {"amp", "lt", "gt", "quot", "apos"}
-_XML_NAMESPACE = "xml"
-_RDF_ATTRIBUTES = {"about", "ID", "resource", "datatype", "nodeID", "parseType"}
-_AMPERSAND = re.compile(r"&(#\d+;|#x[0-9a-fA-F]+;|([^\W\d][\w.-]*)([;:]))?")
-_ENTITY = re.compile(
-    r"""<!ENTITY\s*(?P<name>[^\W\d][\w.-]*)\s*(?:"(?P<double>[^"]*)"|'(?P<single>[^']*)'|(?P<bare>[^\s"'<>]+))\s*(?P<end>>?)""",
-    re.IGNORECASE,
-)
-_STRICT_ENTITY = re.compile(r"""<!ENTITY\s+\S+\s+(?:"[^"]*"|'[^']*')\s*>""")
-_DOCTYPE_END = re.compile(r"\]\s*>")
-_NOT_IN_IRIS = re.compile(r"[\x00-\x20<>\"{}|\\^`]|%(?![0-9a-fA-F]{2})")
-_LANGUAGE = re.compile(r"[A-Za-z]{1,8}(-[A-Za-z0-9]{1,8})*\Z")
-_XML_NAME = re.compile(r"[^\W\d][\w.-]*\Z")
-
-
 class XmlRepair(NamedTuple):
-    """One place that was wrong."""
+    """A change that was made to a file."""
 
     line: int
     problem: str
@@ -179,28 +177,28 @@ class XmlRepair(NamedTuple):
 
 
 class XmlNotRepairable(Exception):
-    """No reading of the file suggests itself."""
+    """The file cannot be repaired."""
 
     def __init__(self, line: int, cause: str, *, is_truncated: bool = False) -> None:
         self.line = line
-        self.cause = f"it is cut off: {cause}" if is_truncated else cause
+        self.cause = f"it is truncated: {cause}" if is_truncated else cause
         self.is_truncated = is_truncated
         super().__init__(cause)
 
 
 def repair_xml(text: str) -> tuple[str, list[XmlRepair]]:
-    """The text as well-formed XML, line by line where it was, and what was changed.
+    """Makes a text well-formed XML, keeping its line breaks, and returns it with the changes.
 
     Raises:
-        XmlNotRepairable: it is cut off, or no one document.
+        XmlNotRepairable: it is truncated, or not a single document.
     """
-    repairing = _XmlRepairer(text)
-    repairing.run()
-    return "".join(repairing.output), sorted(repairing.repairs)
+    repairer = _XmlRepairer(text)
+    repairer.run()
+    return "".join(repairer.output), sorted(repairer.repairs)
 
 
 class _XmlRepairer:
-    """One pass from the beginning to the end; `out` grows as `at` moves on."""
+    """A single pass over the text; `output` grows as `position` advances."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -215,9 +213,9 @@ class _XmlRepairer:
         self.declared_prefixes: Counter[str] = Counter([_XML_NAMESPACE])
         self.ids: set[str] = set()
         self.root_end: int | None = None
-        """Where in `out` the outermost start tag ends, since prefixes may have to be declared in it."""
+        """Index in `output` of the end of the root's start tag, where missing prefixes are declared."""
         self.undeclared_prefixes: dict[str, int] = {}
-        """Prefixes that nobody declares, and where they are first used."""
+        """Prefixes without a declaration, and the lines where they are first used."""
 
     def run(self) -> None:
         while self.position < len(self.text):
@@ -225,15 +223,13 @@ class _XmlRepairer:
         if self.root_end is None:
             raise XmlNotRepairable(self._line(), "it is not XML")
         if self.open_elements:
-            raise XmlNotRepairable(self._line(), "the file ends before its outermost element does", is_truncated=True)
+            raise XmlNotRepairable(self._line(), "the file ends before its root element does", is_truncated=True)
         for prefix, line in self.undeclared_prefixes.items():
             namespace = self._namespace(prefix)
             self.output[self.root_end] = (
                 f' xmlns:{prefix}="{escape(namespace, quote=False)}"{self.output[self.root_end]}'
             )
-            self.repairs.append(
-                XmlRepair(line, f"nothing declares the prefix {prefix!r}", f"it is taken to mean {namespace}")
-            )
+            self.repairs.append(XmlRepair(line, f"the prefix {prefix!r} is not declared", f"it is read as {namespace}"))
 
     def _step(self) -> None:
         text, at = self.text, self.position
@@ -253,10 +249,10 @@ class _XmlRepairer:
         elif text[at + 1 : at + 2].isalpha() or text.startswith("<_", at):
             self._start_tag()
         else:
-            self._warn("a < stands in a text", "it is read as &lt;")
+            self._warn("there is a < in a text", "it is read as &lt;")
             self._text(at + 1, "&lt;")
 
-    # -- what stands between tags --------------------------------------------------------------------------------------
+    # -- between tags --------------------------------------------------------------------------------------------------
 
     def _copy_until(self, end: str) -> None:
         found = self.text.find(end, self.position)
@@ -270,14 +266,12 @@ class _XmlRepairer:
         if self.open_elements:
             self._copy_until("]]>")
         else:
-            raise XmlNotRepairable(
-                self._line(), "it is not well-formed XML: a text stands outside of its outermost element"
-            )
+            raise XmlNotRepairable(self._line(), "it is not well-formed XML: there is text outside of its root element")
 
     def _instruction(self) -> None:
         declares = re.match(r"<\?xml\s", self.text[self.position : self.position + 6])
         if declares and self.output and "".join(self.output).strip():
-            self._warn("an XML declaration stands inside the document", "it is ignored")
+            self._warn("there is an XML declaration inside the document", "it is ignored")
             self._skip_until("?>")
         elif declares and self.output:
             self._skip_until("?>")
@@ -290,16 +284,16 @@ class _XmlRepairer:
         self._emit("\n" * self.text.count("\n", self.position, stop), to=stop)
 
     def _text(self, stop: int, text: str | None = None) -> None:
-        """What stands between two tags; kept where RDF/XML has a place for text."""
+        """Reads the text between two tags, which is dropped where RDF/XML does not allow it."""
         text = self.text[self.position : stop] if text is None else text
         blank = not text.strip()
         if not self.open_elements:
             if not blank:
-                what = "after its outermost element" if self.root_end is not None else "before its first element"
-                raise XmlNotRepairable(self._line(), f"it is not well-formed XML: text stands {what}")
+                where = "after its root element" if self.root_end is not None else "before its root element"
+                raise XmlNotRepairable(self._line(), f"it is not well-formed XML: there is text {where}")
         elif not blank and not self.open_elements[-1].allows_text():
             self._warn(
-                f"the text {_shortened(text)} stands where <{self.open_elements[-1].name}> takes none", "it is ignored"
+                f"the text {_shortened(text)} is not allowed in <{self.open_elements[-1].name}>", "it is ignored"
             )
             text = "\n" * text.count("\n")
         elif not blank:
@@ -307,7 +301,7 @@ class _XmlRepairer:
             text = self._resolved(text)
         self._emit(text, to=stop)
 
-    # -- what stands before them ---------------------------------------------------------------------------------------
+    # -- DOCTYPE -------------------------------------------------------------------------------------------------------
 
     def _doctype(self) -> None:
         bracket, close = self.text.find("[", self.position), self.text.find(">", self.position)
@@ -325,7 +319,7 @@ class _XmlRepairer:
 
     def _entity(self, entity: re.Match[str], start: int) -> str:
         if entity["bare"] and entity["bare"].upper() in {"SYSTEM", "PUBLIC"}:
-            return entity[0]  # refused by whoever looks for outside entities
+            return entity[0]  # external entities are rejected by `expand_safe_entities`
         value = next(entity[kind] for kind in ("double", "single", "bare") if entity[kind] is not None)
         name, breaks = entity["name"], "\n" * entity[0].count("\n")
         line = start + entity.string.count("\n", 0, entity.start())
@@ -337,8 +331,8 @@ class _XmlRepairer:
         self.entities[name] = value
         if _STRICT_ENTITY.fullmatch(entity[0].rstrip()):
             return entity[0]
-        what = f"the declaration of the entity {name!r} is not well-formed"
-        self.repairs.append(XmlRepair(line, what, "it is read all the same"))
+        problem = f"the declaration of the entity {name!r} is not well-formed"
+        self.repairs.append(XmlRepair(line, problem, "it is read nevertheless"))
         return f'<!ENTITY {name} "{value.replace(chr(34), "&#34;")}">{breaks}'
 
     # -- tags ----------------------------------------------------------------------------------------------------------
@@ -348,10 +342,10 @@ class _XmlRepairer:
         if stop is None:
             raise XmlNotRepairable(self._line(), "the file ends within a tag", is_truncated=True)
         if self.text[stop - 1] != ">":
-            self._warn("an end tag has no >", "it is read all the same")
+            self._warn("an end tag has no >", "it is read nevertheless")
         name = self.text[self.position + 2 : stop].rstrip(">").strip()
         if not any(element.name == name for element in self.open_elements):
-            self._warn(f"</{name}> ends what never began", "it is ignored")
+            self._warn(f"</{name}> has no start tag", "it is ignored")
             self._emit("", to=stop)
             return
         ends = []
@@ -368,13 +362,13 @@ class _XmlRepairer:
         tag = parse_start_tag(self.text, self.position)
         if tag.is_truncated:
             raise XmlNotRepairable(self._line(), "the file ends within a tag", is_truncated=True)
-        for what in tag.issues:
-            self._warn(f"<{tag.name}>: {what}", "it is read all the same")
+        for problem in tag.issues:
+            self._warn(f"<{tag.name}>: {problem}", "it is read nevertheless")
         self._close_full_property(tag.name)
-        above = self.open_elements[-1] if self.open_elements else None
-        element = OpenElement.child_of(above, tag.name, is_root=self.root_end is None)
-        if above is not None and element.content_model is not ContentModel.LITERAL:
-            self._drop_texts(above)
+        parent = self.open_elements[-1] if self.open_elements else None
+        element = OpenElement.child_of(parent, tag.name, is_root=self.root_end is None)
+        if parent is not None and element.content_model is not ContentModel.LITERAL:
+            self._drop_texts(parent)
         attributes = list(self._attributes(tag.name, element, tag.attributes))
         self._declare(element, tag.name, attributes)
         element.apply_attributes(attributes)
@@ -389,28 +383,30 @@ class _XmlRepairer:
             self._close()
 
     def _close_full_property(self, name: str) -> None:
-        """A statement has one object: what follows is the next statement, or the object of one that says the same."""
-        above = self.open_elements[-1] if self.open_elements else None
+        """Ends a property that has its value: the next element is a further value, or the next property."""
+        parent = self.open_elements[-1] if self.open_elements else None
         if (
-            above is None
-            or above.content_model is not ContentModel.VALUE
-            or not (above.has_children or above.has_resource)
+            parent is None
+            or parent.content_model is not ContentModel.VALUE
+            or not (parent.has_children or parent.has_resource)
         ):
             return
-        self.output.append(f"</{above.name}>")
-        if above.has_children and name.rpartition(":")[2][:1].isupper():
-            self._warn(f"<{above.name}> holds several things", f"<{name}> is read as if in a <{above.name}> of its own")
-            self.output.append(f"<{above.name}>")
+        self.output.append(f"</{parent.name}>")
+        if parent.has_children and name.rpartition(":")[2][:1].isupper():
+            self._warn(
+                f"<{parent.name}> contains several nodes", f"<{name}> is read as if in a <{parent.name}> of its own"
+            )
+            self.output.append(f"<{parent.name}>")
         else:
-            self._warn(f"<{above.name}> has no end tag", f"it ends before <{name}>")
+            self._warn(f"<{parent.name}> has no end tag", f"it ends before <{name}>")
             self._close()
 
     def _drop_texts(self, parent: OpenElement) -> None:
-        """What holds things cannot hold text beside them."""
+        """Drops the texts of an element that contains other elements."""
         parent.has_children = True
         for index in parent.text_positions:
             self._warn(
-                f"the text {_shortened(self.output[index])} stands beside what is in <{parent.name}>", "it is ignored"
+                f"the text {_shortened(self.output[index])} is next to an element in <{parent.name}>", "it is ignored"
             )
             self.output[index] = "\n" * self.output[index].count("\n")
         parent.text_positions.clear()
@@ -437,23 +433,23 @@ class _XmlRepairer:
             key = name
             if name in _RDF_ATTRIBUTES and element.content_model is not ContentModel.LITERAL:
                 key = f"rdf:{name}"
-                self._warn(f"<{tag}> says {name!r} without a prefix", f"it is read as {key}")
+                self._warn(f"<{tag}> has the attribute {name!r} without a prefix", f"it is read as {key}")
             if key in seen:
                 other = "" if seen[key] == value else f"; the other, {value!r}, is ignored"
-                self._warn(f"<{tag}> says {key} twice", f"the first counts{other}")
+                self._warn(f"<{tag}> has the attribute {key} twice", f"the first counts{other}")
                 continue
             seen[key] = value
             if key == "rdf:ID" and element.content_model is ContentModel.PROPERTIES:
                 if {"rdf:about", "about"} & names:
-                    self._warn(f"<{tag}> says both rdf:about and rdf:ID", "rdf:about counts")
+                    self._warn(f"<{tag}> has both rdf:about and rdf:ID", "rdf:about counts")
                     continue
                 key, value = self._identifier(tag, value)
             if key == "xml:lang" and not _LANGUAGE.match(value):
                 value = value.replace("_", "-")
                 if not _LANGUAGE.match(value):
-                    self._warn(f"<{tag}> says the language {value!r}, which is none", "it is ignored")
+                    self._warn(f"<{tag}> has the invalid language {value!r}", "it is ignored")
                     continue
-                self._warn(f"<{tag}> says a language with an underscore", f"it is read as {value}")
+                self._warn(f"<{tag}> has a language with an underscore", f"it is read as {value}")
             if key in {"rdf:about", "rdf:resource", "rdf:datatype"}:
                 value = self._iri(tag, key, value)
             yield key, self._resolved(value).replace("<", "&lt;").replace('"', "&quot;")
@@ -462,14 +458,16 @@ class _XmlRepairer:
         if _XML_NAME.match(value) and value not in self.ids:
             self.ids.add(value)
             return "rdf:ID", value
-        why = "is used before" if value in self.ids else "is no XML name"
-        self._warn(f"<{tag}> has the rdf:ID {value!r}, which {why}", f'it is read as rdf:about="#{value}"')
+        reason = "is already used" if value in self.ids else "is not an XML name"
+        self._warn(f"<{tag}> has the rdf:ID {value!r}, which {reason}", f'it is read as rdf:about="#{value}"')
         return "rdf:about", self._iri(tag, "rdf:ID", f"#{value}")
 
     def _iri(self, tag: str, key: str, value: str) -> str:
-        fixed = _NOT_IN_IRIS.sub(lambda letter: "".join(f"%{byte:02X}" for byte in letter[0].encode()), value)
+        fixed = _NOT_IN_IRIS.sub(lambda found: "".join(f"%{byte:02X}" for byte in found[0].encode()), value)
         if fixed != value:
-            self._warn(f"<{tag}> has the {key} {value!r}, with letters that no IRI has", f"it is read as {fixed!r}")
+            self._warn(
+                f"<{tag}> has the {key} {value!r}, with characters that IRIs exclude", f"it is read as {fixed!r}"
+            )
         return fixed
 
     # -- entities ------------------------------------------------------------------------------------------------------
@@ -487,9 +485,9 @@ class _XmlRepairer:
         if meaning is None and name in name2codepoint:
             meaning = chr(name2codepoint[name])
         if meaning is None:
-            self._warn(f"nothing declares the entity {name!r}", "it is read as it stands")
+            self._warn(f"the entity {name!r} is not declared", "it is read as text")
             return f"&amp;{name};"
-        self._warn(f"nothing declares the entity {name!r}", f"it is taken to mean {meaning}")
+        self._warn(f"the entity {name!r} is not declared", f"it is read as {meaning}")
         return escape(meaning, quote=False)
 
     def _escape_ampersand(self, ampersand: re.Match[str]) -> str:
@@ -497,7 +495,7 @@ class _XmlRepairer:
         if name in self.entities:
             self._warn(f"the entity {name!r} is used with a colon", "it is read as if with a semicolon")
             return f"&{name};"
-        self._warn("an & stands alone", "it is read as &amp;")
+        self._warn("there is an unescaped &", "it is read as &amp;")
         return f"&amp;{ampersand[0][1:]}"
 
     def _namespace(self, prefix: str) -> str:
@@ -506,7 +504,7 @@ class _XmlRepairer:
     def _unescape(self, value: str) -> str:
         return _AMPERSAND.sub(lambda found: self.entities.get(found[2] or "", found[0]), value)
 
-    # -- the way forward -----------------------------------------------------------------------------------------------
+    # -- output --------------------------------------------------------------------------------------------------------
 
     def _emit(self, text: str, *, to: int) -> None:
         self.output.append(text)

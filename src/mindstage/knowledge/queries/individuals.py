@@ -1,7 +1,4 @@
-"""Questions about single things, and how much there is of them.
-
-Questions about what things are made of.
-"""
+"""Questions about individuals: what they are, their parts and handles, and the statistics of maps."""
 
 from __future__ import annotations
 
@@ -61,7 +58,7 @@ _HANDLE_CLASS = knowrob("Handle")
 
 
 class PartOf(AnswerRow, frozen=True, kw_only=True):
-    """A thing that is a part of another one, at any depth."""
+    """An individual that is a part of another one, at any depth."""
 
     part: IndividualName
     whole: IndividualName
@@ -78,9 +75,9 @@ def part_of(
     whole: IndividualName | None = None,
     map: MapName | None = None,
 ) -> Iterator[PartOf]:
-    """Parts and wholes to any depth, whichever side tells of it; give the one to get the other.
+    """Parts and wholes to any depth, whichever of the two states the relation; give one to find the other.
 
-    What a constraint joins is no part of it, nor of one another.
+    A body that a joint connects to another one is not a part of it.
 
     Examples:
         part_of whole=fridge_door
@@ -88,15 +85,15 @@ def part_of(
     """
     index = kb.reasoner
     if part is not None and whole is None:
-        for up in index.wholes(part):
-            for place in index.maps_of.get(up.individual, ()):
-                yield PartOf(part=part, whole=up.individual, depth=up.depth, map=place)
+        for step in index.wholes(part):
+            for place in index.maps_of.get(step.individual, ()):
+                yield PartOf(part=part, whole=step.individual, depth=step.depth, map=place)
         return
     for place in sorted(index.members_by_map) if map is None else (map,):
         for each in sorted(index.members_by_map[place]) if whole is None else (whole,):
             if place in index.maps_of.get(each, ()):
-                for down in index.parts(each):
-                    yield PartOf(part=down.individual, whole=each, depth=down.depth, map=place)
+                for step in index.parts(each):
+                    yield PartOf(part=step.individual, whole=each, depth=step.depth, map=place)
 
 
 @part_of.explain
@@ -108,25 +105,25 @@ def _explain_part(kb: QuestionContext, row: PartOf) -> Iterator[str]:
 def _missing_parts(
     kb: QuestionContext, part: Iri | None = None, whole: Iri | None = None, map: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
-    if thing := whole or part:
-        if map and map not in kb.reasoner.maps_of.get(thing, ()):
-            yield from missing_description(kb.reasoner, thing, map)
+    if individual := whole or part:
+        if map and map not in kb.reasoner.maps_of.get(individual, ()):
+            yield from missing_description(kb.reasoner, individual, map)
             return
         what = (
             f"no part of {local_name(whole)}" if part and whole else "a part of nothing" if part else "made of nothing"
         )
-        why = f"{local_name(part or thing)} is {what}: neither child, parent nor a property of parts leads there"
-        yield MissingKnowledge(kb.reasoner.class_of(thing) or THING, CHILD, why)
+        why = f"{local_name(part or individual)} is {what}: neither child, parent nor a part-of property relates them"
+        yield MissingKnowledge(kb.reasoner.class_of(individual) or THING, CHILD, why)
 
 
 class HandleOf(AnswerRow, frozen=True, kw_only=True):
-    """A handle of a thing."""
+    """A handle of an individual."""
 
     default_column: ClassVar[str] = "handle"
     individual: IndividualName
     handle: IndividualName
     map: MapName
-    """The map that the thing is described in."""
+    """The map that the individual is described in."""
 
 
 @question
@@ -136,9 +133,9 @@ def handle_of(
     handle: IndividualName | None = None,
     map: MapName | None = None,
 ) -> Iterator[HandleOf]:
-    """The handles of a thing: parts, at any depth, that are Handles; or all that a handle is the handle of.
+    """The handles of an individual, which are its parts of class Handle at any depth; or what a handle belongs to.
 
-    What hangs on a thing by a constraint counts as a part here: the handle of an oven's door is the oven's.
+    A body that a joint connects to the individual counts as a part here: the handle of an oven door is also the oven's.
 
     Examples:
         handle_of fridge_door
@@ -151,15 +148,15 @@ def handle_of(
         return
     for each in index.members(_HANDLE_CLASS) if handle is None else (handle,):
         if index.is_member(each, _HANDLE_CLASS):
-            for up in index.wholes(each, through_joints=True):
-                places = () if index.is_member(up.individual, CONSTRAINT) else index.maps_of.get(up.individual, ())
+            for step in index.wholes(each, through_joints=True):
+                places = () if index.is_member(step.individual, CONSTRAINT) else index.maps_of.get(step.individual, ())
                 for place in places:
-                    yield HandleOf(individual=up.individual, handle=each, map=place)
+                    yield HandleOf(individual=step.individual, handle=each, map=place)
 
 
 def _find_handles(reasoner: Reasoner, individual: Iri) -> Iterator[Iri]:
     parts = () if reasoner.is_member(individual, CONSTRAINT) else reasoner.parts(individual, through_joints=True)
-    return (down.individual for down in parts if reasoner.is_member(down.individual, _HANDLE_CLASS))
+    return (step.individual for step in parts if reasoner.is_member(step.individual, _HANDLE_CLASS))
 
 
 @handle_of.explain
@@ -189,14 +186,14 @@ def _missing_handle(
 
 
 def _part_lines(parts: Iterator[PartOfStep], part: Iri) -> Iterator[str]:
-    for down in parts:
-        if down.individual == part:
-            yield from map(statement_line, down.path)
+    for step in parts:
+        if step.individual == part:
+            yield from map(statement_line, step.path)
             return
 
 
 class JointSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """What a constraint joins, and how that moves."""
+    """The two bodies that a joint connects, and its limits."""
 
     parent: Iri
     child: Iri
@@ -208,7 +205,7 @@ class JointSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def _unlocked_axes(joint: JointSummary) -> Iterator[str]:
-    """The axes that are not locked."""
+    """The axes that are not locked, with their limits."""
     linear, angular = joint.linear, joint.angular
     for axis in ("x", "y", "z", "twist", "swing2", "swing1"):
         slides = axis in {"x", "y", "z"}
@@ -219,11 +216,11 @@ def _unlocked_axes(joint: JointSummary) -> Iterator[str]:
 
 
 class IndividualDescription(AnswerRow, frozen=True, kw_only=True):
-    """What is known of an individual."""
+    """Everything that is known about an individual."""
 
     individual: IndividualName
     classes: tuple[ClassName, ...]
-    """As told, the most special first; then those that follow from definitions, or where nothing is told."""
+    """The asserted classes, the most specific first; then those that are inferred."""
     map: MapName | None
     label: str | None = None
     pose: Pose | None = None
@@ -233,20 +230,20 @@ class IndividualDescription(AnswerRow, frozen=True, kw_only=True):
     mobility: str | None = None
     mesh: str | None = None
     joint: JointSummary | None = None
-    """Of a constraint."""
+    """Only if the individual is a joint."""
     tags: tuple[Tag, ...] = ()
     facts: tuple[PropertyAssertion, ...] = ()
-    """Every other statement about it: those that its map has no field for, and those told at run time."""
+    """All other statements: those of the map that have no field here, and those asserted at run time."""
 
 
 @question
 def what_is(
     kb: QuestionContext, individual: IndividualName | None = None, map: MapName | None = None
 ) -> Iterator[IndividualDescription]:
-    """What an individual is: classes, pose, size, mass, mesh, tags, how a constraint moves, and every other fact.
+    """What an individual is: its classes, pose, size, mass, mesh, tags, joint limits, and all other statements.
 
-    Where nobody says what it is, a property that it has may do so by its domain or range. Classes and facts are as
-    they were told last; everything else is as its map tells it.
+    Classes that are not asserted are inferred from definitions, and from the domains and ranges of properties. Classes
+    and other statements include those asserted at run time; everything else is as the map's file gives it.
 
     Examples:
         what_is milk_carton_1
@@ -254,50 +251,52 @@ def what_is(
     """
     index = kb.reasoner
     for each in sorted(index.maps_of) if individual is None else (individual,):
-        told = _most_specific_first(index, each)
+        classes = _most_specific_first(index, each)
         places = index.maps_of.get(each, ()) if map is None else [map] if map in index.maps_of.get(each, ()) else []
         for place in places:
-            yield _description(kb, each, told, place)
+            yield _description(kb, each, classes, place)
         if not places and map is None:
-            yield _description(kb, each, told, None)
+            yield _description(kb, each, classes, None)
 
 
 def _most_specific_first(reasoner: Reasoner, individual: Iri) -> tuple[Iri, ...]:
-    told = reasoner.types.get(individual, ())
-    order = {cls: (cls not in told, -len(reasoner.classes.above(cls)), cls) for cls in reasoner.types_of(individual)}
+    asserted = reasoner.types.get(individual, ())
+    order = {
+        cls: (cls not in asserted, -len(reasoner.classes.above(cls)), cls) for cls in reasoner.types_of(individual)
+    }
     return tuple(sorted(order, key=lambda cls: order[cls]))
 
 
 def _description(
     kb: QuestionContext, individual: Iri, classes: tuple[Iri, ...], map: Iri | None
 ) -> IndividualDescription:
-    placed = kb.scene_entity(individual, map) if map else None
-    if placed is None:
+    entity = kb.scene_entity(individual, map) if map else None
+    if entity is None:
         return IndividualDescription(individual=individual, classes=classes, map=map, facts=kb.facts_of(individual))
-    facts = tuple(dict.fromkeys((*placed.facts, *kb.facts_of(individual, runtime_only=True))))
-    known = IndividualDescription(
-        individual=individual, classes=classes, map=map, pose=placed.pose, tags=placed.tags, facts=facts
+    facts = tuple(dict.fromkeys((*entity.facts, *kb.facts_of(individual, runtime_only=True))))
+    description = IndividualDescription(
+        individual=individual, classes=classes, map=map, pose=entity.pose, tags=entity.tags, facts=facts
     )
-    match placed:
+    match entity:
         case Body(physics=physics):
             return msgspec.structs.replace(
-                known,
-                label=placed.label,
-                size=placed.size,
+                description,
+                label=entity.label,
+                size=entity.size,
                 mass_kg=physics.mass_kg,
                 mobility=physics.mobility.value if physics.mobility else None,
-                mesh=placed.mesh,
+                mesh=entity.mesh,
             )
         case Joint():
-            return msgspec.structs.replace(known, joint=_joint_summary(kb.world(map), placed))
+            return msgspec.structs.replace(description, joint=_joint_summary(kb.world(map), entity))
         case _:
-            return known
+            return description
 
 
-def _joint_summary(world: World, constraint: Joint) -> JointSummary:
+def _joint_summary(world: World, joint: Joint) -> JointSummary:
     iris = {body.id: body.iri for body in world.bodies}
-    parent, child = (iris.get(id, Iri(id)) for id in (constraint.parent, constraint.child))
-    return JointSummary(parent=parent, child=child, linear=constraint.linear, angular=constraint.angular)
+    parent, child = (iris.get(id, Iri(id)) for id in (joint.parent, joint.child))
+    return JointSummary(parent=parent, child=child, linear=joint.linear, angular=joint.angular)
 
 
 @what_is.explain
@@ -317,7 +316,7 @@ def _missing_individual(
 
 
 class MapCounts(AnswerRow, frozen=True, kw_only=True):
-    """A map in numbers."""
+    """The statistics of one map."""
 
     map: MapName
     classes: int
@@ -329,30 +328,30 @@ class MapCounts(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def analyse(kb: QuestionContext, map: MapName | None = None) -> Iterator[MapCounts]:
-    """A map in numbers, as its files tell it: what the thesis's analyse_semantic_map counts.
+    """Counts of what a map describes, as its files state it: the numbers of the thesis's analyse_semantic_map.
 
     Examples:
         analyse
     """
     for each in sorted(kb.maps()) if map is None else {map} & {*kb.maps()}:
-        told = kb.map_statistics(each)
+        counts = kb.map_statistics(each)
         yield MapCounts(
             map=each,
-            classes=told.classes,
-            individuals=told.individuals,
-            objects=told.objects,
-            constraints=told.constraints,
-            relations=told.relations,
+            classes=counts.classes,
+            individuals=counts.individuals,
+            objects=counts.objects,
+            constraints=counts.constraints,
+            relations=counts.relations,
         )
 
 
 @analyse.explain
 def _explain_counts(kb: QuestionContext, row: MapCounts) -> Iterator[str]:
     name = local_name(row.map)
-    yield f"{row.individuals} individuals say describedInMap {name}; their poses and limits are not counted"
+    yield f"{row.individuals} individuals have describedInMap {name}; their poses and limits are not counted"
     yield f"{row.constraints} of them are of a class that is a Constraint, and the other {row.objects} are objects"
-    yield f"{row.classes} different classes are told as their types"
-    yield f"{row.relations} different pairs of parent and child, the two ends of constraints among them"
+    yield f"{row.classes} different classes are asserted as their types"
+    yield f"{row.relations} different pairs of parent and child, including the two ends of each constraint"
 
 
 @analyse.missing

@@ -1,7 +1,4 @@
-"""Questions about two maps: whether they tell of the same world, and where they do not.
-
-Questions about maps: which there are, and who is in them.
-"""
+"""Questions about maps: which are loaded, what they contain, and how two of them differ."""
 
 from __future__ import annotations
 
@@ -48,7 +45,7 @@ __all__ = [
 
 
 class MapInfo(AnswerRow, frozen=True, kw_only=True):
-    """A map, and how much is in it."""
+    """A map and the number of its individuals."""
 
     map: MapName
     individuals: int
@@ -56,7 +53,7 @@ class MapInfo(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def maps(kb: QuestionContext, map: MapName | None = None) -> Iterator[MapInfo]:
-    """Which semantic maps there are.
+    """All semantic maps that are loaded, with the number of their individuals.
 
     Examples:
         maps
@@ -70,7 +67,7 @@ def maps(kb: QuestionContext, map: MapName | None = None) -> Iterator[MapInfo]:
 def _explain_map(kb: QuestionContext, row: MapInfo) -> Iterator[str]:
     if SEMANTIC_MAP in kb.reasoner.types.get(row.map, ()):
         yield statement_line(ObjectTriple(row.map, TYPE, SEMANTIC_MAP))
-    yield f"{row.individuals} say describedInMap {local_name(row.map)}; their poses and limits are not counted"
+    yield f"{row.individuals} have describedInMap {local_name(row.map)}; their poses and limits are not counted"
 
 
 @maps.missing
@@ -79,11 +76,11 @@ def _missing_maps(kb: QuestionContext, map: Iri | None = None) -> Iterator[Missi
 
 
 class MapMember(AnswerRow, frozen=True, kw_only=True):
-    """Something that is described in a map."""
+    """An individual that is described in a map."""
 
     individual: IndividualName
     cls: ClassName | None
-    """The most special class that it is said to be of."""
+    """The most specific of its classes."""
     map: MapName
 
 
@@ -91,7 +88,7 @@ class MapMember(AnswerRow, frozen=True, kw_only=True):
 def everything_in_map(
     kb: QuestionContext, individual: IndividualName | None = None, map: MapName | None = None
 ) -> Iterator[MapMember]:
-    """Everything that is described in a map: objects and constraints.
+    """Everything that is described in a map: objects and joints.
 
     Examples:
         everything_in_map
@@ -116,7 +113,7 @@ def _missing_members(
 
 
 class InstanceOfClass(AnswerRow, frozen=True, kw_only=True):
-    """An individual of a class, or of one below it."""
+    """An individual of a class or of one of its subclasses."""
 
     cls: ClassName
     individual: IndividualName
@@ -130,7 +127,7 @@ def individual_of_class(
     individual: IndividualName | None = None,
     map: MapName | None = None,
 ) -> Iterator[InstanceOfClass]:
-    """Individuals of a class in a map, those of its subclasses included; or the classes of an individual.
+    """The individuals of a class and of its subclasses in a map; or all classes of an individual.
 
     Examples:
         individual_of_class Handle
@@ -139,13 +136,13 @@ def individual_of_class(
     index = kb.reasoner
     if cls is not None and individual is None:
         members, maps_of = index.members(cls, map), index.maps_of
-        here = [(place, each) for each in members for place in ((map,) if map else maps_of.get(each, ()))]
-        for place, each in sorted(here, key=itemgetter(0)):  # they are in order within a map already
+        found = [(place, each) for each in members for place in ((map,) if map else maps_of.get(each, ()))]
+        for place, each in sorted(found, key=itemgetter(0)):  # within a map they are in order already
             yield InstanceOfClass(cls=cls, individual=each, map=place)
         return
     for place in sorted(index.members_by_map) if map is None else (map,):
         for each in index.individuals_in(place, individual):
-            classes = {above: None for told in index.types_of(each) for above in index.classes.above(told)}
+            classes = {above: None for own in index.types_of(each) for above in index.classes.above(own)}
             for above in classes if cls is None else [cls] if cls in classes else []:
                 yield InstanceOfClass(cls=above, individual=each, map=place)
 
@@ -166,31 +163,31 @@ def _missing_individuals(
     elif cls:
         yield missing_instance(cls, individual, map)
     elif individual:
-        yield MissingKnowledge(THING, TYPE, f"nobody says what {local_name(individual)} is: it has no type")
+        yield MissingKnowledge(THING, TYPE, f"the class of {local_name(individual)} is unknown: it has no type")
     else:
         yield from missing_description(index, None, map)
 
 
 class MapEquality(AnswerRow, frozen=True, kw_only=True):
-    """Two maps, held against each other."""
+    """The result of comparing two maps."""
 
     a: MapName
     b: MapName
     identical: bool
-    """In everything: sizes, meshes and facts too."""
+    """In everything, including sizes, meshes and other statements."""
     identical_mechanics: bool
-    """In poses, masses, limits and what there is; the thesis compared no more than that."""
+    """In poses, masses, limits and existing entities only, which is what the thesis compares."""
     differing: tuple[str, ...]
-    """Ids of all that stands in one only, or differs by more than the tolerance."""
+    """The ids of entities that only one of the maps has, or that differ by more than the tolerance."""
 
 
 @question
 def identical_maps(
     kb: QuestionContext, a: MapName | None = None, b: MapName | None = None, tolerance: float = 0.0
 ) -> Iterator[MapEquality]:
-    """Whether two maps tell of the same world, and the ids of all that differs by more than the tolerance.
+    """Whether two maps describe the same world, and the ids of all entities that differ by more than the tolerance.
 
-    A map that was only told of, and stands in no file, is not compared.
+    A map that no loaded file describes is not compared.
 
     Examples:
         identical_maps kitchen kitchen
@@ -207,26 +204,26 @@ def identical_maps(
 
 
 class MapDifference(AnswerRow, frozen=True, kw_only=True):
-    """One thing, or one field of it, that two maps do not agree on."""
+    """An entity, or one of its fields, that differs between two maps."""
 
     a: MapName
     b: MapName
     id: str
-    """Of a body, a constraint or a light; the IRI of anything else."""
+    """The id of a body, joint or light; the IRI of anything else."""
     field: str
-    """Dotted, such as `pose.qpos_address`; empty where only one of the maps has the thing at all."""
+    """Dotted, such as `pose.position`; empty if only one of the maps has the entity."""
     in_a: str | None
-    """What the first map has, as JSON; None for nothing."""
+    """The first map's value as JSON; None if it has none."""
     in_b: str | None
     error: float | None
-    """How far apart the two are, in meters, radians, kilograms; None where no number says it."""
+    """The difference of the two values, in meters, radians or kilograms; None if they are not numbers."""
 
 
 @question
 def differences(
     kb: QuestionContext, a: MapName | None = None, b: MapName | None = None, tolerance: float = 0.0
 ) -> Iterator[MapDifference]:
-    """What exactly two maps do not agree on: individuals that only one of them has, and each field that differs.
+    """How two maps differ: the entities that only one of them has, and each field with different values.
 
     Examples:
         differences kitchen kitchen
@@ -251,8 +248,8 @@ def differences(
 @identical_maps.explain
 def _explain_comparison(kb: QuestionContext, row: MapEquality) -> Iterator[str]:
     a, b = kb.world(row.a), kb.world(row.b)
-    numbers = f"{len(a.bodies)} and {len(b.bodies)} bodies, {len(a.joints)} and {len(b.joints)} constraints"
-    yield f"{numbers} were compared, field by field and fact by fact"
+    numbers = f"{len(a.bodies)} and {len(b.bodies)} bodies, {len(a.joints)} and {len(b.joints)} joints"
+    yield f"{numbers} were compared, including all fields and other statements"
     for each in differences.ask(kb, {"a": row.a, "b": row.b}):
         if each.id in row.differing:
             yield _difference_text(each)
@@ -273,16 +270,18 @@ def _missing_map_pair(
         yield from missing_file(map)
     if len(known) < 2 and not (a and b):
         yield MissingKnowledge(
-            SEMANTIC_MAP, DESCRIBED_IN_MAP, f"there are {len(known)} maps, and it takes two to differ"
+            SEMANTIC_MAP, DESCRIBED_IN_MAP, f"{len(known)} maps are loaded, and a comparison needs two"
         )
 
 
 def _map_pairs(
     kb: QuestionContext, a: Iri | None, b: Iri | None, tolerance: float
 ) -> Iterator[tuple[Iri, Iri, WorldDiff]]:
-    """Any two maps, or a map and itself where somebody asks for just that."""
+    """All pairs of different maps; a map and itself only if both arguments are given."""
     if not tolerance >= 0.0:
-        raise InvalidArgumentError("tolerance", cause=f"{tolerance} forgives nothing", remedy="give 0 or more")
+        raise InvalidArgumentError(
+            "tolerance", cause=f"{tolerance} is negative or not a number", remedy="give 0 or more"
+        )
     known = sorted(kb.maps())
     for one in known if a is None else {a} & {*known}:
         for other in known if b is None else {b} & {*known}:
@@ -291,7 +290,7 @@ def _map_pairs(
 
 
 def _difference_text(row: MapDifference) -> str:
-    """What the one map says, and what the other."""
+    """The two values of a field, or the only map that has the entity."""
     if not row.field:
         return f"{row.id} is only in {local_name(row.a if row.in_b is None else row.b)}"
     apart = "" if row.error is None else f", {row.error:g} apart"

@@ -1,7 +1,4 @@
-"""Questions about what stands open, now.
-
-Questions about where things are relative to one another, now.
-"""
+"""Questions about the current state: where bodies are relative to one another, and which containers are open."""
 
 from __future__ import annotations
 
@@ -30,27 +27,34 @@ from mindstage.scene.kinematics import JointDisplacement, RigidGroups, joint_dis
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import normalize, pose_array
 
-__all__ = ["JointOpenness", "OpenState", "SpatialRelationRow", "openings", "source_text", "where_is"]
+__all__ = ["JointOpenness", "OpenState", "SpatialRelationRow", "openings", "where_is"]
 
 
 _RELATION_ORDER = {relation: at for at, relation in enumerate(SpatialRelation)}
 _SIZE_PROPERTY = knowrob("depthOfObject")
 
+_OPEN_FRACTION = 0.05
+_OPEN_M, _OPEN_RAD = 0.02, 0.1
+"""For joints without limits."""
+_FRONT_CLASSES = (knowrob("PortalCovering"), knowrob("StorageConstruct"))
+_CONTAINER = knowrob("Container")
+_STATE_PROPERTY = knowrob("stateOfObject")
+
 
 class SpatialRelationRow(AnswerRow, frozen=True, kw_only=True):
-    """How one thing stands to another."""
+    """A spatial relation between two bodies."""
 
     thing: IndividualName
     relation: SpatialRelation
     other: IndividualName
     map: MapName
-    """The map that the thing is described in."""
+    """The map that `thing` is described in."""
     gap: float
-    """[m]: level for next_to, to the nearest side for inside, upright for the rest; negative where they overlap."""
+    """Distance [m]: horizontal for next_to, to the nearest side for inside, else vertical; negative if they overlap."""
     share: float
-    """From 0 to 1: of the height for next_to, of the thing for inside, of the smaller footprint for the rest."""
+    """From 0 to 1: of the height for next_to, of the volume for inside, of the smaller footprint for the rest."""
     source: str
-    """Who says so: the engine that runs the place, or "map" as it was told."""
+    """Where the poses come from: the name of the engine, or "map"."""
 
 
 @question
@@ -63,25 +67,26 @@ def where_is(
     *,
     present: StateAccess,
 ) -> Iterator[SpatialRelationRow]:
-    """Where a thing is relative to others: on, inside, above, below or next_to; the nearest of a kind first.
+    """Where a body is relative to others: on, inside, above, below or next_to them; the nearest of each relation first.
 
-    It is measured, by the boxes around things and with down along -z. On: from 20 mm in it to 5 mm over it. Above and
-    below: up to 3 m. Next to: no more than 0.25 m apart, at the same height. Inside: 80 % of it along each axis, the
-    contents of fridges and drawers too; and the milk in the fridge is not next to the cup outside. What everything is
-    in, such as walls, is left out, and what hangs on doors and drawers rests on nothing else.
+    The relations are measured between bounding boxes, with down along -z. On: from 20 mm inside the other body to 5 mm
+    above it. Above and below: up to 3 m apart. Next to: at most 0.25 m apart at the same height. Inside: at least 80 %
+    along each axis, which includes the contents of fridges and drawers; a body inside a container is not next to the
+    bodies outside. Bodies that contain all others, such as walls, are left out, and bodies on doors and drawers rest on
+    nothing else.
 
-    Asked of a running stage, things are where the engine has them; else where their maps tell.
+    The poses are those of the running simulation, or those of the maps if there is none.
 
     Examples:
         where_is milk_carton_1
         where_is _ on counter_left
         where_is plate_3 on
     """
-    for moment in present.states(map):
-        homes, ids = moment.map_of_body(), {body.iri: body.id for body in moment.world.bodies}
+    for state in present.states(map):
+        homes, ids = state.map_of_body(), {body.iri: body.id for body in state.world.bodies}
         if not {thing, other} <= {None, *ids}:
             continue
-        found = SpatialRelations(moment.world).related(
+        found = SpatialRelations(state.world).related(
             subjects=None if thing is None else (ids[thing],),
             others=None if other is None else (ids[other],),
             relations=tuple(SpatialRelation) if relation is None else (relation,),
@@ -96,7 +101,7 @@ def where_is(
                 map=homes[each.body.id],
                 gap=each.gap,
                 share=each.overlap,
-                source=moment.source,
+                source=state.source,
             )
 
 
@@ -112,12 +117,12 @@ def _explain_relation(kb: QuestionContext, row: SpatialRelationRow) -> Iterator[
             yield f"{gap} from the top of {thing} up to {other}, which share {share} of the smaller footprint"
         case _:
             yield f"{gap} from the top of {other} up to {thing}, which share {share} of the smaller footprint"
-    yield source_text(row.source)
+    yield _source_text(row.source)
 
 
-def source_text(source: str) -> str:
-    """Who says how things are, in words."""
-    return "as the map tells; no engine was asked" if source == MAP_SOURCE else f"as {source} has it now"
+def _source_text(source: str) -> str:
+    """Where the poses of an answer come from, in words."""
+    return "as the map has it; no simulation is running" if source == MAP_SOURCE else f"as {source} has it now"
 
 
 @where_is.missing
@@ -130,35 +135,24 @@ def _missing_relation(
     *,
     present: StateAccess,
 ) -> Iterator[MissingKnowledge]:
-    moments = present.states(map)
+    states = present.states(map)
     for each in (thing, other):
         cls = kb.reasoner.class_of(each) if each else None
         if each and cls:
-            yield from _missing_pose(each, cls, moments)
+            yield from _missing_pose(each, cls, states)
 
 
 def _missing_pose(individual: Iri, cls: Iri, world_states: tuple[WorldState, ...]) -> Iterator[MissingKnowledge]:
-    bodies = [body for moment in world_states for body in moment.world.bodies if body.iri == individual]
+    bodies = [body for state in world_states for body in state.world.bodies if body.iri == individual]
+    name = local_name(individual)
     if not bodies:
-        yield MissingKnowledge(
-            cls, HAS_POSE, f"{local_name(individual)} is nowhere: no place that is looked at has a body of it"
-        )
+        yield MissingKnowledge(cls, HAS_POSE, f"{name} has no pose: no map or simulation that was asked has its body")
     elif all(body.size is None for body in bodies):
-        yield MissingKnowledge(
-            cls, _SIZE_PROPERTY, f"{local_name(individual)} has no size: neither it nor {local_name(cls)} tells one"
-        )
-
-
-_OPEN_FRACTION = 0.05
-_OPEN_M, _OPEN_RAD = 0.02, 0.1
-"""Where nothing limits how far it goes."""
-_FRONT_CLASSES = (knowrob("PortalCovering"), knowrob("StorageConstruct"))
-_CONTAINER = knowrob("Container")
-_STATE_PROPERTY = knowrob("stateOfObject")
+        yield MissingKnowledge(cls, _SIZE_PROPERTY, f"{name} has no size: neither it nor {local_name(cls)} states one")
 
 
 class OpenState(StrEnum):
-    """Whether one can reach in."""
+    """Whether a container is open or closed."""
 
     OPEN = "open"
     CLOSED = "closed"
@@ -168,20 +162,20 @@ class JointOpenness(AnswerRow, frozen=True, kw_only=True):
     """One door, drawer or lid."""
 
     thing: IndividualName
-    """What it belongs to."""
+    """The container that the door, drawer or lid belongs to."""
     state: OpenState
     front: IndividualName
     """The door, drawer or lid."""
     share: float | None
-    """How far it is open, from 0 to 1 of its way; None where nothing limits that."""
+    """How far it is open, from 0 to 1 of its range; None if the joint has no limits."""
     way: float
-    """The same in its unit."""
+    """The displacement of the joint, in `unit`."""
     unit: str
     """m or rad."""
     map: MapName
     """The map that the front is described in."""
     source: str
-    """Who says so: the engine that runs the place, or "map" as it was told."""
+    """Where the displacement comes from: the name of the engine, or "map"."""
 
 
 @question
@@ -194,21 +188,21 @@ def openings(
     *,
     present: StateAccess,
 ) -> Iterator[JointOpenness]:
-    """Which containers are open or closed, and how far: one answer for each door, drawer and lid on a constraint.
+    """Which containers are open or closed, and how far: one answer for each door, drawer and lid that a joint moves.
 
-    Closed is how the map has it. It counts as open from 5 % of the way that it can go; where nothing limits that, from
-    20 mm or 0.1 rad. A door belongs to the container that it covers most of, among what hangs together with the body
-    that the constraint names; knobs and taps open nothing.
+    Closed is the pose in the map. A container is open from 5 % of the joint's range, or from 20 mm or 0.1 rad if the
+    joint has no limits. A door belongs to the container of which it covers most, among the bodies that are fixed to
+    the other body of the joint. Knobs and taps open nothing.
 
-    Asked of a running stage, the engine tells how far each constraint has moved. Without one, or where the engine does
-    not know, everything is closed, which is only the map's word.
+    The displacements are those of the running simulation. Without one, or if the engine does not measure a joint,
+    everything is closed, as in the map.
 
     Examples:
         openings fridge
         openings state=closed front=drawer_left_1
     """
-    for moment in present.states(map):
-        yield from _find_openings(kb, moment, front)
+    for world_state in present.states(map):
+        yield from _find_openings(kb, world_state, front)
 
 
 def _find_openings(kb: QuestionContext, world_state: WorldState, front: Iri | None = None) -> Iterator[JointOpenness]:
@@ -221,15 +215,15 @@ def _find_openings(kb: QuestionContext, world_state: WorldState, front: Iri | No
         moving, holder = moving_body(joint, bodies[joint.parent], bodies[joint.child])
         if front not in {None, moving.iri} or not _is_front(kb, moving):
             continue
-        went, source = _displacement(joint, world_state)
-        if went is not None:
+        displacement, source = _displacement(joint, world_state)
+        if displacement is not None:
             yield JointOpenness(
                 thing=furniture.container_of(moving, holder).iri,
-                state=OpenState.OPEN if _is_open(went) else OpenState.CLOSED,
+                state=OpenState.OPEN if _is_open(displacement) else OpenState.CLOSED,
                 front=moving.iri,
-                share=None if went.fraction is None else round(went.fraction, 6),
-                way=round(went.displacement, 6),
-                unit="m" if went.is_prismatic else "rad",
+                share=None if displacement.fraction is None else round(displacement.fraction, 6),
+                way=round(displacement.displacement, 6),
+                unit="m" if displacement.is_prismatic else "rad",
                 map=homes[moving.id],
                 source=source,
             )
@@ -237,10 +231,10 @@ def _find_openings(kb: QuestionContext, world_state: WorldState, front: Iri | No
 
 @openings.explain
 def _explain_opening(kb: QuestionContext, row: JointOpenness) -> Iterator[str]:
-    share = "" if row.share is None else f", {row.share:.0%} of its way"
+    share = "" if row.share is None else f", {row.share:.0%} of its range"
     verb = "slid" if row.unit == "m" else "turned"
     yield f"{local_name(row.front)} of {local_name(row.thing)} has {verb} by {row.way:g} {row.unit}{share}"
-    yield source_text(row.source)
+    yield _source_text(row.source)
 
 
 @openings.missing
@@ -253,22 +247,20 @@ def _missing_opening(
     *,
     present: StateAccess,
 ) -> Iterator[MissingKnowledge]:
-    moments = present.states(map)
-    there = [row for moment in moments for row in _find_openings(kb, moment)]
-    if why := _unopenable_reason(kb, there, thing, front):
+    world_states = present.states(map)
+    rows = [row for each in world_states for row in _find_openings(kb, each)]
+    if why := _unopenable_reason(kb, rows, thing, front):
         yield MissingKnowledge(_CONTAINER, CHILD, why)
-    elif state is OpenState.OPEN and moments and all(moment.joint_positions is None for moment in moments):
-        why = "nobody measured what is open: without an engine that knows its joints, all is closed as the maps have it"
+    elif state is OpenState.OPEN and world_states and all(each.joint_positions is None for each in world_states):
+        why = "joint positions are unknown: without an engine that measures them, all is closed as in the maps"
         yield MissingKnowledge(_CONTAINER, _STATE_PROPERTY, why)
 
 
 def _unopenable_reason(kb: QuestionContext, rows: list[JointOpenness], thing: Iri | None, front: Iri | None) -> str:
-    """Why nothing opens a thing, or a front opens nothing, in whatever state it is; empty where something does."""
+    """Why nothing opens a container, or a front opens nothing, in any state; empty if something does."""
     owners = {row.front: local_name(row.thing) for row in rows}
     if front is not None and front not in owners:
-        return (
-            f"{individual_text(kb.reasoner, front)} opens nothing: it is no door, drawer or lid that a constraint moves"
-        )
+        return f"{individual_text(kb.reasoner, front)} opens nothing: it is no door, drawer or lid that a joint moves"
     if thing is None or any(row.thing == thing and front in {None, row.front} for row in rows):
         return ""
     if front is not None:
@@ -276,17 +268,17 @@ def _unopenable_reason(kb: QuestionContext, rows: list[JointOpenness], thing: Ir
     if thing in owners:
         name = local_name(thing)
         return f"nothing opens {name}, which itself opens {owners[thing]}: ask for front={name}"
-    return f"{individual_text(kb.reasoner, thing)} has no door, drawer or lid that a constraint moves"
+    return f"{individual_text(kb.reasoner, thing)} has no door, drawer or lid that a joint moves"
 
 
 def _is_front(kb: QuestionContext, body: Body) -> bool:
-    """Whether something that moves is a door, a drawer or a lid; what no ontology knows may be one."""
+    """Whether a moving body is a door, a drawer or a lid; bodies of unknown classes may be."""
     above = kb.reasoner.classes.above(body.cls)
     return len(above) <= 1 or any(kb.reasoner.is_a(body.cls, cls) for cls in _FRONT_CLASSES)
 
 
 def _displacement(joint: Joint, world_state: WorldState) -> tuple[JointDisplacement | None, str]:
-    """How far something went, and who says so."""
+    """The displacement of a joint (None if it is fixed), and where it comes from."""
     positions = world_state.joint_positions.get(joint.id) if world_state.joint_positions else None
     return joint_displacement(joint, positions or (0.0,) * 6), world_state.source if positions else MAP_SOURCE
 
@@ -298,7 +290,7 @@ def _is_open(displacement: JointDisplacement) -> bool:
 
 
 class _ContainerFinder:
-    """What doors and drawers belong to, by how everything was told: closed."""
+    """Finds the containers that doors and drawers belong to, from the poses in the maps, where all are closed."""
 
     def __init__(self, kb: QuestionContext, maps: Iterable[World]) -> None:
         self._kb = kb
@@ -312,7 +304,7 @@ class _ContainerFinder:
                 self._rigid_neighbors[body.id].append(body)
 
     def container_of(self, front: Body, parent: Body) -> Body:
-        """The container that a front closes, of all that hangs together with what holds the front."""
+        """The container that a front closes, among the bodies that are fixed to `parent`; `parent` if there is none."""
         closed = self._map_bodies.get(front.id, front)
         containers = [
             body

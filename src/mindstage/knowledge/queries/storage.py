@@ -1,13 +1,7 @@
-"""Questions about places: where things of a class are kept.
+"""Questions about purposes: where items are stored, and which devices actions are done with.
 
-They follow restrictions that promise a value of some class (someValuesFrom, a qualified cardinality of at least 1).
-What only excludes others (allValuesFrom) is no answer: a mug holds nothing but drinks and is no place to keep them.
-
-Purposes: what questions about storage and about devices have in common.
-
-Questions about devices: what an action is done with.
-
-They follow restrictions that promise a value of some class, as the questions about storage do.
+Both follow restrictions that imply existence (someValuesFrom, a qualified cardinality of at least 1). A restriction
+that only excludes fillers (allValuesFrom) gives no answer: a mug contains nothing but drinks, but does not store them.
 """
 
 from __future__ import annotations
@@ -47,15 +41,16 @@ __all__ = [
     "StoragePlaceInMap",
     "device_for_action",
     "device_for_action_in_environment",
-    "members_in",
     "storage_place",
     "storage_place_in_environment",
-    "unspecified",
 ]
 
+_DEVICE_USED = knowrob("deviceUsed")
+_CONTAINER_FOR = knowrob("typePrimaryFunction-containerFor")
 
-def members_in(reasoner: Reasoner, cls: Iri, individual: Iri | None, map: Iri | None) -> Iterator[tuple[Iri, Iri]]:
-    """Individuals of a class and their maps."""
+
+def _members_in(reasoner: Reasoner, cls: Iri, individual: Iri | None, map: Iri | None) -> Iterator[tuple[Iri, Iri]]:
+    """Individuals of a class, with the maps that describe them."""
     if individual is None:
         for place in sorted(reasoner.members_by_map) if map is None else (map,):
             for member in reasoner.members(cls, place):
@@ -66,10 +61,10 @@ def members_in(reasoner: Reasoner, cls: Iri, individual: Iri | None, map: Iri | 
                 yield individual, place
 
 
-def unspecified(
+def _missing_use(
     reasoner: Reasoner, individual: Iri | None, map: Iri | None, property: Iri, reason: str
 ) -> Iterator[MissingKnowledge]:
-    """What nobody told of a thing, or of all that is in a map."""
+    """The missing statement about an individual, or about everything in a map."""
     places = reasoner.maps_of.get(individual, ()) if individual else tuple(each for each in reasoner.members_by_map)
     if not (map in places and reasoner.members_by_map[map] if map else places):
         yield from missing_description(reasoner, individual, map)
@@ -81,23 +76,20 @@ def unspecified(
         yield MissingKnowledge(THING, property, f"everything in {local_name(map) if map else 'all maps'} {reason}")
 
 
-_DEVICE_USED = knowrob("deviceUsed")
-
-
 class ActionDevice(AnswerRow, frozen=True, kw_only=True):
-    """A class of things that an action needs."""
+    """A class of devices that an action needs."""
 
     action: ClassName
     device: ClassName
     told_by: ClassName
-    """The action's own class, or the one above it that says so."""
+    """The action's class, or the superclass that has the restriction."""
 
 
 @question
 def device_for_action(
     kb: QuestionContext, action: ClassName | None = None, device: ClassName | None = None
 ) -> Iterator[ActionDevice]:
-    """What an action is done with; what its own class says comes before what it inherits.
+    """Which devices an action is done with; those of its own class come before inherited ones.
 
     Examples:
         device_for_action BakingFood
@@ -150,33 +142,33 @@ def _missing_device(
 ) -> Iterator[MissingKnowledge]:
     property = local_name(_DEVICE_USED)
     if action is not None:
-        told = ", ".join(
+        fillers = ", ".join(
             expression_text(owned.restriction.filler) for owned in _device_restrictions(kb.reasoner, action)
         )
-        but = f"it needs {told}" if told else f"neither it nor an ancestor of it says {property} some …"
+        but = f"it needs {fillers}" if fillers else f"neither it nor an ancestor of it has {property} some …"
         yield MissingKnowledge(action, _DEVICE_USED, f"{local_name(action)} has no such {property}: {but}")
     elif device is not None:
         needed = _all_devices(kb.reasoner)
         above = next((cls for cls in kb.reasoner.classes.above(device) if cls in needed), None)
-        hint = f"; ask about {local_name(above)}, which it is" if above else ""
+        hint = f"; ask about its ancestor {local_name(above)}" if above else ""
         why = f"no action needs a {local_name(device)}: no {property} names it{hint}"
         yield MissingKnowledge(device, _DEVICE_USED, why, is_filler=True)
     else:
-        yield MissingKnowledge(knowrob("PhysicalDevice"), _DEVICE_USED, f"no class says {property} some …")
+        yield MissingKnowledge(knowrob("PhysicalDevice"), _DEVICE_USED, f"no class has {property} some …")
 
 
 def _all_devices(reasoner: Reasoner) -> set[Iri]:
-    told = (owned.restriction for owned in reasoner.restrictions_on(_DEVICE_USED))
-    return {device for each in told if each.implies_existence() for device in named_classes(each.filler)}
+    restrictions = (owned.restriction for owned in reasoner.restrictions_on(_DEVICE_USED))
+    return {device for each in restrictions if each.implies_existence() for device in named_classes(each.filler)}
 
 
 class ActionDeviceInMap(AnswerRow, frozen=True, kw_only=True):
-    """A thing in a map that an action is done with."""
+    """A device in a map that an action is done with."""
 
     action: ClassName
     individual: IndividualName
     device: ClassName
-    """The class that it is needed as."""
+    """The class that the action needs."""
     map: MapName
 
 
@@ -187,7 +179,7 @@ def device_for_action_in_environment(
     individual: IndividualName | None = None,
     map: MapName | None = None,
 ) -> Iterator[ActionDeviceInMap]:
-    """What, in a map, an action is done with.
+    """Which individuals in a map an action is done with.
 
     Examples:
         device_for_action_in_environment BakingFood
@@ -195,10 +187,10 @@ def device_for_action_in_environment(
     for each in _all_actions(kb.reasoner) if action is None else (action,):
         seen = set()
         for need in _find_devices(kb.reasoner, each):
-            for here, place in members_in(kb.reasoner, need.device, individual, map):
-                if (here, place) not in seen:
-                    seen.add((here, place))
-                    yield ActionDeviceInMap(action=each, individual=here, device=need.device, map=place)
+            for member, place in _members_in(kb.reasoner, need.device, individual, map):
+                if (member, place) not in seen:
+                    seen.add((member, place))
+                    yield ActionDeviceInMap(action=each, individual=member, device=need.device, map=place)
 
 
 @device_for_action_in_environment.explain
@@ -219,31 +211,28 @@ def _missing_device_in_map(
     for need in needs:
         yield missing_instance(need.device, individual, map)
     if action is None:
-        names = f"{local_name(_DEVICE_USED)} names a class that it is of"
-        yield from unspecified(kb.reasoner, individual, map, _DEVICE_USED, f"is needed by no action: no {names}")
-
-
-_CONTAINER_FOR = knowrob("typePrimaryFunction-containerFor")
+        reason = f"is needed by no action: no {local_name(_DEVICE_USED)} names one of its classes"
+        yield from _missing_use(kb.reasoner, individual, map, _DEVICE_USED, reason)
 
 
 class StoragePlace(AnswerRow, frozen=True, kw_only=True):
-    """A class of things that another class is kept in."""
+    """A class of places that items of another class are stored in."""
 
     item: ClassName
     place: ClassName
     because_of: ClassName
-    """The class that the place is said to be for: the item's own, or one above it."""
+    """The class that the place is for: the item's own, or one of its superclasses."""
     generality: int
-    """How many classes lie between the item and that reason; the most special reasons, with the least, come first."""
+    """The number of classes between `item` and `because_of`; the most specific answers, with the fewest, come first."""
 
 
 @question
 def storage_place(
     kb: QuestionContext, item: ClassName | None = None, place: ClassName | None = None
 ) -> Iterator[StoragePlace]:
-    """Where things of a class are kept, the most special place first.
+    """Where items of a class are stored, the most specific place first.
 
-    A place is the class that says so itself; those below it inherit it.
+    A place is the class that has the restriction itself; its subclasses inherit it.
 
     Examples:
         storage_place CowsMilk
@@ -279,7 +268,7 @@ def _sort_key(row: StoragePlace) -> tuple[int, str, str]:
 
 
 def _stored_classes(reasoner: Reasoner, place: Iri | None) -> list[Iri]:
-    """All classes that some place is for, or this one."""
+    """All classes that some place, or this one, is for."""
     fillers = (
         filler
         for owned in reasoner.restrictions_on(_CONTAINER_FOR)
@@ -305,35 +294,34 @@ def _missing_storage(
     kb: QuestionContext, item: Iri | None = None, place: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
     property = local_name(_CONTAINER_FOR)
-    hint = f"; {heir}" if place and (heir := _ancestor_hint(kb.reasoner, place)) else ""
+    hint = f"; {ancestor}" if place and (ancestor := _ancestor_hint(kb.reasoner, place)) else ""
     if item is None:
-        who = local_name(place) if place else "no class"
-        verb = "keeps nothing: it does not say" if place else "says"
-        yield MissingKnowledge(place or knowrob("Container"), _CONTAINER_FOR, f"{who} {verb} {property} some …{hint}")
+        why = f"{local_name(place)} stores nothing: it has no" if place else "no class has"
+        yield MissingKnowledge(place or knowrob("Container"), _CONTAINER_FOR, f"{why} {property} some …{hint}")
     else:
         name = local_name(item)
         where = "has no container" if place is None else f"is not kept in {local_name(place)}"
-        who = f"no {property}" if place is None else f"no {property} of {local_name(place)}"
-        why = f"{name} {where}: {who} names {name} or an ancestor of it{hint}"
+        restriction = f"no {property}" if place is None else f"no {property} of {local_name(place)}"
+        why = f"{name} {where}: {restriction} names {name} or an ancestor of it{hint}"
         yield MissingKnowledge(item, _CONTAINER_FOR, why, is_filler=True)
 
 
 def _ancestor_hint(reasoner: Reasoner, place: Iri) -> str:
-    """Whom to ask about instead, where a class says nothing itself and another one above it does."""
+    """Which ancestor to ask about instead of a class without a restriction of its own; empty if there is none."""
     uses = set(reasoner.properties.sub_properties(_CONTAINER_FOR))
     for owned in reasoner.restrictions(place):
         if owned.restriction.property in uses and owned.restriction.implies_existence() and owned.cls != place:
-            return f"ask about {local_name(owned.cls)}, which it is"
+            return f"ask about its ancestor {local_name(owned.cls)}"
     return ""
 
 
 class StoragePlaceInMap(AnswerRow, frozen=True, kw_only=True):
-    """A thing in a map that something is kept in."""
+    """An individual in a map that items of a class are stored in."""
 
     item: ClassName
     individual: IndividualName
     place: ClassName
-    """The class that it is a place as."""
+    """The class that stores the item."""
     generality: int
     map: MapName
 
@@ -345,7 +333,7 @@ def storage_place_in_environment(
     individual: IndividualName | None = None,
     map: MapName | None = None,
 ) -> Iterator[StoragePlaceInMap]:
-    """Where, in a map, things of a class are kept; the most special place first.
+    """Where, in a map, items of a class are stored; the most specific place first.
 
     Examples:
         storage_place_in_environment CowsMilk
@@ -354,11 +342,11 @@ def storage_place_in_environment(
     for each in _stored_classes(index, None) if item is None else (item,):
         seen = set()
         for storage in _find_storage_places(index, each):
-            for here, place in members_in(index, storage.place, individual, map):
-                if (here, place) not in seen:
-                    seen.add((here, place))
+            for member, place in _members_in(index, storage.place, individual, map):
+                if (member, place) not in seen:
+                    seen.add((member, place))
                     yield StoragePlaceInMap(
-                        item=each, individual=here, place=storage.place, generality=storage.generality, map=place
+                        item=each, individual=member, place=storage.place, generality=storage.generality, map=place
                     )
 
 
@@ -380,7 +368,5 @@ def _missing_storage_in_map(
     for storage in storages:
         yield missing_instance(storage.place, individual, map)
     if item is None:
-        says = f"says {local_name(_CONTAINER_FOR)} some …"
-        yield from unspecified(
-            kb.reasoner, individual, map, _CONTAINER_FOR, f"keeps nothing: no class that it is of {says}"
-        )
+        reason = f"stores nothing: none of its classes has {local_name(_CONTAINER_FOR)} some …"
+        yield from _missing_use(kb.reasoner, individual, map, _CONTAINER_FOR, reason)

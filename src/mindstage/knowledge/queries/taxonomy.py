@@ -1,4 +1,4 @@
-"""Questions about classes: what is above, below and beside them, and what they say of their members."""
+"""Questions about classes: superclasses, subclasses, siblings, and the restrictions on their members."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ __all__ = ["ClassRestrictionRow", "SiblingClasses", "SubclassRelation", "class_p
 
 
 class SubclassRelation(AnswerRow, frozen=True, kw_only=True):
-    """One class below another."""
+    """A class and one of its superclasses."""
 
     cls: ClassName
     superclass: ClassName
     steps: int
-    """1 where it is told directly."""
+    """1 for a direct superclass."""
 
 
 @question
 def subclass_of(
     kb: QuestionContext, cls: ClassName | None = None, superclass: ClassName | None = None
 ) -> Iterator[SubclassRelation]:
-    """The superclasses of a class, the nearest first, or the subclasses of a superclass; no class is its own.
+    """The superclasses of a class, the nearest first; or all subclasses of a superclass; never the class itself.
 
     Examples:
         subclass_of Refrigerator
@@ -65,14 +65,14 @@ def _missing_subclass(
     if cls and superclass:
         above = ", ".join(local_name(each) for each in kb.reasoner.classes.parents(cls)) or "nothing else"
         yield MissingKnowledge(cls, SUBCLASS_OF, f"{local_name(cls)} is no {local_name(superclass)}: it is {above}")
-    elif thing := cls or superclass:
-        where = "above" if cls else "below"
-        why = f"{local_name(thing)} has no class {where} it: no subClassOf says so"
-        yield MissingKnowledge(thing, SUBCLASS_OF, why, is_filler=not cls)
+    elif known := cls or superclass:
+        relative = "superclass" if cls else "subclass"
+        why = f"{local_name(known)} has no {relative}: there is no subClassOf statement"
+        yield MissingKnowledge(known, SUBCLASS_OF, why, is_filler=not cls)
 
 
 class SiblingClasses(AnswerRow, frozen=True, kw_only=True):
-    """Two classes directly below a third one."""
+    """Two classes with the same direct superclass."""
 
     cls: ClassName
     sibling: ClassName
@@ -83,7 +83,7 @@ class SiblingClasses(AnswerRow, frozen=True, kw_only=True):
 def siblings(
     kb: QuestionContext, cls: ClassName | None = None, sibling: ClassName | None = None
 ) -> Iterator[SiblingClasses]:
-    """Which classes share a direct superclass.
+    """The classes that share a direct superclass with a class.
 
     Examples:
         siblings Refrigerator
@@ -108,24 +108,24 @@ def _explain_sibling(kb: QuestionContext, row: SiblingClasses) -> Iterator[str]:
 def _missing_siblings(
     kb: QuestionContext, cls: Iri | None = None, sibling: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
-    if thing := cls or sibling:
-        parents = ", ".join(local_name(each) for each in sorted(kb.reasoner.classes.parents(thing)))
-        why = f"no such class is directly below {parents} too" if parents else "no subClassOf says what it is"
-        yield MissingKnowledge(thing, SUBCLASS_OF, f"{local_name(thing)} has no such sibling: {why}")
+    if known := cls or sibling:
+        parents = ", ".join(local_name(each) for each in sorted(kb.reasoner.classes.parents(known)))
+        why = f"that class is not directly below {parents}" if parents else "it has no subClassOf statement"
+        yield MissingKnowledge(known, SUBCLASS_OF, f"{local_name(known)} has no such sibling: {why}")
 
 
 class ClassRestrictionRow(AnswerRow, frozen=True, kw_only=True):
-    """What a class says of all its members."""
+    """A restriction that holds for all members of a class."""
 
     cls: ClassName
     property: PropertyName
     kind: str
-    """OWL's word: someValuesFrom, allValuesFrom, hasValue, a cardinality."""
+    """The OWL term: someValuesFrom, allValuesFrom, hasValue, or a cardinality."""
     count: int | None
     value: ValueName
-    """A class or an individual; a literal or an expression as text, in short names."""
+    """A class or an individual; a literal or an expression as text with local names."""
     told_by: ClassName
-    """The class that it is inherited from, or itself."""
+    """The superclass that the restriction is inherited from, or the class itself."""
 
 
 @question
@@ -135,9 +135,9 @@ def class_properties(
     property: PropertyName | None = None,
     value: ValueName | None = None,
 ) -> Iterator[ClassRestrictionRow]:
-    """The properties of a class, and which class above it says so; the nearest first.
+    """The restrictions on the members of a class, with the class that each is inherited from; the nearest first.
 
-    A property also finds those that imply it.
+    A property also finds its subproperties.
 
     Examples:
         class_properties Refrigerator
@@ -146,27 +146,27 @@ def class_properties(
     """
     for each in _classes_with_value(kb, value) if cls is None else (cls,):
         for owned in kb.reasoner.restrictions(each):
-            told = owned.restriction
-            if property is None or property in kb.reasoner.properties.super_properties(told.property):
+            restriction = owned.restriction
+            if property is None or property in kb.reasoner.properties.super_properties(restriction.property):
                 yield ClassRestrictionRow(
                     cls=each,
-                    property=property or told.property,
-                    kind=told.restriction_type.value,
-                    count=told.cardinality,
-                    value=_filler_text(told.filler),
+                    property=property or restriction.property,
+                    kind=restriction.restriction_type.value,
+                    count=restriction.cardinality,
+                    value=_filler_text(restriction.filler),
                     told_by=owned.cls,
                 )
 
 
 def _classes_with_value(kb: QuestionContext, value: str | None) -> Iterator[Iri]:
-    """The classes that say something, with this value, or inherit it."""
+    """The classes that have or inherit a restriction with this filler."""
     axioms, classes = kb.reasoner.axioms, kb.reasoner.classes
-    telling = (
+    owners = (
         owner
         for owner in axioms.restricted_classes()
-        if value is None or any(_filler_text(told.filler) == value for told in axioms.own_restrictions(owner))
+        if value is None or any(_filler_text(own.filler) == value for own in axioms.own_restrictions(owner))
     )
-    yield from sorted({below for owner in telling for below in classes.below(owner)})
+    yield from sorted({below for owner in owners for below in classes.below(owner)})
 
 
 def _filler_text(filler: Expression | None) -> str:
@@ -176,15 +176,12 @@ def _filler_text(filler: Expression | None) -> str:
 @class_properties.explain
 def _explain_property(kb: QuestionContext, row: ClassRestrictionRow) -> Iterator[str]:
     yield from subclass_line(kb.reasoner.classes.path(row.cls, row.told_by))
-    for told in kb.reasoner.axioms.own_restrictions(row.told_by):
-        if (told.restriction_type.value, told.cardinality, _filler_text(told.filler)) == (
-            row.kind,
-            row.count,
-            row.value,
-        ):
-            path = kb.reasoner.properties.implication_path(told.property, row.property)
+    for restriction in kb.reasoner.axioms.own_restrictions(row.told_by):
+        described = restriction.restriction_type.value, restriction.cardinality, _filler_text(restriction.filler)
+        if described == (row.kind, row.count, row.value):
+            path = kb.reasoner.properties.implication_path(restriction.property, row.property)
             if path:
-                yield restriction_line(row.told_by, told)
+                yield restriction_line(row.told_by, restriction)
                 yield from subproperty_line(path)
 
 
@@ -192,8 +189,8 @@ def _explain_property(kb: QuestionContext, row: ClassRestrictionRow) -> Iterator
 def _missing_property(
     kb: QuestionContext, cls: Iri | None = None, property: Iri | None = None, value: str | None = None
 ) -> Iterator[MissingKnowledge]:
-    who = f"neither {local_name(cls)} nor an ancestor of it" if cls else "no class"
-    what = "anything of its members"
+    owner = f"neither {local_name(cls)} nor an ancestor of it" if cls else "no class"
+    what = "a restriction on its members"
     if property or value:
         what = f"{local_name(property) if property else '…'} {local_name(value) if value else '…'}"
-    yield MissingKnowledge(cls or THING, property or SUBCLASS_OF, f"{who} says {what}")
+    yield MissingKnowledge(cls or THING, property or SUBCLASS_OF, f"{owner} has {what}")

@@ -1,14 +1,10 @@
-"""Parts: the individuals that belong to another one and have no meaning without it.
+"""Nested resources: poses and limits, which are individuals of their own in a map, and nested blank nodes.
 
-An object has a pose, a constraint has a pose, a linear and an angular part, and each of them is an individual of its
-own in a map. Here stands how each is read and how it is written.
+A body has a pose; a joint has a pose, linear limits and angular limits. Each `NestedResource` declares how one of them
+is read and written, and `NestedResourceReader` finds them in a graph.
 
-Nesting: a thing without a name goes into the one statement that mentions it.
-
-What several statements mention, or none, stands as a subject under its label. So a world says the same of a map
-however its file was written: nested, with labels, or statement by statement.
-
-Reading parts: finds an individual's pose and the like, and remembers what is left of them.
+A blank node that exactly one statement refers to is nested into that statement. All others are subjects under a label,
+so a graph is the same regardless of how its file was written: nested, with labels, or statement by statement.
 """
 
 from __future__ import annotations
@@ -24,7 +20,7 @@ from typing import Any, Generic, TypeVar
 import msgspec
 
 from mindstage.knowledge.rdf import FindingSink, Graph, is_generated_label, is_part_name
-from mindstage.knowledge.rdf_mapping import properties as words
+from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.rdf_mapping.properties import PropertyCodec, SubjectReader, SubjectWriter
 from mindstage.knowledge.vocabulary import (
     ANGULAR_CONSTRAINT,
@@ -66,18 +62,22 @@ __all__ = [
 
 
 MAX_NESTING = 64
-"""Levels of things inside things; those below keep a label, since a list of a thousand items has a thousand levels."""
+"""The maximum depth of nesting; deeper nodes keep labels, since a list of a thousand items has a thousand levels."""
 
 Mentions = Mapping[Iri, Sequence[tuple[Iri, int]]]
-"""By label, the subjects that mention it, and where among their facts."""
+"""By label, the subjects that refer to it, and the index of the statement."""
+
+T = TypeVar("T")
+_UNIT_TOLERANCE = 1e-3
+"""Maps write six digits, which leaves the norm a thousand times nearer to 1."""
 
 
 def sorted_facts(facts: Iterable[PropertyAssertion]) -> tuple[PropertyAssertion, ...]:
-    """Facts in the one order that an `BlankNode` has them in: by property, then value."""
-    told = sorted(facts, key=_property_key)
-    if any(one.property == other.property for one, other in pairwise(told)):
-        told.sort(key=lambda fact: (fact.property, msgspec.json.encode(fact.value)))
-    return tuple(told)
+    """Statements in the canonical order of a `BlankNode`: by property, then by value."""
+    ordered = sorted(facts, key=_property_key)
+    if any(one.property == other.property for one, other in pairwise(ordered)):
+        ordered.sort(key=lambda fact: (fact.property, msgspec.json.encode(fact.value)))
+    return tuple(ordered)
 
 
 def _property_key(fact: PropertyAssertion) -> Iri:
@@ -85,21 +85,21 @@ def _property_key(fact: PropertyAssertion) -> Iri:
 
 
 def nest_blank_nodes(graph: Graph) -> Graph:
-    """The same graph, with all that can go inside inside. Labels that are left and were drawn by lot become numbers."""
+    """Nests all blank nodes that can be nested. Random labels of the others are replaced by numbered ones."""
     mentions = _count_mentions(graph)
     if not mentions and not any(subject.startswith("_:") for subject in graph):
         return graph
-    told = dict(graph)
-    inside = _nestable(graph, mentions)
+    nested = dict(graph)
+    nestable = _nestable(graph, mentions)
     changed: dict[Iri, list[PropertyAssertion]] = {}
-    for label in inside:
+    for label in nestable:
         owner, index = mentions[label][0]
-        inner = BlankNode(sorted_facts(told.pop(label, ())))
+        inner = BlankNode(sorted_facts(nested.pop(label, ())))
         facts = changed.get(owner)
         if facts is None:
-            told[owner] = facts = changed[owner] = list(told[owner])
+            nested[owner] = facts = changed[owner] = list(nested[owner])
         facts[index] = PropertyAssertion(facts[index].property, inner)
-    return _renumbered(told, [label for label in mentions if label not in inside])
+    return _renumbered(nested, [label for label in mentions if label not in nestable])
 
 
 def _count_mentions(graph: Graph) -> Mentions:
@@ -113,7 +113,7 @@ def _count_mentions(graph: Graph) -> Mentions:
 
 
 def _nestable(graph: Graph, mentions: Mentions) -> dict[Iri, None]:
-    """The labels of what goes inside, the innermost first."""
+    """The labels of the blank nodes to nest, the innermost first."""
     depths: dict[Iri, int] = {}
     for start in mentions:
         chain: dict[Iri, None] = {}
@@ -122,17 +122,17 @@ def _nestable(graph: Graph, mentions: Mentions) -> dict[Iri, None]:
             chain[label] = None
             label = mentions[label][0][0]
         depth = depths.get(label, 0)
-        in_circle = label in chain
+        in_cycle = label in chain
         for inner in reversed(chain):
-            # In a circle nothing is innermost: all keep their labels.
-            depth = depths[inner] = 0 if in_circle else depth + 1
-            in_circle = in_circle and inner != label
-    inside = [label for label, depth in depths.items() if depth % MAX_NESTING]
-    return dict.fromkeys(sorted(inside, key=depths.__getitem__, reverse=True))
+            # In a cycle no node is innermost, and all keep their labels.
+            depth = depths[inner] = 0 if in_cycle else depth + 1
+            in_cycle = in_cycle and inner != label
+    nestable = [label for label, depth in depths.items() if depth % MAX_NESTING]
+    return dict.fromkeys(sorted(nestable, key=depths.__getitem__, reverse=True))
 
 
 def _can_nest(label: Iri, graph: Graph, mentions: Mentions) -> bool:
-    """Whether one statement alone mentions it. Maps and their individuals stay subjects whoever mentions them."""
+    """Whether exactly one statement refers to it. Maps and their individuals are never nested."""
     if len(mentions.get(label, ())) != 1:
         return False
     owner, index = mentions[label][0]
@@ -164,50 +164,44 @@ def _renamed(fact: PropertyAssertion, names: Mapping[Iri, Iri]) -> PropertyAsser
     return fact
 
 
-T = TypeVar("T")
-
-_UNIT_TOLERANCE = 1e-3
-"""Six digits, as maps write them, leave a norm a thousand times nearer to 1."""
-
-
 @dataclass(frozen=True, slots=True)
 class NestedResource(Generic[T]):
-    """One kind of part."""
+    """A type of nested resource."""
 
     property: Iri
-    """Whole to part."""
+    """The property that relates the owner to it."""
     cls: Iri
     suffix: str
-    """What a part without a name of its own is called, after the whole."""
+    """The suffix of generated names, after the name of the owner."""
     read: Callable[[SubjectReader], T | None]
     write: Callable[[SubjectWriter, T], None]
 
 
 def _read_pose(reader: SubjectReader) -> Pose | None:
-    position, quaternion = reader.read(words.TRANSLATION), reader.read(words.QUATERNION)
-    for word, value in ((words.TRANSLATION, position), (words.QUATERNION, quaternion)):
-        if value is None and not reader.indexes_of(word.property):
-            reader.warn(word.property, "a pose does not tell it", "it is no pose then")
+    position, quaternion = reader.read(codecs.TRANSLATION), reader.read(codecs.QUATERNION)
+    for codec, value in ((codecs.TRANSLATION, position), (codecs.QUATERNION, quaternion)):
+        if value is None and not reader.indexes_of(codec.property):
+            reader.warn(codec.property, "it is missing in a pose", "the pose is not used")
     if position is None or quaternion is None:
         return None
     norm = math.hypot(*quaternion)
     if abs(norm - 1.0) > _UNIT_TOLERANCE:
-        what, did = f"the quaternion has the norm {norm:.6g} and not 1", "it is normalised where it is used"
-        reader.warn(words.QUATERNION.property, what, did)
+        problem, action = f"the quaternion has the norm {norm:.6g} and not 1", "it is normalized where it is used"
+        reader.warn(codecs.QUATERNION.property, problem, action)
     x, y, z = position
     w, i, j, k = quaternion
     return Pose((x, y, z), (w, i, j, k))
 
 
 def _write_pose(writer: SubjectWriter, pose: Pose) -> None:
-    writer.write(words.QUATERNION, pose.quaternion)
-    writer.write(words.TRANSLATION, pose.position)
+    writer.write(codecs.QUATERNION, pose.quaternion)
+    writer.write(codecs.TRANSLATION, pose.position)
 
 
 def _read_motion(reader: SubjectReader, codec: PropertyCodec[AxisMotion]) -> AxisMotion:
     motion = reader.read(codec)
     if motion is None:
-        reader.warn(codec.property, "nothing understandable is told", "it is taken as locked")
+        reader.warn(codec.property, "there is no valid value", "it is taken as locked")
         return AxisMotion.LOCKED
     return motion
 
@@ -215,12 +209,12 @@ def _read_motion(reader: SubjectReader, codec: PropertyCodec[AxisMotion]) -> Axi
 def _read_limit(reader: SubjectReader, codec: PropertyCodec[float], *motions: AxisMotion) -> float:
     limit = reader.read(codec)
     if limit is None and AxisMotion.LIMITED in motions:
-        reader.warn(codec.property, "nothing understandable is told", "it is taken as 0")
+        reader.warn(codec.property, "there is no valid value", "it is taken as 0")
     return limit or 0.0
 
 
 def _read_center(reader: SubjectReader, codec: PropertyCodec[float]) -> float:
-    """Not told is 0, and 0 is not told."""
+    """The center of a range; 0 if absent, and 0 is never written."""
     return reader.read(codec, keep_if=lambda middle: not middle) or 0.0
 
 
@@ -247,60 +241,60 @@ def _write_soft_limit(
 
 
 def _read_linear(reader: SubjectReader) -> LinearLimits:
-    x, y, z = (_read_motion(reader, word) for word in (words.X_MOTION, words.Y_MOTION, words.Z_MOTION))
-    soft = _read_soft_limit(reader, words.SOFT, words.STIFFNESS, words.DAMPING)
+    x, y, z = (_read_motion(reader, codec) for codec in (codecs.X_MOTION, codecs.Y_MOTION, codecs.Z_MOTION))
+    soft = _read_soft_limit(reader, codecs.SOFT, codecs.STIFFNESS, codecs.DAMPING)
     return LinearLimits(
         x=x,
         y=y,
         z=z,
-        limit=_read_limit(reader, words.LIMIT, x, y, z),
-        x_middle=_read_center(reader, words.X_MIDDLE),
-        y_middle=_read_center(reader, words.Y_MIDDLE),
-        z_middle=_read_center(reader, words.Z_MIDDLE),
+        limit=_read_limit(reader, codecs.LIMIT, x, y, z),
+        x_middle=_read_center(reader, codecs.X_MIDDLE),
+        y_middle=_read_center(reader, codecs.Y_MIDDLE),
+        z_middle=_read_center(reader, codecs.Z_MIDDLE),
         soft_limit=soft,
     )
 
 
 def _write_linear(writer: SubjectWriter, linear: LinearLimits) -> None:
-    writer.write(words.X_MOTION, linear.x)
-    writer.write(words.Y_MOTION, linear.y)
-    writer.write(words.Z_MOTION, linear.z)
-    writer.write(words.LIMIT, linear.limit)
-    writer.write(words.X_MIDDLE, linear.x_middle or None)
-    writer.write(words.Y_MIDDLE, linear.y_middle or None)
-    writer.write(words.Z_MIDDLE, linear.z_middle or None)
-    _write_soft_limit(writer, linear.soft_limit, words.SOFT, words.STIFFNESS, words.DAMPING)
+    writer.write(codecs.X_MOTION, linear.x)
+    writer.write(codecs.Y_MOTION, linear.y)
+    writer.write(codecs.Z_MOTION, linear.z)
+    writer.write(codecs.LIMIT, linear.limit)
+    writer.write(codecs.X_MIDDLE, linear.x_middle or None)
+    writer.write(codecs.Y_MIDDLE, linear.y_middle or None)
+    writer.write(codecs.Z_MIDDLE, linear.z_middle or None)
+    _write_soft_limit(writer, linear.soft_limit, codecs.SOFT, codecs.STIFFNESS, codecs.DAMPING)
 
 
 def _read_angular(reader: SubjectReader) -> AngularLimits:
-    swing1, swing2, twist = (_read_motion(reader, word) for word in (words.SWING1, words.SWING2, words.TWIST))
+    swing1, swing2, twist = (_read_motion(reader, codec) for codec in (codecs.SWING1, codecs.SWING2, codecs.TWIST))
     return AngularLimits(
         swing1=swing1,
         swing2=swing2,
         twist=twist,
-        swing1_limit=_read_limit(reader, words.SWING1_LIMIT, swing1),
-        swing2_limit=_read_limit(reader, words.SWING2_LIMIT, swing2),
-        twist_limit=_read_limit(reader, words.TWIST_LIMIT, twist),
-        swing1_middle=_read_center(reader, words.SWING1_MIDDLE),
-        swing2_middle=_read_center(reader, words.SWING2_MIDDLE),
-        twist_middle=_read_center(reader, words.TWIST_MIDDLE),
-        swing_soft_limit=_read_soft_limit(reader, words.SWING_SOFT, words.SWING_STIFFNESS, words.SWING_DAMPING),
-        twist_soft_limit=_read_soft_limit(reader, words.TWIST_SOFT, words.TWIST_STIFFNESS, words.TWIST_DAMPING),
+        swing1_limit=_read_limit(reader, codecs.SWING1_LIMIT, swing1),
+        swing2_limit=_read_limit(reader, codecs.SWING2_LIMIT, swing2),
+        twist_limit=_read_limit(reader, codecs.TWIST_LIMIT, twist),
+        swing1_middle=_read_center(reader, codecs.SWING1_MIDDLE),
+        swing2_middle=_read_center(reader, codecs.SWING2_MIDDLE),
+        twist_middle=_read_center(reader, codecs.TWIST_MIDDLE),
+        swing_soft_limit=_read_soft_limit(reader, codecs.SWING_SOFT, codecs.SWING_STIFFNESS, codecs.SWING_DAMPING),
+        twist_soft_limit=_read_soft_limit(reader, codecs.TWIST_SOFT, codecs.TWIST_STIFFNESS, codecs.TWIST_DAMPING),
     )
 
 
 def _write_angular(writer: SubjectWriter, angular: AngularLimits) -> None:
-    writer.write(words.SWING1, angular.swing1)
-    writer.write(words.SWING2, angular.swing2)
-    writer.write(words.TWIST, angular.twist)
-    writer.write(words.SWING1_LIMIT, angular.swing1_limit)
-    writer.write(words.SWING2_LIMIT, angular.swing2_limit)
-    writer.write(words.TWIST_LIMIT, angular.twist_limit)
-    writer.write(words.SWING1_MIDDLE, angular.swing1_middle or None)
-    writer.write(words.SWING2_MIDDLE, angular.swing2_middle or None)
-    writer.write(words.TWIST_MIDDLE, angular.twist_middle or None)
-    _write_soft_limit(writer, angular.swing_soft_limit, words.SWING_SOFT, words.SWING_STIFFNESS, words.SWING_DAMPING)
-    _write_soft_limit(writer, angular.twist_soft_limit, words.TWIST_SOFT, words.TWIST_STIFFNESS, words.TWIST_DAMPING)
+    writer.write(codecs.SWING1, angular.swing1)
+    writer.write(codecs.SWING2, angular.swing2)
+    writer.write(codecs.TWIST, angular.twist)
+    writer.write(codecs.SWING1_LIMIT, angular.swing1_limit)
+    writer.write(codecs.SWING2_LIMIT, angular.swing2_limit)
+    writer.write(codecs.TWIST_LIMIT, angular.twist_limit)
+    writer.write(codecs.SWING1_MIDDLE, angular.swing1_middle or None)
+    writer.write(codecs.SWING2_MIDDLE, angular.swing2_middle or None)
+    writer.write(codecs.TWIST_MIDDLE, angular.twist_middle or None)
+    _write_soft_limit(writer, angular.swing_soft_limit, codecs.SWING_SOFT, codecs.SWING_STIFFNESS, codecs.SWING_DAMPING)
+    _write_soft_limit(writer, angular.twist_soft_limit, codecs.TWIST_SOFT, codecs.TWIST_STIFFNESS, codecs.TWIST_DAMPING)
 
 
 NESTED_POSE = NestedResource(HAS_POSE, POSE, "pose", _read_pose, _write_pose)
@@ -313,31 +307,31 @@ NESTED_RESOURCES: tuple[NestedResource[Any], ...] = (NESTED_POSE, NESTED_LINEAR_
 class _NestedValue:
     index: int
     node: Iri | None
-    """None for a part without a name."""
+    """None for a blank node."""
     value: Any
     remaining: tuple[PropertyAssertion, ...]
 
 
 class NestedResourceReader:
-    """Takes parts out of a graph. The first one that can be understood counts; the others stay as they are."""
+    """Reads nested resources from a graph. The first valid one is used; the others remain as they are."""
 
     def __init__(self, graph: Graph, individuals: Container[Iri], report: FindingSink) -> None:
-        """Begins with nothing taken.
+        """Creates a reader that has read nothing yet.
 
         Args:
-            graph: where parts are looked up.
-            individuals: things of their own, which are nobody's part.
-            report: where findings go.
+            graph: the graph to look resources up in.
+            individuals: individuals that are never nested resources.
+            report: receives findings.
         """
         self._graph = graph
         self._individuals = individuals
         self._report = report
         self._resource_types: dict[Iri, NestedResource[Any]] = {}
         self.remaining_facts: dict[Iri, tuple[PropertyAssertion, ...]] = {}
-        """By part that was taken, what nothing was made of; often nothing."""
+        """The statements about each resource that were not used; often none."""
 
     def read(self, reader: SubjectReader, nested_resource: NestedResource[T]) -> T | None:
-        """The part of an individual, or None; only if there is one, anything is taken."""
+        """Reads the nested resource of an individual, and consumes its statement; None if there is no valid one."""
         found: _NestedValue | None = None
         for index in reader.indexes_of(nested_resource.property):
             other = self._parse(reader, index, nested_resource)
@@ -348,8 +342,8 @@ class NestedResourceReader:
             elif other.value != found.value:
                 reader.warn(
                     nested_resource.property,
-                    "it is told twice, differently",
-                    "the first counts, the other stays a fact",
+                    "it has different values",
+                    "the first is used, the other stays a fact",
                 )
         if found is None:
             self._consume_generated_name(reader, nested_resource)
@@ -365,22 +359,22 @@ class NestedResourceReader:
         return value
 
     def _parse(self, reader: SubjectReader, index: int, nested_resource: NestedResource[T]) -> _NestedValue | None:
-        told = reader.facts[index].value
+        target = reader.facts[index].value
         node, facts = None, ()  # type: Iri | None, Iterable[PropertyAssertion]
-        if isinstance(told, IriRef):
-            node, facts = told.iri, self._graph.get(told.iri, ())
+        if isinstance(target, IriRef):
+            node, facts = target.iri, self._graph.get(target.iri, ())
             if (
                 not facts
                 or node in self._individuals
                 or self._resource_types.get(node, nested_resource) is not nested_resource
             ):
-                why = "stands for something else as well" if facts else "is not described anywhere"
-                reader.warn(nested_resource.property, f"{node} {why}", "it stays a fact")
+                reason = "is also used as something else" if facts else "is not described anywhere"
+                reader.warn(nested_resource.property, f"{node} {reason}", "it stays a fact")
                 return None
-        elif isinstance(told, BlankNode):
-            facts = told.facts
+        elif isinstance(target, BlankNode):
+            facts = target.facts
         else:
-            reader.warn(nested_resource.property, f"{told.text!r} is a text and not a thing", "it stays a fact")
+            reader.warn(nested_resource.property, f"{target.text!r} is a literal and not a resource", "it stays a fact")
             return None
         inner = SubjectReader(node or reader.subject, tuple(facts), self._report, is_nested=True)
         inner.consume_references(TYPE, NAMED_INDIVIDUAL, nested_resource.cls)
@@ -388,7 +382,7 @@ class NestedResourceReader:
         return None if value is None else _NestedValue(index, node, value, inner.remaining())
 
     def _consume_generated_name(self, reader: SubjectReader, nested_resource: NestedResource[Any]) -> None:
-        """A mere name that nothing is said of, and that the part gets anyway where it is written."""
+        """Consumes a reference to a generated name without statements, which would be written anyway."""
         if len(reader.indexes_of(nested_resource.property)) == 1:
             for index, name in reader.references(nested_resource.property):
                 if name not in self._graph and self._is_generated_name(name, reader, nested_resource):
@@ -398,7 +392,7 @@ class NestedResourceReader:
         return is_part_name(node, reader.subject, nested_resource.suffix) and self._mention_counts[node] == 1
 
     def _is_redundant(self, reader: SubjectReader, nested_resource: NestedResource[T], found: _NestedValue) -> bool:
-        """Whether the part's name and all about it come back by themselves when it is written."""
+        """Whether writing the value generates the same name and statements again."""
         others = [
             reader.facts[index].value for index in reader.indexes_of(nested_resource.property) if index != found.index
         ]
@@ -409,7 +403,7 @@ class NestedResourceReader:
         return self._is_generated_name(found.node, reader, nested_resource)
 
     def _is_other_resource(self, value: FactValue, nested_resource: NestedResource[Any]) -> bool:
-        """Whether a writer would take it for no name of this part either, and make one up."""
+        """Whether a writer would not use this as the name of the resource either, and generate one."""
         if isinstance(value, IriRef):
             return (
                 value.iri in self._individuals

@@ -1,12 +1,9 @@
-"""Statements about one thing: words take their values out of them while reading, and put them in while writing.
+"""Codecs between values of a world and statements, and the reader and writer of the statements about one subject.
 
-The two sides keep one rule, which makes reading undo writing: the first statement that a word understands gives the
-value, and a statement is only taken away if saying the value would give it back.
-
-Words: how one value of a world is said by one statement, and understood again.
-
-A word understands more than it says ("Dynamic" and "dynamic", 1 and true). What it would not say again in the same
-way stays a fact beside the value, so that nothing is lost; numbers are the same when their values are.
+Reading and writing are inverse: the first statement that a codec can decode gives the value, and a statement is only
+consumed if writing the value reproduces it. A codec decodes more than it encodes ("Dynamic" and "dynamic", 1 and true);
+a statement that it would not reproduce remains a fact besides the value, so that nothing is lost. Numbers are compared
+by value.
 """
 
 from __future__ import annotations
@@ -79,40 +76,43 @@ EnumT = TypeVar("EnumT", bound=Enum)
 
 _NUMBER_PATTERN = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _NUMBER = re.compile(rf"\s*{_NUMBER_PATTERN}\s*", re.ASCII)
-"""Python itself would also take "nan", "1_000" and digits from all over the world."""
+"""`float` would also accept "nan", "1_000" and non-ASCII digits."""
 _INTEGER_TYPE = xsd("integer")
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
+
+_MAX_TEXT_LENGTH = 200
+"""The number of characters of a literal that a finding repeats."""
 
 
 @dataclass(frozen=True, slots=True)
 class PropertyCodec(Generic[T]):
-    """One property, and what its values mean."""
+    """A property, with the conversion between its statements and values."""
 
     property: Iri
     expected: str
-    """What a value must be, for those who write something else."""
+    """The expected value, for messages."""
     decode: Callable[[FactValue], T | None]
     encode: Callable[[T], FactValue]
     by_value: bool = False
-    """Whether texts of its datatype that mean the same are the same statement."""
+    """Whether literals of its datatype with equal values are the same statement."""
     datatype: Iri | None = None
     repeatable: bool = False
-    """Whether it is usual to tell it more than once, such as a label in each language."""
+    """Whether several statements are normal, such as a label in each language."""
 
     def first_value(self, facts: Iterable[PropertyAssertion]) -> T | None:
-        """The first value that some facts give it."""
+        """The first value in some statements; None if there is none."""
         values = (self.decode(fact.value) for fact in facts if fact.property == self.property)
         return next((value for value in values if value is not None), None)
 
     def round_trips(self, value: T, original: FactValue) -> bool:
-        """Whether saying the value gives back what was told."""
+        """Whether writing the value reproduces the original statement."""
         if self.by_value:
             return isinstance(original, Literal) and original.datatype == self.datatype
         return self.encode(value) == original
 
 
 def parse_number(text: str) -> float | None:
-    """A finite number, exactly; None for anything else."""
+    """Parses a finite number exactly; None for anything else."""
     if not _NUMBER.fullmatch(text):
         return None
     number = float(text)
@@ -120,7 +120,7 @@ def parse_number(text: str) -> float | None:
 
 
 def literal_text(value: FactValue) -> str | None:
-    """The text of a literal of any type, but in no particular language."""
+    """The text of a literal of any datatype without a language; None for anything else."""
     return value.text if isinstance(value, Literal) and value.language is None else None
 
 
@@ -129,74 +129,76 @@ def _text(property: Iri) -> PropertyCodec[str]:
 
 
 def _label(property: Iri) -> PropertyCodec[str]:
-    def understand(value: FactValue) -> str | None:
+    def decode(value: FactValue) -> str | None:
         return value.text if isinstance(value, Literal) else None
 
-    return PropertyCodec(property, "a text", understand, Literal, repeatable=True)
+    return PropertyCodec(property, "a text", decode, Literal, repeatable=True)
 
 
 def _path(property: Iri) -> PropertyCodec[str]:
-    def understand(value: FactValue) -> str | None:
+    def decode(value: FactValue) -> str | None:
         return value.iri if isinstance(value, IriRef) and not value.iri.startswith("_:") else literal_text(value)
 
-    return PropertyCodec(property, "a path", understand, Literal)
+    return PropertyCodec(property, "a path", decode, Literal)
 
 
 def _enum(property: Iri, enum_type: type[EnumT]) -> PropertyCodec[EnumT]:
-    names = {str(kind.value): kind for kind in enum_type}
+    names = {str(member.value): member for member in enum_type}
 
-    def understand(value: FactValue) -> EnumT | None:
+    def decode(value: FactValue) -> EnumT | None:
         text = literal_text(value)
         return None if text is None else names.get(text.strip().lower())
 
-    return PropertyCodec(property, "one of " + ", ".join(names), understand, lambda kind: Literal(str(kind.value)))
+    return PropertyCodec(property, "one of " + ", ".join(names), decode, lambda member: Literal(str(member.value)))
 
 
 def _boolean(property: Iri) -> PropertyCodec[bool]:
-    def understand(value: FactValue) -> bool | None:
+    def decode(value: FactValue) -> bool | None:
         text = literal_text(value)
         return None if text is None else _BOOLEANS.get(text.strip().lower())
 
     datatype = xsd("boolean")
-    return PropertyCodec(property, "true or false", understand, lambda told: Literal(str(told).lower(), datatype))
+    return PropertyCodec(property, "true or false", decode, lambda value: Literal(str(value).lower(), datatype))
 
 
 def _number(property: Iri, *, datatype: str = "float", minimum: float = -math.inf) -> PropertyCodec[float]:
-    def understand(value: FactValue) -> float | None:
+    def decode(value: FactValue) -> float | None:
         text = literal_text(value)
         number = None if text is None else parse_number(text)
         return number if number is not None and number >= minimum else None
 
-    kind = xsd(datatype)
+    datatype_iri = xsd(datatype)
     what = "a finite number" if minimum else "a finite number of 0 or more"
-    return PropertyCodec(property, what, understand, lambda number: Literal(repr(float(number)), kind), True, kind)
+    return PropertyCodec(
+        property, what, decode, lambda number: Literal(repr(float(number)), datatype_iri), True, datatype_iri
+    )
 
 
 def _integer(property: Iri) -> PropertyCodec[int]:
-    def understand(value: FactValue) -> int | None:
+    def decode(value: FactValue) -> int | None:
         text = literal_text(value)
         return int(text) if text is not None and re.fullmatch(r"\s*\d{1,9}\s*", text, re.ASCII) else None
 
     return PropertyCodec(
-        property, "a whole number", understand, lambda number: Literal(str(number), _INTEGER_TYPE), True, _INTEGER_TYPE
+        property, "a whole number", decode, lambda number: Literal(str(number), _INTEGER_TYPE), True, _INTEGER_TYPE
     )
 
 
 def _axis_motion(property: Iri) -> PropertyCodec[AxisMotion]:
-    def understand(value: FactValue) -> AxisMotion | None:
+    def decode(value: FactValue) -> AxisMotion | None:
         number = parse_number(literal_text(value) or "")
         return AxisMotion(int(number)) if number in set(AxisMotion) else None
 
     what = "0 (free), 1 (limited) or 2 (locked)"
     return PropertyCodec(
-        property, what, understand, lambda motion: Literal(str(motion.value), _INTEGER_TYPE), True, _INTEGER_TYPE
+        property, what, decode, lambda motion: Literal(str(motion.value), _INTEGER_TYPE), True, _INTEGER_TYPE
     )
 
 
 def _number_row(property: Iri, count: int, *, nonzero: bool = False) -> PropertyCodec[tuple[float, ...]]:
     pattern = re.compile(r"\s*" + r"\s+".join([_NUMBER_PATTERN] * count) + r"\s*", re.ASCII)
 
-    def understand(value: FactValue) -> tuple[float, ...] | None:
+    def decode(value: FactValue) -> tuple[float, ...] | None:
         text = literal_text(value)
         if text is None or not pattern.fullmatch(text):
             return None
@@ -204,14 +206,14 @@ def _number_row(property: Iri, count: int, *, nonzero: bool = False) -> Property
         length = math.hypot(*numbers)
         return numbers if math.isfinite(length) and (length > 0.0 or not nonzero) else None
 
-    def say(numbers: tuple[float, ...]) -> Literal:
+    def encode(numbers: tuple[float, ...]) -> Literal:
         return Literal(" ".join(repr(float(number)) for number in numbers))
 
     what = f"{count} finite numbers" + (" that are not all 0" if nonzero else "")
-    return PropertyCodec(property, what, understand, say, by_value=True)
+    return PropertyCodec(property, what, decode, encode, by_value=True)
 
 
-# -- the words ---------------------------------------------------------------------------------------------------------
+# -- codecs ------------------------------------------------------------------------------------------------------------
 
 ID = _text(ms("id"))
 LABEL_CODEC = _label(LABEL)
@@ -228,7 +230,7 @@ SIZE = (
     _number(knowrob("widthOfObject"), minimum=0.0),
     _number(knowrob("heightOfObject"), minimum=0.0),
 )
-"""Along x, y and z."""
+"""Along x, y and z [m]."""
 
 TRANSLATION = _number_row(knowrob("translation"), 3)
 QUATERNION = _number_row(knowrob("quaternion"), 4, nonzero=True)
@@ -269,23 +271,19 @@ MATERIAL_NAME = _text(ms("name"))
 MATERIAL_PATH = _text(ms("path"))
 
 
-_MAX_TEXT_LENGTH = 200
-"""A text of more characters is cut short in a finding."""
-
-
 class SubjectReader:
-    """What is said about one thing, while it is read."""
+    """Reads the statements about one subject, and records which of them were consumed."""
 
     def __init__(
         self, subject: Iri, facts: Sequence[PropertyAssertion], report: FindingSink, *, is_nested: bool = False
     ) -> None:
-        """Begins to listen.
+        """Indexes the statements.
 
         Args:
-            subject: the thing.
-            facts: all that is said about it.
-            report: where findings go.
-            is_part: whether it is only a part of another thing; such a one has no marks (`ms:untold`).
+            subject: the subject.
+            facts: the statements about it.
+            report: receives findings.
+            is_nested: whether it is a nested resource, which cannot have `ms:untold`.
         """
         self.subject = subject
         self.facts = facts
@@ -304,46 +302,46 @@ class SubjectReader:
         self._untold_marks = {iri: index for index, iri in self.references(UNTOLD)} if marked else {}
 
     def indexes_of(self, property: Iri) -> Sequence[int]:
-        """Where the property stands among the facts."""
+        """The indexes of the statements with a property."""
         return self._indexes.get(property, ())
 
     def is_marked_untold(self, property: Iri) -> bool:
-        """Whether the property is marked as giving no field its value."""
+        """Whether `ms:untold` says that the property sets no field."""
         return property in self._untold_marks
 
     def consume_untold_mark(self, property: Iri) -> None:
-        """Takes the mark away: it is where the writer would set one."""
+        """Consumes the `ms:untold` of a property, which the writer will add again."""
         if property in self._untold_marks:
             self._consumed.add(self._untold_marks[property])
 
     def first_value(self, codec: PropertyCodec[T]) -> T | None:
-        """What the facts alone would give as the value of a word."""
+        """The value that the statements have for a codec, regardless of `ms:untold`."""
         return _first_value(codec, (self.facts[index] for index in self.indexes_of(codec.property)))
 
     def references(self, property: Iri) -> Iterator[tuple[int, Iri]]:
-        """Where a property names things, and which."""
+        """The statements of a property whose values are resources: index and IRI."""
         for index in self.indexes_of(property):
             value = self.facts[index].value
             if isinstance(value, IriRef):
                 yield index, value.iri
 
     def consume(self, *indexes: int) -> None:
-        """Marks facts as understood: the world says the same in another place."""
+        """Marks statements as represented in the world."""
         self._consumed.update(indexes)
 
     def consume_references(self, property: Iri, *iris: Iri) -> None:
-        """Takes away what is implied."""
+        """Consumes the statements of a property with these values, which are implied."""
         for index in self._indexes.get(property, ()):
             value = self.facts[index].value
             if isinstance(value, IriRef) and value.iri in iris:
                 self._consumed.add(index)
 
     def read(self, codec: PropertyCodec[T], *, keep_if: Callable[[T], bool] | None = None) -> T | None:
-        """The value of a word, or None where nobody tells it.
+        """Reads the value of a codec; None if there is no valid statement.
 
         Args:
-            word: what is looked for.
-            keep: whether a value stays a fact all the same.
+            codec: the property to read.
+            keep_if: whether the statement of a value remains a fact nevertheless.
         """
         places = self._indexes.get(codec.property)
         if places is None:
@@ -358,40 +356,40 @@ class SubjectReader:
         repeated: list[int] = []
         stays: T | None = None
         for index in places:
-            told = self.facts[index].value
-            value = codec.decode(told)
+            term = self.facts[index].value
+            value = codec.decode(term)
             if value is None:
-                self.warn(codec.property, _type_error(codec, told), "it stays a fact without meaning")
+                self.warn(codec.property, _type_error(codec, term), "it stays a fact and is not used")
                 continue
             if found is None:
                 found = value
             elif value != found and not codec.repeatable:
-                self.warn(codec.property, "it is told twice, differently", "the first counts, the others stay facts")
-            if value == found and codec.round_trips(value, told) and not (keep_if and keep_if(value)):
+                self.warn(codec.property, "it has different values", "the first is used, the others stay facts")
+            if value == found and codec.round_trips(value, term) and not (keep_if and keep_if(value)):
                 repeated.append(index)
             elif stays is None:
                 stays = value
         if self._is_nested or stays != found:
-            self._consumed.update(repeated)  # a fact that stays and gives the same value is all that would be written
+            self._consumed.update(repeated)  # a remaining fact with the same value is all that would be written
         return found
 
-    def _only_value(self, word: PropertyCodec[T], index: int) -> T | None:
-        """`value` where one statement alone tells it, as is usual."""
-        told = self.facts[index].value
-        value = word.decode(told)
+    def _only_value(self, codec: PropertyCodec[T], index: int) -> T | None:
+        """Reads the value of the only statement, which is the usual case."""
+        term = self.facts[index].value
+        value = codec.decode(term)
         if value is None:
-            self.warn(word.property, _type_error(word, told), "it stays a fact without meaning")
-        elif word.round_trips(value, told):
+            self.warn(codec.property, _type_error(codec, term), "it stays a fact and is not used")
+        elif codec.round_trips(value, term):
             self._consumed.add(index)
         return value
 
     def mark_leading(self, index: int) -> None:
-        """Marks the one fact that counts among several of its property: it stays, and comes first."""
+        """Marks the statement that is used among several of its property: it remains, and comes first."""
         if self._indexes[self.facts[index].property][0] != index:
             self._leading.append(index)
 
     def remaining(self) -> tuple[PropertyAssertion, ...]:
-        """The facts that nothing has taken."""
+        """The statements that were not consumed."""
         leading = self._leading
         if len(self._consumed) == len(self.facts):
             return ()
@@ -399,7 +397,7 @@ class SubjectReader:
         return tuple(self.facts[index] for index in (*leading, *rest))
 
     def warn(self, property: str, problem: str, action: str) -> None:
-        """Reports something odd about this thing."""
+        """Reports a warning about the subject."""
         self.report(Severity.WARNING, self.subject, property, problem, action)
 
 
@@ -416,46 +414,46 @@ def _first_value(codec: PropertyCodec[T], facts: Iterable[PropertyAssertion]) ->
 
 
 class SubjectWriter:
-    """What is said about one thing, while it is written."""
+    """Collects the statements about one subject."""
 
     def __init__(self, subject: Iri, facts: Sequence[PropertyAssertion] = ()) -> None:
-        """Begins to speak.
+        """Creates a writer.
 
         Args:
-            subject: the thing.
-            facts: its facts, which are said in any case, after everything else.
+            subject: the subject.
+            facts: its facts, which are written after everything else.
         """
         self.subject = subject
         self._facts = facts
         self._written: list[PropertyAssertion] = []
 
     def add_reference(self, property: Iri, iri: Iri) -> None:
-        """Says that one thing has to do with another."""
+        """Adds a statement between two resources."""
         self._written.append(PropertyAssertion(property, IriRef(iri)))
 
     def add_fact(self, fact: PropertyAssertion) -> None:
-        """Says something as it is."""
+        """Adds a statement."""
         self._written.append(fact)
 
     def first_value(self, codec: PropertyCodec[T]) -> T | None:
-        """What the facts alone would give as the value of a word."""
+        """The value that the facts have for a codec."""
         return _first_value(codec, (fact for fact in self._facts if fact.property == codec.property))
 
     def write(self, codec: PropertyCodec[T], value: T | None) -> None:
-        """Says a value, or nothing where it is None.
+        """Writes a value; None writes nothing.
 
-        Nothing is said either where the facts already give the value; where they give one that the world does not
-        have, they are marked as facts only.
+        If the facts have the same value already, nothing is written; if they have a value that the world does not have,
+        the property is marked with `ms:untold`.
 
         Raises:
-            MapWriteError: no reader would understand the value, such as an infinite mass.
+            MapWriteError: the value cannot be read back, such as an infinite mass.
         """
         if value is None and not self._facts:
             return
-        told = self.first_value(codec)
-        if told is not None and value is None:
+        existing = self.first_value(codec)
+        if existing is not None and value is None:
             self.add_reference(UNTOLD, codec.property)
-        elif value is not None and told != value:
+        elif value is not None and existing != value:
             term = codec.encode(value)
             if codec.decode(term) != value:
                 what = f"the value {value!r} of {codec.property}"
@@ -463,5 +461,5 @@ class SubjectWriter:
             self._written.append(PropertyAssertion(codec.property, term))
 
     def all_facts(self) -> list[PropertyAssertion]:
-        """All that is said, the facts last."""
+        """All statements, the facts last."""
         return [*self._written, *self._facts]

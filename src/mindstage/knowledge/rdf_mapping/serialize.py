@@ -1,9 +1,8 @@
-"""Blocks: a world as statements in the order of a map file, subject by subject, before any syntax.
+"""A world as statements in the order of a map file, subject by subject, independent of the syntax.
 
-What the readers of dialect 1 understand is said in its words, what it has no word for in ours (see `all_names`), and
-facts and resources are said as they stand.
-
-Prefixes: short forms of names, and the check that a name is one.
+Everything is written with the terms of dialect 1, or with our own terms where there are none (see
+`mindstage.knowledge.vocabulary`); facts and resources are written unchanged. A `PrefixTable` checks all names of a file
+and shortens them.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ import pyoxigraph as ox
 from mindstage.errors import MapWriteError
 from mindstage.knowledge.dialects.membership import types_of
 from mindstage.knowledge.rdf import Severity, local_name, namespace_of, part_name, xml_local_name
-from mindstage.knowledge.rdf_mapping import properties as words
+from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.rdf_mapping.fields import map_class_sizes, write_materials, write_size, write_tags
 from mindstage.knowledge.rdf_mapping.nested import (
     MAX_NESTING,
@@ -67,10 +66,15 @@ __all__ = ["DocumentSection", "PrefixTable", "SubjectBlock", "is_plain_name", "t
 
 T = TypeVar("T")
 
+is_plain_name = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*").fullmatch
+"""Matches names that can follow a prefix, or be a label, in XML and Turtle alike."""
+_XMLNS = "http://www.w3.org/2000/xmlns/"
+"""The namespace that cannot have a prefix."""
+
 
 @dataclass(slots=True)
 class SubjectBlock:
-    """What is said about one subject."""
+    """The statements about one subject."""
 
     subject: Iri
     facts: list[PropertyAssertion]
@@ -79,22 +83,22 @@ class SubjectBlock:
 
 @dataclass(frozen=True, slots=True)
 class DocumentSection:
-    """Blocks that stand together under a heading."""
+    """A section of a file with a heading."""
 
     heading: str
     blocks: Sequence[SubjectBlock]
 
 
 def to_sections(world: World) -> Sequence[DocumentSection]:
-    """The statements of a world.
+    """Converts a world to statements.
 
     Raises:
-        MapWriteError: two of its parts have one name, or a value is no value (an infinite mass, a child that is not
-            there).
+        MapWriteError: two entities have the same name, or a value cannot be written (an infinite mass, a child that is
+            not in the world).
     """
-    writing = _WorldSerializer(world)
-    individuals = list(writing.individuals())
-    ontologies, properties, classes, others = writing.resources()
+    serializer = _WorldSerializer(world)
+    individuals = list(serializer.individuals())
+    ontologies, properties, classes, others = serializer.resources()
     sections = (
         DocumentSection("Ontologies", ontologies),
         DocumentSection("Property Definitions", properties),
@@ -102,15 +106,15 @@ def to_sections(world: World) -> Sequence[DocumentSection]:
         DocumentSection("Individuals", individuals),
         DocumentSection("Further Statements", others),
     )
-    deep = _DeepNodeFlattener(writing.used_names)
+    flattener = _DeepNodeFlattener(serializer.used_names)
     for section in sections:
         for block in section.blocks:
-            block.facts = [deep.flatten(fact) for fact in block.facts]
-    return (*sections, DocumentSection("Nodes Inside Nodes", list(deep.blocks())))
+            block.facts = [flattener.flatten(fact) for fact in block.facts]
+    return (*sections, DocumentSection("Nodes Inside Nodes", list(flattener.blocks())))
 
 
 class _DeepNodeFlattener:
-    """Nodes nested too deeply for any recursion get labels and blocks of their own."""
+    """Moves blank nodes below `MAX_NESTING` to labels and blocks of their own."""
 
     def __init__(self, used_names: Container[str]) -> None:
         self._labels = (Iri(f"_:deep{n}") for n in count(1) if f"_:deep{n}" not in used_names)
@@ -133,7 +137,7 @@ class _DeepNodeFlattener:
 
 
 class _WorldSerializer:
-    """One world on its way into statements."""
+    """Converts one world to statements."""
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -149,17 +153,17 @@ class _WorldSerializer:
             self.children.setdefault(attachment.parent, []).append(self._body_iri(attachment.child, attachment.parent))
 
     def individuals(self) -> Iterator[SubjectBlock]:
-        """The map, then bodies, constraints and lights, each followed by its parts."""
+        """The map, then bodies, joints and lights, each followed by its nested resources."""
         yield self._map()
         for body in self.world.bodies:
             yield from self._body(body)
-        for constraint in self.world.joints:
-            yield from self._constraint(constraint)
+        for joint in self.world.joints:
+            yield from self._joint(joint)
         for light in self.world.lights:
             yield from self._light(light)
 
     def resources(self) -> tuple[list[SubjectBlock], ...]:
-        """All others: ontologies, properties, classes, the rest. What is said of a part joins what the part says."""
+        """Ontologies, properties, classes and all others; statements about a nested resource are added to its block."""
         sorted_out: tuple[list[SubjectBlock], ...] = ([], [], [], [])
         ontologies, properties, classes, others = sorted_out
         for resource in self.world.resources:
@@ -182,71 +186,71 @@ class _WorldSerializer:
 
     def _map(self) -> SubjectBlock:
         world = self.world
-        said = SubjectWriter(world.iri, world.facts)
-        said.add_reference(TYPE, NAMED_INDIVIDUAL)
-        said.add_reference(TYPE, SEMANTIC_MAP)
+        writer = SubjectWriter(world.iri, world.facts)
+        writer.add_reference(TYPE, NAMED_INDIVIDUAL)
+        writer.add_reference(TYPE, SEMANTIC_MAP)
         name = local_name(world.iri)
-        says_name = world.name != name or said.first_value(words.LABEL_CODEC) == name
-        said.write(words.LABEL_CODEC, world.name if says_name else None)
-        return SubjectBlock(world.iri, said.all_facts(), f"Semantic Map {world.name}")
+        has_label = world.name != name or writer.first_value(codecs.LABEL_CODEC) == name
+        writer.write(codecs.LABEL_CODEC, world.name if has_label else None)
+        return SubjectBlock(world.iri, writer.all_facts(), f"Semantic Map {world.name}")
 
     def _start_entity(self, entity: Body | Joint | Light, cls: Iri | None) -> SubjectWriter:
-        said = SubjectWriter(entity.iri, entity.facts)
-        said.add_reference(TYPE, NAMED_INDIVIDUAL)
+        writer = SubjectWriter(entity.iri, entity.facts)
+        writer.add_reference(TYPE, NAMED_INDIVIDUAL)
         if cls is not None:
-            said.add_reference(TYPE, cls)
-        said.add_reference(DESCRIBED_IN_MAP, self.world.iri)
-        said.write(words.ID, entity.id if entity.id != local_name(entity.iri) else None)
-        return said
+            writer.add_reference(TYPE, cls)
+        writer.add_reference(DESCRIBED_IN_MAP, self.world.iri)
+        writer.write(codecs.ID, entity.id if entity.id != local_name(entity.iri) else None)
+        return writer
 
     def _body(self, body: Body) -> Iterator[SubjectBlock]:
-        said = self._start_entity(body, None if body.cls == THING else body.cls)
+        writer = self._start_entity(body, None if body.cls == THING else body.cls)
         for child in self.children.get(body.id, ()):
-            said.add_reference(CHILD, child)
+            writer.add_reference(CHILD, child)
         for parent in self.parents.get(body.id, ()):
-            said.add_reference(PARENT, parent)
-        said.write(words.LABEL_CODEC, body.label)
+            writer.add_reference(PARENT, parent)
+        writer.write(codecs.LABEL_CODEC, body.label)
         physics = body.physics
-        said.write(words.MOBILITY, physics.mobility)
-        said.write(words.MASS, physics.mass_kg)
-        said.write(words.OVERLAP_EVENTS, physics.overlap_events)
-        said.write(words.GRAVITY, physics.gravity)
+        writer.write(codecs.MOBILITY, physics.mobility)
+        writer.write(codecs.MASS, physics.mass_kg)
+        writer.write(codecs.OVERLAP_EVENTS, physics.overlap_events)
+        writer.write(codecs.GRAVITY, physics.gravity)
         classes = (body.cls, *(cls for cls in types_of(body.facts) if cls != body.cls))
-        write_size(said, classes, body.size, self.sizes)
-        pose = self._write_nested(said, body, NESTED_POSE, body.pose)
-        said.write(words.MESH, body.mesh)
-        said.write(words.SHAPE, body.shape.type if body.shape else None)
-        write_materials(said, body.materials)
-        write_tags(said, body.tags)
-        yield SubjectBlock(body.iri, said.all_facts(), f"Individual {local_name(body.cls)}")
+        write_size(writer, classes, body.size, self.sizes)
+        pose = self._write_nested(writer, body, NESTED_POSE, body.pose)
+        writer.write(codecs.MESH, body.mesh)
+        writer.write(codecs.SHAPE, body.shape.type if body.shape else None)
+        write_materials(writer, body.materials)
+        write_tags(writer, body.tags)
+        yield SubjectBlock(body.iri, writer.all_facts(), f"Individual {local_name(body.cls)}")
         yield from pose
 
-    def _constraint(self, constraint: Joint) -> Iterator[SubjectBlock]:
-        said = self._start_entity(constraint, CONSTRAINT)
-        said.add_reference(PARENT, self._body_iri(constraint.parent, constraint.id))
-        said.add_reference(CHILD, self._body_iri(constraint.child, constraint.id))
-        write_tags(said, constraint.tags)
-        said.write(words.DISABLE_COLLISION, constraint.disable_collision)
+    def _joint(self, joint: Joint) -> Iterator[SubjectBlock]:
+        writer = self._start_entity(joint, CONSTRAINT)
+        writer.add_reference(PARENT, self._body_iri(joint.parent, joint.id))
+        writer.add_reference(CHILD, self._body_iri(joint.child, joint.id))
+        write_tags(writer, joint.tags)
+        writer.write(codecs.DISABLE_COLLISION, joint.disable_collision)
         parts = [
-            *self._write_nested(said, constraint, NESTED_POSE, constraint.pose),
-            *self._write_nested(said, constraint, NESTED_LINEAR_LIMITS, constraint.linear),
-            *self._write_nested(said, constraint, NESTED_ANGULAR_LIMITS, constraint.angular),
+            *self._write_nested(writer, joint, NESTED_POSE, joint.pose),
+            *self._write_nested(writer, joint, NESTED_LINEAR_LIMITS, joint.linear),
+            *self._write_nested(writer, joint, NESTED_ANGULAR_LIMITS, joint.angular),
         ]
-        yield SubjectBlock(constraint.iri, said.all_facts(), "Constraint")
+        yield SubjectBlock(joint.iri, writer.all_facts(), "Constraint")
         yield from parts
 
     def _light(self, light: Light) -> Iterator[SubjectBlock]:
-        said = self._start_entity(light, LIGHT_CLASSES[light.type])
-        said.write(words.COLOR, light.color)
-        said.write(words.INTENSITY, light.intensity)
-        write_tags(said, light.tags)
-        pose = self._write_nested(said, light, NESTED_POSE, light.pose)
-        yield SubjectBlock(light.iri, said.all_facts(), "Light")
+        writer = self._start_entity(light, LIGHT_CLASSES[light.type])
+        writer.write(codecs.COLOR, light.color)
+        writer.write(codecs.INTENSITY, light.intensity)
+        write_tags(writer, light.tags)
+        pose = self._write_nested(writer, light, NESTED_POSE, light.pose)
+        yield SubjectBlock(light.iri, writer.all_facts(), "Light")
         yield from pose
 
     def _body_iri(self, body: BodyId, other: BodyId) -> Iri:
         if body not in self.iris:
-            raise MapWriteError(other, cause=f"it has to do with {body!r}, which is not in the world")
+            raise MapWriteError(other, cause=f"it refers to {body!r}, which is not in the world")
         return self.iris[body]
 
     # -- parts ---------------------------------------------------------------------------------------------------------
@@ -254,60 +258,60 @@ class _WorldSerializer:
     def _write_nested(
         self, writer: SubjectWriter, owner: Body | Joint | Light, nested_resource: NestedResource[T], value: T
     ) -> Iterable[SubjectBlock]:
-        """Says a part, under the name that the facts have for it if nothing else stands under that name."""
-        told = next((fact.value for fact in owner.facts if fact.property == nested_resource.property), None)
+        """Writes a nested resource, with the name that the facts have for it unless that is used otherwise."""
+        given = next((fact.value for fact in owner.facts if fact.property == nested_resource.property), None)
         if (
-            isinstance(told, BlankNode)
-            and nested_resource.read(SubjectReader(owner.iri, told.facts, _ignore_finding, is_nested=True)) == value
+            isinstance(given, BlankNode)
+            and nested_resource.read(SubjectReader(owner.iri, given.facts, _ignore_finding, is_nested=True)) == value
         ):
             return ()
-        name = told.iri if isinstance(told, IriRef) and told.iri not in self.top_level else None
+        name = given.iri if isinstance(given, IriRef) and given.iri not in self.top_level else None
         if name in self.nested_resources:
-            other, there, _ = self.nested_resources[name]
-            if other is nested_resource and there == value:
+            other, written, _ = self.nested_resources[name]
+            if other is nested_resource and written == value:
                 return ()
             name = None
         if name is None:
             name = part_name(owner.iri, nested_resource.suffix, self.used_names)
             writer.add_reference(nested_resource.property, name)
-        own = SubjectWriter(name)
-        own.add_reference(TYPE, NAMED_INDIVIDUAL)
-        own.add_reference(TYPE, nested_resource.cls)
-        nested_resource.write(own, value)
-        block = SubjectBlock(name, own.all_facts())
+        nested = SubjectWriter(name)
+        nested.add_reference(TYPE, NAMED_INDIVIDUAL)
+        nested.add_reference(TYPE, nested_resource.cls)
+        nested_resource.write(nested, value)
+        block = SubjectBlock(name, nested.all_facts())
         self.nested_resources[name] = (nested_resource, value, block)
         return (block,)
 
 
 def _ignore_finding(severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
-    """Whoever reads the file will hear of it."""
+    """Findings are reported when the written file is read."""
 
 
 def _iris_by_id(world: World) -> dict[BodyId, Iri]:
     iris: dict[BodyId, Iri] = {}
     names = {world.iri: "the map"}
-    things: Iterable[Body | Joint | Light] = chain(world.bodies, world.joints, world.lights)
-    for thing in things:
-        if thing.id in iris:
-            raise MapWriteError(repr(thing.id), cause="two things have this id")
-        if thing.iri in names:
-            raise MapWriteError(repr(thing.id), cause=f"{names[thing.iri]} is called <{thing.iri}> too")
-        iris[thing.id] = thing.iri
-        names[thing.iri] = repr(thing.id)
+    entities: Iterable[Body | Joint | Light] = chain(world.bodies, world.joints, world.lights)
+    for entity in entities:
+        if entity.id in iris:
+            raise MapWriteError(repr(entity.id), cause="two entities have this id")
+        if entity.iri in names:
+            raise MapWriteError(repr(entity.id), cause=f"{names[entity.iri]} has the same IRI <{entity.iri}>")
+        iris[entity.id] = entity.iri
+        names[entity.iri] = repr(entity.id)
     return iris
 
 
 def _omitted_individuals(world: World) -> Iterator[Iri]:
-    """Individuals of the map that are not in the world, and nobody's part for that."""
+    """Individuals of the map that are not in the world; they cannot be nested resources."""
     for resource in world.resources:
-        types = types_of(resource.facts)  # a part that says where it is described has lost its only one on the way
-        telling = (PARENT, CHILD, DESCRIBED_IN_MAP) if CONSTRAINT in types else (DESCRIBED_IN_MAP,)
-        if types and any(fact.property in telling for fact in resource.facts):
+        types = types_of(resource.facts)  # a nested resource with a map of its own has no owner any more
+        map_properties = (PARENT, CHILD, DESCRIBED_IN_MAP) if CONSTRAINT in types else (DESCRIBED_IN_MAP,)
+        if types and any(fact.property in map_properties for fact in resource.facts):
             yield resource.iri
 
 
 def _all_iris(world: World) -> set[Iri]:
-    """All names of a world, so that none of them is given to a part."""
+    """All names of a world, so that no generated name equals one of them."""
     owners: Iterable[World | Body | Joint | Light | NamedResource] = chain(
         (world,), world.bodies, world.joints, world.lights, world.resources
     )
@@ -324,21 +328,14 @@ def _all_iris(world: World) -> set[Iri]:
     return names
 
 
-is_plain_name = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*").fullmatch
-"""Matches what may follow a prefix, or be a label, in XML and Turtle alike."""
-
-_XMLNS = "http://www.w3.org/2000/xmlns/"
-"""The one namespace that no prefix may stand for."""
-
-
 class PrefixTable:
-    """All names of a file: each checked once, with a short form where there is one."""
+    """The checked names of a file, with prefixes."""
 
     def __init__(self, map: Iri, sections: Iterable[DocumentSection]) -> None:
-        """Gathers the names.
+        """Collects and checks all names.
 
         Raises:
-            MapWriteError: one is not an IRI.
+            MapWriteError: a name is not an IRI.
         """
         self.prefixes = {OWL: "owl", XSD: "xsd", KNOWROB: "knowrob", RDFS: "rdfs", RDF: "rdf"}
         self.blank_node_labels: dict[Iri, str] = {}
@@ -373,7 +370,7 @@ class PrefixTable:
                 self._assign_prefix(property[: match.start()])
 
     def split(self, property: Iri) -> tuple[str, str] | None:
-        """Prefix and name of a property; None where no name can be split off."""
+        """The prefix and the local name of a property; None if it cannot be split."""
         parts = self._properties[property]
         return None if parts is None else (self.prefixes[parts[0]], parts[1])
 

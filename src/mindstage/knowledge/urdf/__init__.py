@@ -1,7 +1,7 @@
-"""Robots' descriptions (URDF and xacro): read safely, and told as worlds and maps.
+"""URDF and xacro: safe parsing of robot descriptions, and their conversion to worlds and maps.
 
-A description becomes a map in the words of dialect 1 before anything else reads it, so questions, engines and writers
-treat it as any other map. What has no field stays with its link or joint as the text that told it.
+A robot description is converted to a map in the vocabulary of dialect 1, so that queries, engines and writers
+treat it as any other map. XML elements without an equivalent are kept as text facts of their link or joint.
 """
 
 from mindstage.knowledge.urdf.in_maps import ClassNameIndex

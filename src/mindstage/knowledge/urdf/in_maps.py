@@ -1,14 +1,13 @@
-"""Robot sources: descriptions as maps, and maps that leave places and joints to a description.
+"""Robot descriptions as maps, and maps that take the poses and joints of links from a robot description.
 
-Both become text in the words of dialect 1, which is all that anything later reads.
-
-Class names: what a link is, from the words that its name is made of.
+Both become Turtle in the vocabulary of dialect 1, which later steps read as they read any other map. The class of a
+link is inferred from the words of its name.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -50,40 +49,40 @@ _IGNORED_WORDS = frozenset(
         *("center", "centre", "vertical", "horizontal", "small", "big", "large"),
     )
 )
-"""Words at the end of a link's name that say where it is, or nothing, but not what it is."""
+"""Words at the end of a link's name that do not describe its class."""
 
 
 class ClassNameIndex:
-    """The classes that a store knows, by the words of their names."""
+    """The classes of a store, by name."""
 
     def __init__(self, store: QuadSource) -> None:
-        """Reads nothing yet."""
+        """Creates the index; the store is read on first use."""
         self._store = store
 
     def class_of_link(self, link: str) -> Iri | None:
-        """The class that the end of a link's name spells: a Handle for `oven_door_handle_link`, and so on.
+        """Returns the class named by the end of a link's name, such as Handle for `oven_door_handle_link`.
 
-        The longest end counts, so `fridge_door` is a FridgeDoor where there is such a class, and else a Door.
+        The longest match counts: `fridge_door` is a FridgeDoor if that class exists, and otherwise a Door.
         """
         words = [word.lower() for word in _WORD.findall(link)]
         while words and words[-1] in _IGNORED_WORDS:
             words.pop()
-        ends = ("".join(words[start:]) for start in range(len(words)))
-        return next((self._classes_by_name[end] for end in ends if end in self._classes_by_name), None)
+        endings = ("".join(words[start:]) for start in range(len(words)))
+        return next((self._classes_by_name[each] for each in endings if each in self._classes_by_name), None)
 
     @cached_property
     def _classes_by_name(self) -> dict[str, Iri]:
-        """By name in small letters; of several classes of one name, the community's own."""
+        """Classes by lower-case local name; of several, the KnowRob class."""
         quads = self._store.quads_for_pattern(None, ox.NamedNode(TYPE), ox.NamedNode(OWL_CLASS))
         classes = {Iri(quad.subject.value) for quad in quads if isinstance(quad.subject, ox.NamedNode)}
-        told = sorted(cls for cls in classes if not cls.startswith((OWL, RDFS)))
-        told.sort(key=lambda cls: cls.startswith(KNOWROB))  # whoever comes last stays
-        return {local_name(cls).lower(): cls for cls in told}
+        named = sorted(cls for cls in classes if not cls.startswith((OWL, RDFS)))
+        named.sort(key=lambda cls: cls.startswith(KNOWROB))  # the last one of a name is kept
+        return {local_name(cls).lower(): cls for cls in named}
 
 
 @dataclass(slots=True)
 class UrdfSources:
-    """The descriptions that maps may name links of."""
+    """The robot descriptions whose links maps may refer to."""
 
     packages: RosPackagePath
     class_names: ClassNameIndex
@@ -92,33 +91,33 @@ class UrdfSources:
     assumptions: list[Assumption] = field(default_factory=list)
 
     def add(self, path: Path) -> None:
-        """Reads a description that maps may lean on.
+        """Reads a robot description whose links maps may refer to.
 
         Raises:
-            SourceParseError: it is none, or cannot be read.
+            SourceParseError: it cannot be read or is not a robot description.
         """
         self.urdf_robots[path] = read_urdf(path, self.packages)
 
     def urdf_as_map(self, path: Path) -> SourceFile:
-        """A description as a map of its own.
+        """Converts a robot description to a map.
 
         Raises:
-            SourceParseError: it is none, or cannot be read.
+            SourceParseError: it cannot be read or is not a robot description.
         """
-        standing = urdf_to_world(read_urdf(path, self.packages), class_of=self.class_names.class_of_link)
-        self._report_issues(path, standing)
-        if standing.class_of_link:
-            told = [f"{link} is a {local_name(cls)}" for link, cls in standing.class_of_link.items()]
-            value = "links are what the ends of their names say"
-            self._record_assumption(standing, "classes", value, f"{len(told)} links: {', '.join(told[:3])}")
-        return SourceFile(path, write_map(standing.world, format=MapFormat.TURTLE).encode(), ox.RdfFormat.TURTLE)
+        urdf_world = urdf_to_world(read_urdf(path, self.packages), class_of=self.class_names.class_of_link)
+        self._report_issues(path, urdf_world)
+        if urdf_world.class_of_link:
+            classes = [f"{link} is a {local_name(cls)}" for link, cls in urdf_world.class_of_link.items()]
+            value = "links have the classes that their names end with"
+            self._record_assumption(urdf_world, "classes", value, f"{len(classes)} links: {', '.join(classes[:3])}")
+        return SourceFile(path, write_map(urdf_world.world, format=MapFormat.TURTLE).encode(), ox.RdfFormat.TURTLE)
 
     def add_linked_robots(self, file: SourceFile, graph: Graph) -> SourceFile:
-        """A map with the places and joints of the links that it names.
+        """Adds the poses and joints of the links that a map refers to.
 
         Args:
-            file: the map, as text that Turtle can go on from, if it names links of any description here.
-            graph: what it says.
+            file: the map; if it refers to a link, its text must be a prefix of valid Turtle.
+            graph: the statements of the map.
         """
         links = dict(linked_individuals(graph))
         if not links:
@@ -129,31 +128,31 @@ class UrdfSources:
             names = {link.name for link in robot.links}
             known = {link: (individual, THING) for individual, link in links.items() if link in names}
             if not known:
-                what, did = "no map names one of its links", "it is not used"
-                self.findings.append(Finding(Severity.WARNING, str(path), BASE_LINK_NAME, what, did))
+                problem, action = "no map refers to one of its links", "it is not used"
+                self.findings.append(Finding(Severity.WARNING, str(path), BASE_LINK_NAME, problem, action))
                 continue
             found.update(individual for individual, _ in known.values())
-            standing = urdf_to_world(
+            urdf_world = urdf_to_world(
                 robot, map=_map_of(graph, found), known_links=known, class_of=self.class_names.class_of_link
             )
-            self._report_issues(path, standing)
-            data += b"\n" + write_map(standing.world, format=MapFormat.TURTLE).encode()
+            self._report_issues(path, urdf_world)
+            data += b"\n" + write_map(urdf_world.world, format=MapFormat.TURTLE).encode()
         for individual, link in links.items():
             if individual not in found:
-                what = f"its place stands in a robot's description, as the link {link!r}"
-                did = "none of those given has that link; give the one that has with --urdf FILE"
-                self.findings.append(Finding(Severity.WARNING, individual, BASE_LINK_NAME, what, did))
+                problem = f"its pose is that of the link {link!r} of a robot description"
+                action = "none of those given has that link; give the one that has with --urdf FILE"
+                self.findings.append(Finding(Severity.WARNING, individual, BASE_LINK_NAME, problem, action))
         return file if data is file.data else replace(file, data=data, format=ox.RdfFormat.TURTLE)
 
     def _report_issues(self, path: Path, urdf_world: UrdfWorld) -> None:
-        for oddity in urdf_world.issues:
-            severity = Severity.ERROR if oddity.is_missing else Severity.WARNING
-            name = urdf_world.iris_by_name.get(oddity.subject)
-            what = oddity.problem if name or not oddity.subject else f"{oddity.subject}: {oddity.problem}"
-            self.findings.append(Finding(severity, name or str(path), "", what, oddity.action))
+        for issue in urdf_world.issues:
+            severity = Severity.ERROR if issue.is_missing else Severity.WARNING
+            iri = urdf_world.iris_by_name.get(issue.subject)
+            problem = issue.problem if iri or not issue.subject else f"{issue.subject}: {issue.problem}"
+            self.findings.append(Finding(severity, iri or str(path), "", problem, issue.action))
         world = urdf_world.world
-        evidence = f"{len(world.joints)} joints let something move; a description does not say what holds its root"
-        value = "what a joint lets move is dynamic, the root and all fixed to it static"
+        evidence = f"{len(world.joints)} joints are movable; the description does not define the mounting of its root"
+        value = "links with a movable joint are dynamic, the root and all links fixed to it static"
         self._record_assumption(urdf_world, "mobility", value, evidence)
 
     def _record_assumption(self, urdf_world: UrdfWorld, topic: str, value: str, evidence: str) -> None:
@@ -161,23 +160,24 @@ class UrdfSources:
 
 
 def linked_individuals(graph: Graph) -> Iterable[tuple[Iri, str]]:
-    """Each individual that names a link and has no place of its own, and the link.
+    """Yields each individual without a pose that refers to a link, and the link's name.
 
-    It is that which its description begins with, or else ends with.
+    The base link takes precedence over the end link.
     """
     for individual, facts in graph.items():
-        told: Mapping[Iri, Sequence[str]] = {
-            property: [text for fact in facts if fact.property == property and (text := literal_text(fact.value))]
+        names = [
+            text
             for property in (BASE_LINK_NAME, END_LINK_NAME)
-        }
-        names = [*told[BASE_LINK_NAME], *told[END_LINK_NAME]]
-        is_placed = any(fact.property in (HAS_POSE, HAS_LOCALIZATION) for fact in facts)
-        if names and not is_placed and not individual.startswith("_:"):
+            for fact in facts
+            if fact.property == property and (text := literal_text(fact.value))
+        ]
+        has_pose = any(fact.property in (HAS_POSE, HAS_LOCALIZATION) for fact in facts)
+        if names and not has_pose and not individual.startswith("_:"):
             yield individual, names[0]
 
 
 def _map_of(graph: Graph, individuals: Iterable[Iri]) -> Iri | None:
-    """The map that individuals are described in."""
+    """Returns the map that one of the individuals belongs to."""
     for individual in sorted(individuals):
         for fact in graph.get(individual, ()):
             if fact.property == DESCRIBED_IN_MAP and isinstance(fact.value, IriRef):

@@ -1,4 +1,4 @@
-"""Robot: what a description says, as plain data; names and numbers as they stand, nothing worked out yet."""
+"""Data model of a robot description: names and numbers as given in the file, with no kinematics computed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["UrdfGeometry", "UrdfGeometryType", "UrdfIssue", "UrdfJoint", "UrdfJo
 
 
 class UrdfGeometryType(StrEnum):
-    """The forms that a description knows."""
+    """Geometry elements of URDF."""
 
     BOX = "box"
     CYLINDER = "cylinder"
@@ -21,32 +21,32 @@ class UrdfGeometryType(StrEnum):
 
 
 class UrdfGeometry(msgspec.Struct, frozen=True, kw_only=True):
-    """One visible or solid piece of a link."""
+    """A `<visual>` or `<collision>` element of a link."""
 
     geometry_type: UrdfGeometryType
     origin: Pose
-    """Of its middle, or of a mesh's own origin, in the frame of the link."""
+    """Pose of the center, or of the origin of a mesh whose size is unknown, in the link frame."""
     size: Vector | None = None
-    """The extents [m]; of a mesh where its file tells them."""
+    """Extents [m]; for a mesh, those of its bounding box if its file can be measured."""
     mesh: str | None = None
-    """As written, `package://…` or a path."""
+    """File name as given: a `package://` URI or a path."""
     color: Color | None = None
     material: str = ""
 
 
 class UrdfLink(msgspec.Struct, frozen=True, kw_only=True):
-    """One rigid piece."""
+    """A rigid body of the robot."""
 
     name: str
     visuals: tuple[UrdfGeometry, ...] = ()
     collisions: tuple[UrdfGeometry, ...] = ()
     mass_kg: float | None = None
     source_xml: str = ""
-    """The text that told it."""
+    """The XML of the element."""
 
 
 class UrdfJointType(StrEnum):
-    """What a joint lets its child do."""
+    """Joint types of URDF."""
 
     FIXED = "fixed"
     REVOLUTE = "revolute"
@@ -57,39 +57,39 @@ class UrdfJointType(StrEnum):
 
 
 class UrdfJoint(msgspec.Struct, frozen=True, kw_only=True):
-    """What holds a link on another."""
+    """A joint between two links."""
 
     name: str
     type: UrdfJointType
     parent: str
     child: str
     origin: Pose
-    """The joint's frame, and the child's where the joint stands at 0, in the frame of the parent."""
+    """Joint frame in the frame of the parent; the child frame coincides with it at joint position 0."""
     axis: Vector = (1.0, 0.0, 0.0)
-    """In the joint's frame; not 0."""
+    """Unit or other nonzero vector in the joint frame."""
     range: tuple[float, float] | None = None
-    """The lower limit first [m or rad]; None where there is none."""
+    """Lower and upper limit [m or rad]; None for no limits."""
     damping: float = 0.0
     source_xml: str = ""
 
 
 class UrdfIssue(msgspec.Struct, frozen=True):
-    """Something that cannot be taken as it stands."""
+    """A problem in a robot description, and its remedy."""
 
     subject: str
-    """The link or joint; empty for the robot itself."""
+    """Name of the link or joint; empty for the robot."""
     problem: str
     action: str
     is_missing: bool = False
-    """Whether something is not there because of it."""
+    """Whether an element was omitted because of it."""
 
 
 class UrdfRobot(msgspec.Struct, frozen=True, kw_only=True):
-    """A description."""
+    """A parsed robot description."""
 
     name: str
     links: tuple[UrdfLink, ...]
     joints: tuple[UrdfJoint, ...]
     other_elements: tuple[str, ...] = ()
-    """The texts of all else in it: materials, transmissions, what simulators add."""
+    """The XML of all other elements: materials, transmissions, simulator extensions."""
     issues: tuple[UrdfIssue, ...] = ()

@@ -1,15 +1,8 @@
-"""Elements: what a description's XML says, one piece after the other; what makes no sense becomes an oddity.
+"""Reading of URDF and xacro files to a `UrdfRobot`.
 
-Expansion: xacro's macros, by the package that defines what they mean, in a process that can be ended.
-
-A macro may hold any Python expression: one that never ends, or that takes all memory.
-
-Mesh sizes: the box around a mesh, where its file is at hand and of a plain format (STL, OBJ).
-
-Reading descriptions: from bytes to a `UrdfRobot`, whatever the bytes are.
-
-No document type is allowed, so there are no entities to blow up or to fetch, and what is too long or too deep is
-refused. Xacro is expanded by the package `xacro`, where that is installed.
+Parsing is safe for untrusted files: document types are refused, so no entity is expanded or fetched, and size and depth
+are limited. Xacro files are expanded by the package `xacro`, if installed, in a separate process with a time and a
+memory limit, as a macro may contain any Python expression. Invalid values are replaced and reported as `UrdfIssue`.
 """
 
 from __future__ import annotations
@@ -31,7 +24,7 @@ import numpy as np
 from mindstage.errors import SourceParseError
 from mindstage.knowledge.dialects.joints import to_vector
 from mindstage.knowledge.io.ros_packages import RosPackagePath
-from mindstage.knowledge.rdf_mapping import properties as words
+from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.urdf.model import (
     UrdfGeometry,
     UrdfGeometryType,
@@ -48,22 +41,40 @@ __all__ = ["MeshBounds", "expand_xacro", "is_urdf", "mesh_bounds", "parse_robot"
 
 
 _TIMEOUT_S = 60.0
-"""How long a description may take to expand; a whole robot takes one second."""
+"""Time limit for the expansion of a file; a whole robot takes about one second."""
+
+
+_LENGTH_LIMIT = 256 * 1024 * 1024
+T = TypeVar("T")
+Element = ElementTree.Element
+_TOO_LARGE = 1e100
+"""Numbers above this overflow when they are multiplied with each other."""
+_GEOMETRY_TAGS = {geometry_type.value for geometry_type in UrdfGeometryType}
+_JOINT_TYPES = {type.value for type in UrdfJointType}
+LENGTH_LIMIT = 64 * 1024 * 1024
+"""Maximum size of a file [bytes]; the largest robot descriptions have about two million."""
+DEPTH_LIMIT = 200
+"""Maximum depth of elements; URDF needs six, simulator extensions a few more."""
+_HEAD = 64 * 1024
+_PROLOG = rb"(?>\s+|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>\[]*(?:\[[^\]]*\]\s*)?>)*+"
+"""What may precede the root element; possessive quantifiers keep matching linear in the number of comments."""
+_ROBOT = re.compile(rb"\A(?:\xef\xbb\xbf)?" + _PROLOG + rb"<robot[\s/>]", re.DOTALL)
+_XACRO = re.compile(rb"xmlns:xacro\s*=|<xacro:")
 
 
 def expand_xacro(path: Path, packages: RosPackagePath, *, timeout_s: float = _TIMEOUT_S) -> bytes:
-    """A description without macros.
+    """Expands the macros of a xacro file and returns URDF.
 
     Raises:
-        SourceParseError: xacro is not installed, gives up, or does not end in time.
+        SourceParseError: xacro is not installed, fails, or exceeds the time limit.
     """
     if not _is_installed():
         cause = "it is written in xacro, which is not installed; try pip install mindstage[xacro]"
         raise SourceParseError(str(path), cause=cause)
-    # -P: nothing that lies in the working directory is taken for a library.
+    # -P keeps modules in the working directory from being imported.
     command = [sys.executable, "-P", "-m", "mindstage.knowledge.urdf.xacro_worker", str(path)]
     try:
-        done = subprocess.run(
+        completed = subprocess.run(
             [*command, *map(str, packages.folders)],
             stdin=subprocess.DEVNULL,
             capture_output=True,
@@ -73,36 +84,33 @@ def expand_xacro(path: Path, packages: RosPackagePath, *, timeout_s: float = _TI
     except subprocess.TimeoutExpired as error:
         cause = f"xacro did not expand it within {timeout_s:g} s"
         raise SourceParseError(str(path), cause=cause) from error
-    if done.returncode:
-        told = done.stderr.decode(errors="replace").strip().splitlines()
-        why = told[-1] if told else f"the process that did it ended with {done.returncode}"
-        raise SourceParseError(str(path), cause=f"xacro cannot expand it: {why}")
-    return done.stdout
+    if completed.returncode:
+        messages = completed.stderr.decode(errors="replace").strip().splitlines()
+        reason = messages[-1] if messages else f"its process exited with {completed.returncode}"
+        raise SourceParseError(str(path), cause=f"xacro cannot expand it: {reason}")
+    return completed.stdout
 
 
 def _is_installed() -> bool:
     try:
         return find_spec("xacro") is not None
-    except ValueError:  # it was taken away on purpose
+    except ValueError:  # sys.modules["xacro"] is None
         return False
 
 
-_LENGTH_LIMIT = 256 * 1024 * 1024
-
-
 class MeshBounds(NamedTuple):
-    """A box in the frame of the mesh, in the mesh's own units."""
+    """Axis-aligned bounding box in the frame and the units of the mesh."""
 
     center: Array
     size: Array
 
 
 def mesh_bounds(name: str, urdf_path: Path, packages: RosPackagePath) -> MeshBounds | None:
-    """The box around a mesh; None where the file is not there, or is none that can be measured."""
+    """Returns the bounding box of an STL or OBJ mesh, or None if the file is missing or cannot be measured."""
     try:
         path = _mesh_path(name, urdf_path, packages)
         measure = None if path is None else _FORMATS.get(path.suffix.lower())
-        # What is no plain file, a pipe or a device, may have no end.
+        # Reading a pipe or a device might never end.
         if path is None or measure is None or not path.is_file() or path.stat().st_size > _LENGTH_LIMIT:
             return None
         data = path.read_bytes()
@@ -131,8 +139,8 @@ def _stl_vertices(data: bytes) -> Array | None:
     if len(data) >= 84:
         (count,) = struct.unpack_from("<I", data, 80)
         if len(data) == 84 + 50 * count:
-            kind = np.dtype([("normal", "<f4", 3), ("points", "<f4", (3, 3)), ("rest", "<u2")])
-            facets = np.frombuffer(data, kind, count, 84)
+            dtype = np.dtype([("normal", "<f4", 3), ("points", "<f4", (3, 3)), ("rest", "<u2")])
+            facets = np.frombuffer(data, dtype, count, 84)
             return np.asarray(facets["points"].reshape(-1, 3), dtype=np.float64)
     return _vertex_lines(data, b"vertex")
 
@@ -141,8 +149,8 @@ def _obj_vertices(data: bytes) -> Array | None:
     return _vertex_lines(data, b"v")
 
 
-def _vertex_lines(data: bytes, word: bytes) -> Array | None:
-    rows = [parts[1:4] for line in data.splitlines() if (parts := line.split())[:1] == [word]]
+def _vertex_lines(data: bytes, keyword: bytes) -> Array | None:
+    rows = [parts[1:4] for line in data.splitlines() if (parts := line.split())[:1] == [keyword]]
     try:
         return np.array(rows, dtype=np.float64).reshape(-1, 3)
     except ValueError:
@@ -152,12 +160,8 @@ def _vertex_lines(data: bytes, word: bytes) -> Array | None:
 _FORMATS = {".obj": _obj_vertices, ".stl": _stl_vertices}
 
 
-T = TypeVar("T")
-Element = ElementTree.Element
-
-
 def parse_robot(root: Element, path: Path, packages: RosPackagePath) -> UrdfRobot:
-    """The robot that an element `robot` tells of.
+    """Parses a `<robot>` element.
 
     Raises:
         SourceParseError: it has no link.
@@ -166,7 +170,7 @@ def parse_robot(root: Element, path: Path, packages: RosPackagePath) -> UrdfRobo
 
 
 class _UrdfParser:
-    """One description."""
+    """Parser of one `<robot>` element."""
 
     def __init__(self, root: Element, path: Path, packages: RosPackagePath) -> None:
         self.root, self.path, self.packages = root, path, packages
@@ -200,8 +204,8 @@ class _UrdfParser:
         for element in self.root.findall(tag):
             name = self.current_name = element.get("name", "")
             if not name or name in seen:
-                why = "its name is taken" if name else f"a {tag} has no name"
-                self._add_issue(why, "it is left out", missing=True)
+                problem = "its name is taken" if name else f"a {tag} has no name"
+                self._add_issue(problem, "it is omitted", missing=True)
                 continue
             seen.add(name)
             yield read(element, name)
@@ -221,30 +225,30 @@ class _UrdfParser:
         )
 
     def _geometry(self, element: Element) -> UrdfGeometry | None:
-        form = element.find("geometry")
-        told = None if form is None else next((child for child in form if child.tag in _GEOMETRY_TAGS), None)
-        if told is None:
-            self._add_issue(f"a <{element.tag}> has no box, cylinder, sphere or mesh", "it is not there", missing=True)
+        geometry = element.find("geometry")
+        shape = None if geometry is None else next((child for child in geometry if child.tag in _GEOMETRY_TAGS), None)
+        if shape is None:
+            self._add_issue(f"a <{element.tag}> has no box, cylinder, sphere or mesh", "it is omitted", missing=True)
             return None
-        kind, size, mesh, middle = UrdfGeometryType(told.tag), None, None, IDENTITY
+        geometry_type, size, mesh, center = UrdfGeometryType(shape.tag), None, None, IDENTITY
         origin = self._origin(element)
-        if kind is UrdfGeometryType.MESH:
-            mesh = told.get("filename") or None
+        if geometry_type is UrdfGeometryType.MESH:
+            mesh = shape.get("filename") or None
             box = mesh_bounds(mesh, self.path, self.packages) if mesh else None
             if mesh is None:
-                self._add_issue("a mesh has no file name", "it is not there", missing=True)
+                self._add_issue("a mesh has no file name", "it is omitted", missing=True)
                 return None
             if box is not None:
-                scale = np.array(self._vector(told, "scale", (1.0, 1.0, 1.0)))
-                size, middle = to_vector(np.abs(box.size * scale)), Pose(to_vector(box.center * scale))
+                scale = np.array(self._vector(shape, "scale", (1.0, 1.0, 1.0)))
+                size, center = to_vector(np.abs(box.size * scale)), Pose(to_vector(box.center * scale))
         else:
-            size = self._size(kind, told)
+            size = self._size(geometry_type, shape)
             if size is None:
                 return None
         material, color = self._material(element.find("material"))
         return UrdfGeometry(
-            geometry_type=kind,
-            origin=pose_from_array(pose_multiply(normalized_pose_array(origin), normalized_pose_array(middle))),
+            geometry_type=geometry_type,
+            origin=pose_from_array(pose_multiply(normalized_pose_array(origin), normalized_pose_array(center))),
             size=size,
             mesh=mesh,
             color=color,
@@ -262,7 +266,7 @@ class _UrdfParser:
             size = None if radius is None or length is None else (2 * radius, 2 * radius, length)
         if size is None or min(size) < 0.0:
             self._add_issue(
-                f"a {geometry_type.value} has no size of numbers that are 0 or more", "it is not there", missing=True
+                f"a {geometry_type.value} has no size of numbers that are 0 or more", "it is omitted", missing=True
             )
             return None
         return size
@@ -275,27 +279,27 @@ class _UrdfParser:
     def _color(self, material: Element) -> Color | None:
         color = material.find("color")
         numbers = [] if color is None else [_parse_number(part) for part in color.get("rgba", "").split()]
-        told = [number for number in numbers if number is not None and 0.0 <= number <= 1.0]
-        if color is not None and (len(told) != len(numbers) or len(told) not in (3, 4)):
-            self._add_issue(f"the colour {color.get('rgba', '')!r} is not four numbers from 0 to 1", "it has none")
+        rgba = [number for number in numbers if number is not None and 0.0 <= number <= 1.0]
+        if color is not None and (len(rgba) != len(numbers) or len(rgba) not in (3, 4)):
+            self._add_issue(f"the color {color.get('rgba', '')!r} is not four numbers from 0 to 1", "it has none")
             return None
-        return None if color is None else (told[0], told[1], told[2])
+        return None if color is None else (rgba[0], rgba[1], rgba[2])
 
     # -- joints --------------------------------------------------------------------------------------------------------
 
     def _joint(self, element: Element, name: str) -> UrdfJoint:
         ends = [end.get("link", "") if (end := element.find(role)) is not None else "" for role in ("parent", "child")]
-        kind = element.get("type", "")
-        if kind not in _JOINT_TYPES:
-            self._add_issue(f"{kind!r} is no type of joint", "it holds its two ends together")
-        type = UrdfJointType(kind) if kind in _JOINT_TYPES else UrdfJointType.FIXED
+        type_name = element.get("type", "")
+        if type_name not in _JOINT_TYPES:
+            self._add_issue(f"{type_name!r} is not a type of joint", "the two links are joined rigidly")
+        type = UrdfJointType(type_name) if type_name in _JOINT_TYPES else UrdfJointType.FIXED
         axis_of = element.find("axis")
         axis = (1.0, 0.0, 0.0) if axis_of is None else self._vector(axis_of, "xyz", (1.0, 0.0, 0.0))
         if not any(axis):
-            self._add_issue("its axis is 0 0 0", "1 0 0 is taken")
+            self._add_issue("its axis is 0 0 0", "1 0 0 is used")
             axis = (1.0, 0.0, 0.0)
         if (mimic := element.find("mimic")) is not None:
-            self._add_issue(f"it mimics {mimic.get('joint', '')!r}", "it moves on its own")
+            self._add_issue(f"it mimics {mimic.get('joint', '')!r}", "it moves independently")
         dynamics = element.find("dynamics")
         return UrdfJoint(
             name=name,
@@ -314,13 +318,13 @@ class _UrdfParser:
             return None
         limit = element.find("limit")
         if limit is None:
-            self._add_issue("it has no limit", "it may move without end")
+            self._add_issue("it has no limit", "it may move without limits")
             return None
         lower, upper = self._number(limit, "lower", 0.0), self._number(limit, "upper", 0.0)
         if lower is None or upper is None:
             return None
         if lower > upper:
-            self._add_issue(f"its lower limit {lower:g} is above its upper limit {upper:g}", "the two change places")
+            self._add_issue(f"its lower limit {lower:g} is above its upper limit {upper:g}", "the two are swapped")
             return upper, lower
         return lower, upper
 
@@ -328,33 +332,35 @@ class _UrdfParser:
         self.current_name = joint.name
         missing = [end or "nothing" for end in (joint.parent, joint.child) if end not in links]
         if missing or joint.parent == joint.child:
-            why = f"it joins {' and '.join(missing)}, which is no link" if missing else "it joins a link to itself"
-            self._add_issue(why, "it is left out", missing=True)
+            problem = (
+                f"it joins {' and '.join(missing)}, which is not a link" if missing else "it joins a link to itself"
+            )
+            self._add_issue(problem, "it is omitted", missing=True)
         return not missing and joint.parent != joint.child
 
     # -- numbers -------------------------------------------------------------------------------------------------------
 
     def _origin(self, element: Element) -> Pose:
-        """Fixed axes: first the turn about x, then y, then z."""
+        """Reads `<origin>`; roll, pitch and yaw are rotations about the fixed axes x, y and z, in this order."""
         origin = element.find("origin")
         if origin is None:
             return IDENTITY
         quaternion = np.array([1.0, 0.0, 0.0, 0.0])
         for axis, angle in enumerate(self._vector(origin, "rpy", (0.0, 0.0, 0.0))):
-            turn = np.zeros(4)
-            turn[0], turn[1 + axis] = np.cos(angle / 2), np.sin(angle / 2)
-            quaternion = quat_multiply(turn, quaternion)
+            rotation = np.zeros(4)
+            rotation[0], rotation[1 + axis] = np.cos(angle / 2), np.sin(angle / 2)
+            quaternion = quat_multiply(rotation, quaternion)
         return pose_from_array([*self._vector(origin, "xyz", (0.0, 0.0, 0.0)), *quaternion])
 
     def _vector(self, element: Element, attribute: str, default: Vector) -> Vector:
         text = element.get(attribute)
         if text is None:
             return default
-        told = _parse_vector(text if len(text.split()) > 1 or attribute != "scale" else f"{text} {text} {text}")
-        if told is None:
-            taken = " ".join(f"{number:g}" for number in default)
-            self._add_issue(f"{attribute}={text!r} is not three finite numbers below 1e100", f"{taken} is taken")
-        return default if told is None else told
+        vector = _parse_vector(text if len(text.split()) > 1 or attribute != "scale" else f"{text} {text} {text}")
+        if vector is None:
+            used = " ".join(f"{number:g}" for number in default)
+            self._add_issue(f"{attribute}={text!r} is not three finite numbers below 1e100", f"{used} is used")
+        return default if vector is None else vector
 
     def _number(self, element: Element, attribute: str, default: float | None = None) -> float | None:
         text = element.get(attribute)
@@ -363,64 +369,46 @@ class _UrdfParser:
         number = _parse_number(text)
         if number is None:
             self._add_issue(
-                f"{attribute}={text!r} of <{element.tag}> is not a finite number below 1e100", "it counts as not told"
+                f"{attribute}={text!r} of <{element.tag}> is not a finite number below 1e100", "it is ignored"
             )
         return number
 
 
-_TOO_LARGE = 1e100
-"""What is larger cannot be multiplied with itself three times."""
-_GEOMETRY_TAGS = {kind.value for kind in UrdfGeometryType}
-_JOINT_TYPES = {type.value for type in UrdfJointType}
-
-
 def _parse_number(text: str) -> float | None:
-    number = words.parse_number(text)
+    number = codecs.parse_number(text)
     return number if number is not None and abs(number) < _TOO_LARGE else None
 
 
 def _parse_vector(text: str) -> Vector | None:
     numbers = [_parse_number(part) for part in text.split()]
-    told = [number for number in numbers if number is not None]
-    return (told[0], told[1], told[2]) if len(told) == len(numbers) == 3 else None
+    finite = [number for number in numbers if number is not None]
+    return (finite[0], finite[1], finite[2]) if len(finite) == len(numbers) == 3 else None
 
 
 def _element_text(element: Element) -> str:
-    """An element as XML, without the blanks around it."""
+    """Serializes an element, without surrounding white space."""
     return ElementTree.tostring(element, encoding="unicode").strip()
 
 
-LENGTH_LIMIT = 64 * 1024 * 1024
-"""Bytes; the largest descriptions of robots have one or two million."""
-DEPTH_LIMIT = 200
-"""Elements inside elements; a description has six levels, and what simulators add a few more."""
-
-_HEAD = 64 * 1024
-_PROLOG = rb"(?>\s+|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>\[]*(?:\[[^\]]*\]\s*)?>)*+"
-"""What may stand before the outermost element; nothing is tried twice, or a thousand comments would take for ever."""
-_ROBOT = re.compile(rb"\A(?:\xef\xbb\xbf)?" + _PROLOG + rb"<robot[\s/>]", re.DOTALL)
-_XACRO = re.compile(rb"xmlns:xacro\s*=|<xacro:")
-
-
 def is_urdf(path: Path) -> bool:
-    """Whether the outermost element of a file is a robot's; whether it can be read shows only then."""
+    """Whether the root element of a file is `<robot>`; the file may still be invalid."""
     try:
         with path.open("rb") as file:
             return _ROBOT.match(file.read(_HEAD)) is not None
     except OSError:
-        return False  # who reads it says why it cannot be read
+        return False  # reading the file reports the cause
 
 
 def read_urdf(path: Path, packages: RosPackagePath) -> UrdfRobot:
-    """Reads a description.
+    """Reads a robot description.
 
     Args:
-        path: the file, URDF or xacro.
-        packages: where `package://` meshes and the files that xacro includes are looked up.
+        path: a URDF or xacro file.
+        packages: where `package://` meshes and files included by xacro are searched.
 
     Raises:
-        SourceParseError: there is no such file, it is too long or not well-formed, names a document type, or needs
-            xacro, and that is not installed or fails.
+        SourceParseError: the file does not exist, is too long or not well-formed, contains a document type, or needs
+            xacro, which is not installed or fails.
     """
     try:
         data = path.read_bytes()
@@ -428,17 +416,15 @@ def read_urdf(path: Path, packages: RosPackagePath) -> UrdfRobot:
         raise SourceParseError(str(path), cause=error.strerror or str(error)) from error
     root = _parse_xml(path, data)
     if root.tag != "robot":
-        raise SourceParseError(str(path), cause=f"its outermost element is <{root.tag}>, not <robot>")
+        raise SourceParseError(str(path), cause=f"its root element is <{root.tag}>, not <robot>")
     if _XACRO.search(data):
-        pass
-
         root = _parse_xml(path, expand_xacro(path, packages))
     return parse_robot(root, path, packages)
 
 
 def _parse_xml(path: Path, data: bytes) -> ElementTree.Element:
     if len(data) > LENGTH_LIMIT:
-        cause = f"it has {len(data):,} bytes; a robot's description may have {LENGTH_LIMIT:,}"
+        cause = f"it has {len(data):,} bytes; at most {LENGTH_LIMIT:,} are allowed"
         raise SourceParseError(str(path), cause=cause)
     parser, builder, depth = expat.ParserCreate(), ElementTree.TreeBuilder(), 0
 
@@ -446,7 +432,7 @@ def _parse_xml(path: Path, data: bytes) -> ElementTree.Element:
         nonlocal depth
         depth += 1
         if depth > DEPTH_LIMIT:
-            cause = f"elements stand in one another more than {DEPTH_LIMIT} deep"
+            cause = f"its elements are nested more than {DEPTH_LIMIT} deep"
             raise SourceParseError(str(path), cause=cause, line=parser.CurrentLineNumber)
         builder.start(tag, attributes)
 
@@ -456,7 +442,7 @@ def _parse_xml(path: Path, data: bytes) -> ElementTree.Element:
         builder.end(tag)
 
     def refuse(*_: object) -> None:
-        cause = "it has a document type (DOCTYPE), which a robot's description has no use for; take it out"
+        cause = "it has a document type (DOCTYPE), which robot descriptions do not need; remove it"
         raise SourceParseError(str(path), cause=cause, line=parser.CurrentLineNumber)
 
     parser.StartElementHandler, parser.EndElementHandler = start, end

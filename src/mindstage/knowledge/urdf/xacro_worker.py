@@ -1,4 +1,4 @@
-"""The process that expands one description: its path, then the folders of packages; XML comes out."""
+"""Subprocess that expands one xacro file, given with the package folders as arguments, and prints the XML."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from mindstage.knowledge.io.ros_packages import RosPackagePath
 __all__ = ["main"]
 
 _MEMORY_LIMIT = 2 * 1024**3
-"""More than any description takes [bytes]."""
+"""Address space limit [bytes]."""
 
 
 def main(path: str, *folders: str) -> int:
-    """Writes the description without macros, or in one line why there is none; 0 for success."""
+    """Prints the expanded file, or one line with the reason of a failure to stderr; returns the exit code."""
     import xacro
     from xacro import substitution_args
 
     packages = RosPackagePath(map(Path, folders))
 
     def find(name: str) -> str:
-        home = packages.package_folder(name)
-        if home is None:
-            known = ", ".join(map(str, packages.folders)) or "none; give one with --ontology"
-            raise LookupError(f"no folder of packages has {name!r}; searched: {known}")
-        return str(home)
+        folder = packages.package_folder(name)
+        if folder is None:
+            searched = ", ".join(map(str, packages.folders)) or "none; give one with --ontology"
+            raise LookupError(f"no package folder contains {name!r}; searched: {searched}")
+        return str(folder)
 
-    # xacro itself would ask an installation of ROS.
+    # xacro itself would search an installation of ROS.
     substitution_args._eval_find = find
     _limit_memory()
     try:
         text: str = xacro.process_file(path).toxml()
-    except Exception as error:  # a macro may hold any Python expression, so anything may come out of it
+    except Exception as error:  # a macro may raise anything
         print(" ".join(str(error).split()) or type(error).__name__, file=sys.stderr)  # noqa: T201
         return 1
     sys.stdout.buffer.write(text.encode())
@@ -41,7 +41,7 @@ def main(path: str, *folders: str) -> int:
 
 
 def _limit_memory() -> None:
-    with suppress(ImportError, ValueError, OSError):  # not everywhere is there a limit
+    with suppress(ImportError, ValueError, OSError):  # not every platform has resource limits
         import resource
 
         _, hard = resource.getrlimit(resource.RLIMIT_AS)

@@ -29,7 +29,7 @@ class GoalID(base.Message, frozen=True):
 
     stamp: builtin_interfaces.Time = builtin_interfaces.Time()
     id: base.String = ""
-    """Empty on the topic `cancel_goal`: all goals."""
+    """Empty on the topic `cancel`: all goals."""
 
 
 class GoalStatus(base.Message, frozen=True):

@@ -1,11 +1,11 @@
 """Interfaces of Mindstage: the full interface of an engine, and questions.
 
 A world and its parts are sent as JSON in a string, without loss: ROS messages can represent neither a missing value nor
-a fact. Every response but that of `Describe` has `success`; if it is false, `error_to_message` holds the error of the world. Any
+a fact. Every response but that of `Describe` has `success`; if it is false, `refusal` holds the error of the world. Any
 other error fails the call itself (`result: false`, with the error message as text). The services and actions are
 offered under `/<namespace>/mindstage/`.
 
-`forms` (shapes of the bodies) and `plan` (kinematic tree, collision pairs, masses) are JSON too. Engines that use them
+`forms` (the geometries of the bodies) and `plan` (changes of the physics model) are JSON too. Engines that use them
 list them in `takes` of `Describe`; they are empty otherwise.
 """
 
@@ -72,7 +72,7 @@ class Force(base.Message, frozen=True):
 
 
 class JointPosition(base.Message, frozen=True):
-    """Displacement of a constraint from where it was spawned."""
+    """Displacement of a joint from where it was spawned."""
 
     id: base.String = ""
     x: base.Float64 = 0.0
@@ -119,7 +119,7 @@ class Refusal(base.Message, frozen=True):
     """Error of an operation on the world; all fields are empty on success."""
 
     kind: base.String = ""
-    """Class of the error, such as `BodyNotFoundError`."""
+    """Class of the error, such as `BodyUnknown`."""
     text: base.String = ""
     """Error message."""
     body: base.String = ""
@@ -140,7 +140,7 @@ class SpawnReport(base.Message, frozen=True):
     bodies: base.Uint32 = 0
     """Number of spawned bodies."""
     constraints: base.Uint32 = 0
-    """Number of spawned constraints."""
+    """Number of spawned joints."""
     attachments: base.Uint32 = 0
     """Number of spawned attachments."""
     failed_bodies: tuple[Failure, ...] = ()
@@ -257,7 +257,7 @@ class GetHighlights(base.Service):
 
 
 class GetJointPositions(base.Service):
-    """Returns the displacements of all constraints (ability `joints`)."""
+    """Returns the displacements of all joints (ability `joints`)."""
 
     class Request(base.Message, frozen=True):
         pass

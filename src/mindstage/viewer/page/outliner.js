@@ -10,7 +10,7 @@ import { callOrToast } from "./toasts.js";
 
 const ROW_PX = matchMedia("(pointer: coarse)").matches ? 34 : 24;
 const OVERSCAN_ROWS = 8;
-const JOINT_LINK = 2; // Link.JOINT in mindstage/viewport/outline.py
+const JOINT_LINK = 2; // ParentLink.JOINT in mindstage/viewer/inspector.py
 
 class Outliner {
   #nodes = [];

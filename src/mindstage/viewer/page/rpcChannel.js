@@ -1,4 +1,4 @@
-// RPC over a websocket: requests with responses, and topics that the server publishes; see mindstage/viewport/channel.py.
+// RPC over a websocket: requests with responses, and topics that the server publishes; see mindstage/viewer/server.py.
 
 const RESPONSE_TIMEOUT_MS = 90_000;
 const RECONNECT_DELAYS_MS = [250, 500, 1000, 2000];

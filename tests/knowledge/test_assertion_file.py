@@ -1,0 +1,125 @@
+"""Files of assertions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyoxigraph as ox
+import pytest
+
+from mindstage.errors import InvalidArgumentError, NameNotFoundError, SourceParseError
+from mindstage.knowledge import AssertionFile, KnowledgeBase
+from mindstage.knowledge.rdf import local_name
+from tests.knowledge.maps import KNOWROB, OWL, RDFS
+
+CONTAINER_FOR = "typePrimaryFunction-containerFor"
+
+_TERMS = f"""@prefix k: <{KNOWROB}> . @prefix owl: <{OWL}> . @prefix rdfs: <{RDFS}> .
+k:{CONTAINER_FOR} a owl:ObjectProperty . k:mass a owl:DatatypeProperty .
+k:Perishable a owl:Class . k:Bread a owl:Class ; rdfs:subClassOf k:Perishable . k:Breadbasket a owl:Class .
+k:Refrigerator a owl:Class ; rdfs:subClassOf
+    [ a owl:Restriction ; owl:onProperty k:{CONTAINER_FOR} ; owl:someValuesFrom k:Perishable ] .
+"""
+
+
+@pytest.fixture
+def terms(tmp_path: Path) -> Path:
+    path = tmp_path / "terms.ttl"
+    path.write_text(_TERMS, encoding="utf-8")
+    return path
+
+
+def assertion_file(path: Path, terms: Path) -> AssertionFile:
+    """The file, opened with a new knowledge base."""
+    kb = KnowledgeBase(bundled_ontology=False)
+    kb.load((), ontologies=terms)
+    return AssertionFile(path, kb)
+
+
+def places(terms: Path, *more: Path) -> list[str]:
+    kb = KnowledgeBase(bundled_ontology=False)
+    kb.load((), ontologies=[terms, *more])
+    return [local_name(row.place) for row in kb.ask("storage_place", item="Bread")]
+
+
+def test_assertions_can_be_loaded_and_retracted(terms: Path, tmp_path: Path) -> None:
+    path = tmp_path / "assertions.ttl"
+    assert places(terms) == ["Refrigerator"]
+    assert assertion_file(path, terms).tell("Breadbasket", CONTAINER_FOR, "Bread")
+    assert places(terms, path) == ["Breadbasket", "Refrigerator"]
+    assert assertion_file(path, terms).retract("Breadbasket", CONTAINER_FOR, "Bread")
+    assert places(terms, path) == ["Refrigerator"]
+    assert not list(ox.parse(path=str(path), format=ox.RdfFormat.TURTLE)), "no half of a restriction stays"
+
+
+def test_several_assertions_in_sequence(terms: Path, tmp_path: Path) -> None:
+    path = tmp_path / "assertions.ttl"
+    assertion_file(path, terms).tell("ms:Rack", "subClassOf", "Breadbasket")
+    assertion_file(path, terms).tell("ms:joe", "type", "Rack")
+    assertion_file(path, terms).tell("joe", "mass", 0.1)
+    assertion_file(path, terms).tell("Breadbasket", CONTAINER_FOR, "Bread")
+    assert assertion_file(path, terms).retract("joe", "mass", 0.1)
+    text = path.read_text(encoding="utf-8")
+    assert text.count("@prefix ms:") == 1
+    assert "mass" not in text
+    kb = KnowledgeBase(bundled_ontology=False)
+    kb.load((), ontologies=[terms, path])
+    assert [local_name(row.place) for row in kb.ask("storage_place", item="Bread")] == ["Breadbasket", "Refrigerator"]
+    assert [local_name(cls) for row in kb.ask("what_is", individual="joe") for cls in row.classes] == ["Rack"]
+
+
+def test_a_known_statement_is_not_written_again(terms: Path, tmp_path: Path) -> None:
+    path = tmp_path / "assertions.ttl"
+    assert not assertion_file(path, terms).tell("Refrigerator", CONTAINER_FOR, "Perishable")
+    assert not path.exists()
+    assertion_file(path, terms).tell("Breadbasket", CONTAINER_FOR, "Bread")
+    before = path.read_bytes()
+    assert not assertion_file(path, terms).tell("Breadbasket", CONTAINER_FOR, "Bread")
+    assert path.read_bytes() == before
+
+
+def test_a_statement_of_another_source_is_not_retracted_from_the_file(terms: Path, tmp_path: Path) -> None:
+    path = tmp_path / "assertions.ttl"
+    assertion_file(path, terms).tell("Breadbasket", CONTAINER_FOR, "Bread")
+    before = path.read_bytes()
+    assert not assertion_file(path, terms).retract("Refrigerator", CONTAINER_FOR, "Perishable")
+    assert path.read_bytes() == before
+
+
+def test_a_foreign_file_is_only_appended_to(terms: Path, tmp_path: Path) -> None:
+    path = tmp_path / "mine.ttl"
+    mine = f'# My terms.\n@prefix ms: <e:> .\n@prefix knowrob: <{KNOWROB}> .\nms:me ms:weighs "1.50"^^ms:kg'
+    path.write_text(f"{mine} .", encoding="utf-8")
+    assertion_file(path, terms).tell("http://mindstage.org/ontology#Rack", "subClassOf", "Breadbasket")
+    text = path.read_text(encoding="utf-8")
+    assert text.startswith(mine)
+    assert text.count("@prefix knowrob:") == 1
+    triples = {str(quad.triple) for quad in ox.parse(text, ox.RdfFormat.TURTLE)}
+    assert any("<e:me> <e:weighs>" in each for each in triples)
+    assert any("<http://mindstage.org/ontology#Rack>" in each for each in triples)
+    with pytest.raises(
+        InvalidArgumentError, match=r"it was not created by Mindstage, .*; remove the statement in an editor"
+    ):
+        assertion_file(path, terms).retract("Rack", "subClassOf", "Breadbasket")
+    assert path.read_text(encoding="utf-8") == text
+
+
+def test_an_invalid_statement_creates_no_file(terms: Path, tmp_path: Path) -> None:
+    path = tmp_path / "assertions.ttl"
+    with pytest.raises(NameNotFoundError, match="near: 'Breadbasket'"):
+        assertion_file(path, terms).tell("Bredbasket", CONTAINER_FOR, "Bread")
+    assert not path.exists()
+
+
+def test_only_turtle_files_are_accepted(terms: Path, tmp_path: Path) -> None:
+    with pytest.raises(InvalidArgumentError, match=r"assertions\.owl: assertions are written as Turtle; call it \.ttl"):
+        assertion_file(tmp_path / "assertions.owl", terms)
+
+
+def test_an_unreadable_file_is_not_written(terms: Path, tmp_path: Path) -> None:
+    path = tmp_path / "assertions.ttl"
+    path.write_text("@prefix : <", encoding="utf-8")
+    with pytest.raises(SourceParseError, match=r"assertions\.ttl"):
+        assertion_file(path, terms)
+    with pytest.raises(FileNotFoundError):
+        assertion_file(tmp_path / "none.ttl", terms).retract("Breadbasket", CONTAINER_FOR, "Bread")

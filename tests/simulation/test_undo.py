@@ -1,0 +1,249 @@
+"""Undo and redo of edits, in an engine without physics and in one with physics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import pi
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from mindstage.engines import Engine, MujocoEngine, NullEngine
+from mindstage.errors import (
+    AttachmentError,
+    BodyExistsError,
+    BodyNotFoundError,
+    NothingToUndoError,
+    PoseUnreachableError,
+    WorldError,
+)
+from mindstage.knowledge import KnowledgeBase
+from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, World, diff
+from mindstage.scene.transforms import Array
+from mindstage.simulation import JointHandle, Simulation, SpawnRecord
+from tests.kitchenette import kitchenette
+
+MUG, DRAWER, HANDLE = BodyId("Mug"), BodyId("Drawer"), BodyId("DrawerHandle")
+FRIDGE, DOOR, GRIP = BodyId("Fridge"), BodyId("FridgeDoor"), BodyId("FridgeHandle")
+THERE = Pose((0.5, -2.0, 0.05))
+
+
+@pytest.fixture(params=[NullEngine, MujocoEngine])
+def sim(request: pytest.FixtureRequest) -> Iterator[Simulation]:
+    with Simulation(KnowledgeBase(bundled_ontology=False), request.param(), shapes=False) as sim:
+        sim.spawn(kitchenette())
+        yield sim
+
+
+def poses(sim: Simulation) -> dict[BodyId, Array]:
+    return dict(zip(sim.state.ids, sim.state.poses, strict=True))
+
+
+def hinge(sim: Simulation) -> JointHandle:
+    world = sim.snapshot()
+    joint = next(each for each in world.joints if each.id == "FridgeHinge")
+    return JointHandle(joint, {body.id: body for body in world.bodies}, SpawnRecord.from_worlds(sim.worlds))
+
+
+def is_same(a: World, b: World) -> bool:
+    return diff(a, b).identical(1e-6)
+
+
+def test_each_edit_can_be_undone_and_redone(sim: Simulation) -> None:
+    undo_stack, before = sim.undo_stack, sim.snapshot()
+    edits = {
+        "pose of Mug": lambda: undo_stack.move(MUG, THERE),
+        "mass of Mug": lambda: undo_stack.set_physics(
+            MUG, BodyPhysics(mobility=Mobility.DYNAMIC, gravity=True, overlap_events=False, mass_kg=7.0), label="mass"
+        ),
+        "material of Mug": lambda: undo_stack.set_materials(MUG, [Material(name="gold", color=(1.0, 0.8, 0.0))]),
+        "Mug attached to Drawer": lambda: undo_stack.attach(DRAWER, MUG),
+        "DrawerHandle detached": lambda: undo_stack.detach(HANDLE),
+        "Mug deleted": lambda: undo_stack.delete([MUG]),
+    }
+    for label, edit in edits.items():
+        edit()
+        after = sim.snapshot()
+        assert not is_same(before, after), label
+        assert undo_stack.undo() == label
+        assert is_same(before, sim.snapshot()), label
+        assert undo_stack.redo() == label
+        assert is_same(after, sim.snapshot()), label
+        assert undo_stack.undo() == label
+    assert is_same(before, sim.snapshot())
+
+
+def test_edits_are_undone_in_reverse_order_and_a_new_edit_clears_the_redo_history(sim: Simulation) -> None:
+    undo_stack = sim.undo_stack
+    undo_stack.move(MUG, THERE)
+    undo_stack.set_materials(MUG, [Material(name="gold")])
+    assert undo_stack.history.undo == ("material of Mug", "pose of Mug")
+    undo_stack.undo()
+    assert (undo_stack.history.undo, undo_stack.history.redo) == (("pose of Mug",), ("material of Mug",))
+    undo_stack.delete([HANDLE])
+    assert undo_stack.history.redo == ()
+    undo_stack.undo()
+    undo_stack.undo()
+    with pytest.raises(NothingToUndoError, match="there is nothing to undo"):
+        undo_stack.undo()
+    undo_stack.redo()
+    undo_stack.redo()
+    with pytest.raises(NothingToUndoError, match="there is nothing to redo"):
+        undo_stack.redo()
+
+
+def test_the_steps_of_a_drag_are_undone_together(sim: Simulation) -> None:
+    before = sim.snapshot()
+    for step in range(5):
+        sim.undo_stack.move(MUG, Pose((0.1 * step, -2.0, 0.05)), continues_last=step > 0)
+    assert sim.undo_stack.history.undo == ("pose of Mug",)
+    sim.undo_stack.undo()
+    assert is_same(before, sim.snapshot())
+
+
+def test_a_rejected_edit_is_not_recorded(sim: Simulation) -> None:
+    before = sim.snapshot()
+    with pytest.raises(BodyNotFoundError):
+        sim.undo_stack.move(BodyId("Mugg"), THERE)
+    with pytest.raises(BodyNotFoundError):
+        sim.undo_stack.delete([MUG, BodyId("Mugg")])
+    with pytest.raises(AttachmentError):
+        sim.undo_stack.attach(MUG, MUG)
+    with pytest.raises(PoseUnreachableError):
+        sim.undo_stack.move(MUG, Pose((float("nan"), 0.0, 0.0)))
+    assert sim.undo_stack.history.undo == ()
+    assert sim.snapshot() == before
+
+
+@pytest.mark.parametrize("deleted", [[DOOR], [FRIDGE], [GRIP], [DOOR, FRIDGE], [FRIDGE, GRIP], [DOOR, FRIDGE, GRIP]])
+def test_a_deleted_door_is_restored_with_its_joint_position(sim: Simulation, deleted: list[BodyId]) -> None:
+    joint = hinge(sim)
+    sim.undo_stack.move(DOOR, joint.pose_for("swing1", 0.5, poses(sim)))
+    before = sim.snapshot()
+    sim.undo_stack.delete(deleted)
+    assert not set(deleted) & set(sim.state.ids)
+    sim.undo_stack.undo()
+    assert is_same(before, sim.snapshot())
+    assert joint.positions(poses(sim))["swing1"] == pytest.approx(0.5, abs=1e-6)
+    sim.undo_stack.move(DOOR, joint.pose_for("swing1", -0.7, poses(sim)))
+    assert joint.positions(poses(sim))["swing1"] == pytest.approx(-0.7, abs=1e-6)
+    if sim.engine_name == "mujoco":
+        with pytest.raises(PoseUnreachableError):
+            sim.undo_stack.move(DOOR, joint.pose_for("swing1", 0.8, poses(sim)))
+
+
+def test_a_door_is_restored_at_the_current_pose_of_its_fridge(sim: Simulation) -> None:
+    joint = hinge(sim)
+    sim.undo_stack.move(DOOR, joint.pose_for("swing1", 0.5, poses(sim)))
+    sim.undo_stack.delete([DOOR, GRIP])
+    sim.run_on_engine(lambda engine: engine.set_pose(FRIDGE, Pose((-2.0, 1.0, 0.9), (0.0, 0.0, 0.0, 1.0))), edits=True)
+    sim.undo_stack.undo()
+    assert joint.positions(poses(sim))["swing1"] == pytest.approx(0.5, abs=1e-6)
+    frame = next(each for each in sim.snapshot().joints if each.id == "FridgeHinge").pose
+    assert frame.position == pytest.approx((-1.68, 0.7, 0.9))
+
+
+def test_a_detached_body_is_restored_at_its_relative_pose_after_its_parent_moved(sim: Simulation) -> None:
+    sim.undo_stack.detach(HANDLE)
+    sim.run_on_engine(lambda engine: engine.set_pose(DRAWER, Pose((1.75, 0.0, 0.65))), edits=True)
+    sim.undo_stack.undo()
+    assert poses(sim)[HANDLE][:3] == pytest.approx((1.48, 0.0, 0.65), abs=1e-6)
+    assert [each.child for each in sim.snapshot().attachments if each.parent == DRAWER] == [HANDLE]
+
+
+def test_an_edit_that_cannot_be_undone_is_removed_from_the_history(sim: Simulation) -> None:
+    sim.undo_stack.delete([MUG])
+    mug = kitchenette().body("Mug")
+    sim.spawn(replace(kitchenette(), bodies=(mug,), joints=(), attachments=()), persistent=False)
+    with pytest.raises(BodyExistsError):
+        sim.undo_stack.undo()
+    assert sim.undo_stack.history.undo == ()
+
+
+def test_a_failed_undo_changes_nothing(sim: Simulation) -> None:
+    sim.undo_stack.attach(DRAWER, MUG)
+    sim.undo_stack.undo()
+    sim.undo_stack.redo()
+    sim.run_on_engine(lambda engine: engine.delete([MUG]), edits=True)
+    before = sim.snapshot()
+    with pytest.raises(WorldError):
+        sim.undo_stack.undo()
+    assert sim.snapshot() == before
+
+
+def test_a_spawn_can_be_undone_and_redone(sim: Simulation) -> None:
+    before = sim.snapshot()
+    cup = replace(kitchenette().body("Mug"), id=BodyId("Cup"), pose=THERE)
+    sim.spawn(replace(kitchenette(), bodies=(cup,), joints=(), attachments=()), persistent=False)
+    sim.undo_stack.record_spawn([cup.id])
+    assert sim.undo_stack.undo() == "Cup added"
+    assert {body.id for body in sim.snapshot().bodies} == {body.id for body in before.bodies}
+    sim.undo_stack.redo()
+    assert sim.snapshot().body("Cup").pose == THERE
+
+
+def test_a_reset_restores_the_spawned_world_and_can_be_undone(sim: Simulation) -> None:
+    before = sim.snapshot()
+    sim.undo_stack.move(MUG, THERE)
+    cup = replace(kitchenette().body("Mug"), id=BodyId("Cup"), pose=Pose((1.0, -2.0, 0.05)))
+    sim.spawn(replace(kitchenette(), bodies=(cup,), joints=(), attachments=()), persistent=False)
+    sim.undo_stack.delete([HANDLE])
+    changed = sim.snapshot()
+    sim.undo_stack.reset()
+    assert is_same(before, sim.snapshot()), "the mug is at its spawned pose, and the cup is removed"
+    assert sim.undo_stack.undo() == "reset"
+    assert is_same(changed, sim.snapshot())
+
+
+def test_a_cleared_simulation_has_nothing_to_undo(sim: Simulation) -> None:
+    sim.undo_stack.move(MUG, THERE)
+    sim.clear()
+    assert sim.undo_stack.history.undo == ()
+
+
+def test_the_knowledge_base_can_be_replaced(sim: Simulation) -> None:
+    other = KnowledgeBase(bundled_ontology=False)
+    sim.set_knowledge(other)
+    assert sim.knowledge is other
+    assert sim.state.ids == ()
+
+
+# -- joints ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_joint_handle_has_limits_and_a_position(sim: Simulation) -> None:
+    joint = hinge(sim)
+    (axis,) = joint.axes
+    assert (axis.name, axis.is_prismatic, axis.lower, axis.upper) == ("swing1", False, -pi / 4, pi / 4)
+    assert joint.positions(poses(sim)) == {"swing1": 0.0}
+    assert joint.moving_body == DOOR
+
+
+def test_the_moving_body_is_found_with_parent_and_child_swapped(sim: Simulation) -> None:
+    world = sim.snapshot()
+    joint = next(each for each in world.joints if each.id == "FridgeHinge")
+    swapped = replace(joint, parent=DOOR, child=FRIDGE)
+    joint = JointHandle(swapped, {body.id: body for body in world.bodies}, SpawnRecord.from_worlds([world]))
+    assert joint.moving_body == DOOR
+    goal = joint.pose_for("swing1", 0.4, poses(sim))
+    moved = poses(sim) | {DOOR: np.array([*goal.position, *goal.quaternion])}
+    assert joint.positions(moved)["swing1"] == pytest.approx(0.4)
+
+
+def test_a_pull_acts_far_from_the_hinge_and_targets_the_joint_position(sim: Simulation) -> None:
+    pull = hinge(sim).pull_target("swing1", 0.5, poses(sim))
+    assert pull.id == DOOR
+    assert pull.point == pytest.approx((0.0, -0.3, 0.0)), "the side across from the hinge"
+    assert np.linalg.norm(np.array(pull.target) - (1.68, 1.3, 0.9)) == pytest.approx(0.6)
+
+
+def test_a_pull_opens_a_door_in_physics() -> None:
+    engine: Engine = MujocoEngine()
+    with Simulation(KnowledgeBase(bundled_ontology=False), engine, shapes=False) as sim:
+        sim.spawn(kitchenette())
+        joint = hinge(sim)
+        pull = joint.pull_target("swing1", -0.5, poses(sim))
+        sim.pull(pull.id, point=pull.point, target=pull.target)
+        sim.step(2.0)
+        assert joint.positions(poses(sim))["swing1"] == pytest.approx(-0.5, abs=0.02)

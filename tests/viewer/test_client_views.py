@@ -1,0 +1,317 @@
+"""The views of clients, with a fake server that records messages."""
+
+from __future__ import annotations
+
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from mindstage import KnowledgeBase
+from mindstage.errors import BodyNotFoundError
+from mindstage.scene import BodyId, Pose, World
+from mindstage.scene.transforms import pose_array
+from mindstage.viewer import camera as camera_module
+from mindstage.viewer.appearance import compute_appearance
+from mindstage.viewer.camera import CameraPose, ClientViews, GizmoMode, LabelMode, initial_target
+from tests.kitchenette import kitchenette
+from tests.viewer.fake_server import FakeClient, FakeServer
+
+KNOWLEDGE = KnowledgeBase()
+WORLD = kitchenette()
+IDS = tuple(body.id for body in WORLD.bodies)
+POSES = pose_array(body.pose for body in WORLD.bodies)
+MUG, DRAWER = BodyId("Mug"), BodyId("Drawer")
+AFAR = CameraPose((9.0, 9.0, 9.0), (0.0, 0.0, 0.0), 0.5)
+
+
+class RecordedMoves:
+    """Records the bodies that clients have moved."""
+
+    def __init__(self) -> None:
+        self.moves: list[tuple[int, BodyId, Pose]] = []
+
+    def __call__(self, client: int, id: BodyId, pose: Pose) -> None:
+        self.moves.append((client, id, pose))
+
+
+@pytest.fixture
+def server() -> FakeServer:
+    return FakeServer()
+
+
+@pytest.fixture
+def on_place() -> RecordedMoves:
+    return RecordedMoves()
+
+
+@pytest.fixture
+def views(server: FakeServer, on_place: RecordedMoves) -> ClientViews:
+    views = ClientViews(server, on_place=on_place)  # type: ignore[arg-type]
+    set_world(views, WORLD)
+    return views
+
+
+@pytest.fixture
+def ann(server: FakeServer, views: ClientViews) -> FakeClient:
+    return connect(server, views, FakeClient(1))
+
+
+def connect(server: FakeServer, views: ClientViews, client: FakeClient) -> FakeClient:
+    server.connect(client)
+    views.process_queue()
+    return client
+
+
+def set_world(views: ClientViews, world: World) -> None:
+    appearances = compute_appearance(world, KNOWLEDGE.shape_rule, KNOWLEDGE.ancestors)
+    names = {body.id: body.cls.split("#")[-1] for body in world.bodies}
+    views.set_bodies(
+        appearances, names, tuple(body.id for body in world.bodies), pose_array(body.pose for body in world.bodies)
+    )
+
+
+def labels(client: FakeClient) -> set[str]:
+    return {name.removeprefix("/labels/") for name in client.scene.nodes if name.startswith("/labels/")}
+
+
+def state(client: FakeClient, name: str) -> dict[str, Any]:
+    return vars(client.scene.nodes[name])
+
+
+# -- selection ---------------------------------------------------------------------------------------------------------
+
+
+def test_each_client_has_its_own_selection(server: FakeServer, views: ClientViews, ann: FakeClient) -> None:
+    bob = connect(server, views, FakeClient(2))
+    views.select(MUG, client=1)
+    views.process_queue()
+    assert (views.selected(1), views.selected(2), views.selected(3)) == (MUG, None, None)
+    assert "/selected" in ann.scene.nodes
+    assert "/selected" not in bob.scene.nodes
+    assert server.scene.messages == [], "nothing is sent to all clients"
+
+
+def test_actions_wait_for_the_drawing_thread(views: ClientViews, ann: FakeClient) -> None:
+    views.select(MUG)
+    assert views.selected(1) is None
+    views.process_queue()
+    assert views.selected(1) == MUG
+
+
+def test_a_selection_for_all_applies_to_later_clients(server: FakeServer, views: ClientViews) -> None:
+    views.select(MUG)
+    views.process_queue()
+    ann = connect(server, views, FakeClient(1))
+    assert views.selected(1) == MUG
+    assert "/selected" in ann.scene.nodes
+
+
+def test_a_changed_selection_is_notified_once(views: ClientViews, ann: FakeClient) -> None:
+    notified: list[int] = []
+    views.on_change(notified.append)
+    for _ in range(2):
+        views.select(MUG, client=1)
+    views.process_queue()
+    assert notified == [1]
+    set_world(views, replace(WORLD, bodies=tuple(body for body in WORLD.bodies if body.id != MUG)))
+    assert notified == [1, 1]
+    assert views.selected(1) is None
+    assert "/selected" not in ann.scene.nodes
+
+
+def test_a_failing_callback_does_not_affect_others(
+    views: ClientViews, ann: FakeClient, caplog: pytest.LogCaptureFixture
+) -> None:
+    notified: list[int] = []
+
+    def fail(client: int) -> None:
+        raise KeyError(client)
+
+    views.on_change(fail)
+    views.on_change(notified.append)
+    views.select(MUG)
+    views.process_queue()
+    assert notified == [1]
+    assert "a selection callback failed" in caplog.text
+
+
+def test_unknown_bodies_are_refused_at_once(views: ClientViews) -> None:
+    for request in (
+        lambda: views.select(BodyId("Mugg")),
+        lambda: views.focus([MUG, BodyId("Mugg")]),
+        lambda: views.show_preview(BodyId("Mugg"), None),
+        lambda: views.show_bodies([BodyId("Mugg")], False),
+    ):
+        with pytest.raises(BodyNotFoundError, match="near: 'Mug'"):
+            request()
+
+
+def test_requests_for_disconnected_clients_are_ignored(server: FakeServer, views: ClientViews, ann: FakeClient) -> None:
+    server.disconnect(ann)
+    views.select(MUG, client=1)
+    views.go_home(client=1)
+    views.process_queue()
+    assert views.clients == ()
+
+
+# -- nodes of one client -----------------------------------------------------------------------------------------------
+
+
+def test_selection_box_and_label_move_with_the_body(views: ClientViews, ann: FakeClient) -> None:
+    views.select(MUG)
+    views.set_labels(LabelMode.SELECTED)
+    views.process_queue()
+    assert state(ann, "/selected")["position"] == pytest.approx([2.0, 0.0, 0.85])
+    poses = POSES.copy()
+    poses[IDS.index(MUG), :3] = 1.0, 2.0, 3.0
+    views.update_poses(poses)
+    assert state(ann, "/selected")["position"] == pytest.approx([1.0, 2.0, 3.0])
+    assert state(ann, "/labels/Mug")["position"] == pytest.approx([1.0, 2.0, 3.07])
+
+
+def test_labels_follow_the_label_mode(views: ClientViews, ann: FakeClient) -> None:
+    def labels_in(mode: LabelMode) -> set[str]:
+        views.set_labels(mode)
+        views.process_queue()
+        return labels(ann)
+
+    assert labels_in(LabelMode.ALL) == set(IDS)
+    assert labels_in(LabelMode.CLASS) == set()
+    views.select(BodyId("DrawerHandle"))
+    assert labels_in(LabelMode.CLASS) == {"DrawerHandle", "FridgeHandle"}
+    assert labels_in(LabelMode.SELECTED) == {"DrawerHandle"}
+    assert labels_in(LabelMode.NONE) == set()
+
+
+def test_of_many_bodies_the_largest_are_labeled(views: ClientViews, ann: FakeClient) -> None:
+    mug = WORLD.body("Mug")
+    mugs = [replace(mug, id=BodyId(f"Mug{n}")) for n in range(400)]
+    set_world(views, replace(WORLD, bodies=(*mugs, *WORLD.bodies)))
+    views.set_labels(LabelMode.ALL)
+    views.process_queue()
+    assert len(labels(ann)) == 300
+    assert {"Floor", "Fridge", "Cupboard"} <= labels(ann)
+
+
+def test_a_preview_is_shown_moved_and_removed(views: ClientViews, ann: FakeClient) -> None:
+    views.show_preview(MUG, Pose((1.0, 0.0, 0.0)))
+    views.process_queue()
+    views.show_preview(MUG, Pose((2.0, 0.0, 0.0)))
+    with ann.scene.recording() as messages:
+        views.process_queue()
+    assert "add" not in [what for _, what in messages]
+    assert state(ann, "/previews/Mug")["position"] == pytest.approx([2.0, 0.0, 0.0])
+    assert 0.0 < state(ann, "/previews/Mug")["opacity"] < 0.6
+    views.show_preview(MUG, None)
+    views.process_queue()
+    assert "/previews/Mug" not in ann.scene.nodes
+
+
+def test_a_gizmo_shows_a_preview_and_moves_the_body_when_released(
+    views: ClientViews, ann: FakeClient, on_place: RecordedMoves
+) -> None:
+    views.select(MUG)
+    views.set_gizmo(GizmoMode.MOVE)
+    views.process_queue()
+    handles = ann.scene.nodes["/gizmo"]
+    assert (vars(handles)["disable_rotations"], vars(handles)["disable_axes"]) == (True, False)
+
+    def drag(phase: str, *position: float) -> None:
+        vars(handles).update(position=np.array(position), wxyz=np.array([1.0, 0.0, 0.0, 0.0]))
+        vars(handles)["update"](SimpleNamespace(phase=phase, target=handles))
+        views.process_queue()
+
+    drag("start", 2.0, 0.0, 0.85)
+    drag("update", 2.0, 0.0, 1.5)
+    assert state(ann, "/previews/Mug")["position"] == pytest.approx([2.0, 0.0, 1.5])
+    views.update_poses(POSES)
+    assert vars(handles)["position"] == pytest.approx([2.0, 0.0, 1.5]), "updates do not interrupt a drag"
+    assert on_place.moves == []
+    drag("end", 2.0, 0.0, 1.5)
+    assert on_place.moves == [(1, MUG, Pose((2.0, 0.0, 1.5)))]
+    assert "/previews/Mug" not in ann.scene.nodes
+
+
+def test_the_gizmo_follows_the_selection(views: ClientViews, ann: FakeClient) -> None:
+    views.set_gizmo(GizmoMode.TURN)
+    views.process_queue()
+    assert "/gizmo" not in ann.scene.nodes
+    views.select(DRAWER)
+    views.process_queue()
+    assert state(ann, "/gizmo")["position"] == pytest.approx([1.95, 0.0, 0.65])
+    assert state(ann, "/gizmo")["disable_rotations"] is False
+    views.set_gizmo(None)
+    views.process_queue()
+    assert "/gizmo" not in ann.scene.nodes
+
+
+def test_bodies_are_hidden_until_they_are_removed(views: ClientViews) -> None:
+    views.show_bodies([MUG, DRAWER], False)
+    views.show_bodies([DRAWER], True)
+    assert views.hidden == {MUG}
+    set_world(views, replace(WORLD, bodies=tuple(body for body in WORLD.bodies if body.id != MUG)))
+    assert views.hidden == set()
+
+
+# -- the camera --------------------------------------------------------------------------------------------------------
+
+
+def eye(client: FakeClient) -> np.ndarray:
+    return np.array(vars(client.camera)["position"])
+
+
+def finish_camera_move(views: ClientViews, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Advances the clock to the end of the animation."""
+    now = time.monotonic()
+    monkeypatch.setattr(camera_module.time, "monotonic", lambda: now + 60.0)
+    views.process_queue()
+    monkeypatch.undo()
+
+
+def test_the_home_view_depends_on_the_aspect_ratio(server: FakeServer, views: ClientViews) -> None:
+    target = initial_target(WORLD, compute_appearance(WORLD, KNOWLEDGE.shape_rule, KNOWLEDGE.ancestors))
+    views.set_target(target)
+    phone, desktop = (connect(server, views, FakeClient(n, aspect=aspect)) for n, aspect in enumerate([0.5, 1.6]))
+    assert eye(phone) == pytest.approx(target.camera(0.5).position)
+    assert eye(desktop) == pytest.approx(target.camera(1.6).position)
+
+
+def test_the_camera_is_animated(views: ClientViews, ann: FakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    views.set_camera(AFAR)
+    views.process_queue()
+    views.focus([MUG], client=1)
+    views.process_queue()
+    assert np.linalg.norm(eye(ann) - AFAR.position) < 2.0, "the animation has only begun"
+    finish_camera_move(views, monkeypatch)
+    assert vars(ann.camera)["look_at"] == pytest.approx([2.0, 0.0, 0.85], abs=0.05)
+    assert 0.3 < np.linalg.norm(eye(ann) - (2.0, 0.0, 0.85)) < 2.0
+
+
+def test_home_view_top_view_and_focus_are_animated(
+    views: ClientViews, ann: FakeClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = initial_target(WORLD, compute_appearance(WORLD, KNOWLEDGE.shape_rule, KNOWLEDGE.ancestors))
+    views.set_target(target)
+    for request, view in (
+        (views.go_top, target.top_camera(1.5)),
+        (views.go_home, target.camera(1.5)),
+        (views.focus, target.camera(1.5)),
+    ):
+        views.set_camera(AFAR)
+        request()
+        views.process_queue()
+        finish_camera_move(views, monkeypatch)
+        assert eye(ann) == pytest.approx(view.position)
+
+
+def test_the_clipping_height_is_a_node_of_the_scene(views: ClientViews, ann: FakeClient) -> None:
+    views.set_clip_height(1.2, client=1)
+    views.process_queue()
+    assert state(ann, "/clipping_plane")["position"] == (0.0, 0.0, 1.2)
+    views.set_clip_height(None, client=1)
+    views.process_queue()
+    assert "/clipping_plane" not in ann.scene.nodes

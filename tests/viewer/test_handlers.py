@@ -1,0 +1,378 @@
+"""Requests and events of pages, with real websockets and physics, without a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from mindstage import KnowledgeBase, MujocoEngine, Simulation
+from mindstage.knowledge import bundled_kitchen, write_map
+from mindstage.scene import BodyId, Mobility, Pose, World, diff
+from mindstage.viewer import Viewer
+from tests.kitchenette import KNOWROB, kitchenette
+from tests.viewer.page_client import PageClient, RequestFailed, connect_page_client
+from tests.viewer.waiting import wait_until
+
+MUG, DRAWER = BodyId("Mug"), BodyId("Drawer")
+LEVEL = [1.0, 0.0, 0.0, 0.0]
+
+
+@pytest.fixture
+def physics_simulation() -> Iterator[Simulation]:
+    with Simulation(KnowledgeBase(), MujocoEngine()) as simulation:
+        simulation.spawn(kitchenette())
+        yield simulation
+
+
+@pytest.fixture
+def page(physics_simulation: Simulation) -> Iterator[Viewer]:
+    with Viewer(physics_simulation, port=0) as viewer:
+        yield viewer
+
+
+@pytest.fixture
+def client(page: Viewer) -> Iterator[PageClient]:
+    with connect_page_client(page.url) as client:
+        wait_until(lambda: client.latest_value("scene_tree"), "the scene tree is received")
+        yield client
+
+
+def at(simulation: Simulation, id: BodyId) -> np.ndarray:
+    return simulation.state.poses[simulation.state.ids.index(id)]
+
+
+def names(client: PageClient) -> set[str]:
+    return {row[0] for row in client.latest_value("scene_tree")["rows"]}
+
+
+def eventually(client: PageClient, topic: str, value: Callable[[Any], object], what: str) -> None:
+    wait_until(lambda: client.latest_value(topic) is not None and value(client.latest[topic]), what)
+
+
+# -- scene tree and clock ----------------------------------------------------------------------------------------------
+
+
+def test_a_page_receives_the_scene_tree_the_clock_and_the_undo_history(client: PageClient) -> None:
+    eventually(client, "clock", lambda clock: clock["bodies"] == 8 and not clock["playing"], "the clock is received")
+    eventually(client, "history", lambda history: history == {"undo": None, "redo": None}, "nothing was edited")
+    assert names(client) == {body.id for body in kitchenette().bodies}
+    assert client.latest_value("scene_tree")["engine"] == "mujoco"
+
+
+def test_details_are_invalidated_even_if_the_scene_tree_is_unchanged(page: Viewer, client: PageClient) -> None:
+    with connect_page_client(page.url) as other:
+        wait_until(lambda: other.latest_value("details_changed"), "the other client is connected")
+        world, before = other.latest["scene_tree"], other.latest["details_changed"]
+        client.ask("set_physics", id="Mug", mass_kg=1.5)
+        eventually(other, "details_changed", lambda now: now > before, "the other client is notified")
+        assert other.latest["scene_tree"] == world
+        assert other.ask("details", id="Mug")["mass"] == 1.5
+
+
+def test_the_simulation_is_played_paused_stepped_and_reset(physics_simulation: Simulation, client: PageClient) -> None:
+    client.ask("play", speed=2.0)
+    eventually(
+        client, "clock", lambda clock: clock["playing"] and clock["speed"] == 2.0, "the simulation runs at double speed"
+    )
+    client.ask("pause")
+    eventually(client, "clock", lambda clock: not clock["playing"], "the simulation is paused")
+    before = physics_simulation.state.time_s
+    client.ask("step", duration_s=0.25)
+    assert physics_simulation.state.time_s == pytest.approx(before + 0.25)
+    client.ask("move", id="Mug", position=[0.0, -2.0, 0.05], quaternion=LEVEL)
+    client.ask("reset")
+    assert at(physics_simulation, MUG)[:3] == pytest.approx((2.0, 0.0, 0.85))
+    eventually(client, "history", lambda history: history["undo"] == "reset", "the reset can be undone")
+
+
+@pytest.mark.parametrize(
+    ("what", "arguments"),
+    [
+        ("play", {"speed": 0}),
+        ("play", {"speed": 1e9}),
+        ("step", {"duration_s": 1e6}),
+        ("move", {"id": "Mug", "position": [0, 0, 1e300], "quaternion": LEVEL}),
+        ("move", {"id": "Mug", "position": [0, 0], "quaternion": LEVEL}),
+        ("move", {"id": "Mug", "position": [0, 0, 0], "quaternion": [0, 0, 0, 0]}),
+        ("set_physics", {"id": "Mug", "mass_kg": 0}),
+        ("set_physics", {"id": "Mug", "mobility": "flying"}),
+        ("set_material", {"id": "Mug", "color": "no color"}),
+        ("move_joint", {"id": "DrawerSlide", "axis": "y", "value": 0.1}),
+        ("move_joint", {"id": "DrawerSlide", "axis": "w", "value": 0.1}),
+        ("move_joint", {"id": "Nothing", "axis": "x", "value": 0.1}),
+        ("delete", {"ids": []}),
+        ("delete", {"ids": ["Mugg"]}),
+        ("attach", {"child": "Mug", "parent": "Mug"}),
+        ("details", {"id": "Mugg"}),
+        ("select", {"id": 5}),
+        ("set_clipping_height", {"height": "high"}),
+        ("set_labels", {"mode": "some"}),
+        ("undo", {}),
+        ("add", {"class": "NoSuchClassAtAll"}),
+        ("add", {"class": "Cup", "size": [0.1, 0.1, -1.0]}),
+        ("save", {"dialect": "klingon"}),
+        ("load", {"name": "x.owl"}),
+    ],
+)
+def test_invalid_requests_are_refused_and_change_nothing(
+    physics_simulation: Simulation, client: PageClient, what: str, arguments: dict[str, Any]
+) -> None:
+    before = physics_simulation.snapshot()
+    with pytest.raises(RequestFailed) as refused:
+        client.ask(what, **arguments)
+    assert refused.value.type != "Defect", str(refused.value)
+    assert physics_simulation.snapshot() == before
+
+
+# -- details -----------------------------------------------------------------------------------------------------------
+
+
+def test_details_of_the_selected_body_include_live_pose_and_joints(
+    physics_simulation: Simulation, client: PageClient
+) -> None:
+    details = client.ask("details", id="Drawer")
+    assert (details["cls"], details["attached_bodies"]) == ("Drawer", ["DrawerHandle"])
+    assert [joint["id"] for joint in details["joints"]] == ["DrawerSlide"]
+    assert "ContainerArtifact" in details["ancestors"], "drawers are in the bundled ontology"
+    client.ask("select", id="Drawer")
+    eventually(client, "live_details", lambda live: live["id"] == "Drawer", "the pose is received")
+    assert client.latest["live_details"]["joints"] == {"DrawerSlide": {"x": 0.0}}
+    physics_simulation.undo_stack.move(DRAWER, Pose((1.75, 0.0, 0.65)))
+    eventually(
+        client,
+        "live_details",
+        lambda live: live["joints"] == {"DrawerSlide": {"x": -0.2}},
+        "the new joint position is received",
+    )
+    assert client.latest["live_details"]["pose"]["position"] == [1.75, 0.0, 0.65]
+
+
+def test_details_include_storage_places_from_the_ontology() -> None:
+    knowledge = KnowledgeBase()
+    knowledge.load(bundled_kitchen())
+    with Simulation(knowledge, MujocoEngine(), shapes=False, timeout_s=60.0) as simulation:
+        simulation.spawn()
+        milk = next(body.id for body in simulation.snapshot().bodies if "Milk" in body.cls)
+        with Viewer(simulation, port=0) as viewer, connect_page_client(viewer.url) as client:
+            eventually(client, "scene_tree", lambda world: len(world["rows"]) > 200, "the scene tree is received")
+            kept = client.ask("details", id=milk)["storage_places"]
+            assert any("fridge" in id for place in kept for id in place["ids"])
+
+
+# -- edits -------------------------------------------------------------------------------------------------------------
+
+
+def test_properties_are_changed_in_the_engine_and_undone(physics_simulation: Simulation, client: PageClient) -> None:
+    before = physics_simulation.snapshot()
+    client.ask("set_physics", id="Mug", mass_kg=2.5)
+    assert physics_simulation.snapshot().body("Mug").physics.mass_kg == 2.5
+    eventually(client, "history", lambda history: history["undo"] == "mass of Mug", "the edit can be undone")
+    client.ask("set_physics", id="Fridge", mobility="dynamic", gravity=False)
+    physics = physics_simulation.snapshot().body("Fridge").physics
+    assert (physics.mobility, physics.gravity, physics.mass_kg) == (Mobility.DYNAMIC, False, 60.0)
+    client.ask("set_material", id="Mug", name="gold", color="#ffcc00")
+    assert [material.name for material in physics_simulation.snapshot().body("Mug").materials] == ["gold"]
+    client.ask("set_material", id="Mug")
+    assert physics_simulation.snapshot().body("Mug").materials == ()
+    client.ask("attach", child="DrawerHandle")
+    assert all(each.child != "DrawerHandle" for each in physics_simulation.snapshot().attachments)
+    client.ask("attach", child="Mug", parent="Drawer")
+    assert any(each.child == "Mug" for each in physics_simulation.snapshot().attachments)
+    for _ in range(6):
+        client.ask("undo")
+    assert diff(before, physics_simulation.snapshot()).identical(1e-9)
+    client.ask("redo")
+    assert physics_simulation.snapshot().body("Mug").physics.mass_kg == 2.5
+
+
+def test_edits_of_one_client_are_seen_by_others(page: Viewer, client: PageClient) -> None:
+    with connect_page_client(page.url) as other:
+        wait_until(lambda: other.latest_value("scene_tree"), "the other client has the scene tree")
+        client.ask("delete", ids=["Mug"])
+        wait_until(lambda: "Mug" not in names(other) and "Mug" not in names(client), "the mug is removed on both pages")
+        eventually(other, "history", lambda history: history["undo"] == "Mug deleted", "the edit can be undone")
+        other.ask("undo")
+        wait_until(lambda: "Mug" in names(other) and "Mug" in names(client), "the mug is back on both pages")
+
+
+def test_a_slider_opens_a_drawer_by_a_force_which_can_be_undone(
+    physics_simulation: Simulation, client: PageClient
+) -> None:
+    physics_simulation.play()
+    for value in (-0.05, -0.1, -0.2):
+        client.ask("move_joint", id="DrawerSlide", axis="x", value=value, done=False)
+    client.ask("move_joint", id="DrawerSlide", axis="x", value=-0.3)
+    wait_until(
+        lambda: at(physics_simulation, DRAWER)[0] == pytest.approx(1.65, abs=0.02), "the drawer is open by 30 cm"
+    )
+    wait_until(lambda: not physics_simulation._perturbations, "the drawer is released")
+    assert at(physics_simulation, DRAWER)[1:3] == pytest.approx((0.0, 0.65), abs=1e-3)
+    physics_simulation.pause()
+    client.ask("undo")
+    assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.95, abs=1e-3)
+
+
+def test_a_slider_in_a_paused_simulation_moves_the_drawer_in_one_edit(
+    physics_simulation: Simulation, client: PageClient
+) -> None:
+    for value in (-0.1, -0.2):
+        client.ask("move_joint", id="DrawerSlide", axis="x", value=value, done=False)
+    client.ask("move_joint", id="DrawerSlide", axis="x", value=-0.3)
+    assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.65)
+    assert physics_simulation.undo_stack.history.undo == ("pose of Drawer",)
+    client.ask("undo")
+    assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.95)
+
+
+def test_a_disconnected_client_releases_its_slider(physics_simulation: Simulation, page: Viewer) -> None:
+    physics_simulation.play()
+    with connect_page_client(page.url) as client:
+        wait_until(lambda: client.latest_value("scene_tree"), "the scene tree is received")
+        client.ask("move_joint", id="DrawerSlide", axis="x", value=-0.3, done=False)
+        assert physics_simulation._perturbations
+    wait_until(lambda: not physics_simulation._perturbations, "everything is released")
+
+
+def test_classes_are_found_by_a_part_of_the_name_best_match_first(client: PageClient) -> None:
+    found = [each["name"] for each in client.ask("find_classes", text="cup")]
+    assert found[0] == "Cup"
+    assert all("cup" in name.lower() for name in found)
+    assert "DinnerPlate" in {each["name"] for each in client.ask("find_classes", text="plate")}
+    assert client.ask("find_classes", text="no class has this name") == []
+    assert len(client.ask("find_classes")) > 20
+
+
+def test_a_body_is_added_and_the_addition_undone(physics_simulation: Simulation, client: PageClient) -> None:
+    id = client.ask("add", **{"class": f"{KNOWROB}Cup", "at": [0.5, -1.0, 0.0], "size": [0.08, 0.08, 0.1]})
+    cup = physics_simulation.snapshot().body(id)
+    assert (cup.size, cup.physics.mobility) == ((0.08, 0.08, 0.1), Mobility.DYNAMIC)
+    assert cup.pose.position == pytest.approx((0.5, -1.0, 0.052))
+    assert client.ask("details", id=id)["cls"] == "Cup", "details of new bodies are available at once"
+    wait_until(lambda: id in names(client), "the page is updated")
+    client.ask("undo")
+    assert id not in physics_simulation.state.ids
+    client.ask("redo")
+    assert id in physics_simulation.state.ids
+
+
+def test_a_body_is_added_on_another_one(physics_simulation: Simulation, client: PageClient) -> None:
+    id = client.ask("add", **{"class": "Cup", "on": "Cupboard", "size": [0.08, 0.08, 0.1]})
+    assert at(physics_simulation, id)[2] == pytest.approx(0.85, abs=0.01)
+    client.ask("undo")
+    assert id not in physics_simulation.state.ids
+
+
+def test_dragging_in_a_paused_simulation_shows_a_message(
+    physics_simulation: Simulation, page: Viewer, client: PageClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (session,) = page.channel.sessions
+    monkeypatch.setattr(page._handlers, "session_of_view", lambda view: session)
+    event: Any = SimpleNamespace(phase="start", client_id=0, start_position=(2.0, 0.0, 0.85))
+    page._drag(MUG, event)
+    eventually(
+        client, "toast", lambda toast: "press Play" in toast["text"] and toast["kind"] == "info", "a message is shown"
+    )
+    page._with_toast(lambda event: page.views.select(BodyId("Mugg")))(SimpleNamespace(client=event))
+    eventually(
+        client, "toast", lambda toast: "Mugg" in toast["text"] and toast["kind"] == "error", "the error is shown"
+    )
+
+
+# -- maps --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"format": "turtle"}, {"dialect": "soma"}, {"format": "turtle", "dialect": "semlog"}]
+)
+def test_a_saved_map_can_be_loaded_without_loss(
+    physics_simulation: Simulation, client: PageClient, options: dict[str, str]
+) -> None:
+    before = physics_simulation.snapshot()
+    saved = client.ask("save", **options)
+    assert saved["name"] == ("map.ttl" if "format" in options else "map.owl")
+    client.ask("delete", ids=["Fridge", "Mug"])
+    loaded = client.ask("load", name=saved["name"], text=saved["text"])
+    assert (loaded["bodies"], loaded["joints"], loaded["failed"]) == (8, 2, [])
+    lost = diff(before, physics_simulation.snapshot())
+    assert (lost.only_in_a, lost.only_in_b) == ((), ())
+    assert lost.identical(1e-6) or options.get("dialect") == "soma"
+    wait_until(lambda: len(names(client)) == 8, "the page is updated")
+    assert physics_simulation.undo_stack.history.undo == ()
+    assert client.ask("save", **options)["text"], "a loaded map can be saved"
+
+
+def test_a_running_simulation_keeps_running_when_a_map_is_loaded(
+    physics_simulation: Simulation, client: PageClient
+) -> None:
+    saved = client.ask("save")
+    physics_simulation.play(speed=0.5)
+    client.ask("load", name="again.owl", text=saved["text"])
+    assert (physics_simulation.state.playing, physics_simulation.state.speed) == (True, 0.5)
+
+
+RDF = '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("kitchen.exe", "MZ"),
+        ("kitchen", ""),
+        ("kitchen.owl", "this is no XML"),
+        ("kitchen.owl", ""),
+        ("kitchen.owl", f"{RDF}</rdf:RDF>"),
+        ("kitchen.ttl", "<a> <b> ."),
+        ("../../etc/passwd", "x"),
+        ("kitchen.owl", f'<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]>{RDF}&e;</rdf:RDF>'),
+        (
+            "robot.urdf",
+            '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="/etc/passwd"/></robot>',
+        ),
+    ],
+)
+def test_invalid_maps_are_refused_and_change_nothing(
+    physics_simulation: Simulation, client: PageClient, name: str, text: str
+) -> None:
+    before, knowledge = physics_simulation.snapshot(), physics_simulation.knowledge
+    with pytest.raises(RequestFailed) as refused:
+        client.ask("load", name=name, text=text)
+    assert refused.value.type != "Defect", str(refused.value)
+    assert "root:" not in str(refused.value)
+    assert physics_simulation.snapshot() == before
+    assert physics_simulation.knowledge is knowledge
+
+
+def test_imports_of_uploaded_maps_are_not_followed(
+    physics_simulation: Simulation, client: PageClient, tmp_path: Any
+) -> None:
+    secret = tmp_path / "secret.owl"
+    text = client.ask("save")["text"]
+    secret.write_text(text.replace("Mug", "Secret"), encoding="utf-8")
+    imports = (
+        f'<owl:Ontology rdf:about="http://x#"><owl:imports rdf:resource="{secret.as_uri()}"/></owl:Ontology></rdf:RDF>'
+    )
+    client.ask("load", name="map.owl", text=text.replace("</rdf:RDF>", imports))
+    assert secret not in physics_simulation.knowledge.sources()
+    assert "Secret" not in physics_simulation.state.ids
+
+
+def test_uploaded_maps_must_not_refer_to_meshes_by_absolute_paths(
+    physics_simulation: Simulation, client: PageClient
+) -> None:
+    before = physics_simulation.snapshot()
+    world = _with_mesh(before, "file:///home/somebody/face.stl")
+    with pytest.raises(RequestFailed, match=r"ArgumentRefused.*mesh of 'Mug'"):
+        client.ask("load", name="map.owl", text=write_map(world))
+    assert physics_simulation.snapshot() == before
+    loaded = client.ask("load", name="map.owl", text=write_map(_with_mesh(before, "package://kitchen/mug.stl")))
+    assert loaded["bodies"] == 8
+
+
+def _with_mesh(world: World, mesh: str) -> World:
+    bodies = tuple(replace(body, mesh=mesh) if body.id == "Mug" else body for body in world.bodies)
+    return replace(world, bodies=bodies)

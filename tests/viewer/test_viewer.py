@@ -1,0 +1,243 @@
+"""The viewer without a browser: address, closing, updates, errors."""
+
+from __future__ import annotations
+
+import logging
+import socket
+import urllib.request
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import viser
+from msgspec.structs import replace
+
+from mindstage import KnowledgeBase, NullEngine, Simulation
+from mindstage.errors import BodyNotFoundError, ViewerUnavailableError
+from mindstage.scene import BodyId, BodyPhysics, Pose
+from mindstage.viewer import Viewer
+from tests.kitchenette import kitchenette
+from tests.viewer.page_client import connect_page_client
+from tests.viewer.waiting import wait_until
+
+MUG = BodyId("Mug")
+
+
+def shown(viewer: Viewer, id: str) -> bool:
+    """Whether a body is drawn, and clients can select it."""
+    drawn = viewer._server.scene.get_handle_by_name(f"/bodies/{id}") is not None
+    return drawn and id in viewer.views._appearances
+
+
+def shown_plain(viewer: Viewer, id: str) -> viser.MeshHandle | None:
+    """The plain variant of a body's node, if it is visible."""
+    plain = viewer._server.scene.get_handle_by_name(f"/bodies/{id}/plain")
+    return plain if plain is not None and plain.visible else None
+
+
+@pytest.fixture
+def port_taken() -> Iterator[int]:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        yield taken.getsockname()[1]
+
+
+# -- address -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_page_is_served_at_its_url(viewer: Viewer) -> None:
+    assert viewer.url.startswith("http://127.0.0.1:")
+    with urllib.request.urlopen(viewer.url, timeout=30) as page:
+        assert b"<html" in page.read()
+
+
+def test_the_next_free_port_is_used(simulation: Simulation, port_taken: int) -> None:
+    with Viewer(simulation, port=port_taken) as viewer:
+        port = int(viewer.url.rsplit(":", 1)[1])
+        assert port_taken < port < port_taken + 200
+
+
+def test_two_viewers_of_one_simulation_have_two_addresses(simulation: Simulation, viewer: Viewer) -> None:
+    with Viewer(simulation, port=int(viewer.url.rsplit(":", 1)[1])) as other:
+        assert other.url != viewer.url
+
+
+@pytest.mark.parametrize(
+    ("host", "port"), [("203.0.113.7", 8080), ("no.such.host.invalid", 8080), ("127.0.0.1", 70000)]
+)
+def test_an_address_of_another_machine_is_refused(simulation: Simulation, host: str, port: int) -> None:
+    with pytest.raises(ViewerUnavailableError, match="cannot be served"):
+        Viewer(simulation, host=host, port=port, token="swordfish")
+
+
+def test_nothing_is_printed(simulation: Simulation, capfd: pytest.CaptureFixture[str]) -> None:
+    with Viewer(simulation, port=0):
+        pass
+    assert capfd.readouterr() == ("", "")
+
+
+def test_viser_share_urls_are_disabled(viewer: Viewer) -> None:
+    assert viewer._server.request_share_url() is None
+
+
+# -- closing -----------------------------------------------------------------------------------------------------------
+
+
+def test_closing_twice_is_harmless_and_the_simulation_stays_open(simulation: Simulation) -> None:
+    viewer = Viewer(simulation, port=0)
+    viewer.close()
+    viewer.close()
+    assert not viewer._thread.is_alive()
+    assert simulation.snapshot().bodies
+
+
+def test_closing_ends_all_drags(simulation: Simulation) -> None:
+    with Viewer(simulation, port=0) as viewer:
+        wait_until(lambda: viewer._drag_controller.draggable, "draggable bodies are known")
+        viewer._drag_controller.start("ann", MUG, (2.0, 0.0, 0.85))
+    assert viewer._drag_controller.drag_forces == ()
+    assert simulation._perturbations == {}
+
+
+# -- updates -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_world_spawned_later_is_shown() -> None:
+    with Simulation(KnowledgeBase(), NullEngine()) as simulation, Viewer(simulation, port=0) as viewer:
+        wait_until(lambda: viewer._snapshot is not None, "the viewer has read the empty simulation")
+        assert not shown(viewer, "Mug")
+        simulation.spawn(kitchenette())
+        wait_until(lambda: shown(viewer, "Mug"), "the mug is shown")
+
+
+def test_added_and_removed_bodies_are_shown_on_the_page(simulation: Simulation, viewer: Viewer) -> None:
+    wait_until(lambda: shown(viewer, "Mug"), "the mug is shown")
+    simulation.run_on_engine(lambda engine: engine.delete([MUG]), edits=True)
+    wait_until(lambda: not shown(viewer, "Mug"), "the mug is gone")
+    other = replace(kitchenette().body("Mug"), id=BodyId("Other"))
+    simulation.run_on_engine(
+        lambda engine: engine.spawn(replace(kitchenette(), bodies=(other,), joints=(), attachments=()))
+    )
+    wait_until(lambda: shown(viewer, "Other"), "an unannounced edit is shown, too")
+
+
+def test_moving_bodies_move_on_the_page(simulation: Simulation, viewer: Viewer) -> None:
+    wait_until(lambda: shown(viewer, "Mug"), "the mug is shown")
+    pose = replace(kitchenette().body("Mug").pose, position=(1.0, 2.0, 3.0))
+    simulation.run_on_engine(lambda engine: engine.set_pose(MUG, pose))
+    mug = viewer._server.scene.get_handle_by_name("/bodies/Mug")
+    wait_until(lambda: np.allclose(mug.position, (1.0, 2.0, 3.0)), "the mug has moved")
+
+
+def test_a_highlight_is_shown_and_cleared(simulation: Simulation, viewer: Viewer) -> None:
+    wait_until(lambda: shown(viewer, "Mug"), "the mug is shown")
+    assert shown_plain(viewer, "Mug") is None
+    simulation.highlight([MUG], (1.0, 0.0, 0.0))
+    wait_until(lambda: shown_plain(viewer, "Mug"), "the mug is in one color")
+    assert shown_plain(viewer, "Mug").color == (255, 0, 0)
+    simulation.highlight([MUG], None)
+    wait_until(lambda: shown_plain(viewer, "Mug") is None, "the mug is textured again")
+
+
+def test_bodies_are_drawn_with_the_geometry_of_the_simulation(simulation: Simulation, viewer: Viewer) -> None:
+    wait_until(lambda: shown(viewer, "Mug"), "the kitchen is shown")
+    appearance = viewer._scene.appearances[MUG]
+    assert [visual.material for visual in appearance.visuals] == [
+        visual.material for visual in simulation.geometry[MUG].visuals
+    ]
+    assert len(simulation.geometry[MUG].visuals) > 0
+
+
+def test_bodies_that_become_dynamic_are_draggable(simulation: Simulation, viewer: Viewer) -> None:
+    wait_until(lambda: viewer._drag_controller.draggable, "draggable bodies are known")
+    assert "Fridge" not in viewer._drag_controller.draggable
+    dynamic = kitchenette().body("Mug").physics
+    assert isinstance(dynamic, BodyPhysics)
+    simulation.run_on_engine(lambda engine: engine.set_physics(BodyId("Fridge"), dynamic), edits=True)
+    wait_until(lambda: "Fridge" in viewer._drag_controller.draggable, "the fridge is draggable")
+
+
+def test_highlighting_redraws_no_bodies(simulation: Simulation, viewer: Viewer) -> None:
+    wait_until(lambda: shown(viewer, "Mug"), "the kitchen is shown")
+    cupboard = viewer._server.scene.get_handle_by_name("/bodies/Cupboard/textured")
+    away = replace(kitchenette().body("Drawer").pose, position=(0.0, 3.0, 0.0))
+    simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Drawer"), away))
+    simulation.highlight([MUG], (1.0, 0.0, 0.0))
+    wait_until(lambda: shown_plain(viewer, "Mug"), "the page is updated")
+    assert viewer._server.scene.get_handle_by_name("/bodies/Cupboard/textured") is cupboard
+
+
+def test_an_idle_viewer_makes_no_calls_into_the_simulation(simulation: Simulation, viewer: Viewer) -> None:
+    wait_until(lambda: shown(viewer, "Mug"), "the kitchen is shown")
+    snapshot, due = simulation.state, viewer._text_due
+    wait_until(lambda: viewer._text_due > due + 0.5, "the viewer keeps updating")
+    assert simulation.state is snapshot, "each call into the simulation would have published a new snapshot"
+
+
+# -- selection ---------------------------------------------------------------------------------------------------------
+
+
+def test_unknown_bodies_cannot_be_selected(viewer: Viewer) -> None:
+    wait_until(lambda: shown(viewer, "Mug"), "the kitchen is shown")
+    with pytest.raises(BodyNotFoundError, match="Cupp"):
+        viewer.select(BodyId("Cupp"))
+
+
+def test_a_body_moved_with_the_gizmo_can_be_moved_back_by_undo(simulation: Simulation, viewer: Viewer) -> None:
+    viewer._place_body(0, MUG, Pose((1.0, 0.0, 0.85)))
+    assert simulation.snapshot().body("Mug").pose.position == (1.0, 0.0, 0.85)
+    simulation.undo_stack.undo()
+    assert simulation.snapshot().body("Mug").pose == kitchenette().body("Mug").pose
+
+
+# -- errors ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_failed_update_is_shown_logged_once_and_retried(
+    simulation: Simulation, viewer: Viewer, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    wait_until(lambda: shown(viewer, "Mug"), "the kitchen is shown")
+    calls: list[int] = []
+
+    def fail() -> None:
+        calls.append(1)
+        raise RuntimeError("no snapshot today")
+
+    with caplog.at_level(logging.ERROR), connect_page_client(viewer.url) as client:
+        with monkeypatch.context() as broken:
+            broken.setattr(simulation, "snapshot", fail)
+            simulation.run_on_engine(lambda engine: None, edits=True)
+            wait_until(
+                lambda: "no snapshot today" in (client.latest_value("viewer_error") or ""),
+                "the error is shown",
+            )
+            wait_until(lambda: len(calls) >= 2, "the update is retried")
+        wait_until(lambda: client.latest_value("viewer_error") == "", "the error is cleared")
+    records = [record for record in caplog.records if "no snapshot today" in record.getMessage()]
+    assert len(records) == 1
+    assert records[0].exc_info is not None
+
+
+def test_an_exception_in_a_mouse_callback_is_shown_and_logged_once(
+    viewer: Viewer, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    toasts: list[tuple[int, str]] = []
+    monkeypatch.setattr(viewer._handlers, "toast", lambda view, text: toasts.append((view, text)))
+
+    def fail(event: object) -> None:
+        raise KeyError("Cupp")
+
+    with caplog.at_level(logging.ERROR):
+        for _ in range(2):
+            viewer._with_toast(fail)(SimpleNamespace(client=SimpleNamespace(client_id=7)))
+    assert toasts == [(7, "KeyError: 'Cupp'")] * 2
+    assert len(caplog.records) == 1
+
+
+def test_the_page_stays_open_after_the_simulation_is_closed(simulation: Simulation, viewer: Viewer) -> None:
+    wait_until(lambda: shown(viewer, "Mug"), "the kitchen is shown")
+    simulation.close()
+    viewer.select(MUG)
+    wait_until(lambda: viewer.views._defaults, "requests are still accepted")
+    assert viewer._thread.is_alive()
+    assert shown(viewer, "Mug")
