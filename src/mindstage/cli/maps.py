@@ -171,31 +171,36 @@ def _print_finding_counts(findings: Sequence[Finding]) -> None:
         print_table("Findings", ("severity", "about", "count"), rows)
 
 
+OutputFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="OUT",
+        help="The file to write. The suffix determines the format: .owl or .rdf (RDF/XML), .ttl (Turtle), .mjcf or "
+        ".xml (MuJoCo), .glb (glTF), .tscn (Godot scene; Godot must be installed).",
+        show_default=False,
+    ),
+]
+OutputDialect = Annotated[
+    FileDialect | None,
+    typer.Option(
+        "--dialect",
+        help="The vocabulary of a map: that of the source, that of the map it was converted from, SemLog (2019), "
+        "or SOMA (KnowRob 2).",
+        show_default="same",
+    ),
+]
+OutputFormat = Annotated[
+    FileFormat | None,
+    typer.Option("--format", help="The format, regardless of the suffix of OUT.", show_default=False),
+]
+
+
 def convert(
     source: MapArgument,
-    out: Annotated[
-        Path,
-        typer.Argument(
-            metavar="OUT",
-            help="The file to write. The suffix determines the format: .owl or .rdf (RDF/XML), .ttl (Turtle), .mjcf or "
-            ".xml (MuJoCo), .glb (glTF), .tscn (Godot scene; Godot must be installed).",
-            show_default=False,
-        ),
-    ],
+    out: OutputFile,
     *,
-    dialect: Annotated[
-        FileDialect | None,
-        typer.Option(
-            "--dialect",
-            help="The vocabulary of a map: that of the source, that of the map it was converted from, SemLog (2019), "
-            "or SOMA (KnowRob 2).",
-            show_default="same",
-        ),
-    ] = None,
-    format: Annotated[
-        FileFormat | None,
-        typer.Option("--format", help="The format, regardless of the suffix of OUT.", show_default=False),
-    ] = None,
+    dialect: OutputDialect = None,
+    format: OutputFormat = None,
     map_name: MapName = None,
     ontologies: Ontologies = None,
     bundled: Bundled = True,
