@@ -1,4 +1,4 @@
-"""`import mindstage as ms`: one obvious way from a map to a simulation, and back to a map."""
+"""The functions of `import mindstage as ms`."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def map_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_loop_of_the_readme_works(tmp_path: Path) -> None:
+def test_the_example_of_the_readme_works(tmp_path: Path) -> None:
     with ms.open("bundled:kitchen") as sim:
         sim.step(0.1)
         for answer in sim.ask("storage_place", item="CowsMilk"):
@@ -49,7 +49,7 @@ def test_the_loop_of_the_readme_works(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "null", NullEngine()], ids=["mujoco", "null", "given"])
-def test_opening_spawns_the_map_in_any_engine(engine: object, map_path: Path) -> None:
+def test_open_spawns_the_map_in_any_engine(engine: object, map_path: Path) -> None:
     with ms.open(map_path, engine=engine) as sim:  # type: ignore[arg-type]
         assert sim.reports[0].ok
         assert set(sim.state.ids) == {body.id for body in kitchenette().bodies}
@@ -57,7 +57,7 @@ def test_opening_spawns_the_map_in_any_engine(engine: object, map_path: Path) ->
         sim.snapshot()
 
 
-def test_several_maps_are_spawned_together_or_the_one_that_is_named(map_path: Path, tmp_path: Path) -> None:
+def test_all_maps_are_spawned_or_the_one_that_is_named(map_path: Path, tmp_path: Path) -> None:
     other = World(iri=Iri("http://example.org/maps/Other.owl#Other"), name="Other")
     save_map(other, tmp_path / "other.owl")
     with ms.open([map_path, tmp_path / "other.owl"], engine="null") as sim:
@@ -72,7 +72,7 @@ def test_without_a_map_the_simulation_is_empty() -> None:
         assert (sim.worlds, sim.state.ids) == ((), ())
 
 
-def test_what_fails_to_open_leaves_nothing_running(map_path: Path, tmp_path: Path) -> None:
+def test_a_failed_open_closes_the_engine(map_path: Path, tmp_path: Path) -> None:
     engine = NullEngine()
     with pytest.raises(SourceParseError):
         ms.open(tmp_path / "nothing.owl", engine=engine)
@@ -85,14 +85,14 @@ def test_what_fails_to_open_leaves_nothing_running(map_path: Path, tmp_path: Pat
         ms.open(map_path, engine="null", assets=tmp_path / "no-meshes")
 
 
-def test_a_store_is_free_again_when_the_simulation_is_closed(map_path: Path, tmp_path: Path) -> None:
+def test_closing_the_simulation_releases_the_store(map_path: Path, tmp_path: Path) -> None:
     with ms.open(map_path, engine="null", store=tmp_path / "store") as sim:
         assert sim.knowledge.tell("CookieJar", "typePrimaryFunction-containerFor", "Candy")
     with KnowledgeBase(store=tmp_path / "store") as kb:
         assert kb.ask("storage_place", item="Candy")[0].place.endswith("#CookieJar")
 
 
-def test_loading_gives_the_world_of_the_map(map_path: Path) -> None:
+def test_load_returns_the_world_of_the_map(map_path: Path) -> None:
     assert ms.diff(ms.load(map_path), kitchenette()).identical()
     assert ms.load("bundled:kitchen").body("fridge").id == "fridge"
 
@@ -124,7 +124,7 @@ def test_a_simulation_and_a_world_are_saved_alike(map_path: Path, tmp_path: Path
         assert (tmp_path / "boxes.glb").stat().st_size < 100_000
 
 
-def test_what_cannot_be_saved_is_refused_and_leaves_no_file(tmp_path: Path) -> None:
+def test_a_failed_save_writes_no_file(tmp_path: Path) -> None:
     with pytest.raises(MapWriteError, match="belongs to no format"):
         ms.save(kitchenette(), tmp_path / "x.docx")
     with pytest.raises(InvalidArgumentError, match="glb has no dialects"):
@@ -138,17 +138,17 @@ def test_what_cannot_be_saved_is_refused_and_leaves_no_file(tmp_path: Path) -> N
     assert not list(tmp_path.iterdir())
 
 
-def test_anything_is_compared_with_anything(map_path: Path) -> None:
+def test_diff_accepts_paths_worlds_and_simulations(map_path: Path) -> None:
     with ms.open(map_path, engine="null") as sim:
-        ways = (map_path, str(map_path), kitchenette(), sim)
-        assert all(ms.diff(a, b).identical() for a in ways for b in ways)
+        sources = (map_path, str(map_path), kitchenette(), sim)
+        assert all(ms.diff(a, b).identical() for a in sources for b in sources)
         sim.joint("Drawer").open()
         moved = ms.diff(map_path, sim)
         assert not moved.identical()
         assert "Drawer" in str(moved)
 
 
-def test_a_page_closes_with_its_simulation(map_path: Path) -> None:
+def test_a_viewer_is_closed_with_its_simulation(map_path: Path) -> None:
     with ms.open(map_path, engine="null") as sim:
         page = ms.view(sim, port=0)
         assert page.url in page._repr_html_()
@@ -159,10 +159,10 @@ def test_a_page_closes_with_its_simulation(map_path: Path) -> None:
     assert "closed" in repr(page)
 
 
-def test_connecting_reaches_the_simulation_that_is_served(map_path: Path) -> None:
-    with ms.open(map_path, engine="mujoco") as served, LocalNode() as hub, RosbridgeServer(hub, port=0) as server:
-        face = RosInterface(served, hub, namespace="far")
-        url = f"{server.url.replace('ws://', 'ros://')}/far"
+def test_connect_uses_a_served_simulation(map_path: Path) -> None:
+    with ms.open(map_path, engine="mujoco") as served, LocalNode() as node, RosbridgeServer(node, port=0) as server:
+        interface = RosInterface(served, node, namespace="remote")
+        url = f"{server.url.replace('ws://', 'ros://')}/remote"
         with ms.connect(url, map_path) as sim:
             assert set(sim.state.ids) == set(served.state.ids)
             sim.highlight("Mug", "red")
@@ -171,17 +171,17 @@ def test_connecting_reaches_the_simulation_that_is_served(map_path: Path) -> Non
             assert sim.joint("Drawer").open()
             assert served.joint("Drawer").openness > 0.9
             sim.joint("Drawer").close()
-        with ms.connect(url) as again:  # its zero is where the joint was spawned there, not where it is now
+        with ms.connect(url) as again:  # the zero of the joint is its spawned position, not the current one
             assert served.joint("Drawer").open()
             again.run_on_engine(lambda engine: None)
             assert again.joint("Drawer").openness > 0.9
         assert not served.closed
-        face.close()
+        interface.close()
     with pytest.raises(EngineUnavailableError):
         ms.connect(url, timeout_s=0.5)
 
 
-def test_importing_stays_light_and_names_are_completed() -> None:
+def test_the_import_is_lazy_and_dir_lists_all_names() -> None:
     code = (
         "import mindstage as ms, sys; print({'open', 'Simulation', 'diff'} <= set(dir(ms)), 'msgspec' in sys.modules)"
     )
@@ -191,7 +191,7 @@ def test_importing_stays_light_and_names_are_completed() -> None:
         ms.opn  # noqa: B018
 
 
-def test_type_checkers_see_the_classes(tmp_path: Path) -> None:
+def test_the_types_are_checked_by_mypy(tmp_path: Path) -> None:
     pytest.importorskip("mypy")
     source = tmp_path / "typed.py"
     source.write_text(

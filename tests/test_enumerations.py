@@ -1,4 +1,4 @@
-"""Enumerations compare equal to the words that users see, and travel as these words."""
+"""Enumerations compare equal to their values, and are encoded as these."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def enumerations() -> list[type[Enum]]:
 
 
 @pytest.mark.parametrize("kind", [each for each in enumerations() if each.__name__ not in INTERNAL], ids=str)
-def test_a_member_is_its_word_or_its_number(kind: type[Enum]) -> None:
+def test_a_member_equals_its_value(kind: type[Enum]) -> None:
     assert issubclass(kind, StrEnum | IntEnum)
     for member in kind:
         assert member == member.value

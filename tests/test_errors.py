@@ -73,13 +73,13 @@ def test_a_message_is_built_from_the_fields(error: MindstageError, message: str)
 
 @each_error
 def test_an_error_can_be_pickled_and_copied(error: MindstageError, message: str) -> None:
-    for twin in (pickle.loads(pickle.dumps(error)), copy.copy(error), copy.deepcopy(error)):
-        assert type(twin) is type(error)
-        assert str(twin) == message
-        assert vars(twin) == vars(error)
+    for restored in (pickle.loads(pickle.dumps(error)), copy.copy(error), copy.deepcopy(error)):
+        assert type(restored) is type(error)
+        assert str(restored) == message
+        assert vars(restored) == vars(error)
 
 
-def test_an_error_keeps_no_list_of_every_body() -> None:
+def test_an_error_does_not_keep_all_known_names() -> None:
     assert vars(BodyNotFoundError("cupp", known=["cup"] * 10_000)) == {
         "body": "cupp",
         "world": "",
@@ -87,13 +87,13 @@ def test_an_error_keeps_no_list_of_every_body() -> None:
     }
 
 
-def test_equal_facts_do_not_make_equal_errors() -> None:
+def test_errors_with_equal_fields_are_not_equal() -> None:
     one, other = BodyNotFoundError("x"), BodyNotFoundError("x")
     assert one != other
     assert len({one, other}) == 2
 
 
-def test_similar_names_come_before_those_that_contain_it() -> None:
+def test_similar_spellings_come_before_superstrings() -> None:
     assert closest_names("CUP", ["MyTeacup", "cups", "Cup", "table"]) == ("Cup", "cups", "MyTeacup")
     assert closest_names("cu", ["xcuxxxxxxxxx"]) == ()
 

@@ -1,4 +1,4 @@
-"""What loads when: a library is paid for by those who use it. Times belong to `benchmarks/startup.py`."""
+"""Imports are lazy: which libraries an import or a command loads. Times are measured by `benchmarks/startup.py`."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ HEAVY = {"mujoco", "pyoxigraph", "viser", "websockets", "trimesh", "numpy", "sci
 
 
 def loaded_by(code: str) -> set[str]:
-    """The top-level modules after running some code in a Python of its own."""
+    """The top-level modules after running code in a new Python process."""
     show = "import sys; print(*{name.split('.')[0] for name in sys.modules}, file=sys.__stderr__)"
     result = subprocess.run([sys.executable, "-c", f"{code}\n{show}"], capture_output=True, text=True, check=True)
     return set(result.stderr.split())
 
 
-def test_importing_the_package_loads_nothing_but_itself() -> None:
+def test_importing_the_package_loads_no_other_package() -> None:
     third_party = loaded_by("import mindstage") - loaded_by("import importlib, typing") - set(sys.stdlib_module_names)
     assert third_party == {"mindstage"}
 
@@ -39,9 +39,9 @@ def test_help_loads_no_heavy_library(args: list[str]) -> None:
         ("World", HEAVY - {"numpy"}),
         ("NullEngine", HEAVY - {"numpy"}),
         ("KnowledgeBase", HEAVY - {"numpy", "pyoxigraph"}),
-        ("MujocoEngine", {"pyoxigraph", "viser", "trimesh", "scipy"}),  # mujoco itself brings websockets along
+        ("MujocoEngine", {"pyoxigraph", "viser", "trimesh", "scipy"}),  # mujoco itself imports websockets
         ("Simulation", HEAVY - {"numpy", "pyoxigraph"}),
     ],
 )
-def test_a_name_loads_its_own_room_only(name: str, absent: set[str]) -> None:
+def test_a_name_loads_only_the_libraries_of_its_package(name: str, absent: set[str]) -> None:
     assert not loaded_by(f"import mindstage; mindstage.{name}") & absent

@@ -1,4 +1,4 @@
-"""The whole way round, as `mindstage check` goes it: a world runs, is logged, written, read, and nothing is lost."""
+"""The round trip of `mindstage check`: a world is spawned, logged, written and read without loss."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from tests.worlds import worlds
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Hypothesis writes many files; they may replace one another."""
+    """One folder for all examples, whose files are overwritten."""
     return tmp_path_factory.mktemp("maps")
 
 
-def there_and_back(world: World, folder: Path, *ontologies: Path) -> World:
+def round_trip(world: World, folder: Path, *ontologies: Path) -> World:
     engine = MujocoEngine()
     report = engine.spawn(world)
     assert report.ok, report
@@ -32,21 +32,21 @@ def there_and_back(world: World, folder: Path, *ontologies: Path) -> World:
 
 @given(world=worlds(max_bodies=4))
 @settings(max_examples=1000, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
-def test_a_thousand_random_worlds_come_back_identical(folder: Path, world: World) -> None:
-    found = diff(world, there_and_back(world, folder))
+def test_the_round_trip_of_random_worlds_is_lossless(folder: Path, world: World) -> None:
+    found = diff(world, round_trip(world, folder))
     assert found.identical(0.0), found
     assert found.lost_facts == 0
 
 
 @pytest.mark.parametrize("name", ["bundled", "iai-kitchen-original", "iai-kitchen-spawned"])
-def test_a_kitchen_comes_back_identical(folder: Path, name: str, request: pytest.FixtureRequest) -> None:
+def test_the_round_trip_of_a_kitchen_is_lossless(folder: Path, name: str, request: pytest.FixtureRequest) -> None:
     path = bundled_kitchen()
     if name != "bundled":
         path = request.getfixturevalue("shared_data") / "maps" / f"{name}.owl"
     knowledge = KnowledgeBase(bundled_ontology=False)
     knowledge.load([path])
     world = knowledge.world()
-    found = diff(world, there_and_back(world, folder))
+    found = diff(world, round_trip(world, folder))
     assert found.identical(0.0), found
     assert found.lost_facts == 0
     assert not found.lost
