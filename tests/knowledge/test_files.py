@@ -86,7 +86,7 @@ def test_a_folder_is_refused(tmp_path: Path) -> None:
 def test_statements_about_statements_are_refused(tmp_path: Path) -> None:
     text = room_map("e:Jo e:says <<( e:the e:moon e:shines )>> .")
     (tmp_path / "map.ttl").write_text(text, encoding="utf-8")
-    with pytest.raises(SourceParseError, match="statement about statements"):
+    with pytest.raises(SourceParseError, match="statement about a statement"):
         knowledge_base_from(tmp_path / "map.ttl").world()
 
 
