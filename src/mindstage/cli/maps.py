@@ -171,7 +171,7 @@ def _print_finding_counts(findings: Sequence[Finding]) -> None:
         print_table("Findings", ("severity", "about", "count"), rows)
 
 
-OutputFile = Annotated[
+_ConvertedFile = Annotated[
     Path,
     typer.Argument(
         metavar="OUT",
@@ -180,7 +180,7 @@ OutputFile = Annotated[
         show_default=False,
     ),
 ]
-OutputDialect = Annotated[
+_FileDialectOption = Annotated[
     FileDialect | None,
     typer.Option(
         "--dialect",
@@ -189,7 +189,7 @@ OutputDialect = Annotated[
         show_default="same",
     ),
 ]
-OutputFormat = Annotated[
+_FileFormatOption = Annotated[
     FileFormat | None,
     typer.Option("--format", help="The format, regardless of the suffix of OUT.", show_default=False),
 ]
@@ -197,10 +197,10 @@ OutputFormat = Annotated[
 
 def convert(
     source: MapArgument,
-    out: OutputFile,
+    out: _ConvertedFile,
     *,
-    dialect: OutputDialect = None,
-    format: OutputFormat = None,
+    dialect: _FileDialectOption = None,
+    format: _FileFormatOption = None,
     map_name: MapName = None,
     ontologies: Ontologies = None,
     bundled: Bundled = True,
@@ -240,12 +240,15 @@ def convert(
         output = {"map": world.iri, "out": str(out), "bodies": len(world.bodies), "constraints": len(world.joints)}
         output |= {"format": kind.value, "dialect": dialect_written, "notes": list(notes)}
         print_json(output | {"findings": findings_json(findings)} | import_summary(world, knowledge))
-    else:
-        print_findings(findings)
-        for note in notes:
-            warn(note)
-        print_import_summary(world, knowledge)
-        name = kind.value if dialect_written is None else f"{kind.value}, {dialect_written}"
-        counts = f"{len(world.bodies)} bodies, {len(world.joints)} joints"
-        print_line(f"{world.name or world.iri}: {counts} → {out} ({name})")
+        return ExitCode.OK
+    print_findings(findings)
+    for note in notes:
+        warn(note)
+    print_import_summary(world, knowledge)
+    _print_conversion(world, out, kind.value if dialect_written is None else f"{kind.value}, {dialect_written}")
     return ExitCode.OK
+
+
+def _print_conversion(world: World, out: Path, format: str) -> None:
+    counts = f"{len(world.bodies)} bodies, {len(world.joints)} joints"
+    print_line(f"{world.name or world.iri}: {counts} → {out} ({format})")
