@@ -45,11 +45,11 @@ def test_a_picture_shows_highlighted_answers(run: Run, write_map: WriteMap, tmp_
     ("options", "message"),
     [
         (("--size", "big"), "'big' is not a size; give width and height, such as 1280x800"),
-        (("--size", "0x100"), "0 x 100 cannot be drawn"),
+        (("--size", "0x100"), "0 x 100 cannot be rendered"),
         (("--from", "1,2"), "'1,2' is not a point; give three numbers"),
         (("--from", "1,2,nan"), "is not a point"),
         (("--from", "1,2,3", "--to", "fridge"), "'fridge' is not a point"),
-        (("--from", "1,2,3", "--to", "1,2,3"), "from and to one point"),
+        (("--from", "1,2,3", "--to", "1,2,3"), "position and look_at are equal"),
         (("--top", "--to", "1,2,3"), "it defines the camera"),
         (("--labels", "some"), "there is none, selected, class, all"),
         (("--color", "red"), "there are 1 for 0 --highlight"),
