@@ -269,13 +269,13 @@ def _snake(name: str) -> str:
 
 def _iri(node: object) -> Iri:
     if not isinstance(node, ox.NamedNode):
-        raise ValueError(f"{_node_text(node)}; it is an IRI")
+        raise ValueError(f"{_node_text(node)}; expected an IRI")
     return Iri(node.value)
 
 
 def _text(node: object) -> str:
     if not isinstance(node, ox.Literal):
-        raise ValueError(f"{_node_text(node)}; it is a string in quotes")
+        raise ValueError(f"{_node_text(node)}; expected a string in quotes")
     return node.value
 
 
@@ -296,7 +296,7 @@ def _positive(node: object) -> float:
     except ValueError:
         value = -1.0
     if not 0.0 <= value < float("inf"):
-        raise ValueError(f'"{text}"; it is a number from 0')
+        raise ValueError(f'"{text}"; expected a number from 0')
     return value
 
 
@@ -306,7 +306,7 @@ def _color(node: object) -> Color:
     except InvalidColorError as error:
         raise ValueError(f'"{_text(node)}": {error}') from None
     if color is None:
-        raise ValueError(f'"{_text(node)}"; it is a color')
+        raise ValueError(f'"{_text(node)}"; expected a color')
     return color
 
 
@@ -317,7 +317,7 @@ def _size(node: object) -> Vector:
     except ValueError:
         depth = width = height = 0.0
     if not all(0.0 < extent < float("inf") for extent in (depth, width, height)):
-        raise ValueError(f'"{text}"; it is depth, width and height in meters')
+        raise ValueError(f'"{text}"; expected depth, width and height in meters')
     return depth, width, height
 
 
@@ -325,7 +325,7 @@ def _light(node: object) -> LightType | None:
     text = _text(node)
     known: Mapping[str, LightType | None] = {NO_LIGHT: None, **{kind.value: kind for kind in LightType}}
     if text not in known:
-        raise ValueError(f'"{text}"; it is one of {", ".join(known)}')
+        raise ValueError(f'"{text}"; expected one of {", ".join(known)}')
     return known[text]
 
 
