@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from benchmarks import Measure, median_runs
 
 # The libraries that `mindstage check` needs.
-_LIBRARIES = "import numpy, msgspec, pyoxigraph, mujoco, typer, rich.console, rich.table"
+_LIBRARIES = "import numpy, scipy.spatial, msgspec, pyoxigraph, mujoco, typer, rich.console, rich.table"
 
 
 def measure() -> Iterator[Measure]:
