@@ -6,7 +6,6 @@ way.
 
 from __future__ import annotations
 
-import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -39,7 +38,6 @@ _TRANSPORT = "ROS"
 _QUESTION_NAMESPACE = "/mindstage"
 _QUESTION_TIMEOUT_S = 60.0
 M = TypeVar("M", bound=Message)
-_log = logging.getLogger("mindstage.ros")
 
 
 def connected_clients(node: Node) -> tuple[ConnectedClient, ...]:

@@ -42,7 +42,6 @@ from mindstage.knowledge.vocabulary import (
     SUBCLASS_OF,
     TO_PARTS,
     TO_WHOLES,
-    dul,
     knowrob,
     soma,
     urdf,
@@ -83,7 +82,6 @@ _RADIUS, _LENGTH, _PATH = soma("hasRadius"), soma("hasLength"), (soma("hasFilePa
 _EXTENTS = tuple((soma(name),) for name in ("hasDepth", "hasWidth", "hasHeight"))
 _SIZE_PROPERTIES = (_RADIUS, *(property for properties in _EXTENTS for property in properties))
 _PART_RELATIONS = frozenset((*TO_PARTS, *TO_WHOLES))
-_REGION = (soma("hasSpaceRegion"), dul("hasRegion"))
 
 
 def add_joints(normalizer: DialectNormalizer, nodes: RdfNodes, number_reader: NumberReader) -> None:
