@@ -101,8 +101,8 @@ bodies = st.tuples(
     *(
         st.builds(
             lambda pose, mobility, name=id: Body(
-                id=name, iri=Iri(f"http://x.org/#{name}"), cls=Iri("http://x.org/#Thing"), pose=pose, size=(1.0, 1.0, 1.0),
-                physics=BodyPhysics(mobility=mobility),
+                id=name, iri=Iri(f"http://x.org/#{name}"), cls=Iri("http://x.org/#Thing"), pose=pose,
+                size=(1.0, 1.0, 1.0), physics=BodyPhysics(mobility=mobility),
             ),
             poses,
             st.sampled_from([*Mobility, None]),

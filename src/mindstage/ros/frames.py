@@ -29,6 +29,8 @@ ROOT_FRAME = "map"
 """Frame id of the root."""
 WORLD_FRAMES = frozenset({"", ROOT_FRAME, "world"})
 """Frame ids that mean the frame of the world."""
+_TOLERANCE = 1e-6
+"""Difference up to which transforms are equal [m], and of the parts of their quaternions."""
 _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
@@ -107,6 +109,12 @@ class FrameTransforms(NamedTuple):
     children: tuple[str, ...]
     poses: PoseArray
     """n x 7: the pose of each child in the frame of its parent."""
+
+    def equals(self, other: FrameTransforms) -> bool:
+        """Whether transforms are equal within the rounding of a simulation."""
+        return (self.parents, self.children) == (other.parents, other.children) and bool(
+            np.allclose(self.poses, other.poses, rtol=0.0, atol=_TOLERANCE)
+        )
 
 
 class FrameTree:

@@ -62,8 +62,6 @@ _MARKER_TYPES = {
 }
 _IDLE_PUBLISH_INTERVAL_S = 1.0
 _PING_INTERVAL_S = 2.0
-_STATIC_TOLERANCE = 1e-6
-"""Difference up to which a static transform has not changed [m], and of the parts of its quaternion."""
 _POLL_INTERVAL_S = 0.05
 """Interval at which the loss of the engine and changes of highlights are detected [s]."""
 _log = logging.getLogger("mindstage.ros")
@@ -356,7 +354,8 @@ class StatePublisher:
             return
         tree = self._state_reader.frame_tree(now_s=time.monotonic())
         moving, static = tree.transforms(snapshot.ids, snapshot.poses)
-        if self._tf_static.has_subscribers and not _are_equal(static, self._last_static):
+        is_new = self._last_static is None or not static.equals(self._last_static)
+        if is_new and self._tf_static.has_subscribers:
             self._tf_static.publish_encoded(tf_static_message(static, time_s=snapshot.time_s, ros=self._ros))
             self._last_static = static
         if self._tf.has_subscribers:
@@ -384,15 +383,6 @@ class StatePublisher:
             ping_error = error
         self._last_error = self._simulation.engine_error
         self._health.publish(health_status(self._simulation, response_time_s=response_time_s, error=ping_error))
-
-
-def _are_equal(one: FrameTransforms, other: FrameTransforms | None) -> bool:
-    """Whether transforms are equal within the rounding of a simulation."""
-    return (
-        other is not None
-        and (one.parents, one.children) == (other.parents, other.children)
-        and bool(np.allclose(one.poses, other.poses, rtol=0.0, atol=_STATIC_TOLERANCE))
-    )
 
 
 def _is_unchanged(snapshot: StateSnapshot, before: StateSnapshot | None) -> bool:
