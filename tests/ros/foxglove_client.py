@@ -148,7 +148,8 @@ class FoxgloveClient:
         data = payload if isinstance(payload, bytes) else json.dumps(payload).encode()
         call = len(self.responses) + 1
         self.socket.send(struct.pack("<BIII", 2, self._services[service], call, 4) + b"json" + data)
-        return self.wait(lambda: self.responses.get(call))
+        self.wait(lambda: call in self.responses)
+        return self.responses[call]
 
     def close(self) -> None:
         self.socket.close()
