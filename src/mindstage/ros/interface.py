@@ -22,7 +22,7 @@ from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.engine_services import EngineServices
 from mindstage.ros.named_poses import NamedPoseServices
 from mindstage.ros.publishers import HighlightSubscriber, PublishRates, StatePublisher
-from mindstage.ros.rosapi import RosapiServices
+from mindstage.ros.rosapi import ParameterServer, RosapiServices
 from mindstage.ros.service import ActionSpec, ServiceSpec, action_handler, service_handler
 from mindstage.ros.simulation_interfaces import EntityServices, ResourceLoader, SpawnServices
 from mindstage.ros.simulation_interfaces_control import SimulationControlServices, WorldServices
@@ -163,6 +163,9 @@ class RosInterface:
         """
         self.simulation = simulation
         self.namespace = namespace
+        self.parameters = ParameterServer()
+        """The parameters that rosapi returns at a local node."""
+        self.parameters.set("use_sim_time", True)
         self._node = node
         self._ros = ros
         self._goal_timeout_s = goal_timeout_s
@@ -172,6 +175,8 @@ class RosInterface:
         self._remove_client_source = simulation.clients.add_client_source(lambda: connected_clients(node))
         if simulation.worlds:
             simulation.mark_start()
+        if isinstance(node, LocalNode):
+            node.set_ros(ros, lambda: simulation.state.time_s)
         self._diagnostics_publisher = Publisher(
             node, "/mindstage/diagnostics", diagnostic_msgs.DiagnosticArray, ros=ros
         )
@@ -220,7 +225,9 @@ class RosInterface:
     def _make_service_groups(self, resources: ResourceLoader, *, step_s: float) -> tuple[_ServiceGroup, ...]:
         """Returns all objects that provide services."""
         simulation, state_reader, diagnostics = self.simulation, self._state_reader, self._diagnostics
-        rosapi = (RosapiServices(self._node, simulation, ros=self._ros),) if isinstance(self._node, LocalNode) else ()
+        rosapi: tuple[RosapiServices, ...] = ()
+        if isinstance(self._node, LocalNode):
+            rosapi = (RosapiServices(self._node, simulation, self.parameters, ros=self._ros),)
         return (
             WorldControlServices(state_reader, diagnostics),
             self._unreal_vis,
