@@ -22,6 +22,7 @@ from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.engine_services import EngineServices
 from mindstage.ros.named_poses import NamedPoseServices
 from mindstage.ros.publishers import HighlightSubscriber, PublishRates, StatePublisher
+from mindstage.ros.robot_description import DescriptionPublisher
 from mindstage.ros.rosapi import ParameterServer, RosapiServices
 from mindstage.ros.service import ActionSpec, ServiceSpec, action_handler, service_handler
 from mindstage.ros.simulation_interfaces import EntityServices, ResourceLoader, SpawnServices
@@ -189,8 +190,10 @@ class RosInterface:
         self._action_servers: list[ActionlibServer] = []
         self._subscriptions: list[Subscription] = []
         self._state_publisher: StatePublisher | None = None
+        self._descriptions: DescriptionPublisher | None = None
         try:
             self._open()
+            self._descriptions = DescriptionPublisher(node, state_reader, self.parameters, namespace=namespace, ros=ros)
             self._state_publisher = StatePublisher(
                 node, state_reader, namespace=namespace, ros=ros, rates=rates or PublishRates(), extra_tick=self._tick
             )
@@ -206,6 +209,8 @@ class RosInterface:
         self._remove_client_source()
         if self._state_publisher is not None:
             self._state_publisher.close()
+        if self._descriptions is not None:
+            self._descriptions.close()
         for server in self._action_servers:
             server.close()
         for subscription in self._subscriptions:

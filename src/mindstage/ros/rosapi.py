@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from copy import deepcopy
 from threading import Lock
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -64,6 +64,10 @@ class ParameterServer:
                 branch = branch[part]
             branch[leaf] = value
 
+    def set_computed(self, name: str, compute: Callable[[], str]) -> None:
+        """Sets a parameter that is computed when it is read; in a branch it is left out."""
+        self.set(name, _Computed(compute))
+
     def get(self, name: str) -> Any:
         """Returns a value, or the branch below a name.
 
@@ -76,7 +80,8 @@ class ParameterServer:
                 if not isinstance(value, dict):
                     raise KeyError(name)
                 value = value[part]
-            return deepcopy(value)
+            copy = _without_computed(value)
+        return copy.compute() if isinstance(copy, _Computed) else copy
 
     def has(self, name: str) -> bool:
         """Whether a parameter exists."""
@@ -111,6 +116,17 @@ class ParameterServer:
             if self.has(found):
                 return found
         return ""
+
+
+class _Computed(NamedTuple):
+    compute: Callable[[], str]
+
+
+def _without_computed(value: Any) -> Any:
+    """Returns a copy of a value without the computed ones in it."""
+    if not isinstance(value, dict):
+        return value if isinstance(value, _Computed) else deepcopy(value)
+    return {key: _without_computed(part) for key, part in value.items() if not isinstance(part, _Computed)}
 
 
 def _name_parts(name: str) -> list[str]:
