@@ -82,9 +82,7 @@ def assert_same_pose(found: Any, expected: Any, name: str) -> None:
     assert abs(np.dot(found[3:], expected[3:])) == pytest.approx(1.0, abs=1e-9), name
 
 
-def test_the_place_is_read_back_with_every_body_at_its_pose(
-    knowledge: KnowledgeBase, empty_simulation: Simulation, read: Read, tmp_path: Path
-) -> None:
+def test_the_place_is_read_back_with_every_body_at_its_pose(empty_simulation: Simulation, read: Read) -> None:
     empty_simulation.spawn()
     text = place_description(StateReader(empty_simulation))
     robot = read(text)
@@ -100,15 +98,19 @@ def test_the_place_is_read_back_with_every_body_at_its_pose(
     assert all(joint.range is not None for joint in robot.joints if joint.name in jointed)
     shapes = {link.name: link for link in robot.links}
     assert len(shapes["fridge"].collisions) == len(empty_simulation.geometry[BodyId("fridge")].collision_shapes)
-    # It is also a map for this project.
+
+
+def test_the_description_is_a_map_for_this_project(simulation: Simulation, read: Read, tmp_path: Path) -> None:
+    read(place_description(StateReader(simulation)))
     with KnowledgeBase() as other:
         other.load(tmp_path / "place.urdf")
-        again = {body.id: body for body in other.world().bodies}
-        assert set(state.ids) <= set(again)
-        floor = world.body("floor")
-        assert (again["floor"].pose.position, again["floor"].size) == (floor.pose.position, floor.size)
-        limited = [AxisMotion.LIMITED in {axis.motion for axis in axis_ranges(joint)} for joint in other.world().joints]
-        assert sum(limited) == len(world.joints)
+        again = other.world()
+    world = simulation.snapshot()
+    assert set(simulation.state.ids) <= {body.id for body in again.bodies}
+    floor = world.body("Floor")
+    assert (again.body("Floor").pose.position, again.body("Floor").size) == (floor.pose.position, floor.size)
+    limited = [AxisMotion.LIMITED in {axis.motion for axis in axis_ranges(joint)} for joint in again.joints]
+    assert sum(limited) == len(world.joints)
 
 
 @pytest.mark.parametrize("is_swapped", [False, True])
