@@ -51,6 +51,7 @@ __all__ = [
     "QuaternionOrders",
     "Robots",
     "Seconds",
+    "SizeFrames",
     "StoreFolder",
     "Strict",
     "UnitNames",
@@ -65,11 +66,12 @@ __all__ = [
 
 
 class ConventionOptions(NamedTuple):
-    """The values of the options `--units`, `--frame` and `--quaternion`."""
+    """The values of the options `--units`, `--frame`, `--quaternion` and `--sizes`."""
 
     units: Sequence[str] | None = None
     frame: Sequence[str] | None = None
     quaternion: Sequence[str] | None = None
+    sizes: Sequence[str] | None = None
 
     def by_map(self, maps: Sequence[str]) -> list[UnitConventions]:
         """The conventions of each map; a value for one map overrides a value for all maps.
@@ -77,14 +79,15 @@ class ConventionOptions(NamedTuple):
         Raises:
             InvalidArgumentError: a value is invalid, or refers to a map that is not loaded.
         """
-        from mindstage.knowledge import Handedness, LengthUnit, QuaternionOrder, UnitConventions
+        from mindstage.knowledge import Handedness, LengthUnit, QuaternionOrder, SizeFrame, UnitConventions
 
         units = _by_map("--units", self.units, maps, LengthUnit)
         frames = _by_map("--frame", self.frame, maps, Handedness)
         orders = _by_map("--quaternion", self.quaternion, maps, QuaternionOrder)
+        sizes = _by_map("--sizes", self.sizes, maps, SizeFrame)
         return [
-            UnitConventions(units=unit, frame=frame, quaternion=order)  # type: ignore[arg-type]
-            for unit, frame, order in zip(units, frames, orders, strict=True)
+            UnitConventions(units=unit, frame=frame, quaternion=order, sizes=size)  # type: ignore[arg-type]
+            for unit, frame, order, size in zip(units, frames, orders, sizes, strict=True)
         ]
 
 
@@ -317,6 +320,16 @@ QuaternionOrders = Annotated[
     list[str] | None,
     typer.Option(
         "--quaternion", metavar="[MAP=]ORDER", help="The order of quaternions: wxyz or xyzw.", show_default=False
+    ),
+]
+
+SizeFrames = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--sizes",
+        metavar="[MAP=]FRAME",
+        help="The axes that sizes of classes are measured along: body, or world (Unreal's loggers until June 2021).",
+        show_default=False,
     ),
 ]
 
