@@ -97,8 +97,8 @@ class SpawnedMap:
 
     @property
     def is_complete(self) -> bool:
-        """Whether everything that the map describes was spawned."""
-        return is_complete(self.report, self.findings)
+        """Whether everything that the map describes was spawned, and stayed where it was."""
+        return is_complete(self.report, self.findings) and self.report.is_at_rest
 
     def to_json(self) -> dict[str, object]:
         """The report, the findings and the assumptions as they appear in JSON."""

@@ -16,7 +16,17 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.engines.base import Capability, EngineStats, PoseArray, SavedState, SpawnNote, SpawnNoteKind, SpawnReport
+from mindstage.engines.base import (
+    DEFAULT_SPAWN_OPTIONS,
+    Capability,
+    EngineStats,
+    PoseArray,
+    SavedState,
+    SpawnNote,
+    SpawnNoteKind,
+    SpawnOptions,
+    SpawnReport,
+)
 from mindstage.engines.kinematic_tree import KinematicForest, joint_coordinates
 from mindstage.engines.mujoco.compiler import ModelInput, compile_model
 from mindstage.engines.mujoco.state import (
@@ -260,7 +270,9 @@ class MujocoEngine:
         """See `Engine`; the same holds for the methods below."""
         return self._require_open().time_s
 
-    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+    def spawn(
+        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+    ) -> SpawnReport:
         return self._require_open().add(world, geometry=geometry)
 
     def delete(self, ids: Iterable[BodyId]) -> None:

@@ -26,7 +26,7 @@ from mindstage.bridge.conversions import (
     to_json,
     vector_message,
 )
-from mindstage.engines.base import Capability, PoseArray, SpawnReport
+from mindstage.engines.base import DEFAULT_SPAWN_OPTIONS, Capability, PoseArray, SpawnOptions, SpawnReport
 from mindstage.engines.physics_model import (
     BodyModel,
     JointModel,
@@ -166,7 +166,9 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
 
     # -- the world -----------------------------------------------------------------------------------------------------
 
-    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+    def spawn(
+        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+    ) -> SpawnReport:
         self.ping()  # detects a world that was reset
         poses = np.zeros((0, 7)) if self._world_lost else self._current_poses()
         trial = self._builder.copy()
