@@ -154,7 +154,7 @@ def spawned_map(
         if in_empty_world:
             stack.enter_context(exclusive(simulation))
         with progress_spinner("spawning"), timings.measure("spawn"):
-            report = simulation.spawn(world)
+            report = simulation.spawn(world, check_rest=True)
         yield SpawnedMap(
             simulation=simulation, knowledge=knowledge, world=world, findings=findings, report=report, timings=timings
         )

@@ -140,6 +140,8 @@ class SpawnOptions:
     """Dynamic bodies that are simulated as static ones, such as walls, until `set_physics` is called for them."""
     ground: bool = False
     """Whether a ground plane is added where there is nothing below loose bodies."""
+    settle: bool = True
+    """Whether loose bodies are moved out of what they overlap; otherwise such pairs do not collide."""
 
 
 DEFAULT_SPAWN_OPTIONS = SpawnOptions()
@@ -208,6 +210,10 @@ class Engine(Protocol):
     @property
     def capabilities(self) -> frozenset[Capability]:
         """The optional parts of this protocol that the engine implements."""
+
+    @property
+    def notes(self) -> tuple[SpawnNote, ...]:
+        """Decisions and warnings that are in no report, since edits or the physics caused them."""
 
     @property
     def time_s(self) -> float:

@@ -16,6 +16,7 @@ from mindstage.engines.base import (
     EngineStats,
     PoseArray,
     SavedState,
+    SpawnNote,
     SpawnOptions,
     SpawnReport,
 )
@@ -47,6 +48,10 @@ class NullEngine:
         self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
     ) -> SpawnReport:
         return self._require_open()._registry.add(world).report()
+
+    @property
+    def notes(self) -> tuple[SpawnNote, ...]:
+        return ()
 
     def delete(self, ids: Iterable[BodyId]) -> None:
         self._require_open()._registry.remove(ids)
