@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from mindstage.engines import SpawnReport
+    from mindstage.engines import SpawnNote, SpawnReport
     from mindstage.knowledge import Assumption, Finding, KnowledgeBase
     from mindstage.scene import Statement, World, WorldDiff
     from mindstage.simulation import Simulation
@@ -30,6 +30,7 @@ __all__ = [
     "import_summary",
     "is_complete",
     "losses_json",
+    "notes_json",
     "one_line",
     "print_diff",
     "print_failures",
@@ -38,6 +39,7 @@ __all__ = [
     "print_json",
     "print_line",
     "print_losses",
+    "print_notes",
     "print_records",
     "print_report",
     "print_table",
@@ -319,6 +321,19 @@ def print_moved(report: SpawnReport) -> None:
         warn(f"not at rest: {moved.id} moved by {moved.distance_m:.3g} m in {report.rest_checked_s:g} s{left}")
     if len(report.moved) > _MAX_MOVED:
         warn(f"not at rest: {len(report.moved) - _MAX_MOVED:,} more, see --json")
+
+
+def notes_json(notes: Sequence[SpawnNote]) -> list[dict[str, object]]:
+    """Notes of an engine as JSON objects."""
+    import msgspec
+
+    return [msgspec.to_builtins(note) for note in notes]
+
+
+def print_notes(notes: Sequence[SpawnNote]) -> None:
+    """Prints what an engine decided or noticed while it simulated, a line for each, on stderr."""
+    for note in notes:
+        warn(f"{note.kind.value}: {note.text}")
 
 
 _MAX_CHANGES = 20

@@ -41,7 +41,7 @@ from mindstage.engines.kinematic_tree import (
     pose_from_joint_coordinates,
 )
 from mindstage.engines.mass_properties import MassProperties
-from mindstage.engines.place import MAX_FALL_M, PlaceBounds, find_ground_height, find_unsupported
+from mindstage.engines.place import MAX_FALL_M, PlaceBounds, belongs_to_place, find_ground_height, find_unsupported
 from mindstage.engines.registry import AddResult, EntityRegistry
 from mindstage.engines.settling import KEPT_POSE_TOLERANCE_M, SettlingInput, nested_notes, settle
 from mindstage.errors import PoseUnreachableError
@@ -591,7 +591,7 @@ class PhysicsModelBuilder:
         if not has_ground:
             return []
         is_loose = np.array([self.is_loose(id) for id in ids], dtype=bool)
-        unsupported = self._unsupported_rows(poses, is_loose)
+        unsupported = self._unsupported_rows(poses, is_loose & belongs_to_place(boxes))
         if not len(unsupported):
             self.ground_height_m, self._below_ground = None, set()
             return []

@@ -21,6 +21,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from mindstage.engines import is_remote
 from mindstage.engines.base import (
     Capability,
     Engine,
@@ -33,7 +34,13 @@ from mindstage.engines.base import (
     SpawnReport,
 )
 from mindstage.engines.place import REST_CHECK_S, PlaceBounds, find_moved_bodies
-from mindstage.errors import EngineClosedError, EngineError, InvalidArgumentError, SimulationError
+from mindstage.errors import (
+    EngineClosedError,
+    EngineError,
+    InvalidArgumentError,
+    SimulationDivergedError,
+    SimulationError,
+)
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import AnswerRow, Answers, Question, get_question
 from mindstage.knowledge.questions import StateAccess, WorldState
@@ -328,7 +335,7 @@ class Simulation:
             persistent: whether `reset` restores it; otherwise `reset` removes it.
             ground: whether a ground plane is added where nothing is below loose bodies.
             check_rest: whether the report names the bodies that move away in the first two simulated seconds, which
-                are simulated for that and undone; see `check_rest`.
+                are simulated for that and undone; see `check_rest`. Worlds of remote engines are not checked.
             timeout_s: timeout of the engine call [s]; by default that of the simulation plus 20 ms for each body and
                 joint.
 
@@ -362,7 +369,7 @@ class Simulation:
         default_timeout_s = self.timeout_s + 0.02 * (len(description.bodies) + len(description.joints))
         timeout_s = default_timeout_s if timeout_s is None else timeout_s
         report = self.run_on_engine(spawn, label="spawn", timeout_s=timeout_s, edits=True)
-        if check_rest:
+        if check_rest and not is_remote(self.engine_name):
             report = replace(report, moved=self.check_rest(), rest_checked_s=REST_CHECK_S)
             self._reports = (*self._reports[:-1], report)
         return report
@@ -370,15 +377,16 @@ class Simulation:
     def check_rest(self) -> tuple[MovedBody, ...]:
         """The bodies that move away in the next two simulated seconds, farthest first; the world is then as before.
 
-        An engine that cannot save its state is reset instead.
+        The worlds of an engine that cannot save its state are spawned again instead.
         """
 
         def check(engine: Engine) -> tuple[MovedBody, ...]:
             before = engine.save_state() if Capability.SAVE in engine.capabilities else None
             ids, poses = engine.poses()
             try:
-                for _ in range(round(REST_CHECK_S / _STEP_CHUNK_S)):
-                    engine.step(_STEP_CHUNK_S)
+                with suppress(SimulationDivergedError):  # what diverged is far away
+                    for _ in range(round(REST_CHECK_S / _STEP_CHUNK_S)):
+                        engine.step(_STEP_CHUNK_S)
                 return self._moved_bodies(ids, poses, *engine.poses())
             finally:
                 if before is not None:
