@@ -25,6 +25,7 @@ from mindstage.cli.options import (
     EngineName,
     ExitCode,
     FrameNames,
+    Ground,
     MapArguments,
     MapName,
     Ontologies,
@@ -49,12 +50,14 @@ from mindstage.cli.output import (
     import_summary,
     is_complete,
     losses_json,
+    notes_json,
     print_diff,
     print_findings,
     print_import_summary,
     print_json,
     print_line,
     print_losses,
+    print_notes,
     print_report,
     print_table,
     progress_spinner,
@@ -97,8 +100,8 @@ class SpawnedMap:
 
     @property
     def is_complete(self) -> bool:
-        """Whether everything that the map describes was spawned."""
-        return is_complete(self.report, self.findings)
+        """Whether everything that the map describes was spawned, and stayed where it was."""
+        return is_complete(self.report, self.findings) and self.report.is_at_rest
 
     def to_json(self) -> dict[str, object]:
         """The report, the findings and the assumptions as they appear in JSON."""
@@ -125,6 +128,7 @@ def spawned_map(
     strict: bool,
     assets: list[Path] | None,
     plain_boxes: bool,
+    ground: bool = True,
     in_empty_world: bool = False,
 ) -> Iterator[SpawnedMap]:
     """Reads a map and spawns it; the simulation is closed at the end of the `with` block.
@@ -140,6 +144,7 @@ def spawned_map(
         strict: whether a map with findings is rejected.
         assets: see `simulation_from_options`.
         plain_boxes: see `simulation_from_options`.
+        ground: see `Simulation.spawn`.
         in_empty_world: whether a remote world must be empty, and is cleared at the end; see `exclusive`.
     """
     timings = Timings()
@@ -154,7 +159,7 @@ def spawned_map(
         if in_empty_world:
             stack.enter_context(exclusive(simulation))
         with progress_spinner("spawning"), timings.measure("spawn"):
-            report = simulation.spawn(world)
+            report = simulation.spawn(world, ground=ground, check_rest=True)
         yield SpawnedMap(
             simulation=simulation, knowledge=knowledge, world=world, findings=findings, report=report, timings=timings
         )
@@ -176,6 +181,7 @@ def spawn(
     strict: Strict = False,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
+    ground: Ground = True,
     engine: EngineName = "mujoco",
     with_viewport: WithViewport = True,
     port: Port = 8080,
@@ -185,7 +191,10 @@ def spawn(
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Spawn a map in an engine, print a report, and simulate it; exit 1 if anything could not be spawned."""
+    """Spawn a map, print a report, and simulate it; exit 1 if anything could not be spawned or is not at rest.
+
+    Bodies that move by more than 0.1 m within the first two simulated seconds are not at rest.
+    """
     check_token_given(host, token)
     running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
     with spawned_map(
@@ -199,6 +208,7 @@ def spawn(
         strict=strict,
         assets=assets,
         plain_boxes=plain_boxes,
+        ground=ground,
     ) as spawned:
         output: dict[str, object] = {"map": spawned.world.iri, "engine": spawned.simulation.engine_name}
         output |= {"seconds": spawned.timings.seconds} | spawned.to_json()
@@ -217,8 +227,11 @@ def _run(simulation: Simulation, output: dict[str, object], *, seconds: float, a
     wall_s = step_with_progress(simulation, seconds)
     factor = seconds / wall_s if seconds else None
     if as_json:
-        print_json(output | {"simulated_s": seconds, "real_time_factor": factor})
-    elif factor:
+        notes = notes_json(simulation.notes)
+        print_json(output | {"simulated_s": seconds, "real_time_factor": factor, "notes": notes})
+        return
+    print_notes(simulation.notes)
+    if factor:
         print_line(f"{seconds:g} s simulated in {wall_s:.2f} s: {factor:.1f} times real time")
 
 
@@ -254,6 +267,7 @@ def log(
     strict: Strict = False,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
+    ground: Ground = True,
     engine: EngineName = "mujoco",
     seconds: Annotated[
         float,
@@ -261,7 +275,7 @@ def log(
     ] = 0.0,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Spawn a map, simulate it, and write the resulting world as a map; exit 1 if anything could not be spawned.
+    """Spawn a map, simulate it, and write the world; exit 1 if anything could not be spawned or is not at rest.
 
     Without a map, the world of a remote engine is written.
     """
@@ -279,12 +293,15 @@ def log(
         strict=strict,
         assets=assets,
         plain_boxes=plain_boxes,
+        ground=ground,
     ) as spawned:
         written = _write(spawned.simulation, out, seconds=seconds)
+        notes = spawned.simulation.notes
     if as_json:
         print_json(written | spawned.to_json())
     else:
         spawned.print()
+        print_notes(notes)
         _print_summary(written)
     return ExitCode.OK if spawned.is_complete else ExitCode.NEGATIVE
 
@@ -319,6 +336,7 @@ def _write(simulation: Simulation, out: Path, *, seconds: float) -> dict[str, ob
         logged = simulation.snapshot()
         save_map(logged, out)
     return {
+        "notes": notes_json(simulation.notes),
         "map": logged.iri,
         "engine": simulation.engine_name,
         "simulated_s": seconds,
@@ -351,12 +369,13 @@ def check(
     strict: Strict = False,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
+    ground: Ground = True,
     engine: EngineName = "mujoco",
     delta: Delta = 0.0,
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Spawn a map, log it, write it, read it again, and compare; exit 0 only if nothing was lost.
+    """Spawn a map, log it, write it, read it again, and compare; exit 0 only if nothing was lost or moved away.
 
     The round trip is: map, engine, snapshot, OWL file in the dialect of the map, map. The worlds and all statements of
     the map are compared.
@@ -376,6 +395,7 @@ def check(
         strict=strict,
         assets=assets,
         plain_boxes=plain_boxes,
+        ground=ground,
         in_empty_world=True,
     ) as spawned:
         engine_name, world, timings = spawned.simulation.engine_name, spawned.world, spawned.timings
