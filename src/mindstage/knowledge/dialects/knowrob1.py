@@ -14,13 +14,14 @@ so the exact pose is written in the vocabulary of dialect 1 and the perception o
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from math import floor, isfinite
 from typing import NamedTuple
 
 import numpy as np
 
+from mindstage.knowledge.dialects.conventions import QuaternionOrder
 from mindstage.knowledge.dialects.joints import (
     JointLimits,
     JointRange,
@@ -36,6 +37,7 @@ from mindstage.knowledge.dialects.poses import MatrixPose, NumberReader, pose_fr
 from mindstage.knowledge.dialects.semlog import read_semlog
 from mindstage.knowledge.dialects.soma import is_soma, read_soma
 from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.dialects.units import decide_quaternion_order, guess_units
 from mindstage.knowledge.rdf import Graph, local_name, part_name
 from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.rdf_mapping.serialize import SubjectBlock
@@ -110,8 +112,9 @@ class _Perception(NamedTuple):
 class PerceivedPoses:
     """The poses of individuals by perceptions and by their `orientation`."""
 
-    def __init__(self, graph: Graph) -> None:
+    def __init__(self, graph: Graph, *, quaternion_order: QuaternionOrder = QuaternionOrder.WXYZ) -> None:
         self._graph = graph
+        self._quaternion_order = quaternion_order
         self._by_individual: dict[Iri, list[_Perception]] = {}
         for facts in graph.values():
             self._collect(facts)
@@ -135,6 +138,16 @@ class PerceivedPoses:
         )
         return [*perceptions, *own]
 
+    def quaternions(self, individuals: Iterable[Iri]) -> list[tuple[float, ...]]:
+        """Returns the quaternions of individuals whose latest pose is not a matrix, as given."""
+        found: list[tuple[float, ...]] = []
+        for individual in individuals:
+            for perception in self.perceptions_of(individual)[:1]:
+                pose = _pose_from_facts(self._facts(perception.pose_node), QuaternionOrder.WXYZ)
+                if pose is not None:
+                    found.append(pose.quaternion)
+        return found
+
     def latest_pose(self, normalizer: DialectNormalizer, individual: Iri) -> MatrixPose | None:
         """Returns the latest valid pose of an individual, or None; repairs and invalid poses are reported."""
         for perception in self.perceptions_of(individual):
@@ -152,7 +165,7 @@ class PerceivedPoses:
         name = local_name(node.iri) if isinstance(node, IriRef) else "its matrix"
         if not facts:
             return f"{name} is not described anywhere"
-        if pose := _pose_from_facts(facts):
+        if pose := _pose_from_facts(facts, self._quaternion_order):
             return MatrixPose(pose)
         return self._parse_matrix(name, facts)
 
@@ -194,7 +207,7 @@ def _time_of(value: FactValue) -> float:
     return float(seconds[1]) if seconds else -np.inf
 
 
-def _pose_from_facts(facts: list[PropertyAssertion]) -> Pose | None:
+def _pose_from_facts(facts: list[PropertyAssertion], order: QuaternionOrder) -> Pose | None:
     """Reads a pose given by translation and quaternion, as in the latest maps of this dialect; None if incomplete."""
     found: dict[Iri, Array] = {}
     for codec in (codecs.TRANSLATION, codecs.QUATERNION):
@@ -204,7 +217,8 @@ def _pose_from_facts(facts: list[PropertyAssertion]) -> Pose | None:
             return None
         found[codec.property] = np.array(value)
     x, y, z = found[codecs.TRANSLATION.property].tolist()
-    w, i, j, k = found[codecs.QUATERNION.property].tolist()
+    a, b, c, d = found[codecs.QUATERNION.property].tolist()
+    w, i, j, k = (d, a, b, c) if order is QuaternionOrder.XYZW else (a, b, c, d)
     return Pose((x, y, z), (w, i, j, k))
 
 
@@ -225,18 +239,21 @@ def find_joints(normalizer: DialectNormalizer) -> Mapping[Iri, JointType | None]
     return joints
 
 
-def add_joints(normalizer: DialectNormalizer, joints: Mapping[Iri, JointType | None]) -> None:
+def add_joints(
+    normalizer: DialectNormalizer, joints: Mapping[Iri, JointType | None], number_reader: NumberReader
+) -> None:
     """Adds every joint of a map to the normalizer, with the bodies that it connects and its motion."""
-    _Knowrob1JointReader(normalizer, joints).run()
+    _Knowrob1JointReader(normalizer, joints, number_reader).run()
 
 
 class _Knowrob1JointReader:
     """Reads the joints of a map."""
 
-    def __init__(self, normalizer: DialectNormalizer, joints: Mapping[Iri, JointType | None]) -> None:
-        self.normalizer, self.joints = normalizer, joints
-        self.perceived_poses = PerceivedPoses(normalizer.source_map.graph)
-        self.number_reader = NumberReader(normalizer.source_map.conventions)
+    def __init__(
+        self, normalizer: DialectNormalizer, joints: Mapping[Iri, JointType | None], number_reader: NumberReader
+    ) -> None:
+        self.normalizer, self.joints, self.number_reader = normalizer, joints, number_reader
+        self.perceived_poses = PerceivedPoses(normalizer.source_map.graph, quaternion_order=number_reader.order)
         self.inferred: dict[str, list[Iri]] = {}
         self.parts = {
             member: [part for part in normalizer.references(member, *TO_PARTS) if part in normalizer.poses]
@@ -444,14 +461,12 @@ def _normalize(normalizer: DialectNormalizer) -> SourceMap:
     source_map = normalizer.source_map
     joints = find_joints(normalizer)
     numbers = NumberReader(source_map.conventions)
-    _set_poses(
-        normalizer,
-        [each for each in source_map.members if each not in joints and not _has_pose(source_map, each)],
-        numbers,
-    )
+    unplaced = [each for each in source_map.members if each not in joints and not _has_pose(source_map, each)]
+    _decide_conventions(normalizer, unplaced, numbers)
+    _set_poses(normalizer, unplaced, numbers)
     _set_sizes(normalizer, numbers)
     numbers.report_assumptions(normalizer)
-    add_joints(normalizer, joints)
+    add_joints(normalizer, joints, numbers)
     _attach_parts(normalizer)
     normalizer.make_jointed_dynamic()
     return normalizer.normalized()
@@ -461,10 +476,21 @@ def _has_pose(source_map: SourceMap, individual: Iri) -> bool:
     return any(fact.property == HAS_POSE for fact in source_map.graph.get(individual, ()))
 
 
+def _decide_conventions(normalizer: DialectNormalizer, individuals: list[Iri], number_reader: NumberReader) -> None:
+    """Decides units and quaternion order by the numbers of individuals: m and w x y z unless ruled out."""
+    lengths = {each: [_read_length(normalizer, each, axis) for axis in range(3)] for each in individuals}
+    sizes = {each: [x for x in row if x is not None] for each, row in lengths.items() if None not in row}
+    number_reader.consider_units(guess_units(normalizer.source_map, sizes))
+    if quaternions := PerceivedPoses(normalizer.source_map.graph).quaternions(individuals):
+        number_reader.order = decide_quaternion_order(
+            normalizer.source_map, quaternions, number_reader.order, dialect=KNOWROB1_DIALECT
+        )
+
+
 def _set_poses(normalizer: DialectNormalizer, individuals: list[Iri], number_reader: NumberReader) -> None:
     """Adds the poses of individuals."""
     source_map = normalizer.source_map
-    perceptions = PerceivedPoses(source_map.graph)
+    perceptions = PerceivedPoses(source_map.graph, quaternion_order=number_reader.order)
     matrix_poses = {}
     for individual in individuals:
         matrix_pose = perceptions.latest_pose(normalizer, individual)

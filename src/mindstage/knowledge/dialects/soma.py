@@ -25,6 +25,7 @@ from mindstage.knowledge.dialects.normalize import DialectNormalizer, abbreviate
 from mindstage.knowledge.dialects.poses import NumberReader
 from mindstage.knowledge.dialects.soma_nodes import RdfNode, RdfNodes
 from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.dialects.units import decide_quaternion_order, guess_units
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.vocabulary import (
@@ -250,11 +251,12 @@ def read_soma(source_map: SourceMap) -> World:
 def _read_normalized(normalizer: DialectNormalizer) -> World:
     reader, source_map = _SomaReader(normalizer), normalizer.source_map
     unplaced = [member for member in source_map.members if _lacks_pose(source_map, member)]
+    reader.decide_conventions(unplaced)
     reader.set_poses(unplaced)
     for individual in normalizer.poses:
         reader.set_size(individual)
         reader.set_color(individual)
-    reader.number_reader.report_assumptions(normalizer, quaternions=True)
+    reader.number_reader.report_assumptions(normalizer)
     reader.add_existing_poses()
     add_joints(normalizer, reader.nodes, reader.number_reader)
     reader.attach_parts()
@@ -276,6 +278,26 @@ class _SomaReader:
         self.number_reader = NumberReader(normalizer.source_map.conventions, order=QuaternionOrder.XYZW)
 
     # -- poses ---------------------------------------------------------------------------------------------------------
+
+    def decide_conventions(self, individuals: Sequence[Iri]) -> None:
+        """Decides units and quaternion order by the numbers of some individuals: m and x y z w unless ruled out."""
+        extents = {
+            individual: found
+            for individual in individuals
+            if (found := next(filter(any, map(self._extents, self._nodes_of(individual, HAS_SHAPE))), ()))
+        }
+        self.number_reader.consider_units(guess_units(self.normalizer.source_map, extents))
+        given: list[tuple[float, ...]] = []
+        for individual in individuals:
+            for node in self.nodes.descendants(self.nodes.node_named(individual), HAS_LOCALIZATION):
+                rotation = node.numbers(*_ROTATION)
+                if len(rotation) == 4 and any(rotation):
+                    given.append(tuple(rotation))
+                    break
+        if given:
+            self.number_reader.order = decide_quaternion_order(
+                self.normalizer.source_map, given, QuaternionOrder.XYZW, dialect="SOMA"
+            )
 
     def set_poses(self, individuals: list[Iri]) -> None:
         """Adds the poses of individuals, converted to the map frame."""
