@@ -23,16 +23,18 @@ import numpy as np
 
 from mindstage.knowledge.dialects.conventions import QuaternionOrder
 from mindstage.knowledge.dialects.joints import (
+    HingeEvidence,
+    InferredAxis,
     JointLimits,
     JointRange,
     JointType,
-    ObservedBox,
     infer_hinge_axis,
     infer_prismatic_axis,
     joint_from_axis,
+    opening_range,
 )
 from mindstage.knowledge.dialects.membership import types_of
-from mindstage.knowledge.dialects.normalize import DialectNormalizer, abbreviated_names
+from mindstage.knowledge.dialects.normalize import DialectNormalizer, abbreviated_names, abbreviated_texts
 from mindstage.knowledge.dialects.poses import MatrixPose, NumberReader, pose_from_matrix, resolve_pose_frames
 from mindstage.knowledge.dialects.semlog import read_semlog
 from mindstage.knowledge.dialects.soma import is_soma, read_soma
@@ -64,6 +66,7 @@ from mindstage.knowledge.vocabulary import (
     xsd,
 )
 from mindstage.scene import BlankNode, Body, FactValue, Iri, IriRef, Literal, Pose, PropertyAssertion, World
+from mindstage.scene.kinematics import ObservedBox
 from mindstage.scene.transforms import Array, normalized_pose_array, rotation_matrix
 
 __all__ = [
@@ -255,6 +258,7 @@ class _Knowrob1JointReader:
         self.normalizer, self.joints, self.number_reader = normalizer, joints, number_reader
         self.perceived_poses = PerceivedPoses(normalizer.source_map.graph, quaternion_order=number_reader.order)
         self.inferred: dict[str, list[Iri]] = {}
+        self.evidence: list[str] = []
         self.parts = {
             member: [part for part in normalizer.references(member, *TO_PARTS) if part in normalizer.poses]
             for member in normalizer.members
@@ -281,6 +285,8 @@ class _Knowrob1JointReader:
             )
         for attribute, joints in self.inferred.items():
             evidence = f"{len(joints)} joints do not give it, such as {abbreviated_names(joints)}"
+            if self.evidence:
+                evidence += f"; {abbreviated_texts(self.evidence)}"
             self.normalizer.source_map.record_assumption(
                 f"joints: {attribute}", "inferred from poses and sizes", evidence
             )
@@ -335,29 +341,75 @@ class _Knowrob1JointReader:
 
     def _joint_limits(self, joint: Iri, joint_type: JointType, parent: Iri, child: Iri) -> JointLimits:
         range = self._range(joint, joint_type)
-        origin, axis = self._origin(joint), self._axis(joint)
-        if origin is None or (axis is None and joint_type is not JointType.FIXED):
+        pose, axis = self._pose(joint), self._axis(joint)
+        origin = None if pose is None else pose[:3]
+        if joint_type is not JointType.FIXED:
             for attribute, given in (("position", origin), ("axis", axis)):
-                if given is None and joint_type is not JointType.FIXED:
+                if given is None:
                     self.inferred.setdefault(attribute, []).append(joint)
-            boxes = self._box(parent), self._box(child), self._find_handle(child)
-            if joint_type is JointType.REVOLUTE:
-                radius = next(iter(self._numbers(joint, _TURN_RADIUS)), None)
-                inferred = infer_hinge_axis(*boxes, range, origin=origin, radius=radius)
-            else:
-                inferred = infer_prismatic_axis(*boxes)
+        boxes = self._box(parent), self._box(child), self._find_handle(child)
+        if joint_type is JointType.REVOLUTE:
+            inferred, conflicts = infer_hinge_axis(
+                HingeEvidence(
+                    parent=boxes[0],
+                    child=boxes[1],
+                    handle=boxes[2],
+                    range=range,
+                    origin=origin,
+                    axis=axis,
+                    frame=None if pose is None else rotation_matrix(pose[3:]).T,
+                    radius=next(iter(self._numbers(joint, _TURN_RADIUS)), None),
+                    class_names=self._class_names(parent, child),
+                )
+            )
+            for conflict in conflicts:
+                self.normalizer.warn(joint, _DIRECTION if axis is not None else "", conflict, "it is inferred instead")
+            origin, axis = inferred.origin, inferred.axis
+            self.evidence.append(f"{local_name(joint)}: {inferred.evidence}")
+        elif origin is None or axis is None:
+            inferred = infer_prismatic_axis(*boxes)
             origin = inferred.origin if origin is None else origin
+            inferred = inferred if axis is None else inferred._replace(opens=int(np.sign(inferred.axis @ axis)))
             axis = inferred.axis if axis is None else axis
+        else:
+            inferred = InferredAxis(origin, axis, "it is given")
+        if range is None:
+            range = self._missing_range(joint, joint_type, boxes[1], inferred)
         return joint_from_axis(joint_type, origin, np.array([1.0, 0.0, 0.0]) if axis is None else axis, range)
 
-    def _range(self, joint: Iri, joint_type: JointType) -> JointRange:
+    def _missing_range(
+        self, joint: Iri, joint_type: JointType, child: ObservedBox, inferred: InferredAxis
+    ) -> JointRange:
+        """Returns an assumed range of a joint that gives none or half of one; None if it may move without limits."""
         if joint_type not in (JointType.REVOLUTE, JointType.PRISMATIC):
             return None
-        values = [next(iter(self._numbers(joint, property)), None) for property in JOINT_VALUES]
-        lower, upper = values
+        assumed = opening_range(child, inferred, joint_type)
+        given = [next(iter(self._numbers(joint, property)), None) for property in JOINT_VALUES]
+        if joint_type is JointType.PRISMATIC:
+            given = [None if value is None else self.number_reader.length(value) for value in given]
+        if assumed is None:
+            action = "it may move without limits"
+        else:
+            # A limit that is given is kept.
+            lower, upper = (own if value is None else value for value, own in zip(given, assumed, strict=True))
+            assumed = (lower, upper) if lower < upper else assumed
+            unit = "m" if joint_type is JointType.PRISMATIC else "rad"
+            action = f"it opens outwards, by {max(map(abs, assumed)):.3g} {unit}"
+        self.normalizer.warn(joint, JOINT_VALUES[given.index(None)], "it has no valid limit", action)
+        return assumed
+
+    def _class_names(self, *bodies: Iri) -> list[str]:
+        """Returns the local names of the classes of some bodies and of the superclasses of these."""
+        types = [cls for body in bodies for cls in types_of(self.normalizer.graph.get(body, ()))]
+        above = [upper for cls in types for upper in self.normalizer.source_map.hierarchy.ancestors(cls)]
+        return [local_name(cls) for cls in (*types, *above)]
+
+    def _range(self, joint: Iri, joint_type: JointType) -> JointRange:
+        """Returns the range that a joint gives, or None."""
+        if joint_type not in (JointType.REVOLUTE, JointType.PRISMATIC):
+            return None
+        lower, upper = (next(iter(self._numbers(joint, property)), None) for property in JOINT_VALUES)
         if lower is None or upper is None:
-            missing = [property for property, value in zip(JOINT_VALUES, values, strict=True) if value is None]
-            self.normalizer.warn(joint, missing[0], "it has no valid limit", "it may move without limits")
             return None
         if lower > upper:
             problem = f"its lower limit {lower:g} is above its upper limit {upper:g}"
@@ -367,11 +419,12 @@ class _Knowrob1JointReader:
             lower, upper = self.number_reader.lengths((lower, upper))
         return lower, upper
 
-    def _origin(self, joint: Iri) -> Array | None:
+    def _pose(self, joint: Iri) -> Array | None:
+        """Returns the pose of a joint, seven numbers, or None."""
         if not self.perceived_poses.perceptions_of(joint):
             return None
         matrix_pose = self.perceived_poses.latest_pose(self.normalizer, joint)
-        return None if matrix_pose is None else np.array(self.number_reader.pose(matrix_pose.pose).position)
+        return None if matrix_pose is None else normalized_pose_array(self.number_reader.pose(matrix_pose.pose))
 
     def _axis(self, joint: Iri) -> Array | None:
         for value in self.normalizer.values(joint, _DIRECTION):
@@ -402,10 +455,18 @@ class _Knowrob1JointReader:
         return ObservedBox(self.normalizer.poses[body], self.normalizer.sizes.get(body))
 
     def _find_handle(self, child: Iri) -> ObservedBox | None:
-        """Returns the part of a child that it is most likely pulled by: a handle, or for a drawer possibly its door."""
+        """Returns what a child is most likely pulled by: a handle, its knobs, or for a drawer possibly its door."""
         parts = [part for part in self.parts[child] if part not in self.joints]
-        parts.sort(key=lambda part: not self.normalizer.class_name_contains(part, "Handle"))
+        for word in ("Handle", "Knob"):
+            if named := [part for part in parts if self.normalizer.class_name_contains(part, word)]:
+                return _mean_box([self._box(part) for part in named])
         return self._box(parts[0]) if parts else None
+
+
+def _mean_box(boxes: Sequence[ObservedBox]) -> ObservedBox:
+    """Returns the first of some boxes, at the mean of their positions."""
+    x, y, z = np.mean([box.center for box in boxes], axis=0).tolist()
+    return ObservedBox(Pose((x, y, z), boxes[0].pose.quaternion), boxes[0].size)
 
 
 def perception_blocks(body: Body, graph: Graph, used_names: Container[str]) -> Iterator[SubjectBlock]:
