@@ -17,26 +17,21 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.options import (
+    DEFAULT_READING,
     AsJson,
     AssetFolders,
-    Bundled,
-    ConventionOptions,
     Delta,
     EngineName,
     ExitCode,
-    FrameNames,
     MapArguments,
     MapName,
-    Ontologies,
+    MapReading,
     PageHost,
     PageToken,
     PlainBoxes,
     Port,
-    QuaternionOrders,
-    Robots,
     Seconds,
     Strict,
-    UnitNames,
     Verbose,
     WithViewport,
     close_at_end,
@@ -118,10 +113,7 @@ def spawned_map(
     map_name: str | None,
     engine: Engine,
     *,
-    ontologies: list[str] | None,
-    bundled: bool,
-    robots: list[str] | None,
-    conventions: ConventionOptions,
+    reading: MapReading,
     strict: bool,
     assets: list[Path] | None,
     plain_boxes: bool,
@@ -133,10 +125,7 @@ def spawned_map(
         maps: the sources, loaded into one knowledge base.
         map_name: the map to spawn; by default the only one.
         engine: the engine, which the simulation owns.
-        ontologies: see `knowledge_base`.
-        bundled: see `knowledge_base`.
-        robots: see `knowledge_base`.
-        conventions: see `knowledge_base`.
+        reading: see `knowledge_base`.
         strict: whether a map with findings is rejected.
         assets: see `simulation_from_options`.
         plain_boxes: see `simulation_from_options`.
@@ -144,7 +133,7 @@ def spawned_map(
     """
     timings = Timings()
     with progress_spinner("reading"), timings.measure("load"):
-        knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled, robots=robots, conventions=conventions)
+        knowledge = knowledge_base(maps, reading)
         world = knowledge.world(map_name)
     findings = findings_about(world, knowledge, strict=strict)
     with ExitStack() as stack:
@@ -167,12 +156,7 @@ def spawn(
     maps: MapArguments,
     *,
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
-    units: UnitNames = None,
-    frame: FrameNames = None,
-    quaternion: QuaternionOrders = None,
+    reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
@@ -192,10 +176,7 @@ def spawn(
         maps,
         map_name,
         running,
-        ontologies=ontologies,
-        bundled=bundled,
-        robots=robots,
-        conventions=ConventionOptions(units, frame, quaternion),
+        reading=reading,
         strict=strict,
         assets=assets,
         plain_boxes=plain_boxes,
@@ -245,12 +226,7 @@ def log(
         ),
     ],
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
-    units: UnitNames = None,
-    frame: FrameNames = None,
-    quaternion: QuaternionOrders = None,
+    reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
@@ -272,10 +248,7 @@ def log(
         maps,
         map_name,
         running,
-        ontologies=ontologies,
-        bundled=bundled,
-        robots=robots,
-        conventions=ConventionOptions(units, frame, quaternion),
+        reading=reading,
         strict=strict,
         assets=assets,
         plain_boxes=plain_boxes,
@@ -342,12 +315,7 @@ def check(
     maps: MapArguments,
     *,
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
-    units: UnitNames = None,
-    frame: FrameNames = None,
-    quaternion: QuaternionOrders = None,
+    reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
@@ -369,10 +337,7 @@ def check(
         maps,
         map_name,
         running,
-        ontologies=ontologies,
-        bundled=bundled,
-        robots=robots,
-        conventions=ConventionOptions(units, frame, quaternion),
+        reading=reading,
         strict=strict,
         assets=assets,
         plain_boxes=plain_boxes,
@@ -385,7 +350,7 @@ def check(
         origin = spawned.knowledge.source_view(world.iri)
         needs_turtle = any(Path(map).suffix.lower() in _NON_XML_SUFFIXES for map in maps)
         name = "logged.ttl" if needs_turtle else "logged.owl"
-        written = _file_round_trip(name, logged, origin, ontologies=ontologies, bundled=bundled)
+        written = _file_round_trip(name, logged, origin, reading)
         written.world(world.iri)
     with progress_spinner("comparing"), timings.measure("compare"):
         by_engine, found, lost = _compare_round_trip(world, logged, written, origin, delta)
@@ -403,15 +368,14 @@ def check(
     return ExitCode.OK if identical and spawned.is_complete else ExitCode.NEGATIVE
 
 
-def _file_round_trip(
-    name: str, world: World, origin: SourceMapView, *, ontologies: list[str] | None, bundled: bool
-) -> KnowledgeBase:
+def _file_round_trip(name: str, world: World, origin: SourceMapView, reading: MapReading) -> KnowledgeBase:
     from mindstage.knowledge import save_map
 
     with TemporaryDirectory(prefix="mindstage-") as folder:
         path = Path(folder, name)
         save_map(world, path, source_view=origin)
-        return knowledge_base([str(path)], ontologies=ontologies, bundled=bundled)
+        # The written map must state what it was read with, so it is read without robots and conventions.
+        return knowledge_base([str(path)], MapReading(ontologies=reading.ontologies, bundled=reading.bundled))
 
 
 def _compare_round_trip(
