@@ -277,6 +277,8 @@ def report_json(report: SpawnReport) -> dict[str, object]:
         "failed_constraints": msgspec.to_builtins(report.failed_joints),
         "failed_attachments": msgspec.to_builtins(report.failed_attachments),
         "warnings": msgspec.to_builtins(report.notes),
+        "moved": msgspec.to_builtins(report.moved),
+        "rest_checked_s": report.rest_checked_s,
     }
 
 
@@ -289,6 +291,7 @@ def print_report(report: SpawnReport, *, title: str, verbose: bool) -> None:
     )
     print_table(title, ("", "spawned", "failed"), [(kind, done, len(failed)) for kind, done, failed in kinds])
     print_failures(report)
+    print_moved(report)
     if report.notes and verbose:
         rows = [(note.kind.value, ", ".join(note.ids), note.text) for note in report.notes]
         print_table("Assumptions of the engine", ("topic", "about", "assumption"), rows)
@@ -303,6 +306,19 @@ def print_failures(report: SpawnReport) -> None:
     for kind, failures in (*kinds, ("attachment", report.failed_attachments)):
         for failure in failures:
             warn(f"{kind} not spawned: {failure.id}: {failure.reason}")
+
+
+_MAX_MOVED = 20
+"""Limit of the printed bodies that moved; JSON contains all."""
+
+
+def print_moved(report: SpawnReport) -> None:
+    """Prints the bodies that did not stay where they were spawned, a line for each."""
+    for moved in report.moved[:_MAX_MOVED]:
+        left = " and left the place" if moved.left_place else ""
+        warn(f"not at rest: {moved.id} moved by {moved.distance_m:.3g} m in {report.rest_checked_s:g} s{left}")
+    if len(report.moved) > _MAX_MOVED:
+        warn(f"not at rest: {len(report.moved) - _MAX_MOVED:,} more, see --json")
 
 
 _MAX_CHANGES = 20

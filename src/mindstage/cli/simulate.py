@@ -92,8 +92,8 @@ class SpawnedMap:
 
     @property
     def is_complete(self) -> bool:
-        """Whether everything that the map describes was spawned."""
-        return is_complete(self.report, self.findings)
+        """Whether everything that the map describes was spawned, and stayed where it was."""
+        return is_complete(self.report, self.findings) and self.report.is_at_rest
 
     def to_json(self) -> dict[str, object]:
         """The report, the findings and the assumptions as they appear in JSON."""
@@ -143,7 +143,7 @@ def spawned_map(
         if in_empty_world:
             stack.enter_context(exclusive(simulation))
         with progress_spinner("spawning"), timings.measure("spawn"):
-            report = simulation.spawn(world)
+            report = simulation.spawn(world, check_rest=True)
         yield SpawnedMap(
             simulation=simulation, knowledge=knowledge, world=world, findings=findings, report=report, timings=timings
         )

@@ -15,7 +15,20 @@ import numpy as np
 
 from mindstage.engines.base import SpawnFailure, SpawnNote, SpawnReport
 from mindstage.errors import AttachmentError, BodyExistsError, BodyNotFoundError, PoseUnreachableError
-from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, Color, Iri, Joint, Light, Material, Pose, World
+from mindstage.scene import (
+    Attachment,
+    Body,
+    BodyId,
+    BodyPhysics,
+    Color,
+    Iri,
+    Joint,
+    Light,
+    Material,
+    Mobility,
+    Pose,
+    World,
+)
 from mindstage.scene.transforms import Array, pose_array, pose_from_array, quat_angle
 
 __all__ = ["AddResult", "EntityRegistry", "pose_error"]
@@ -56,6 +69,8 @@ class EntityRegistry:
         self.parents: dict[BodyId, BodyId] = {}
         """The parent of each attached child."""
         self.highlighted: dict[BodyId, Color] = {}
+        self.immovable: set[BodyId] = set()
+        """Dynamic bodies that are simulated as static ones, until their physics is replaced."""
         self._children: dict[BodyId, dict[BodyId, None]] = {}  # dict as ordered set
         self._worlds: list[World] = []
         self._ids: tuple[BodyId, ...] | None = None
@@ -66,6 +81,7 @@ class EntityRegistry:
         twin.bodies, twin.joints, twin.lights = dict(self.bodies), dict(self.joints), dict(self.lights)
         twin.parents, twin.highlighted = dict(self.parents), dict(self.highlighted)
         twin._children = {parent: dict(children) for parent, children in self._children.items()}
+        twin.immovable = set(self.immovable)
         twin._worlds, twin._ids = list(self._worlds), self._ids
         return twin
 
@@ -86,6 +102,10 @@ class EntityRegistry:
             return self.bodies[id]
         except KeyError:
             raise BodyNotFoundError(id, known=self.bodies, world=self._worlds[0].name if self._worlds else "") from None
+
+    def mobility(self, id: BodyId) -> Mobility:
+        """The mobility with which a body is simulated: static by default, and for immovable bodies."""
+        return Mobility.STATIC if id in self.immovable else self.bodies[id].physics.mobility or Mobility.STATIC
 
     def children(self, id: BodyId) -> tuple[BodyId, ...]:
         """The bodies that are attached directly to a body."""
@@ -184,6 +204,8 @@ class EntityRegistry:
             PoseUnreachableError: the pose is not finite, or its quaternion is zero.
         """
         body = self.body(id)
+        if physics is not None:
+            self.immovable.discard(id)
         if pose is not None and (reason := pose_error(pose)):
             raise PoseUnreachableError(id, reason=reason)
         self.bodies[id] = msgspec.structs.replace(
@@ -231,6 +253,7 @@ class EntityRegistry:
                 self.detach(child)
             self.detach(id)
             del self.bodies[id]
+            self.immovable.discard(id)
             self._children.pop(id, None)
         self.highlighted = {id: color for id, color in self.highlighted.items() if id not in removed}
         self.joints = {
