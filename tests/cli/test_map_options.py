@@ -19,7 +19,7 @@ from tests.cli.runner import Run, WriteMap, json_output
 
 VERBS: dict[str, Any] = typer.main.get_command(app).commands  # type: ignore[attr-defined]
 SHARED = {field.name for field in fields(MapReading)}
-OPTIONS = {"--ontology", "--no-bundled-ontology", "--urdf", "--units", "--frame", "--quaternion"}
+OPTIONS = {"--ontology", "--no-bundled-ontology", "--urdf", "--units", "--frame", "--quaternion", "--sizes"}
 
 # A table of 2 x 1 x 0.8 stands upright with a quaternion x y z w; read as w x y z it lies on its head.
 QUATERNION_MAP = """
@@ -49,6 +49,10 @@ def test_a_verb_that_takes_maps_takes_all_options_of_reading_them(name: str) -> 
     verb = VERBS[name]
     assert {each.name for each in verb.params} >= SHARED
     assert {option.strip() for each in verb.params for option in (*each.opts, *each.secondary_opts)} >= OPTIONS
+
+
+def test_every_convention_has_an_option() -> None:
+    assert set(UnitConventions.__struct_fields__) <= SHARED
 
 
 @pytest.mark.parametrize("name", ["open", "load", "diff", "connect", "load_knowledge"])

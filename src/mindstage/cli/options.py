@@ -17,7 +17,7 @@ from enum import IntEnum
 from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, get_args, get_type_hints
 
 import typer
 
@@ -312,6 +312,16 @@ QuaternionOrders = Annotated[
     ),
 ]
 
+SizeFrames = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--sizes",
+        metavar="[MAP=]FRAME",
+        help="The axes that sizes of classes are measured along: body, or world (Unreal's loggers until June 2021).",
+        show_default=False,
+    ),
+]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapReading:
@@ -326,6 +336,7 @@ class MapReading:
     units: UnitNames = None
     frame: FrameNames = None
     quaternion: QuaternionOrders = None
+    sizes: SizeFrames = None
 
     def conventions(self, maps: Sequence[str]) -> list[UnitConventions]:
         """The conventions of each map; a value for one map overrides a value for all maps.
@@ -333,15 +344,13 @@ class MapReading:
         Raises:
             InvalidArgumentError: a value is invalid, or refers to a map that is not loaded.
         """
-        from mindstage.knowledge import Handedness, LengthUnit, QuaternionOrder, UnitConventions
+        from msgspec.structs import fields as struct_fields
 
-        units = _by_map("--units", self.units, maps, LengthUnit)
-        frames = _by_map("--frame", self.frame, maps, Handedness)
-        orders = _by_map("--quaternion", self.quaternion, maps, QuaternionOrder)
-        return [
-            UnitConventions(units=unit, frame=frame, quaternion=order)  # type: ignore[arg-type]
-            for unit, frame, order in zip(units, frames, orders, strict=True)
-        ]
+        from mindstage.knowledge import UnitConventions
+
+        kinds = {field.name: get_args(field.type)[0] for field in struct_fields(UnitConventions)}
+        given = {name: _by_map(f"--{name}", getattr(self, name), maps, kind) for name, kind in kinds.items()}
+        return [UnitConventions(**{name: given[name][at] for name in kinds}) for at in range(len(maps))]  # type: ignore[arg-type]
 
 
 DEFAULT_READING = MapReading()

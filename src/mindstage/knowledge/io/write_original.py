@@ -16,7 +16,7 @@ from itertools import chain
 import msgspec
 
 from mindstage.knowledge.dialects import read_world
-from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
+from mindstage.knowledge.dialects.conventions import SI, Assumption, UnitConventions
 from mindstage.knowledge.dialects.knowrob1 import KNOWROB1_DIALECT, perception_blocks
 from mindstage.knowledge.dialects.membership import individuals_by_map, is_membership
 from mindstage.knowledge.dialects.soma_export import SOMA_DIALECT, SomaPoseWriter, write_as_soma
@@ -37,9 +37,12 @@ from mindstage.knowledge.vocabulary import (
     CHILD,
     DIALECT,
     FRAME,
+    GIVEN_PIVOT,
+    GIVEN_SIZES,
     HAS_POSE,
     PARENT,
     QUATERNION_ORDER,
+    SIZES,
     UNITS,
 )
 from mindstage.scene import (
@@ -63,7 +66,7 @@ _DEFINITION_SECTIONS = 3
 """Number of leading sections: ontologies, properties and classes."""
 _PART_PROPERTIES = frozenset(part.property for part in NESTED_RESOURCES)
 _ORIGINAL_PROPERTIES = frozenset(map(original_property, CONVERTED_PROPERTIES))
-_DECLARATIONS = frozenset({UNITS, FRAME, QUATERNION_ORDER})
+_DECLARATIONS = frozenset({UNITS, FRAME, QUATERNION_ORDER, SIZES, GIVEN_SIZES})
 
 
 def write_in_source_dialect(
@@ -92,6 +95,7 @@ class _SourceDialectWriter:
         self.notes: list[str] = []
         self.target = _without_original_numbers(world)
         self.conventions = None if is_converted(self.source_map) else original_conventions(world.facts)
+        self.has_boxes = _has_inferred_boxes(all_sections)
         self.source_order = {subject: at for at, subject in enumerate(self.source_map.graph)}
         self._statements: dict[Iri, dict[PropertyAssertion, list[PropertyAssertion]]] = {}
 
@@ -100,14 +104,14 @@ class _SourceDialectWriter:
         difference = self._difference(source)
         if difference.identical():
             return self._sections(self._unchanged_blocks())
-        full = self._in_source_order(
-            [self._in_source_dialect(block) for section in self.all_sections for block in section.blocks]
-        )
-        first = self._changed_subjects(difference, full)
-        for excluded in (_DECLARATIONS, frozenset[Iri]()) if self.conventions else (frozenset[Iri](),):
+        all_blocks = [block for section in self.all_sections for block in section.blocks]
+        # First without declarations, then with them, then with the boxes that were inferred instead of their evidence.
+        attempts = [(_DECLARATIONS, True), (frozenset[Iri](), True), (frozenset[Iri](), False)]
+        for excluded, as_given in attempts if self.conventions or self.has_boxes else attempts[1:2]:
+            full = self._in_source_order([self._in_source_dialect(block, as_given=as_given) for block in all_blocks])
             # Values of a touched subject are replaced. If that is not enough, everything about it is stated.
             replaced, restated = set[Iri](), set[Iri]()
-            touched = first if excluded or not self.conventions else set[Iri]()
+            touched = set[Iri]()
             while True:
                 restated |= touched & replaced
                 replaced |= touched
@@ -147,13 +151,17 @@ class _SourceDialectWriter:
                 found.setdefault(canonical_statement(fact), []).append(fact)
         return found
 
-    def _in_source_dialect(self, block: SubjectBlock) -> SubjectBlock:
-        """Restores the original numbers and properties of a block."""
+    def _in_source_dialect(self, block: SubjectBlock, *, as_given: bool) -> SubjectBlock:
+        """Restores the original numbers and properties of a block; without `as_given`, poses stay those of centers."""
         facts: Sequence[PropertyAssertion] = block.facts
-        if self.conventions:
-            facts = restore_facts(facts, self.conventions)
+        if self.conventions or self.has_boxes:
+            conventions = self.conventions or SI
+            facts = restore_facts(facts, conventions, with_pivots=as_given)
             if block.subject == self.world.iri:
-                facts = restore_declarations(facts, self.conventions)
+                boxes = [fact for fact in facts if fact.property == GIVEN_SIZES]
+                facts = restore_declarations(facts, conventions)
+                if not as_given:
+                    facts = [*(fact for fact in facts if fact.property != SIZES), *boxes]
         source_facts = self._source_facts(block.subject)
         return replace(block, facts=[_restore_role(fact, source_facts) for fact in facts])
 
@@ -283,6 +291,16 @@ class _SourceDialectWriter:
             if fact.property in _PART_PROPERTIES and isinstance(fact.value, IriRef)
         }
         return touched | parts
+
+
+def _has_inferred_boxes(sections: Iterable[DocumentSection]) -> bool:
+    """Whether a reader infers boxes of bodies from the statements of the source."""
+    return any(
+        fact.property in (GIVEN_SIZES, GIVEN_PIVOT)
+        for section in sections
+        for block in section.blocks
+        for fact in block.facts
+    )
 
 
 def _without_original_numbers(world: World) -> World:
