@@ -12,15 +12,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.options import (
+    DEFAULT_READING,
     AsJson,
     AssetFolders,
-    Bundled,
     EngineName,
     ExitCode,
     MapName,
-    Ontologies,
+    MapReading,
     PlainBoxes,
-    Robots,
     finite,
     options_given,
 )
@@ -135,9 +134,7 @@ def serve(
     ros1: RosOne = False,
     worlds: Worlds = None,
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
+    reading: MapReading = DEFAULT_READING,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
     engine: EngineName = "mujoco",
@@ -153,7 +150,7 @@ def serve(
 
     _check_options(context, connect=connect, namespace=namespace, worlds=worlds)
     running = make_engine(engine)
-    knowledge, world = _load_knowledge(maps, map_name, ontologies=ontologies, bundled=bundled, robots=robots)
+    knowledge, world = _load_knowledge(maps, map_name, reading)
     quitting = threading.Event()
     with ExitStack() as resources:
         simulation = resources.enter_context(
@@ -200,15 +197,10 @@ def _check_options(context: typer.Context, *, connect: str | None, namespace: st
 
 
 def _load_knowledge(
-    maps: list[str] | None,
-    map_name: str | None,
-    *,
-    ontologies: list[str] | None,
-    bundled: bool,
-    robots: list[str] | None,
+    maps: list[str] | None, map_name: str | None, reading: MapReading
 ) -> tuple[KnowledgeBase, World | None]:
     with progress_spinner("reading"):
-        knowledge = knowledge_base(maps or [], ontologies=ontologies, bundled=bundled, robots=robots)
+        knowledge = knowledge_base(maps or [], reading)
         return knowledge, knowledge.world(map_name) if maps else None
 
 
