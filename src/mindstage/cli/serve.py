@@ -128,6 +128,12 @@ Worlds = Annotated[
 ]
 Paused = Annotated[bool, typer.Option("--paused", help="Start paused.")]
 WithPage = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page too.")]
+WithFoxglove = Annotated[
+    bool, typer.Option("--foxglove", help="Serve the Foxglove app on this machine too (extra foxglove).")
+]
+FoxglovePort = Annotated[
+    int, typer.Option("--foxglove-port", metavar="PORT", min=0, max=65535, help="The port of the Foxglove server.")
+]
 PagePort = Annotated[int, typer.Option("--page-port", metavar="PORT", min=0, max=65535, help="The port of the page.")]
 
 
@@ -151,6 +157,8 @@ def serve(
     paused: Paused = False,
     with_viewport: WithPage = False,
     page_port: PagePort = 8080,
+    with_foxglove: WithFoxglove = False,
+    foxglove_port: FoxglovePort = 8765,
     seconds: Seconds = None,
     as_json: AsJson = False,
 ) -> ExitCode:
@@ -185,6 +193,10 @@ def serve(
                 viewer = open_viewer(simulation, port=page_port, host=host, token=token, origins=origins or [])
             resources.callback(viewer.close)
             output["page"] = viewer.url
+        if with_foxglove:
+            from mindstage.ros.foxglove import FoxgloveServer
+
+            output["foxglove"] = resources.enter_context(FoxgloveServer(simulation, port=foxglove_port)).url
         _announce(output, connected=connect is not None, seconds=seconds, as_json=as_json)
         if not paused:
             simulation.play()
@@ -249,6 +261,8 @@ def _announce(summary: dict[str, object], *, connected: bool, seconds: float | N
         return
     if "page" in summary:
         print_line(f"The world is served at {summary['page']}")
+    if "foxglove" in summary:
+        print_line(f"Foxglove connects to {summary['foxglove']}")
     verb = "Connected to" if connected else "Listening at"
     print_line(f"{verb} {summary['url']}; services are below /{summary['namespace']}")
     print_line("Press Ctrl-C to exit." if seconds is None else f"Exits after {seconds:g} s.")
