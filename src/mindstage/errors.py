@@ -93,6 +93,7 @@ __all__ = [
     "EngineTimeoutError",
     "EngineUnavailableError",
     "FailureResponseError",
+    "FoxgloveUnavailableError",
     "InvalidArgumentError",
     "InvalidColorError",
     "InvalidRequestError",
