@@ -45,6 +45,7 @@
     │   ├── ServiceNotFoundError        no service or action of that name is advertised
     │   ├── ServiceTimeoutError         a service or action did not return in time
     │   ├── ServiceCallError            a service or action returned an error
+    │   ├── FailureResponseError        a service failed, and its type can express that
     │   ├── AdvertiseError              a service, action or topic cannot be advertised
     │   ├── MessageValidationError      a message that does not match its type, or is too large
     │   └── TypeNotFoundError           no ROS message, service or action type of that name
@@ -91,6 +92,8 @@ __all__ = [
     "EngineError",
     "EngineTimeoutError",
     "EngineUnavailableError",
+    "FailureResponseError",
+    "FoxgloveUnavailableError",
     "InvalidArgumentError",
     "InvalidColorError",
     "InvalidRequestError",
@@ -758,6 +761,18 @@ class ServiceCallError(BridgeError):
     service: str
     _: KW_ONLY
     cause: str
+
+
+@dataclass(eq=False)
+class FailureResponseError(BridgeError):
+    """A service failed, and its type can express that; the handler of a service raises it."""
+
+    code = "CallFailed"
+    template = "{cause}"
+    cause: str
+    _: KW_ONLY
+    response: object
+    """The response message, for callers at a rosbridge that only transmits messages of the type."""
 
 
 @dataclass(eq=False)

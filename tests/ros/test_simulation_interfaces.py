@@ -129,8 +129,10 @@ def test_a_body_of_a_map_is_spawned_with_its_attachments(call: Call, simulation:
     uris = {each["entity_resource"]["uri"] for each in reply["spawnables"]}
     door = next(uri for uri in uris if uri.endswith("#fridge_door"))
     initial = {"pose": pose_message(0.0, 9.0, 2.0)}
+    before = set(simulation.state.ids)
     made = call("spawn_entity", name="spare", entity_resource={"uri": door}, initial_pose=initial)
     assert (code(made), made["entity_name"]) == (OK, "spare")
+    assert set(simulation.state.ids) - before == {"spare", "spare/fridge_door_handle"}, "only the door and its handle"
     assert position_of(call("get_entity_state", entity="spare")["state"]["pose"]) == (0.0, 9.0, 2.0)
     assert ("spare", "spare/fridge_door_handle") in {
         (hold.parent, hold.child) for hold in simulation.snapshot().attachments
