@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -183,6 +183,23 @@ class KinematicForest:
     loop_joints: list[TreeJoint] = field(default_factory=list)
     """Joints that close a loop."""
     notes: list[SpawnNote] = field(default_factory=list)
+    is_ordered: bool = True
+    """Whether groups are in the order of `build_kinematic_forest`, in which models are compiled."""
+
+    def with_single_bodies(self, bodies: Iterable[Body], masses: Mapping[BodyId, float]) -> KinematicForest:
+        """The forest with more bodies that are neither attached nor on joints; their groups come last.
+
+        Args:
+            bodies: the new bodies.
+            masses: their masses, estimated ones included [kg].
+        """
+        groups = {body.id: RigidGroup(body.id, effective_mobility(body), masses[body.id], [body.id]) for body in bodies}
+        return replace(
+            self,
+            groups=self.groups | groups,
+            root_of=self.root_of | dict(zip(groups, groups, strict=True)),
+            is_ordered=False,
+        )
 
 
 def build_kinematic_forest(registry: EntityRegistry, masses: Mapping[BodyId, float]) -> KinematicForest:

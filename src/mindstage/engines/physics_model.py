@@ -12,11 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from mindstage.engines.base import SpawnNote, SpawnReport
 from mindstage.engines.collision_filter import (
+    TOUCH_TOLERANCE_M,
     CollisionFilter,
     CollisionFilterInput,
     compute_collision_filter,
@@ -122,6 +124,7 @@ class PhysicsModel:
 
 def build_physics_model(builder: PhysicsModelBuilder) -> PhysicsModel:
     """Returns the current model of a builder."""
+    builder.order_forest()
     forest, masses = builder.forest, builder.masses()
     poses_in_root: dict[BodyId, Pose] = {}
     for group in forest.groups.values():
@@ -206,10 +209,15 @@ class PhysicsModelBuilder:
 
     @property
     def forest(self) -> KinematicForest:
-        """The current rigid groups and joint trees."""
+        """The current rigid groups and joint trees; see also `order_forest`."""
         if self._forest is None:
             self._forest = build_kinematic_forest(self.registry, self.mass_properties.approximate_masses())
         return self._forest
+
+    def order_forest(self) -> None:
+        """Brings the groups of the forest into the order in which models are compiled."""
+        if self._forest is not None and not self._forest.is_ordered:
+            self._forest = None
 
     @property
     def geometry(self) -> GeometryMap:
@@ -270,7 +278,7 @@ class PhysicsModelBuilder:
         new_poses[:, 3:] = normalize(new_poses[:, 3:])
         poses = np.concatenate([poses, new_poses])
         self._record_frames(added, poses)
-        self._forest = None
+        self._extend_forest(added)
         notes = [*self.mass_properties.assumption_notes(added.bodies, self._is_dynamic), *invalid_notes]
         new = {*added.bodies, *added.joints}
         notes += [note for note in self.forest.notes if new.intersection(note.ids)]
@@ -365,6 +373,14 @@ class PhysicsModelBuilder:
             pairs |= {sorted_pair(root, other) for other in fixed if other != root}
         return pairs
 
+    def _extend_forest(self, added: AddResult) -> None:
+        """Adds single bodies to the forest; with joints or attachments it is computed anew."""
+        if self._forest is None or added.joints or added.attachments:
+            self._forest = None
+            return
+        masses = {id: self.mass_properties.mass(id, is_dynamic=True) for id in added.bodies}
+        self._forest = self._forest.with_single_bodies([self.registry.bodies[id] for id in added.bodies], masses)
+
     def _is_dynamic(self, id: BodyId) -> bool:
         """Whether the body's group is dynamic."""
         return self.forest.groups[self.forest.root_of[id]].is_dynamic
@@ -388,11 +404,17 @@ class PhysicsModelBuilder:
 
     def _decide_collisions(self, new_ids: set[BodyId], poses: Array) -> list[SpawnNote]:
         """Decides which of the new bodies collide with one another and with the others."""
-        ids, forest, joints = self.registry.ids, self.forest, self.registry.joints.values()
-        indices = {root: index for index, root in enumerate(forest.groups)}
+        forest = self.forest
+        previous, state = self._collision_state, _CollisionState(forest, tuple(self.registry.joints.values()))
+        self._collision_state, self._changed_bodies = state, set()
+        rows = self._rows_near(new_ids, poses, state)
+        if rows is not None and len(rows) <= 1:
+            return []  # nothing is near a single new body
+        all_ids = self.registry.ids
+        ids = all_ids if rows is None else tuple(all_ids[row] for row in rows)
+        poses = poses if rows is None else poses[rows]
         roots = [forest.root_of[id] for id in ids]
-        jointed_roots = {forest.root_of[end] for joint in joints for end in (joint.parent, joint.child)}
-        previous, self._collision_state = self._collision_state, _CollisionState.from_forest(forest, joints)
+        indices = {root: index for index, root in enumerate(dict.fromkeys(roots))}
         filter_input = CollisionFilterInput(
             ids=ids,
             poses=poses,
@@ -400,49 +422,92 @@ class PhysicsModelBuilder:
             group=np.array([indices[root] for root in roots], dtype=np.intp),
             is_dynamic=np.array([forest.groups[root].is_dynamic for root in roots], dtype=bool),
             is_free=np.array(
-                [forest.groups[root].is_dynamic and root not in jointed_roots for root in roots], dtype=bool
+                [forest.groups[root].is_dynamic and root not in state.neighbors for root in roots], dtype=bool
             ),
             is_new=np.array([id in new_ids for id in ids], dtype=bool),
-            jointed_pairs=frozenset((min(pair), max(pair)) for pair in self._collision_state.as_numbers(indices)),
+            jointed_pairs=state.jointed_pairs_as_numbers(indices),
             overlap_boxes=self.mass_properties.overlap_boxes(ids, poses),
             collision_shapes=self.mass_properties.collision_shape_batch(ids, poses),
             has_geometry=self.mass_properties.has_geometry_mask(ids),
             could_collide_before=lambda a, b: previous.could_collide(ids[a], ids[b]),
         )
         self.collision_filter, notes = compute_collision_filter(filter_input, self.collision_filter)
-        self._changed_bodies = set()
         return notes
 
+    def _rows_near(self, new_ids: set[BodyId], poses: Array, state: _CollisionState) -> list[int] | None:
+        """Rows of the bodies on which the decisions about a few new bodies depend, in order; None for all.
 
-@dataclass(frozen=True, slots=True)
+        They are the bodies whose bounds meet those of a new one, their groups, what the hollow ones of them contain,
+        and the groups that joints connect to them: the fronts of a cabinet.
+        """
+        ids, forest = self.registry.ids, self.forest
+        if not 0 < len(new_ids) <= _MAX_LOCAL_BODIES or len(ids) <= _MAX_LOCAL_BODIES:
+            return None
+        radii = self.mass_properties.bounding_radii(ids)
+        new_rows = [ids.index(id) for id in new_ids]
+        is_near = np.zeros(len(ids), dtype=bool)
+        for row in new_rows:
+            offsets = poses[:, :3] - poses[row, :3]
+            reach = radii + (radii[row] + TOUCH_TOLERANCE_M)
+            is_near |= np.einsum("ni,ni->n", offsets, offsets) <= reach * reach
+        near = np.flatnonzero(is_near)
+        near_ids = [ids[row] for row in near.tolist()]
+        low, high = self.mass_properties.overlap_boxes(near_ids, poses[near]).bounds()
+        meets = np.zeros(len(near), dtype=bool)
+        for row in np.searchsorted(near, new_rows):
+            meets |= np.all((low <= high[row]) & (high >= low[row]), axis=1)
+        found = {id for id, meeting in zip(near_ids, meets.tolist(), strict=True) if meeting}
+        if found == new_ids:
+            return sorted(new_rows)
+        roots = {forest.root_of[id] for id in found}
+        roots.update(*(state.neighbors.get(root, ()) for root in roots))
+        found.update(*(self.collision_filter.contents.get(id, ()) for id in found))
+        found.update(*(forest.groups[root].bodies for root in roots))
+        return [row for row, id in enumerate(ids) if id in found]
+
+
+_MAX_LOCAL_BODIES = 8
+"""For at most so many new bodies, collisions are decided with the bodies near them instead of with all."""
+
+
+@dataclass(frozen=True)
 class _CollisionState:
-    """Which groups could collide when that was last decided."""
+    """Which groups could collide when that was last decided; computed on first use."""
 
-    root_of: Mapping[BodyId, BodyId] = field(default_factory=dict)
-    dynamic_roots: frozenset[BodyId] = frozenset()
-    """Roots of dynamic groups."""
-    jointed_roots: frozenset[tuple[BodyId, BodyId]] = frozenset()
-    """Pairs of roots whose collisions a joint disables."""
+    forest: KinematicForest = field(default_factory=KinematicForest)
+    joints: tuple[Joint, ...] = ()
 
-    @classmethod
-    def from_forest(cls, forest: KinematicForest, joints: Iterable[Joint]) -> _CollisionState:
-        dynamic_roots = frozenset(root for root, group in forest.groups.items() if group.is_dynamic)
-        jointed_roots = frozenset(
-            sorted_pair(forest.root_of[joint.parent], forest.root_of[joint.child])
-            for joint in joints
+    @cached_property
+    def neighbors(self) -> Mapping[BodyId, set[BodyId]]:
+        """For each group on joints, by its root: the roots of the groups at the other ends, itself included."""
+        found: dict[BodyId, set[BodyId]] = {}
+        for joint in self.joints:
+            ends = {self.forest.root_of[joint.parent], self.forest.root_of[joint.child]}
+            for root in ends:
+                found.setdefault(root, set()).update(ends)
+        return found
+
+    @cached_property
+    def jointed_roots(self) -> frozenset[tuple[BodyId, BodyId]]:
+        """Pairs of roots whose collisions a joint disables."""
+        root_of = self.forest.root_of
+        return frozenset(
+            sorted_pair(root_of[joint.parent], root_of[joint.child])
+            for joint in self.joints
             if joint.disable_collision is not False
         )
-        return cls(forest.root_of, dynamic_roots, jointed_roots)
 
-    def as_numbers(self, indices: Mapping[BodyId, int]) -> Iterable[tuple[int, int]]:
-        """The jointed pairs as indices of groups."""
-        return ((indices[a], indices[b]) for a, b in self.jointed_roots)
+    def jointed_pairs_as_numbers(self, indices: Mapping[BodyId, int]) -> frozenset[tuple[int, int]]:
+        """The jointed pairs of the groups that have an index, as indices, the lower one first."""
+        pairs = ((a, b) for a, b in self.jointed_roots if a in indices and b in indices)
+        return frozenset(sorted_pair(indices[a], indices[b]) for a, b in pairs)
 
     def could_collide(self, first: BodyId, second: BodyId) -> bool:
-        a, b = self.root_of.get(first), self.root_of.get(second)
+        """Whether two bodies that existed then could collide."""
+        groups, a, b = self.forest.groups, self.forest.root_of.get(first), self.forest.root_of.get(second)
         if a is None or b is None or a == b or sorted_pair(a, b) in self.jointed_roots:
             return False
-        return a in self.dynamic_roots or b in self.dynamic_roots
+        return groups[a].is_dynamic or groups[b].is_dynamic
 
 
 _REACH_TOLERANCE_M, _REACH_TOLERANCE_RAD = 1e-6, 1e-6

@@ -23,6 +23,7 @@ from msgspec.structs import replace
 from mindstage.engines.base import (
     Capability,
     Engine,
+    RebuildingEngine,
     SavedState,
     SpawnFailure,
     SpawnNote,
@@ -36,7 +37,7 @@ from mindstage.knowledge.questions import StateAccess, WorldState
 from mindstage.scene import NO_GEOMETRY, Body, BodyGeometry, BodyId, Color, GeometryMap, GeometrySource, Vector, World
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
-from mindstage.simulation.engine_thread import EngineThread, RealTimeClock
+from mindstage.simulation.engine_thread import EditHold, EngineThread, RealTimeClock
 from mindstage.simulation.highlights import (
     HighlightResult,
     Highlights,
@@ -232,6 +233,9 @@ class Simulation:
         self._temporary_worlds: tuple[World, ...] = ()
         self._reports: tuple[SpawnReport, ...] = ()
         self._initial_state: SavedState | None = None
+        self._initial_state_is_due = False
+        self._edit_hold = EditHold()
+        self._late_end_callbacks: tuple[Callable[[str, BaseException | None], None], ...] = ()
         self._clock: RealTimeClock | None = None
         self._perturbations = Perturbations()
         self._highlights = Highlights()
@@ -241,7 +245,7 @@ class Simulation:
         self._closed = False
         self._at_close = ExitStack()
         self._state = self._read_state()
-        self._thread = EngineThread(self._tick)
+        self._thread = EngineThread(self._tick, on_late_end=self._notify_late_end)
 
     # -- the world -----------------------------------------------------------------------------------------
 
@@ -304,19 +308,19 @@ class Simulation:
 
         def spawn(engine: Engine) -> SpawnReport:
             spawned = engine.spawn(description, geometry=fitted.geometry)
-            report = with_geometry_notes(spawned, fitted, engine.poses()[0])
+            report = with_geometry_notes(spawned, fitted, (body.id for body in description.bodies))
             self._geometry_provider.add(fitted.geometry, failed=spawned.failed_bodies)
             self._reports = (*self._reports, report)
             if persistent:
                 self._worlds = (*self._worlds, description)
-                self._save_initial_state(engine)
+                self._initial_state_is_due = True
             else:
                 self._temporary_worlds = (*self._temporary_worlds, description)
             return report
 
         default_timeout_s = self.timeout_s + 0.02 * (len(description.bodies) + len(description.joints))
         timeout_s = default_timeout_s if timeout_s is None else timeout_s
-        return self.run_on_engine(spawn, label="spawn", timeout_s=timeout_s, edits=True)
+        return self._run(spawn, label="spawn", timeout_s=timeout_s, edits=True, saves_first=not persistent)
 
     def snapshot(self) -> World:
         """The current state as a world."""
@@ -353,6 +357,7 @@ class Simulation:
         def clear(engine: Engine) -> None:
             engine.clear()
             self._worlds, self._temporary_worlds, self._reports, self._initial_state = (), (), (), None
+            self._initial_state_is_due = False
             self._geometry_provider.clear()
             self._perturbations.clear()
 
@@ -393,20 +398,53 @@ class Simulation:
             edits: whether bodies, materials or highlights may change; increments `StateSnapshot.revision`.
 
         Raises:
-            SimulationTimeoutError: the call did not finish in time.
+            SimulationTimeoutError: the call did not begin in time and never will; or, with `begun`, it did not end in
+                time: then its end is reported to the callbacks of `on_late_end`.
             SimulationError: the simulation is closed.
         """
+        name = label or getattr(function, "__name__", "the call")
+        return self._run(function, label=name, timeout_s=timeout_s, edits=edits)
+
+    def on_late_end(self, callback: Callable[[str, BaseException | None], None]) -> Callable[[], None]:
+        """Registers a callback for the ends of calls that were reported as begun, but not ended in time.
+
+        Args:
+            callback: called in the engine thread with the label of the call, and its error or None; must not block.
+
+        Returns:
+            A function that removes the callback.
+        """
+        self._late_end_callbacks = (*self._late_end_callbacks, callback)
+
+        def remove() -> None:
+            self._late_end_callbacks = tuple(each for each in self._late_end_callbacks if each is not callback)
+
+        return remove
+
+    def _run(
+        self,
+        function: Callable[[Engine], T],
+        *,
+        label: str,
+        timeout_s: float | None,
+        edits: bool,
+        saves_first: bool = True,
+    ) -> T:
+        """See `run_on_engine`; a persistent spawn does not need the state before it to be saved first."""
         if self._closed:
             raise SimulationError("the simulation is closed; make a new one")
 
         def run() -> T:
             try:
+                if saves_first:
+                    self._save_initial_state()
                 return function(self._engine)
             finally:
+                if edits and self._is_rebuild_pending():
+                    self._edit_hold.add_edit()
                 self._publish(edits=edits)
 
-        name = label or getattr(function, "__name__", "the call")
-        return self._thread.run(run, label=name, timeout_s=self.timeout_s if timeout_s is None else timeout_s)
+        return self._thread.run(run, label=label, timeout_s=self.timeout_s if timeout_s is None else timeout_s)
 
     # -- questions -----------------------------------------------------------------------------------------
 
@@ -634,11 +672,16 @@ class Simulation:
         clock = self._clock
         if clock is None:
             return self._expire_markers()
+        hold_s = self._edit_hold.remaining_s()
+        if hold_s > 0.0:
+            return hold_s
         due_s = clock.due_s()
         if due_s > 0.0:
             self._markers.expire()
             try:
-                self._advance(due_s)
+                self._save_initial_state()
+                with self._edit_hold.rebuilding():
+                    self._advance(due_s)
             except EngineError as error:
                 self._error, self._clock = str(error), None
             clock.advance(due_s)
@@ -653,8 +696,20 @@ class Simulation:
     def _advance(self, duration_s: float, _: Engine | None = None) -> None:
         self._perturbations.step(self._engine, duration_s)
 
-    def _save_initial_state(self, engine: Engine) -> None:
-        self._initial_state = engine.save_state() if Capability.SAVE in engine.capabilities else None
+    def _save_initial_state(self) -> None:
+        """Saves the state after the last persistent spawns, before anything changes it."""
+        if self._initial_state_is_due:
+            self._initial_state_is_due = False
+            saves = Capability.SAVE in self._engine.capabilities
+            self._initial_state = self._engine.save_state() if saves else None
+
+    def _is_rebuild_pending(self) -> bool:
+        engine = self._engine
+        return isinstance(engine, RebuildingEngine) and engine.rebuild_pending
+
+    def _notify_late_end(self, label: str, error: BaseException | None) -> None:
+        for callback in self._late_end_callbacks:
+            callback(label, error)
 
     def _publish(self, *, edits: bool = False) -> None:
         self._revision += edits
