@@ -173,6 +173,7 @@ class RosInterface:
             node, "/mindstage/diagnostics", diagnostic_msgs.DiagnosticArray, ros=ros
         )
         self._diagnostics = diagnostics = DiagnosticsPublisher(self._diagnostics_publisher, simulation)
+        self._remove_late_end = simulation.on_late_end(diagnostics.report_late_end)
         self._state_reader = state_reader = StateReader(simulation)
         self._engine_services = EngineServices(state_reader, diagnostics)
         self._control_services = SimulationControlServices(simulation, step_s=step_s, on_quit=on_quit)
@@ -196,6 +197,7 @@ class RosInterface:
             return
         self._closed = True
         self._remove_client_source()
+        self._remove_late_end()
         if self._state_publisher is not None:
             self._state_publisher.close()
         for server in self._action_servers:

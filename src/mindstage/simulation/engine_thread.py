@@ -57,10 +57,13 @@ class RealTimeClock:
         return self._simulated_s / self._wall_s if self._wall_s > 0.0 else 0.0
 
 
-_QUIET_S = 0.03
+_MIN_QUIET_S = 0.03
 """Time without an edit after which ticks go on [s]; longer than a client takes from a response to its next call."""
-_MIN_HOLD_S, _MAX_HOLD_S = 0.5, 5.0
-"""Range of the longest delay of a tick [s]; within it, twice the time that the last rebuild took."""
+_QUIET_FRACTION = 0.25
+"""The same as a fraction of the time that the last rebuild took: the more a rebuild costs, the longer it can wait."""
+_MAX_QUIET_S = 0.5
+_MAX_HOLD_S = 5.0
+"""Longest delay of a tick by edits [s]; as long as the rebuild of a model of more than a thousand loose bodies."""
 
 
 class EditHold:
@@ -75,7 +78,7 @@ class EditHold:
         self._now = now
         self._first: float | None = None
         self._last = 0.0
-        self._longest_s = _MIN_HOLD_S
+        self._quiet_s = _MIN_QUIET_S
 
     def add_edit(self) -> None:
         """Starts or extends the delay: an edit was made that the model does not have yet."""
@@ -87,16 +90,16 @@ class EditHold:
         """Time for which the next tick is to be delayed [s]; 0 if it is not."""
         if self._first is None:
             return 0.0
-        return max(0.0, min(self._last + _QUIET_S, self._first + self._longest_s) - self._now())
+        return max(0.0, min(self._last + self._quiet_s, self._first + _MAX_HOLD_S) - self._now())
 
     @contextmanager
     def rebuilding(self) -> Iterator[None]:
-        """Ends the delay; if there were edits, the time that the context takes is that of a rebuild."""
-        had_edits, start = self._first is not None, self._now()
+        """Ends the delay; if there were edits, the context is a rebuild, whose time is measured."""
+        had_edits, self._first = self._first is not None, None
+        start = self._now()
         yield
         if had_edits:
-            self._first = None
-            self._longest_s = min(max(_MIN_HOLD_S, 2.0 * (self._now() - start)), _MAX_HOLD_S)
+            self._quiet_s = min(max(_MIN_QUIET_S, _QUIET_FRACTION * (self._now() - start)), _MAX_QUIET_S)
 
 
 T = TypeVar("T")

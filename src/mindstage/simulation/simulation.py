@@ -227,6 +227,7 @@ class Simulation:
         self.clients = ClientDirectory()
         self.undo_stack = UndoStack(self)
         self._engine = engine
+        self._rebuilding_engine = engine if isinstance(engine, RebuildingEngine) else None
         self._geometry_provider = GeometryProvider(knowledge, shapes=shapes, meshes=meshes)
         self._revision = 0
         self._worlds: tuple[World, ...] = ()
@@ -440,7 +441,7 @@ class Simulation:
                     self._save_initial_state()
                 return function(self._engine)
             finally:
-                if edits and self._is_rebuild_pending():
+                if edits and self._rebuilding_engine is not None and self._rebuilding_engine.rebuild_pending:
                     self._edit_hold.add_edit()
                 self._publish(edits=edits)
 
@@ -702,10 +703,6 @@ class Simulation:
             self._initial_state_is_due = False
             saves = Capability.SAVE in self._engine.capabilities
             self._initial_state = self._engine.save_state() if saves else None
-
-    def _is_rebuild_pending(self) -> bool:
-        engine = self._engine
-        return isinstance(engine, RebuildingEngine) and engine.rebuild_pending
 
     def _notify_late_end(self, label: str, error: BaseException | None) -> None:
         for callback in self._late_end_callbacks:
