@@ -123,6 +123,8 @@ class Peer(ABC):
         """Name of the node, such as `/client_3`, as introspection tools show it."""
         self.has_left = False
         """Whether it has disconnected."""
+        self.is_paused = False
+        """Whether no operations are received from it, since too many of its calls are pending."""
         self.level = StatusLevel.ERROR
         """Severity of the status messages that it receives."""
 
@@ -151,11 +153,9 @@ class Peer(ABC):
         """Withdraws a call that was delivered, if it has not begun."""
         return CallProgress.UNKNOWN
 
-    def pause_reading(self) -> None:
-        """Stops to receive operations, since too many calls are pending."""
-
-    def resume_reading(self) -> None:
-        """Continues to receive operations."""
+    def set_paused(self, paused: bool) -> None:
+        """Stops to receive operations, since too many calls are pending, or continues."""
+        self.is_paused = paused
 
     def send_status(self, level: StatusLevel, message: str, id: Id | None = None) -> None:
         """Sends a status message, if its level is high enough."""
@@ -533,8 +533,6 @@ class ServiceRouter:
         self._limits = limits
         self._last_ends_s: dict[Peer, float] = {}
         """When the last call of each caller ended [s]."""
-        self._paused: set[Peer] = set()
-        """Callers that are not read from."""
 
     def advertise(self, peer: Peer, request: AdvertiseService) -> None:
         """Makes a peer the provider of a service."""
@@ -585,7 +583,6 @@ class ServiceRouter:
                 text = f"the provider of {call.provider.name} disconnected"
                 _send_error_response(call.caller, call.name, call.id, call.reply_format, text)
         self._last_ends_s.pop(peer, None)
-        self._paused.discard(peer)
 
     def _forward(self, caller: Peer, call: CallService, provider: Provider, reply_format: ReplyFormat) -> None:
         default_s = self.timeouts_s.get(resolve_name(provider.name), self._limits.call_timeout_s)
@@ -596,8 +593,7 @@ class ServiceRouter:
         request.timer = self._loop.call_later(timeout_s, self._time_out, id, request, timeout_s)
         request.forwarded = CallService(id=id, service=provider.name, args=content(call.args), timeout=timeout_s)
         if provider.peer.is_local and self.providers.request_count(caller) >= self._limits.calls:
-            self._paused.add(caller)
-            caller.pause_reading()
+            caller.set_paused(True)
         provider.peer.deliver(MessageEncoder(request.forwarded), sender=caller)
 
     def _time_out(self, id: Id, call: _Call, timeout_s: float) -> None:
@@ -623,9 +619,8 @@ class ServiceRouter:
         if caller is None or caller.has_left:
             return
         self._last_ends_s[caller] = self._loop.time()
-        if caller in self._paused and self.providers.request_count(caller) <= self._limits.calls // 2:
-            self._paused.discard(caller)
-            caller.resume_reading()
+        if caller.is_paused and self.providers.request_count(caller) <= self._limits.calls // 2:
+            caller.set_paused(False)
 
 
 def _checked(response: ServiceResponse, provider: Provider, call: CallService | _Call) -> ServiceResponse:

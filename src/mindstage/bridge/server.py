@@ -222,16 +222,14 @@ class Connection:
         if len(self._outbox) > self._limits.waiting_messages or self._outbox_bytes > self._limits.waiting_bytes:
             self._abort_slow_reader()
 
-    def pause_reading(self) -> None:
-        """Stops to receive; the peer is held up when its messages fill the buffers on the way."""
-        if self._may_read.is_set():
+    def set_paused(self, paused: bool) -> None:
+        """Stops to receive, or continues; the peer is held up when its messages fill the buffers on the way."""
+        if not paused:
+            self._may_read.set()
+        elif self._may_read.is_set():
             self._may_read.clear()
             self._was_paused = True
             self._socket.ping_timeout = None  # the reply to a ping waits behind the messages that are not read
-
-    def resume_reading(self) -> None:
-        """Continues to receive."""
-        self._may_read.set()
 
     def close(self, reason: str, code: int = CloseCode.NORMAL_CLOSURE) -> None:
         """Starts to close the connection with a reason; returns at once."""
@@ -368,11 +366,9 @@ class _ServerPeer(Peer):
     ) -> None:
         self.connection.send(outgoing, reply_format)
 
-    def pause_reading(self) -> None:
-        self.connection.pause_reading()
-
-    def resume_reading(self) -> None:
-        self.connection.resume_reading()
+    def set_paused(self, paused: bool) -> None:
+        super().set_paused(paused)
+        self.connection.set_paused(paused)
 
     def _receive(self, operation: Operation) -> None:
         if isinstance(operation, Auth):

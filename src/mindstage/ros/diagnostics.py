@@ -117,7 +117,7 @@ class DiagnosticsPublisher:
         self._publish([_status(diagnostic_msgs.Level.ERROR, operation, str(error), "", {"kind": error.code})])
 
     def report_late_end(self, call: str, error: BaseException | None) -> None:
-        """Publishes the end of a call that was answered before, since it took too long; see `Simulation.on_late_end`."""
+        """Publishes the end of a call that was answered before it; see `Simulation.on_late_end`."""
         level = diagnostic_msgs.Level.OK if error is None else diagnostic_msgs.Level.ERROR
         text = "it has ended" if error is None else f"it has failed: {error}"
         self._publish([_status(level, call, text, "", {"kind": "LateEnd"})])
