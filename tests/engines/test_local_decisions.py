@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from mindstage.engines import physics_model
 from mindstage.engines.kinematic_tree import build_kinematic_forest
 from mindstage.engines.physics_model import PhysicsModelBuilder
-from mindstage.scene import Body, BodyId, Pose, World
+from mindstage.scene import Body, BodyId, BodyPhysics, Mobility, Pose, World
 from mindstage.scene.transforms import normalize, pose_array
 from tests.engines.scenes import attachment, body, prismatic_joint, world
 from tests.kitchenette import kitchenette
@@ -137,3 +137,21 @@ def moved(source: Body, id: str, number: int) -> Body:
     x, y, z = source.pose.position
     pose = Pose((x + 0.03 * number, y + 0.02, z + 0.01), source.pose.quaternion)
     return msgspec.structs.replace(source, id=BodyId(id), pose=pose)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(["remove", "static", "dynamic", "heavy"]), st.integers(0, 15)), max_size=6))
+def test_the_forest_after_edits_is_the_one_of_the_remaining_bodies(edits: list[tuple[str, int]]) -> None:
+    builder, _ = built(crowd(), [])
+    for edit, number in edits:
+        ids = builder.registry.ids
+        id = ids[number % len(ids)]
+        if edit == "remove":
+            builder.remove([id])
+        else:
+            mobility = Mobility.DYNAMIC if edit == "heavy" else Mobility(edit)
+            builder.set_physics(id, BodyPhysics(mobility=mobility, mass_kg=50.0 if edit == "heavy" else None))
+        builder.order_forest()
+        reference = build_kinematic_forest(builder.registry, builder.mass_properties.approximate_masses())
+        assert list(builder.forest.groups.items()) == list(reference.groups.items())
+        assert builder.forest == reference

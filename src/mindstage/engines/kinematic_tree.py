@@ -12,7 +12,7 @@ angles of the rotation. Three free angles are a ball joint, which has no singula
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -199,6 +199,14 @@ class KinematicForest:
             groups=self.groups | groups,
             root_of=self.root_of | dict(zip(groups, groups, strict=True)),
             is_ordered=False,
+        )
+
+    def without_single_bodies(self, ids: Collection[BodyId]) -> KinematicForest:
+        """The forest without some bodies that are neither attached nor on joints."""
+        return replace(
+            self,
+            groups={root: group for root, group in self.groups.items() if root not in ids},
+            root_of={id: root for id, root in self.root_of.items() if id not in ids},
         )
 
 

@@ -10,7 +10,7 @@ a remote engine.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -296,6 +296,7 @@ class PhysicsModelBuilder:
             for root, tree_joint in self.forest.tree_joints.items()
             if tree_joint.parent in removed and root not in removed
         ]
+        forest = self.forest.without_single_bodies(removed) if self._are_single(removed) else None
         self.registry.remove(removed)
         self.mass_properties.remove(removed)
         for id in [*removed, *orphans]:
@@ -303,7 +304,7 @@ class PhysicsModelBuilder:
         self.joint_frames = {id: ends for id, ends in self.joint_frames.items() if id in self.registry.joints}
         self._changed_bodies -= removed
         self.collision_filter.remove(removed)
-        self._forest = None
+        self._forest = forest
         self._changed_bodies.update(*(self.bodies_moving_with(id) for id in (*orphans, *child_roots)))
 
     def attach(self, parent: BodyId, child: BodyId, poses: Array) -> None:
@@ -326,7 +327,11 @@ class PhysicsModelBuilder:
     def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
         """See `Engine.set_physics`."""
         self.registry.replace(id, physics=physics)
-        self._forest = None
+        if self._forest is not None and self._are_single({id}):
+            masses = {id: self.mass_properties.mass(id, is_dynamic=True)}
+            self._forest = self._forest.without_single_bodies({id}).with_single_bodies([self.registry.body(id)], masses)
+        else:
+            self._forest = None
         self._changed_bodies.update(self.bodies_moving_with(id))
         self.late_notes += self.mass_properties.assumption_notes([id], self._is_dynamic)
 
@@ -380,6 +385,13 @@ class PhysicsModelBuilder:
             return
         masses = {id: self.mass_properties.mass(id, is_dynamic=True) for id in added.bodies}
         self._forest = self._forest.with_single_bodies([self.registry.bodies[id] for id in added.bodies], masses)
+
+    def _are_single(self, ids: Collection[BodyId]) -> bool:
+        """Whether some bodies are neither attached nor on joints, and nothing is attached to them."""
+        forest, joints = self.forest, self.registry.joints.values()
+        jointed = {end for joint in joints for end in (joint.parent, joint.child)}
+        alone = jointed.isdisjoint(ids) and self.registry.parents.keys().isdisjoint(ids)
+        return alone and all(len(forest.groups[id].bodies) == 1 and not self.registry.children(id) for id in ids)
 
     def _is_dynamic(self, id: BodyId) -> bool:
         """Whether the body's group is dynamic."""
