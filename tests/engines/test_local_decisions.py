@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mindstage.engines import physics_model
+from mindstage.engines import SpawnOptions, physics_model
+from mindstage.engines.base import DEFAULT_SPAWN_OPTIONS, SpawnNoteKind
 from mindstage.engines.kinematic_tree import build_kinematic_forest
 from mindstage.engines.physics_model import PhysicsModelBuilder
 from mindstage.scene import Body, BodyId, BodyPhysics, Mobility, Pose, World
@@ -25,11 +26,13 @@ def poses_of(builder: PhysicsModelBuilder) -> Any:
     return poses
 
 
-def built(start: World, added: list[World]) -> tuple[PhysicsModelBuilder, list[Any]]:
+def built(
+    start: World, added: list[World], options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+) -> tuple[PhysicsModelBuilder, list[Any]]:
     """A builder to which worlds were added one after the other, and the reports."""
     builder = PhysicsModelBuilder()
-    reports = [builder.add(start, np.zeros((0, 7)))]
-    reports += [builder.add(each, poses_of(builder)) for each in added]
+    reports = [builder.add(start, np.zeros((0, 7)), options=options)[0]]
+    reports += [builder.add(each, poses_of(builder), options=options)[0] for each in added]
     return builder, reports
 
 
@@ -39,20 +42,31 @@ def decisions(builder: PhysicsModelBuilder) -> tuple[object, ...]:
 
 
 def by_kind(report: Any) -> list[tuple[str, frozenset[str]]]:
-    return sorted((note.kind.value, frozenset(note.ids)) for note in report.notes)
+    """The notes; that on the ground without its bodies, which are the new ones only if a ground exists."""
+    notes = ((note.kind, frozenset(note.ids)) for note in report.notes)
+    return sorted((kind.value, frozenset() if kind is SpawnNoteKind.GROUND else ids) for kind, ids in notes)
 
 
-def assert_same_as_with_all(start: World, added: list[World]) -> PhysicsModelBuilder:
-    local, local_reports = built(start, added)
+def assert_same_as_with_all(
+    start: World, added: list[World], options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+) -> PhysicsModelBuilder:
+    local, local_reports = built(start, added, options)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(physics_model, "_MAX_LOCAL_BODIES", -1)
-        whole, whole_reports = built(start, added)
+        whole, whole_reports = built(start, added, options)
     assert decisions(local) == decisions(whole)
     assert list(map(by_kind, local_reports)) == list(map(by_kind, whole_reports))
     local.order_forest()
     reference = build_kinematic_forest(local.registry, local.mass_properties.approximate_masses())
     assert list(local.forest.groups.items()) == list(reference.groups.items())
     assert local.forest.root_of == reference.root_of
+    assert (
+        local.loose_roots
+        == {root for root, unit in reference.units().items() if reference.groups[unit].is_dynamic}
+        == whole.loose_roots
+    )
+    assert local.settled.keys() == whole.settled.keys()
+    assert (local.ground_height_m, local._below_ground) == (whole.ground_height_m, whole._below_ground)
     return local
 
 
@@ -83,13 +97,15 @@ new_bodies = st.lists(
 
 
 @settings(max_examples=60, deadline=None)
-@given(new_bodies)
-def test_bodies_near_a_new_one_suffice_for_its_decisions(table: list[tuple[Any, Any, str, Any]]) -> None:
+@given(new_bodies, st.sampled_from([SpawnOptions(), SpawnOptions(ground=True), SpawnOptions(settle=False)]))
+def test_bodies_near_a_new_one_suffice_for_its_decisions(
+    table: list[tuple[Any, Any, str, Any]], options: SpawnOptions
+) -> None:
     added = [
         world(body(f"new{number}", at, size, mobility, quaternion=turn))
         for number, (at, size, mobility, turn) in enumerate(table)
     ]
-    assert_same_as_with_all(crowd(), added)
+    assert_same_as_with_all(crowd(), added, options)
 
 
 def test_a_box_among_jointed_drawers_becomes_hollow_on_the_right_side() -> None:

@@ -13,7 +13,6 @@ import asyncio
 from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping
-from enum import StrEnum
 from itertools import count
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -52,7 +51,6 @@ __all__ = [
     "PLAIN_FORMAT",
     "ActionRouter",
     "Broker",
-    "CallProgress",
     "GraphInfo",
     "Peer",
     "PendingRequest",
@@ -101,17 +99,6 @@ PLAIN_FORMAT = ReplyFormat()
 """JSON, not fragmented."""
 
 
-class CallProgress(StrEnum):
-    """What a provider did with a call whose time is over."""
-
-    WITHDRAWN = "withdrawn"
-    """It has not begun, and is never carried out."""
-    BEGUN = "begun"
-    """It has begun and is not interrupted; it is answered at its end."""
-    UNKNOWN = "unknown"
-    """The provider is another program."""
-
-
 class Peer(ABC):
     """A node at the broker; compared by identity."""
 
@@ -149,9 +136,13 @@ class Peer(ABC):
         """Answers a call at once, if it can; otherwise returns None, and the call is to be delivered."""
         return None
 
-    def withdraw(self, call: CallService) -> CallProgress:
-        """Withdraws a call that was delivered, if it has not begun."""
-        return CallProgress.UNKNOWN
+    def withdraw(self, call: CallService) -> bool | None:
+        """Withdraws a call that was delivered, unless it has begun.
+
+        Returns:
+            Whether it was withdrawn, and is never carried out; None if the provider is another program.
+        """
+        return None
 
     def set_paused(self, paused: bool) -> None:
         """Stops to receive operations, since too many calls are pending, or continues."""
@@ -379,8 +370,9 @@ class ActionRouter:
             return
         self._end_goal(result.id, goal)
         if goal.caller is not None:
+            values = _reason(result) or content(result.values)
             forwarded = ActionResult(
-                id=goal.id, action=goal.name, values=content(result.values), status=result.status, result=result.result
+                id=goal.id, action=goal.name, values=values, status=result.status, result=result.result
             )
             goal.caller.deliver(MessageEncoder(forwarded), goal.reply_format)
 
@@ -603,12 +595,12 @@ class ServiceRouter:
             if remaining_s > 0.0:
                 call.timer = self._loop.call_later(remaining_s, self._time_out, id, call, timeout_s)
                 return
-        progress = call.provider.peer.withdraw(call.forwarded)
-        if progress is CallProgress.BEGUN:
-            return
+        was_withdrawn = call.provider.peer.withdraw(call.forwarded)
+        if was_withdrawn is False:
+            return  # it is answered at its end
         self._end(id, call)
         text = f"{call.provider.name} did not answer within {timeout_s:g} s"
-        if progress is CallProgress.WITHDRAWN:
+        if was_withdrawn:
             text = f"{call.provider.name} did not begin within {timeout_s:g} s; it was withdrawn"
         _send_error_response(call.caller, call.name, call.id, call.reply_format, text)
 
@@ -628,6 +620,7 @@ def _checked(response: ServiceResponse, provider: Provider, call: CallService | 
     values = content(response.values)
     name = call.service if isinstance(call, CallService) else call.name
     if not response.result or bytes(memoryview(values)[:1]) in (b"{", b"["):
+        values = _reason(response) or values
         return ServiceResponse(id=call.id, service=name, values=values, result=response.result)
     text = f"the response of {provider.name} is not an object"
     provider.peer.send_status(StatusLevel.ERROR, text, response.id)
@@ -642,6 +635,13 @@ def _send_error_response(
         caller.deliver(
             MessageEncoder(ServiceResponse(id=id, service=service, values=values, result=False)), reply_format
         )
+
+
+def _reason(response: ServiceResponse | ActionResult) -> msgspec.Raw | None:
+    """Returns the error message of a failed call or goal, if it is not already its values."""
+    if response.result or response.reason is None:
+        return None
+    return msgspec.Raw(msgspec.json.encode(response.reason))
 
 
 class Topic:

@@ -20,7 +20,7 @@ import numpy as np
 
 from mindstage.engines.base import SpawnNote, SpawnNoteKind
 from mindstage.engines.registry import EntityRegistry
-from mindstage.scene import AngularLimits, AxisMotion, Body, BodyId, Joint, LinearLimits, Mobility, SoftLimit
+from mindstage.scene import AngularLimits, AxisMotion, BodyId, Joint, LinearLimits, Mobility, SoftLimit
 from mindstage.scene.kinematics import axis_ranges
 from mindstage.scene.transforms import Array, quat_multiply
 
@@ -186,14 +186,16 @@ class KinematicForest:
     is_ordered: bool = True
     """Whether groups are in the order of `build_kinematic_forest`, in which models are compiled."""
 
-    def with_single_bodies(self, bodies: Iterable[Body], masses: Mapping[BodyId, float]) -> KinematicForest:
+    def with_single_bodies(
+        self, mobilities: Mapping[BodyId, Mobility], masses: Mapping[BodyId, float]
+    ) -> KinematicForest:
         """The forest with more bodies that are neither attached nor on joints; their groups come last.
 
         Args:
-            bodies: the new bodies.
+            mobilities: the new bodies with their mobilities.
             masses: their masses, estimated ones included [kg].
         """
-        groups = {body.id: RigidGroup(body.id, effective_mobility(body), masses[body.id], [body.id]) for body in bodies}
+        groups = {id: RigidGroup(id, mobility, masses[id], [id]) for id, mobility in mobilities.items()}
         return replace(
             self,
             groups=self.groups | groups,
@@ -208,6 +210,20 @@ class KinematicForest:
             groups={root: group for root, group in self.groups.items() if root not in ids},
             root_of={id: root for id, root in self.root_of.items() if id not in ids},
         )
+
+    def unit_of(self, root: BodyId) -> BodyId:
+        """The root group of the tree of one group."""
+        while (tree_joint := self.tree_joints.get(root)) is not None:
+            root = self.root_of[tree_joint.parent]
+        return root
+
+    def units(self) -> dict[BodyId, BodyId]:
+        """The root group of the tree of each group, by their roots; groups of one tree move together."""
+        result: dict[BodyId, BodyId] = {}
+        for root in self.groups:  # parents come before children
+            tree_joint = self.tree_joints.get(root)
+            result[root] = root if tree_joint is None else result[self.root_of[tree_joint.parent]]
+        return result
 
 
 def build_kinematic_forest(registry: EntityRegistry, masses: Mapping[BodyId, float]) -> KinematicForest:
@@ -233,18 +249,13 @@ def build_kinematic_forest(registry: EntityRegistry, masses: Mapping[BodyId, flo
     return forest
 
 
-def effective_mobility(body: Body) -> Mobility:
-    """The body's mobility; static by default."""
-    return body.physics.mobility or Mobility.STATIC
-
-
 def _build_groups(forest: KinematicForest, registry: EntityRegistry, masses: Mapping[BodyId, float]) -> None:
     joints_of = _joints_by_body(registry)
-    for id, body in registry.bodies.items():
+    for id in registry.bodies:
         parent = registry.parents.get(id)
         if parent is None:
             continue
-        if not (body.physics.is_dynamic and id in joints_of):
+        if not (id in joints_of and registry.mobility(id) is Mobility.DYNAMIC):
             forest.rigid_parents[id] = parent
             continue
         joint_ids = ", ".join(joints_of[id])
@@ -252,7 +263,7 @@ def _build_groups(forest: KinematicForest, registry: EntityRegistry, masses: Map
         forest.notes.append(SpawnNote(SpawnNoteKind.ATTACHMENT, (id, parent), text))
     roots = [id for id in registry.bodies if id not in forest.rigid_parents]
     for root in roots:
-        group = RigidGroup(root, effective_mobility(registry.bodies[root]), 0.0)
+        group = RigidGroup(root, registry.mobility(root), 0.0)
         stack = [root]
         while stack:
             id = stack.pop()
@@ -262,7 +273,7 @@ def _build_groups(forest: KinematicForest, registry: EntityRegistry, masses: Map
             stack.extend(child for child in registry.children(id) if forest.rigid_parents.get(child) == id)
         forest.groups[root] = group
     for id, parent in forest.rigid_parents.items():
-        if registry.bodies[id].physics.is_dynamic:
+        if registry.mobility(id) is Mobility.DYNAMIC:
             text = f"{id} is dynamic and attached to {parent}: it moves rigidly with it and adds its mass"
             forest.notes.append(SpawnNote(SpawnNoteKind.ATTACHMENT, (id, parent), text))
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future
 from typing import Any, Generic, TypeVar
 
-from mindstage.bridge import LocalNode, Node
+from mindstage.bridge import LocalNode, Node, Refusal
 from mindstage.bridge.conversions import ConversionNote
 from mindstage.engines import SpawnReport
 from mindstage.errors import BridgeError, MindstageError, WorldError
@@ -121,6 +121,11 @@ class DiagnosticsPublisher:
         level = diagnostic_msgs.Level.OK if error is None else diagnostic_msgs.Level.ERROR
         text = "it has ended" if error is None else f"it has failed: {error}"
         self._publish([_status(level, call, text, "", {"kind": "LateEnd"})])
+
+    def report_server_refusal(self, refusal: Refusal) -> None:
+        """Publishes that the rosbridge server refused an operation of this simulation."""
+        operation = f"{refusal.operation} {refusal.name}"
+        self._publish([_status(diagnostic_msgs.Level.ERROR, operation, refusal.cause, "", {"kind": "ServerRefusal"})])
 
     def report_failures(self, operation: str, reasons: Iterable[tuple[str, str]]) -> None:
         """Publishes partial failures: the id of each object, and the reason."""
