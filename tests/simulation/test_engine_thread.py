@@ -91,6 +91,27 @@ def test_a_call_waits_while_the_queue_moves(blocked: Blocked) -> None:
     assert last.result(TIMEOUT_S) == "done"
 
 
+def test_no_call_times_out_during_a_rebuild(blocked: Blocked) -> None:
+    begun, may_end = threading.Event(), threading.Event()
+
+    def rebuild() -> str:
+        blocked.thread.allow_rebuild()
+        begun.set()
+        assert may_end.wait(TIMEOUT_S)
+        return "rebuilt"
+
+    first = blocked.pool.submit(blocked.thread.run, rebuild, label="rebuild", timeout_s=SHORT_S)
+    assert begun.wait(TIMEOUT_S)
+    second = blocked.pool.submit(blocked.thread.run, lambda: "done", label="waits", timeout_s=SHORT_S)
+    threading.Event().wait(3 * SHORT_S)
+    assert not first.done()
+    assert not second.done()
+    may_end.set()
+    assert (first.result(TIMEOUT_S), second.result(TIMEOUT_S)) == ("rebuilt", "done")
+    with pytest.raises(SimulationTimeoutError):  # after it, timeouts are as before
+        blocked.block(timeout_s=SHORT_S)
+
+
 def test_a_timeout_error_of_the_function_itself_reaches_the_caller(blocked: Blocked) -> None:
     def fail() -> None:
         raise TimeoutError("of the function")

@@ -718,7 +718,8 @@ class PhysicsModelBuilder:
         fixed = [row for row in near if ids[row] not in non_colliding and not self.is_loose(ids[row])]
         compiled = [compile_geometry(self.collision_shapes(ids[row])[0]) for row in fixed]
         supports = CollisionShapeBatch.from_compiled(poses[fixed], compiled).boxes
-        return loose[find_unsupported(poses[loose, :3], supports)].tolist()
+        is_unsupported = find_unsupported(poses[loose, :3], supports)
+        return [row for row, alone in zip(loose.tolist(), is_unsupported.tolist(), strict=True) if alone]
 
     def _unsupported_rows(self, poses: Array, is_loose: NDArray[np.bool_]) -> NDArray[np.intp]:
         """The loose bodies of units that have nothing fixed below them."""

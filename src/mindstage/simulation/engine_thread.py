@@ -66,6 +66,10 @@ _MAX_HOLD_S = 5.0
 """Longest delay of a tick by edits [s]; as long as the rebuild of a model of more than a thousand loose bodies."""
 
 
+_MAX_REBUILD_S = 300.0
+"""Longest time of a rebuild, by which the timeouts of waiting calls are extended [s]."""
+
+
 class EditHold:
     """Delays ticks while edits follow one another, so that an engine rebuilds its model once for all of them."""
 
@@ -199,6 +203,10 @@ class EngineThread:
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout_s)
 
+    def allow_rebuild(self) -> None:
+        """Extends all timeouts while the current call or tick rebuilds a large model; called in the thread."""
+        self._last_progress_s = time.monotonic() + _MAX_REBUILD_S
+
     def _remaining_s(self, call: _Call[Any], timeout_s: float) -> float:
         """How long to wait for a call [s]; 0 if its time is over, after which it cannot begin anymore."""
         if call.future.cancelled():
@@ -211,7 +219,7 @@ class EngineThread:
             if call.future.cancel():
                 return 0.0
         # It has begun, perhaps just now.
-        return max(0.0, (call.begun_s or time.monotonic()) + timeout_s - time.monotonic())
+        return max(0.0, max(call.begun_s or time.monotonic(), self._last_progress_s) + timeout_s - time.monotonic())
 
     def _run(self) -> None:
         due: float | None = None

@@ -614,12 +614,14 @@ class Simulation:
             raise SimulationError("the simulation is closed; make a new one")
 
         def run() -> T:
+            if self._is_rebuild_pending():
+                self._thread.allow_rebuild()
             try:
                 if saves_first:
                     self._save_initial_state()
                 return function(self._engine)
             finally:
-                if edits and self._rebuilding_engine is not None and self._rebuilding_engine.rebuild_pending:
+                if edits and self._is_rebuild_pending():
                     self._edit_hold.add_edit()
                 self._publish(edits=edits)
 
@@ -859,6 +861,8 @@ class Simulation:
             self._markers.expire()
             try:
                 self._save_initial_state()
+                if self._is_rebuild_pending():
+                    self._thread.allow_rebuild()
                 with self._edit_hold.rebuilding():
                     self._advance(due_s)
             except EngineError as error:
@@ -881,6 +885,9 @@ class Simulation:
             self._initial_state_is_due = False
             saves = Capability.SAVE in self._engine.capabilities
             self._initial_state = self._engine.save_state() if saves else None
+
+    def _is_rebuild_pending(self) -> bool:
+        return self._rebuilding_engine is not None and self._rebuilding_engine.rebuild_pending
 
     def _notify_late_end(self, label: str, error: BaseException | None) -> None:
         for callback in self._late_end_callbacks:

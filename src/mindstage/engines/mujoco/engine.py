@@ -297,7 +297,7 @@ class MujocoEngine:
     @property
     def rebuild_pending(self) -> bool:
         """See `RebuildingEngine`."""
-        return self._require_open().stale
+        return self._cache.stale and not self._closed
 
     def spawn(
         self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
