@@ -21,10 +21,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mindstage.knowledge.dialects.conventions import SizeFrame
+from mindstage.knowledge.dialects.conventions import SizeFrame, UnitConventions
 from mindstage.knowledge.dialects.membership import types_of
 from mindstage.knowledge.dialects.source_map import SourceMap, ignore_finding
-from mindstage.knowledge.dialects.unit_conversion import shift_to_center
+from mindstage.knowledge.dialects.unit_conversion import center_poses, pivot_of
 from mindstage.knowledge.map_statistics import is_constraint
 from mindstage.knowledge.rdf import Severity, local_name
 from mindstage.knowledge.rdf_mapping.fields import ClassSizes, parse_tags
@@ -86,14 +86,19 @@ _LOGGER_ID = re.compile(r"[\w-]{22}", re.ASCII)
 _DATE = re.compile(r"(?<!\d)(20[12]\d)[-._/]?(0[1-9]|1[0-2])[-._/]?([0-2]\d|3[01])(?!\d)")
 
 
-def with_body_boxes(source_map: SourceMap) -> SourceMap:
+def with_body_boxes(source_map: SourceMap, conventions: UnitConventions) -> SourceMap:
     """Returns the map with the boxes of its bodies: sizes along their own axes, poses of their centers.
 
     The time is linear in the number of bodies and of pairs of bodies at one place.
 
     Args:
         source_map: a map of an Unreal logger, in the vocabulary of dialect 1, in SI units and ROS axes.
+        conventions: the conventions that it was converted from.
     """
+    stated = list(_stated_pivots(source_map))
+    if stated:
+        source_map = replace(source_map, graph=dict(source_map.graph))
+        center_poses(source_map.graph, conventions, stated)  # type: ignore[arg-type]
     if any(fact.property == GIVEN_SIZES for fact in source_map.graph.get(source_map.map, ())):
         return _without_marker(source_map)
     bodies = _observe(source_map)
@@ -113,8 +118,19 @@ def with_body_boxes(source_map: SourceMap) -> SourceMap:
     if any(fact.property == SIZES for fact in graph.get(source_map.map, ())):
         graph[source_map.map] = [fact for fact in graph[source_map.map] if fact.property != SIZES]
     if solver.is_logged:
-        shift_to_center(graph, source_map.map, _PivotFinder(source_map, bodies).offsets())
+        known = {member for member, _ in stated}
+        offsets = _PivotFinder(source_map, bodies).offsets()
+        center_poses(graph, conventions, [each for each in offsets if each[0] not in known])
     return replace(source_map, graph=graph)
+
+
+def _stated_pivots(source_map: SourceMap) -> Iterator[tuple[Iri, list[float]]]:
+    """Yields the individuals whose pose states a pivot, and the center in the frame of the pivot [m]."""
+    for member in source_map.members:
+        pose = _pose_facts(source_map, source_map.graph.get(member, ()))
+        pivot = None if pose is None else pivot_of(pose)
+        if pivot is not None:
+            yield member, [-part for part in pivot]
 
 
 def _without_marker(source_map: SourceMap) -> SourceMap:
@@ -186,15 +202,15 @@ def _observe(source_map: SourceMap) -> _Bodies:
         inherited = own.get(types)
         extents = [codec.first_value(facts) for codec in SIZE]
         size = [of_class if extent is None else extent for extent, of_class in zip(extents, inherited, strict=True)]
-        pose = _pose_of(source_map, facts)
+        pose = _pose_facts(source_map, facts)
         complete = [extent for extent in size if extent is not None]
         if pose is None or len(complete) < len(SIZE) or is_constraint(types, source_map.hierarchy):
             continue
         if extents == [None] * len(SIZE) and any(complete):
             groups.setdefault(types, []).append(len(rows))
         rows[member] = len(rows)
-        positions.append(pose[0])
-        quaternions.append(pose[1])
+        positions.append(TRANSLATION.first_value(pose) or ())
+        quaternions.append(QUATERNION.first_value(pose) or ())
         sizes.append(tuple(complete))
     stated = np.array(sizes, dtype=np.float64).reshape(-1, 3)
     specific = {types: source_map.hierarchy.most_specific(types) for types in groups}
@@ -209,9 +225,8 @@ def _observe(source_map: SourceMap) -> _Bodies:
     )
 
 
-def _pose_of(
-    source_map: SourceMap, facts: Sequence[PropertyAssertion]
-) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+def _pose_facts(source_map: SourceMap, facts: Sequence[PropertyAssertion]) -> Sequence[PropertyAssertion] | None:
+    """Returns the statements about the pose of an individual; None if it has none."""
     for value in (fact.value for fact in facts if fact.property == HAS_POSE):
         inner: Sequence[PropertyAssertion] = ()
         if isinstance(value, IriRef):
@@ -220,7 +235,7 @@ def _pose_of(
             inner = value.facts
         position, quaternion = TRANSLATION.first_value(inner), QUATERNION.first_value(inner)
         if position is not None and quaternion is not None:
-            return position, quaternion
+            return inner
     return None
 
 
@@ -261,7 +276,7 @@ def boxes_with_bounds(absolute: Array, extents: Array) -> Array:
     left, singular, right = np.linalg.svd(absolute)
     largest = float(extents.max())
     if singular[2] > _SINGULAR:
-        box = np.linalg.solve(absolute, extents)
+        box = np.asarray(np.linalg.solve(absolute, extents), dtype=np.float64)
         return _nonnegative(box[None], 5e-6 * largest / float(singular[2]))
     rank = int(np.sum(singular > _SINGULAR))
     box = right[:rank].T @ ((left[:, :rank].T @ extents) / singular[:rank])
@@ -401,7 +416,7 @@ class _SizeSolver:
     @cached_property
     def _stated_halves(self) -> Array:
         """Half extents of the world-aligned bounds, n x 3, if sizes are along the axes of bodies."""
-        return np.einsum("nij,nj->ni", self.absolute, self.bodies.stated) / 2
+        return np.asarray(np.einsum("nij,nj->ni", self.absolute, self.bodies.stated) / 2)
 
     @cached_property
     def _world_halves(self) -> Array:
