@@ -404,33 +404,22 @@ class _SizeSolver:
             for choice in self.choices:
                 if len(choice.boxes) > 1:
                     costs = choice.priors + [
-                        self._protrusion(choice.group, box, self._world_halves)
+                        self._protrusion(choice.group, box, self._chosen_sizes)
                         - 0.04 * self._coplanar(choice.group, box)
                         for box in choice.boxes
                     ]
                     choice.chosen = int(np.argmin(costs))
-                    self._set_halves(choice)
+                    self._chosen_sizes[choice.group.rows] = choice.box
 
     # -- neighbors -----------------------------------------------------------------------------------------------------
 
     @cached_property
-    def _stated_halves(self) -> Array:
-        """Half extents of the world-aligned bounds, n x 3, if sizes are along the axes of bodies."""
-        return np.asarray(np.einsum("nij,nj->ni", self.absolute, self.bodies.stated) / 2)
-
-    @cached_property
-    def _world_halves(self) -> Array:
-        """The same for the chosen boxes."""
-        halves = self._stated_halves.copy()
+    def _chosen_sizes(self) -> Array:
+        """The boxes of all bodies, n x 3 [m], with those that have been chosen so far."""
+        sizes = self.bodies.stated.copy()
         for choice in self.choices:
-            rows = choice.group.rows
-            halves[rows] = self.absolute[rows] @ choice.box / 2
-        return halves
-
-    def _set_halves(self, choice: _Choice) -> None:
-        rows = choice.group.rows
-        self._world_halves[rows] = self.absolute[rows] @ choice.box / 2
-        self.__dict__.pop("_planes", None)
+            sizes[choice.group.rows] = choice.box
+        return sizes
 
     @cached_property
     def _neighbors(self) -> tuple[Indices, Indices]:
@@ -453,11 +442,17 @@ class _SizeSolver:
         both = np.unique(np.concatenate([*pairs, *(pair[:, ::-1] for pair in pairs)]), axis=0)
         return np.searchsorted(both[:, 0], np.arange(count + 1)), both[:, 1]
 
-    def _protrusion(self, group: _Group, box: Array, halves: Array) -> float:
+    def _protrusion(self, group: _Group, box: Array, sizes: Array) -> float:
         """Returns how far the bodies of a class, with this box, stick out of their neighbors, relative to their size.
 
         Parts of one thing and things at one place lie along each other: a handle along its door, a poster in its frame.
-        The measure is the sum of the extents of the common bounds less that of the larger one's bounds.
+        The measure is the sum of the extents of the common bounds, along the axes of the neighbor, less that of the
+        larger one's bounds.
+
+        Args:
+            group: the class.
+            box: its box [m].
+            sizes: the boxes of all bodies, n x 3 [m].
         """
         starts, others = self._neighbors
         first, last = starts[group.rows], starts[group.rows + 1]
@@ -466,10 +461,11 @@ class _SizeSolver:
             return 0.0
         row = np.repeat(group.rows, number)
         other = others[np.repeat(first - np.cumsum(number) + number, number) + np.arange(number.sum())]
-        mine = self.absolute[row] @ box / 2
-        its = np.where(np.isin(other, group.rows)[:, None], self.absolute[other] @ box / 2, halves[other])
-        at, there = self.bodies.positions[row], self.bodies.positions[other]
-        common = np.maximum(at + mine, there + its) - np.minimum(at - mine, there - its)
+        to_other = np.swapaxes(self.bodies.rotations[other], 1, 2)
+        mine = np.abs(to_other @ self.bodies.rotations[row]) @ box / 2
+        its = np.where(np.isin(other, group.rows)[:, None], box, sizes[other]) / 2
+        at = np.einsum("nij,nj->ni", to_other, self.bodies.positions[row] - self.bodies.positions[other])
+        common = np.maximum(at + mine, its) - np.minimum(at - mine, -its)
         excess = common.sum(axis=1) - 2 * np.maximum(mine.sum(axis=1), its.sum(axis=1))
         size = np.minimum(mine.max(axis=1), its.max(axis=1)) * 2
         return float(np.mean(np.divide(excess, size, out=np.zeros_like(excess), where=size > 0.0)))
@@ -542,8 +538,8 @@ class _SizeSolver:
         weight = 0.0
         for choice in self.choices:
             if choice.differs:
-                as_body = self._protrusion(choice.group, choice.group.stated, self._stated_halves)
-                difference = as_body - self._protrusion(choice.group, choice.box, self._world_halves)
+                as_body = self._protrusion(choice.group, choice.group.stated, self.bodies.stated)
+                difference = as_body - self._protrusion(choice.group, choice.box, self._chosen_sizes)
                 if abs(difference) > _CLEAR_DIFFERENCE:
                     weight += float(np.clip(4.0 * difference, -2.0, 2.0))
                     votes[SizeFrame.WORLD if difference > 0.0 else SizeFrame.BODY].append(local_name(choice.group.cls))
@@ -717,8 +713,9 @@ class _PivotFinder:
         standing = np.sort(standing[standing <= limit])
         first = np.searchsorted(standing, standing - _LEVEL_M)
         last = np.searchsorted(standing, standing + _LEVEL_M, side="right")
-        best = int(np.argmax(last - first))
-        return float(np.median(standing[first[best] : last[best]])) if last[best] - first[best] > 1 else None
+        best = int(np.argmax(last - first)) if len(standing) else 0
+        at_level = standing[first[best] : last[best]] if len(standing) else standing
+        return float(np.median(at_level)) if len(at_level) > 1 else None
 
     def _find_at_floor(self, floor: float) -> None:
         heights, halves = self.bodies.positions[:, 2], self.halves[:, 2]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from decimal import Decimal
+from decimal import Context, Decimal
 from enum import Enum
 from functools import lru_cache
 from typing import Any
@@ -75,6 +75,8 @@ _CODECS: dict[Iri, PropertyCodec[Any]] = (
 )
 CONVERTED_PROPERTIES = frozenset({HAS_VALUE, *_CODECS})
 """Properties whose values may be converted."""
+_EXACT = Context(prec=2000)
+"""Precision of sums of binary numbers, which have up to 1075 decimal places."""
 _PIVOT_CODEC = PropertyCodec(PIVOT, TRANSLATION.expected, TRANSLATION.decode, TRANSLATION.encode)
 _GIVEN_TRANSLATION = ms("givenTranslation")
 _MIRRORED_PROPERTIES = frozenset({Y_MIDDLE.property, *_ANGLE_CODECS})
@@ -305,7 +307,7 @@ def _with_center(
     given = values[0] if values and conventions != SI else facts[at].value
     digits = tuple(map(_parse_decimal, (literal_text(given) or "").split()))
     pivot = _UnitChange(conventions).row(TRANSLATION, digits) if values else digits
-    center = tuple(float(part + step) for part, step in zip(pivot, _turned(facts, offset), strict=True))
+    center = tuple(float(_EXACT.add(part, step)) for part, step in zip(pivot, _turned(facts, offset), strict=True))
     return [
         *facts[:at],
         PropertyAssertion(TRANSLATION.property, TRANSLATION.encode(center)),
@@ -316,11 +318,11 @@ def _with_center(
 
 def _shortest_summand(total: float, step: Decimal) -> Decimal:
     """Returns the number with the fewest decimal places whose sum with a step is rounded to a total."""
-    exact = Decimal(total) - step
+    exact = _EXACT.subtract(Decimal(total), step)
     for places in range(1, 26):
-        rounded = exact.quantize(Decimal(1).scaleb(-places)) if exact.adjusted() < 0 or places <= 20 else exact
-        if float(rounded + step) == total:
-            return rounded.normalize() + 0 if rounded else Decimal(0)
+        rounded = exact.quantize(Decimal(1).scaleb(-places), context=_EXACT)
+        if float(_EXACT.add(rounded, step)) == total:
+            return rounded.normalize(_EXACT) if rounded else Decimal(0)
     return exact
 
 
