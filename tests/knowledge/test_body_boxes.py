@@ -12,6 +12,7 @@ import pytest
 from hypothesis import Phase, assume, example, given, settings
 from hypothesis import strategies as st
 
+from mindstage.assets import MeshLibrary
 from mindstage.knowledge import KnowledgeBase, SizeFrame, UnitConventions, lost_statements, save_map
 from mindstage.knowledge.dialects.body_boxes import boxes_with_bounds
 from mindstage.scene import Body, Pose, World, diff
@@ -265,7 +266,7 @@ def test_poses_of_pivots_become_those_of_centers(read_logged: ReadLogged) -> Non
     assert "LabWall (2 bodies): it is at the floor's level 0.00 m, where half of the box would be below" in (
         assumption.evidence
     )
-    assert "Cup (3 bodies): it is at the top of what the bodies stand on" in assumption.evidence
+    assert "Cup (3 bodies): it is at the top of what they stand on" in assumption.evidence
 
 
 def test_poses_of_centers_stay(read_logged: ReadLogged) -> None:
@@ -323,6 +324,58 @@ def test_moved_bodies_return_exactly(
 def moved(world: World, id: str, pose: Pose) -> World:
     bodies = (msgspec.structs.replace(body, pose=pose) if body.id == id else body for body in world.bodies)
     return msgspec.structs.replace(world, bodies=tuple(bodies))
+
+
+# -- meshes ------------------------------------------------------------------------------------------------------------
+
+
+def write_box(path: Path, low: tuple[float, float, float], high: tuple[float, float, float]) -> None:
+    """Writes a box as a Wavefront file."""
+    corners = [(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    faces = ((1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4))
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {' '.join(map(str, face))}" for face in faces]
+    path.write_text("\n".join(lines), encoding="utf-8")
+
+
+@pytest.fixture
+def with_meshes(tmp_path: Path) -> Callable[[str], KnowledgeBase]:
+    """Reads a logged map with the meshes of a folder."""
+
+    def read(text: str) -> KnowledgeBase:
+        path = tmp_path / "logged.ttl"
+        path.write_text(text, encoding="utf-8")
+        (tmp_path / "cache").mkdir()
+        knowledge = KnowledgeBase(bundled_ontology=False)
+        knowledge.load(path)
+        knowledge.use_meshes(MeshLibrary([tmp_path], cache=tmp_path / "cache").bounds)
+        return knowledge
+
+    return read
+
+
+def test_a_mesh_resolves_a_turn_by_45_degrees(with_meshes: Callable[[str], KnowledgeBase], tmp_path: Path) -> None:
+    plank = LoggedBody("plank", "Plank", (0.3, 0.1, 0.02), (0.0, 0.0, 1.0), yaw(45))
+    write_box(tmp_path / "Plank.obj", (-15.0, -5.0, -1.0), (15.0, 5.0, 1.0))
+    knowledge = with_meshes(logged_map([plank]))
+    assert_box(body_of(knowledge, plank), plank.box)
+    assert "have the proportions of their meshes" in knowledge.assumptions()[-1].evidence
+
+
+def test_a_mesh_shows_that_a_map_is_newer(with_meshes: Callable[[str], KnowledgeBase], tmp_path: Path) -> None:
+    write_box(tmp_path / "LabDoor.obj", (-0.0765, -0.585, -1.07), (0.0765, 0.585, 1.07))
+    knowledge = with_meshes(logged_map([DOOR], in_body_frame=True))
+    assert_box(body_of(knowledge, DOOR), DOOR.box)
+
+
+def test_a_mesh_gives_the_pivot(with_meshes: Callable[[str], KnowledgeBase], tmp_path: Path) -> None:
+    hinged = LoggedBody("hinged", "Shutter", (0.02, 0.6, 0.9), (1.0, 2.0, 1.5), yaw(30), pivot=(0.0, 0.3, 0.0))
+    write_box(tmp_path / "Shutter.obj", (-0.01, -0.6, -0.45), (0.01, 0.0, 0.45))
+    knowledge = with_meshes(logged_map([hinged]))
+    assert_box(body_of(knowledge, hinged), hinged.box)
+    assert body_of(knowledge, hinged).pose.position == pytest.approx(hinged.position, abs=1e-5)
+    assert assumed(knowledge, "pivots") == "left of Shutter; center of all others"
+    save_map(knowledge.world(), tmp_path / "out.ttl", source_view=knowledge.source_view())
+    assert_worlds_equal(knowledge.world(), knowledge_base_from(tmp_path / "out.ttl").world())
 
 
 # -- public maps -------------------------------------------------------------------------------------------------------

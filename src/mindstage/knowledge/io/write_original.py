@@ -273,6 +273,7 @@ class _SourceDialectWriter:
             report=ignore_finding,
             add_assumption=_ignore_assumption,
             conventions=UnitConventions(),
+            mesh_bounds=None,  # others may read the file without the meshes
         )
 
     def _difference(self, blocks: Iterable[SubjectBlock]) -> WorldDiff:
