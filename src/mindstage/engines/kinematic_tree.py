@@ -186,6 +186,14 @@ class KinematicForest:
     """Joints that close a loop."""
     notes: list[SpawnNote] = field(default_factory=list)
 
+    def units(self) -> dict[BodyId, BodyId]:
+        """The root group of the tree of each group, by their roots; groups of one tree move together."""
+        result: dict[BodyId, BodyId] = {}
+        for root in self.groups:  # parents come before children
+            tree_joint = self.tree_joints.get(root)
+            result[root] = root if tree_joint is None else result[self.root_of[tree_joint.parent]]
+        return result
+
 
 def mimic_coefficients(follower: TreeJoint, master: TreeJoint) -> tuple[float, float]:
     """Multiplier and offset from a master's coordinate in the tree to that of the joint that follows it.
@@ -283,18 +291,13 @@ def build_kinematic_forest(
     return forest
 
 
-def effective_mobility(body: Body) -> Mobility:
-    """The body's mobility; static by default."""
-    return body.physics.mobility or Mobility.STATIC
-
-
 def _build_groups(forest: KinematicForest, registry: EntityRegistry, masses: Mapping[BodyId, float]) -> None:
     joints_of = _joints_by_body(registry)
-    for id, body in registry.bodies.items():
+    for id in registry.bodies:
         parent = registry.parents.get(id)
         if parent is None:
             continue
-        if not (body.physics.is_dynamic and id in joints_of):
+        if not (id in joints_of and registry.mobility(id) is Mobility.DYNAMIC):
             forest.rigid_parents[id] = parent
             continue
         joint_ids = ", ".join(joints_of[id])
@@ -302,7 +305,7 @@ def _build_groups(forest: KinematicForest, registry: EntityRegistry, masses: Map
         forest.notes.append(SpawnNote(SpawnNoteKind.ATTACHMENT, (id, parent), text))
     roots = [id for id in registry.bodies if id not in forest.rigid_parents]
     for root in roots:
-        group = RigidGroup(root, effective_mobility(registry.bodies[root]), 0.0)
+        group = RigidGroup(root, registry.mobility(root), 0.0)
         stack = [root]
         while stack:
             id = stack.pop()
@@ -312,7 +315,7 @@ def _build_groups(forest: KinematicForest, registry: EntityRegistry, masses: Map
             stack.extend(child for child in registry.children(id) if forest.rigid_parents.get(child) == id)
         forest.groups[root] = group
     for id, parent in forest.rigid_parents.items():
-        if registry.bodies[id].physics.is_dynamic:
+        if registry.mobility(id) is Mobility.DYNAMIC:
             text = f"{id} is dynamic and attached to {parent}: it moves rigidly with it and adds its mass"
             forest.notes.append(SpawnNote(SpawnNoteKind.ATTACHMENT, (id, parent), text))
 

@@ -10,7 +10,16 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from mindstage.engines.base import Capability, EngineStats, PoseArray, SavedState, SpawnReport
+from mindstage.engines.base import (
+    DEFAULT_SPAWN_OPTIONS,
+    Capability,
+    EngineStats,
+    PoseArray,
+    SavedState,
+    SpawnNote,
+    SpawnOptions,
+    SpawnReport,
+)
 from mindstage.engines.kinematic_tree import coupled_body_poses
 from mindstage.engines.registry import EntityRegistry
 from mindstage.errors import EngineClosedError
@@ -45,7 +54,9 @@ class NullEngine:
         """See `Engine`; the same holds for the methods below."""
         return self._require_open()._time_s
 
-    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+    def spawn(
+        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+    ) -> SpawnReport:
         added = self._require_open()._registry.add(world)
         bodies = self._registry.bodies
         for id in added.joints:
@@ -56,6 +67,10 @@ class NullEngine:
                 pose_multiply(pose_inverse(normalized_pose_array(bodies[joint.child].pose)), frame),
             )
         return added.report()
+
+    @property
+    def notes(self) -> tuple[SpawnNote, ...]:
+        return ()
 
     def delete(self, ids: Iterable[BodyId]) -> None:
         self._require_open()._registry.remove(ids)

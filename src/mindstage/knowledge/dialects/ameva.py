@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from mindstage.knowledge.dialects.body_boxes import with_body_boxes
 from mindstage.knowledge.dialects.conventions import Handedness, LengthUnit, QuaternionOrder, UnitConventions
 from mindstage.knowledge.dialects.joints import OPEN_ANGLE_RAD, HingeEvidence, InferredAxis, infer_hinge_axis
 from mindstage.knowledge.dialects.membership import types_of
@@ -324,7 +325,7 @@ def is_ameva(source_map: SourceMap) -> bool:
 def read_ameva(source_map: SourceMap) -> World:
     """Reads an AMEVA map."""
     conventions = infer_conventions(source_map, AMEVA_DEFAULTS)
-    source_map = convert_source_map(source_map, conventions, dialect=AMEVA_DIALECT)
+    source_map = with_body_boxes(convert_source_map(source_map, conventions, dialect=AMEVA_DIALECT))
     return read_semlog(add_joint_definitions(with_tag_properties(_with_class_values(source_map))))
 
 
