@@ -37,7 +37,7 @@ from mindstage.knowledge.reasoner_properties import node_from_label
 from mindstage.knowledge.shape_rules import ShapeRule, ShapeRuleResolver
 from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.knowledge.tell import RUNTIME_GRAPH, AssertableValue, AssertionStore
-from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, SUBCLASS_OF, TYPE, xsd
+from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, SUBCLASS_OF, TYPE, xsd
 from mindstage.scene import Body, FactValue, Iri, IriRef, Joint, Light, Literal, PropertyAssertion, World
 from mindstage.scene.display import counted
 
@@ -205,6 +205,16 @@ class KnowledgeBase:
     def find_file(self, name: str) -> Path | None:
         """The file that a mesh name refers to (`package://…`, or a path relative to its map); None if there is none."""
         return self._registry.find_file(name)
+
+    def stated_classes(self, individual: str) -> tuple[Iri, ...]:
+        """The classes that an individual is stated to have, without those of OWL; empty for anything else."""
+        try:
+            node = node_from_label(Iri(individual)) if individual.startswith("_:") else ox.NamedNode(individual)
+        except ValueError:  # a path
+            return ()
+        quads = self._store.quads_for_pattern(node, ox.NamedNode(TYPE), None)
+        names = (Iri(quad.object.value) for quad in quads if isinstance(quad.object, ox.NamedNode))
+        return tuple(sorted({name for name in names if not name.startswith(OWL)}))
 
     def map_statistics(self, map: str | None = None) -> MapStatistics:
         """Counts of the classes, individuals, objects, joints and relations of one map.

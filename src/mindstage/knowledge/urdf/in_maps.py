@@ -7,7 +7,7 @@ link is inferred from the words of its name.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -122,6 +122,9 @@ class UrdfSources:
         links = dict(linked_individuals(graph))
         if not links:
             return file
+        if not self.urdf_robots:
+            self.findings.append(_missing_robot(file, links))
+            return file
         found: set[Iri] = set()
         data = file.data
         for path, robot in self.urdf_robots.items():
@@ -174,6 +177,17 @@ def linked_individuals(graph: Graph) -> Iterable[tuple[Iri, str]]:
         has_pose = any(fact.property in (HAS_POSE, HAS_LOCALIZATION) for fact in facts)
         if names and not has_pose and not individual.startswith("_:"):
             yield individual, names[0]
+
+
+def _missing_robot(file: SourceFile, links: Mapping[Iri, str]) -> Finding:
+    """The finding about a map whose individuals are links of a robot description, where none is given."""
+    individual, link = next(iter(links.items()))
+    count = f"{len(links):,} individuals take" if len(links) > 1 else "an individual takes"
+    problem = f"{count} the pose of a link of a robot description, such as {local_name(individual)} that of {link!r}"
+    action = (
+        "none is given, so they are not in the world: give the URDF or xacro file with --urdf FILE (in Python robots)"
+    )
+    return Finding(Severity.ERROR, str(file.path), BASE_LINK_NAME, problem, action)
 
 
 def _map_of(graph: Graph, individuals: Iterable[Iri]) -> Iri | None:
