@@ -38,6 +38,7 @@ __all__ = [
     "EndpointUrl",
     "EngineName",
     "ExitCode",
+    "Ground",
     "MapArgument",
     "MapArguments",
     "MapName",
@@ -281,6 +282,11 @@ PlainBoxes = Annotated[
     typer.Option(
         "--plain-boxes", help="Use only the primitive shape of the map for each body, without meshes and shape rules."
     ),
+]
+
+Ground = Annotated[
+    bool,
+    typer.Option("--ground/--no-ground", help="Add a ground plane where the map has nothing below loose bodies."),
 ]
 
 _PER_MAP = "Prefix MAP= (a file name) for one map only; may be repeated."

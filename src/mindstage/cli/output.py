@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from mindstage.engines import SpawnReport
+    from mindstage.engines import SpawnNote, SpawnReport
     from mindstage.knowledge import Assumption, Finding, KnowledgeBase
     from mindstage.knowledge.rdf import FindingGroup
     from mindstage.scene import Statement, World, WorldDiff
@@ -34,6 +34,7 @@ __all__ = [
     "fits_table",
     "import_summary",
     "losses_json",
+    "notes_json",
     "one_line",
     "print_diff",
     "print_failures",
@@ -42,6 +43,7 @@ __all__ = [
     "print_json",
     "print_line",
     "print_losses",
+    "print_notes",
     "print_reasons",
     "print_records",
     "print_report",
@@ -412,6 +414,19 @@ def print_moved(report: SpawnReport) -> None:
         warn(f"not at rest: {moved.id} moved by {moved.distance_m:.3g} m in {report.rest_checked_s:g} s{left}")
     if len(report.moved) > _MAX_MOVED:
         warn(f"not at rest: {len(report.moved) - _MAX_MOVED:,} more, see --json")
+
+
+def notes_json(notes: Sequence[SpawnNote]) -> list[dict[str, object]]:
+    """Notes of an engine as JSON objects."""
+    import msgspec
+
+    return [msgspec.to_builtins(note) for note in notes]
+
+
+def print_notes(notes: Sequence[SpawnNote]) -> None:
+    """Prints what an engine decided or noticed while it simulated, a line for each, on stderr."""
+    for note in notes:
+        warn(f"{note.kind.value}: {note.text}")
 
 
 _MAX_CHANGES = 20

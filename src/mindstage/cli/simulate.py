@@ -23,6 +23,7 @@ from mindstage.cli.options import (
     Delta,
     EngineName,
     ExitCode,
+    Ground,
     MapArguments,
     MapName,
     MapReading,
@@ -46,12 +47,14 @@ from mindstage.cli.output import (
     findings_json,
     import_summary,
     losses_json,
+    notes_json,
     print_diff,
     print_findings,
     print_import_summary,
     print_json,
     print_line,
     print_losses,
+    print_notes,
     print_reasons,
     print_report,
     print_table,
@@ -127,6 +130,7 @@ def spawned_map(
     strict: bool,
     assets: list[Path] | None,
     plain_boxes: bool,
+    ground: bool = True,
     in_empty_world: bool = False,
 ) -> Iterator[SpawnedMap]:
     """Reads a map and spawns it; the simulation is closed at the end of the `with` block.
@@ -139,6 +143,7 @@ def spawned_map(
         strict: whether a map with findings is rejected.
         assets: see `simulation_from_options`.
         plain_boxes: see `simulation_from_options`.
+        ground: see `Simulation.spawn`.
         in_empty_world: whether a remote world must be empty, and is cleared at the end; see `exclusive`.
     """
     timings = Timings()
@@ -153,7 +158,7 @@ def spawned_map(
         if in_empty_world:
             stack.enter_context(exclusive(simulation))
         with progress_spinner("spawning"), timings.measure("spawn"):
-            report = simulation.spawn(world, check_rest=True)
+            report = simulation.spawn(world, ground=ground, check_rest=True)
         yield SpawnedMap(
             simulation=simulation, knowledge=knowledge, world=world, findings=findings, report=report, timings=timings
         )
@@ -170,6 +175,7 @@ def spawn(
     strict: Strict = False,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
+    ground: Ground = True,
     engine: EngineName = "mujoco",
     with_viewport: WithViewport = True,
     port: Port = 8080,
@@ -179,7 +185,10 @@ def spawn(
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Spawn a map in an engine, print a report, and simulate it; exit 1 if anything could not be spawned."""
+    """Spawn a map, print a report, and simulate it; exit 1 if anything could not be spawned or is not at rest.
+
+    Bodies that move by more than 0.1 m within the first two simulated seconds are not at rest.
+    """
     check_token_given(host, token)
     running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
     with spawned_map(
@@ -190,6 +199,7 @@ def spawn(
         strict=strict,
         assets=assets,
         plain_boxes=plain_boxes,
+        ground=ground,
     ) as spawned:
         output: dict[str, object] = {"map": spawned.world.iri, "engine": spawned.simulation.engine_name}
         output |= {"seconds": spawned.timings.seconds} | spawned.to_json()
@@ -210,8 +220,11 @@ def _run(simulation: Simulation, output: dict[str, object], *, seconds: float, a
     wall_s = step_with_progress(simulation, seconds)
     factor = seconds / wall_s if seconds else None
     if as_json:
-        print_json(output | {"simulated_s": seconds, "real_time_factor": factor})
-    elif factor:
+        notes = notes_json(simulation.notes)
+        print_json(output | {"simulated_s": seconds, "real_time_factor": factor, "notes": notes})
+        return
+    print_notes(simulation.notes)
+    if factor:
         print_line(f"{seconds:g} s simulated in {wall_s:.2f} s: {factor:.1f} times real time")
 
 
@@ -242,6 +255,7 @@ def log(
     strict: Strict = False,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
+    ground: Ground = True,
     engine: EngineName = "mujoco",
     seconds: Annotated[
         float,
@@ -249,7 +263,7 @@ def log(
     ] = 0.0,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Spawn a map, simulate it, and write the resulting world as a map; exit 1 if anything could not be spawned.
+    """Spawn a map, simulate it, and write the world; exit 1 if anything could not be spawned or is not at rest.
 
     Without a map, the world of a remote engine is written.
     """
@@ -264,12 +278,15 @@ def log(
         strict=strict,
         assets=assets,
         plain_boxes=plain_boxes,
+        ground=ground,
     ) as spawned:
         written = _write(spawned.simulation, out, seconds=seconds)
+        notes = spawned.simulation.notes
     if as_json:
         print_json(written | spawned.to_json())
     else:
         spawned.print()
+        print_notes(notes)
         _print_summary(written)
         print_reasons(spawned.reasons)
     return ExitCode.NEGATIVE if spawned.reasons else ExitCode.OK
@@ -305,6 +322,7 @@ def _write(simulation: Simulation, out: Path, *, seconds: float) -> dict[str, ob
         logged = simulation.snapshot()
         save_map(logged, out)
     return {
+        "notes": notes_json(simulation.notes),
         "map": logged.iri,
         "engine": simulation.engine_name,
         "simulated_s": seconds,
@@ -332,12 +350,13 @@ def check(
     strict: Strict = False,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
+    ground: Ground = True,
     engine: EngineName = "mujoco",
     delta: Delta = 0.0,
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Spawn a map, log it, write it, read it again, and compare; exit 0 only if nothing was lost.
+    """Spawn a map, log it, write it, read it again, and compare; exit 0 only if nothing was lost or moved away.
 
     The round trip is: map, engine, snapshot, OWL file in the dialect of the map, map. The worlds and all statements of
     the map are compared.
@@ -354,6 +373,7 @@ def check(
         strict=strict,
         assets=assets,
         plain_boxes=plain_boxes,
+        ground=ground,
         in_empty_world=True,
     ) as spawned:
         engine_name, world, timings = spawned.simulation.engine_name, spawned.world, spawned.timings

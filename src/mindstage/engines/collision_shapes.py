@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from math import isfinite, pi
+from math import hypot, isfinite, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,6 +191,8 @@ _CACHE_SIZE = 4096
 """Number of cached geometries."""
 MIN_THICKNESS_M = 0.001
 """Minimum thickness that all engines collide reliably [m]."""
+_MAX_LENGTH_M = 1e6
+_MIN_QUATERNION_NORM = 1e-6
 SHAPE_TYPES = (CollisionShapeType.BOX, CollisionShapeType.SPHERE, CollisionShapeType.CYLINDER, CollisionShapeType.HULL)
 _POSE_TOLERANCE_M = 1e-6
 _TYPE_OF_PRIMITIVE = {
@@ -302,8 +304,10 @@ def _with_min_thickness(size: Vector) -> Vector:
 
 def _is_valid(shape: CollisionShape) -> bool:
     points = [number for point in shape.points for number in point]
-    finite = all(map(isfinite, (*shape.size, *shape.pose.position, *shape.pose.quaternion, *points)))
-    return finite and any(shape.pose.quaternion) and min(shape.size) >= 0.0
+    lengths = (*shape.size, *shape.pose.position, *points)
+    in_range = all(isfinite(length) and abs(length) <= _MAX_LENGTH_M for length in lengths)
+    norm = hypot(*shape.pose.quaternion)
+    return in_range and _MIN_QUATERNION_NORM <= norm <= 1.0 / _MIN_QUATERNION_NORM and min(shape.size) >= 0.0
 
 
 def _normalized(shape: CollisionShape) -> tuple[CollisionShape, Hull | None]:

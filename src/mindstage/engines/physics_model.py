@@ -41,7 +41,7 @@ from mindstage.engines.kinematic_tree import (
     pose_from_joint_coordinates,
 )
 from mindstage.engines.mass_properties import MassProperties
-from mindstage.engines.place import MAX_FALL_M, PlaceBounds, find_ground_height, find_unsupported
+from mindstage.engines.place import MAX_FALL_M, PlaceBounds, belongs_to_place, find_ground_height, find_unsupported
 from mindstage.engines.registry import AddResult, EntityRegistry
 from mindstage.engines.settling import KEPT_POSE_TOLERANCE_M, SettlingInput, nested_notes, settle
 from mindstage.errors import PoseUnreachableError
@@ -561,16 +561,16 @@ class PhysicsModelBuilder:
             self.make_immovable(fallen)
         return fallen
 
-    def described_if_settled(self, poses: Array, *, tolerance: float) -> Array:
-        """The poses for a snapshot: described ones for bodies that are where the spawn moved them.
+    def mark_simulated(self) -> None:
+        """Must be called before time advances: from then on, snapshots show bodies where the spawn moved them.
 
-        A body that was moved slightly keeps its described pose while it rests there; one that was moved farther only
-        until something moves it.
-
-        Args:
-            poses: current poses of all bodies.
-            tolerance: rounding error of the engine's poses [m, rad].
+        Those that it moved slightly keep their described pose, as long as they stay there.
         """
+        if self.settled:
+            self.settled = {id: each for id, each in self.settled.items() if each.shift_m <= KEPT_POSE_TOLERANCE_M}
+
+    def described_if_settled(self, poses: Array) -> Array:
+        """The poses for a snapshot: described ones for bodies that still are where the spawn moved them."""
         if not self.settled:
             return poses
         poses = poses.copy()
@@ -578,9 +578,8 @@ class PhysicsModelBuilder:
             settled = self.settled.get(id)
             if settled is None:
                 continue
-            allowed = _RESTING_TOLERANCE if settled.shift_m <= KEPT_POSE_TOLERANCE_M else tolerance
-            is_near = np.abs(poses[row, :3] - settled.pose[:3]).max() <= allowed
-            if is_near and float(quat_angle(poses[row, 3:], settled.pose[3:])) <= max(allowed, tolerance):
+            is_near = np.abs(poses[row, :3] - settled.pose[:3]).max() <= _RESTING_TOLERANCE
+            if is_near and float(quat_angle(poses[row, 3:], settled.pose[3:])) <= _RESTING_TOLERANCE:
                 poses[row] = normalized_pose_array(self.registry.bodies[id].pose)
         return poses
 
@@ -592,7 +591,7 @@ class PhysicsModelBuilder:
         if not has_ground:
             return []
         is_loose = np.array([self.is_loose(id) for id in ids], dtype=bool)
-        unsupported = self._unsupported_rows(poses, is_loose)
+        unsupported = self._unsupported_rows(poses, is_loose & belongs_to_place(boxes))
         if not len(unsupported):
             self.ground_height_m, self._below_ground = None, set()
             return []

@@ -23,6 +23,7 @@ __all__ = [
     "MOVED_DISTANCE_M",
     "REST_CHECK_S",
     "PlaceBounds",
+    "belongs_to_place",
     "find_ground_height",
     "find_moved_bodies",
     "find_unsupported",
@@ -37,6 +38,8 @@ REST_CHECK_S = 2.0
 
 _MAX_PLACE_EXTENT_M = 30.0
 """Larger bodies are scenery, such as a panorama, and do not belong to the place."""
+_MAX_PLACE_RADIUS_M = 1e3
+"""Bodies that are farther from the median position are errors of the map, and do not belong to the place either."""
 _LEFT_MARGIN_M = 0.5
 """A body whose center is farther outside of the bounds has left the place [m]."""
 _MAX_OUTLIER_FRACTION = 0.1
@@ -55,13 +58,11 @@ class PlaceBounds:
 
     @classmethod
     def from_boxes(cls, boxes: OrientedBoxes) -> PlaceBounds | None:
-        """The bounds of all bodies but the scenery; of all if there is nothing else; None without bodies."""
+        """The bounds of all bodies that belong to the place; None without bodies."""
         if not len(boxes.center):
             return None
         low, high = boxes.bounds()
-        belongs = (2 * boxes.half_extents).max(axis=1) <= _MAX_PLACE_EXTENT_M
-        if not belongs.any():
-            belongs[:] = True
+        belongs = belongs_to_place(boxes)
         return cls(low[belongs].min(axis=0), high[belongs].max(axis=0))
 
     @property
@@ -73,6 +74,19 @@ class PlaceBounds:
         """Whether positions, n x 3, are outside of the place."""
         is_outside = (positions < self.low - _LEFT_MARGIN_M) | (positions > self.high + _LEFT_MARGIN_M)
         return np.asarray(is_outside.any(axis=1))
+
+
+def belongs_to_place(boxes: OrientedBoxes) -> NDArray[np.bool_]:
+    """For each body, whether it belongs to the place: neither scenery nor far away from most others."""
+    is_scenery = (2 * boxes.half_extents).max(axis=1, initial=0.0) > _MAX_PLACE_EXTENT_M
+    if is_scenery.all():
+        is_scenery[:] = False
+    if not len(is_scenery):
+        return is_scenery
+    middle = np.median(boxes.center[~is_scenery], axis=0)
+    is_far = np.abs(boxes.center - middle).max(axis=1) > _MAX_PLACE_RADIUS_M
+    belongs = ~is_scenery & ~is_far
+    return np.asarray(belongs if belongs.any() else ~is_scenery)
 
 
 def find_unsupported(centers: Array, supports: OrientedBoxes) -> NDArray[np.bool_]:

@@ -101,6 +101,10 @@ class _Settler:
         self._low, self._high = (each.copy() for each in shapes.boxes.bounds())
         self._shift = np.zeros((len(self._owner), 3))
         """Translation of each shape so far."""
+        self._first_low, self._first_high = self._low.copy(), self._high.copy()
+        """Bounds of the shapes at the described poses."""
+        self._carried: dict[int, Array] = {}
+        """Translations of units that stand on a moved one [m]."""
         self._units = self._rows_by_unit()
         self._result = Settlement()
 
@@ -111,7 +115,7 @@ class _Settler:
         for unit in order:
             rows = self._units[unit]
             if unit in pending:
-                self._place(rows, placed, pending)
+                self._place(unit, placed, pending)
             placed[rows] = True
         return self._result
 
@@ -154,11 +158,14 @@ class _Settler:
 
     # -- one unit ------------------------------------------------------------------------------------------------------
 
-    def _place(self, rows: Indices, placed: NDArray[np.bool_], pending: set[int]) -> None:
+    def _place(self, unit: int, placed: NDArray[np.bool_], pending: set[int]) -> None:
         """Moves a unit out of all placed bodies, or else records why it cannot be."""
+        rows = self._units[unit]
         own = self._shapes_of(rows)
         if not len(own):
             return
+        carried = self._carried.get(unit, np.zeros(3))
+        self._apply(own, carried)
         is_obstacle = placed & ~self._input.is_ignored
         is_obstacle[rows] = False
         extent = self._high[own].max(axis=0) - self._low[own].min(axis=0)
@@ -178,10 +185,12 @@ class _Settler:
             self._result.stuck += rows.tolist()
             text = f"{self._name(rows)} is stuck in {self._names(hits)}: it is simulated as static"
             self._result.notes.append(SpawnNote(SpawnNoteKind.SETTLED, self._note_ids(rows, hits), text))
-        elif np.any(shift):
-            self._result.shifts |= dict.fromkeys(rows.tolist(), shift)
-            self._note_shift(rows, hits, shift)
-            pending |= self._units_above(own, placed)
+        elif np.any(shift + carried):
+            self._result.shifts |= dict.fromkeys(rows.tolist(), shift + carried)
+            self._note_shift(rows, hits, shift + carried)
+            pending |= self._units_in_the_way(own, placed)
+            if shift[2] + carried[2] > 0.0:
+                pending |= self._carry(own, shift + carried, placed)
 
     def _apply(self, own: Indices, shift: Array) -> None:
         self._shift[own] += shift
@@ -283,7 +292,21 @@ class _Settler:
         pairs = zip(self._owner[i[is_deep]].tolist(), self._owner[j[is_deep]].tolist(), strict=True)
         self._result.nested_pairs += list(dict.fromkeys(pairs))
 
-    def _units_above(self, own: Indices, placed: NDArray[np.bool_]) -> set[int]:
+    def _carry(self, own: Indices, shift: Array, placed: NDArray[np.bool_]) -> set[int]:
+        """Translates what stands on a lifted unit with it; returns those units."""
+        found = set()
+        for shape in own.tolist():
+            gap = self._first_low[:, 2] - self._first_high[shape, 2]
+            is_over = (self._first_low[:, :2] < self._first_high[shape, :2]) & (
+                self._first_high[:, :2] > self._first_low[shape, :2]
+            )
+            stands = (np.abs(gap) <= KEPT_POSE_TOLERANCE_M) & is_over.all(axis=1)
+            found |= set(self._input.unit[self._owner[stands & ~placed[self._owner]]].tolist())
+        carried = {unit for unit in found if unit in self._units and unit not in self._carried}
+        self._carried |= dict.fromkeys(carried - {int(self._input.unit[self._owner[own[0]]])}, shift)
+        return carried
+
+    def _units_in_the_way(self, own: Indices, placed: NDArray[np.bool_]) -> set[int]:
         """Units that are not placed yet, and that a moved one may overlap now."""
         first, last = self._low[own].min(axis=0), self._high[own].max(axis=0)
         meets = np.all((self._low < last) & (self._high > first), axis=1) & ~placed[self._owner]

@@ -223,6 +223,8 @@ GeomOptions = dict[str, Any]
 _FRICTION = (0.8, 0.005, 0.0001)
 _DEFAULT_CONTACT: GeomOptions = {}
 _NO_CONTACT: GeomOptions = {"contype": 0, "conaffinity": 0, "friction": (1.0, 0.005, 0.0001)}
+_MAX_FRICTION = 100.0
+"""Coefficient from which on friction is as good as glue."""
 _GROUND_CONTACT = 2
 """Bit of `contype` for the ground."""
 _LOOSE_AFFINITY = 1 | _GROUND_CONTACT
@@ -248,7 +250,7 @@ def contact_options(geometry: BodyGeometry | None, timestep_s: float, *, non_col
         return _NO_CONTACT
     if geometry is None or (geometry.friction is None and geometry.restitution is None):
         return _DEFAULT_CONTACT
-    sliding = _FRICTION[0] if geometry.friction is None else max(geometry.friction, 1e-5)
+    sliding = _FRICTION[0] if geometry.friction is None else min(max(geometry.friction, 1e-5), _MAX_FRICTION)
     priority = 0 if geometry.friction is None else 1 + round(1000 * exp(-sliding))
     restitution = min(geometry.restitution or 0.0, 0.98)
     if restitution < _MIN_RESTITUTION:

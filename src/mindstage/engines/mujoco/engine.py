@@ -344,6 +344,7 @@ class MujocoEngine:
             return
         self._pending_s = max(0.0, self._pending_s - steps * self._timestep_s)
         compiled = cache.model()
+        cache.builder.mark_simulated()
         if self._forces:
             self._apply_forces(compiled)
         mujoco.mj_step(compiled.model, compiled.data, nstep=steps)
@@ -385,7 +386,7 @@ class MujocoEngine:
     def snapshot(self) -> World:
         cache = self._require_open()
         cache.model()  # a snapshot has the poses of the physics after pending edits
-        poses = cache.builder.described_if_settled(cache.poses(), tolerance=_POSE_TOLERANCE)
+        poses = cache.builder.described_if_settled(cache.poses())
         return cache.registry.to_world(poses, tolerance_m=_POSE_TOLERANCE, tolerance_rad=_POSE_TOLERANCE)
 
     def save_state(self) -> SavedState:

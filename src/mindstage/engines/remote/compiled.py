@@ -215,7 +215,7 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
         row_of = {body.id: row for row, body in enumerate(world.bodies)}
         poses = pose_array(world.bodies[row_of[id]].pose for id in ids)
         poses[:, 3:] = normalize(poses[:, 3:])
-        described = self._builder.described_if_settled(poses, tolerance=_POSE_TOLERANCE)
+        described = self._builder.described_if_settled(poses)
         is_kept = np.any(described != poses, axis=1).tolist()
         given = self._builder.registry.bodies
         kept = {id: given[id].pose for id, keeps in zip(ids, is_kept, strict=True) if keeps}
@@ -288,6 +288,7 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
     # -- time ----------------------------------------------------------------------------------------------------------
 
     def step(self, duration_s: float) -> None:
+        self._builder.mark_simulated()
         self._step_returns_poses &= self._pose_rows is None
         read_poses, self._pose_rows = self._step_returns_poses, None
         forces = tuple(force for force in self._forces if force.id in self._builder.registry.bodies)
