@@ -77,8 +77,10 @@ from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine, SpawnReport
+    from mindstage.engines.base import MovedBody
     from mindstage.knowledge import Finding, KnowledgeBase, SourceMapView
-    from mindstage.scene import Body, Joint, Light, Statement, World, WorldDiff
+    from mindstage.scene import Body, BodyId, Joint, Light, Statement, World, WorldDiff
+    from mindstage.scene.transforms import Array
     from mindstage.simulation import Simulation
 
 __all__ = ["SpawnedMap", "check", "log", "spawn", "spawned_map"]
@@ -217,15 +219,47 @@ def spawn(
 
 
 def _run(simulation: Simulation, output: dict[str, object], *, seconds: float, as_json: bool) -> None:
+    import msgspec
+
+    from mindstage.engines.place import MOVED_DISTANCE_M
+
+    before = simulation.run_on_engine(lambda engine: engine.poses(), label="poses")
     wall_s = step_with_progress(simulation, seconds)
     factor = seconds / wall_s if seconds else None
+    moved = _moved_bodies(simulation, *before)
     if as_json:
-        notes = notes_json(simulation.notes)
-        print_json(output | {"simulated_s": seconds, "real_time_factor": factor, "notes": notes})
+        output |= {"simulated_s": seconds, "real_time_factor": factor, "moved": msgspec.to_builtins(moved)}
+        print_json(output | {"notes": notes_json(simulation.notes)})
         return
     print_notes(simulation.notes)
+    if moved:
+        fallen = sum(body.left_place for body in moved)
+        left = f", {fallen} of them left the place" if fallen else ""
+        print_line(f"{len(moved)} bodies moved by more than {MOVED_DISTANCE_M:g} m{left}: {_moved_text(moved)}")
     if factor:
         print_line(f"{seconds:g} s simulated in {wall_s:.2f} s: {factor:.1f} times real time")
+
+
+def _moved_bodies(simulation: Simulation, ids: tuple[BodyId, ...], before: Array) -> tuple[MovedBody, ...]:
+    """The bodies that are not where they were, farthest first."""
+    import numpy as np
+
+    from mindstage.engines.place import PlaceBounds, find_moved_bodies
+    from mindstage.scene.bounding_boxes import OrientedBoxes
+
+    sizes = {body.id: body.size for world in simulation.worlds for body in world.bodies}
+    boxes = OrientedBoxes.from_poses(before, np.array([sizes.get(id) or (0.0, 0.0, 0.0) for id in ids]).reshape(-1, 3))
+    _, after = simulation.run_on_engine(lambda engine: engine.poses(), label="poses")
+    return find_moved_bodies(ids, before, after, PlaceBounds.from_boxes(boxes))
+
+
+_MAX_MOVED = 3
+"""Limit of the bodies that the line about a simulation names."""
+
+
+def _moved_text(moved: Sequence[MovedBody]) -> str:
+    named = [f"{body.id} by {body.distance_m:.3g} m" for body in moved[:_MAX_MOVED]]
+    return ", ".join(named) + (" …" if len(moved) > _MAX_MOVED else "")
 
 
 # -- log ---------------------------------------------------------------------------------------------------------------
