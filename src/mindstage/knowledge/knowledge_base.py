@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -200,7 +201,9 @@ class KnowledgeBase:
             AmbiguousMapError: several maps are loaded and no name was given, or several have that local name.
         """
         with self.lock:
-            return SourceMapView(self._source_map(self._resolve_map(map)))
+            source_map = self._source_map(self._resolve_map(map))
+            implied = self._registry.implied_members(source_map.map)
+            return SourceMapView(replace(source_map, implied_members=implied))
 
     def find_file(self, name: str) -> Path | None:
         """The file that a mesh name refers to (`package://…`, or a path relative to its map); None if there is none."""
@@ -507,7 +510,6 @@ class KnowledgeBase:
             report=self._add_finding,
             add_assumption=self._add_assumption,
             conventions=self._conventions_of(map),
-            implied_members=self._registry.implied_members(map),
         )
 
     def _conventions_of(self, map: Iri) -> UnitConventions:

@@ -80,6 +80,10 @@ class ClassNameIndex:
         return {local_name(cls).lower(): cls for cls in named}
 
 
+_MAX_LINKS = 5
+"""Limit of the links that the finding about a missing robot description names."""
+
+
 @dataclass(slots=True)
 class UrdfSources:
     """The robot descriptions whose links maps may refer to."""
@@ -181,9 +185,10 @@ def linked_individuals(graph: Graph) -> Iterable[tuple[Iri, str]]:
 
 def _missing_robot(file: SourceFile, links: Mapping[Iri, str]) -> Finding:
     """The finding about a map whose individuals are links of a robot description, where none is given."""
-    individual, link = next(iter(links.items()))
-    count = f"{len(links):,} individuals take" if len(links) > 1 else "an individual takes"
-    problem = f"{count} the pose of a link of a robot description, such as {local_name(individual)} that of {link!r}"
+    names = [*dict.fromkeys(map(repr, links.values()))]
+    shown = ", ".join(names[:_MAX_LINKS]) + (" …" if len(names) > _MAX_LINKS else "")
+    count = f"{len(links):,} individuals take their poses" if len(links) > 1 else "an individual takes its pose"
+    problem = f"{count} from links of a robot description ({shown})"
     action = (
         "none is given, so they are not in the world: give the URDF or xacro file with --urdf FILE (in Python robots)"
     )
