@@ -63,6 +63,8 @@ constraint = ConstraintDescription(id="hinge", pose=pose(3, 5, 1), constraint_de
     id_first_model="a", id_second_model="b",
     linear_limits=LinearLimits(x_motion=1, y_motion=2, z_motion=2, limit=0.1),
     angular_limits=AngularLimits(swing_1_motion=2, swing_2_motion=2, twist_motion=2)))
+r = call("object_to_object_state", srv.ObjectToObjectState, source_object_id="Mug", other_object_id="Cupboard")
+found["object_to_object_state"] = [r.success, r.state]
 r = call("spawn_semantic_map", srv.SpawnSemanticMap,
     models=[ModelDescription(name="Bowl", id="bowl", pose=pose(0, 5, 1), tags=[tag], physics_properties=physics),
             ModelDescription(name="Table", id="table", pose=pose(0, 6, 1)),
@@ -87,8 +89,6 @@ found["get_model_socket_pose"] = [r.success, round(r.pose.position.x, 3)]
 do("set_physics_properties", srv.SetPhysicsProperties, id="a", physics_properties=physics)
 do("change_material", srv.SetMaterial, id="a", material_names=["Red"], material_paths=[""])
 do("highlight_models", srv.HighlightModel, id="a", color=4)
-r = call("object_to_object_state", srv.ObjectToObjectState, source_object_id="Mug", other_object_id="Cupboard")
-found["object_to_object_state"] = [r.success, r.state]
 do("checkpoint", srv.Checkpoint, command="save", args="here")
 do("move_object", srv.MoveObject, Name="table", pose=pose(1, 2, 4))
 found["display_basic_marker"] = call("display_basic_marker", vis.DisplayBasicMarker, marker_type=2, scale=0.25,
