@@ -39,6 +39,7 @@
     │   └── SimulationTimeoutError      a call into the simulation thread did not finish in time
     ├── BridgeError                     failure of a bridge, its peer or the connection (exit code 2)
     │   ├── BridgeUnavailableError      the server cannot listen at that address
+    │   ├── FoxgloveUnavailableError    the Foxglove SDK is not installed, or its server cannot listen
     │   ├── AuthenticationError         missing or invalid token
     │   ├── ConnectionLostError         no connection, or a closed one
     │   ├── ServiceNotFoundError        no service or action of that name is advertised
@@ -92,6 +93,7 @@ __all__ = [
     "EngineTimeoutError",
     "EngineUnavailableError",
     "FailureResponseError",
+    "FoxgloveUnavailableError",
     "InvalidArgumentError",
     "InvalidColorError",
     "InvalidRequestError",
@@ -687,6 +689,17 @@ class BridgeUnavailableError(BridgeError):
     port: int
     _: KW_ONLY
     cause: str
+
+
+@dataclass(eq=False)
+class FoxgloveUnavailableError(BridgeError):
+    """The Foxglove SDK is not installed, or its server cannot listen at that address."""
+
+    code = "FoxgloveUnavailable"
+    template = "Foxglove cannot be served: {cause}{hint}"
+    cause: str
+    _: KW_ONLY
+    remedy: str = ""
 
 
 @dataclass(eq=False)

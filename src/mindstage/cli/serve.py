@@ -13,15 +13,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.options import (
+    DEFAULT_READING,
     AsJson,
     AssetFolders,
-    Bundled,
     EngineName,
     ExitCode,
     MapName,
-    Ontologies,
+    MapReading,
     PlainBoxes,
-    Robots,
     finite,
     options_given,
 )
@@ -129,6 +128,12 @@ Worlds = Annotated[
 ]
 Paused = Annotated[bool, typer.Option("--paused", help="Start paused.")]
 WithPage = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page too.")]
+WithFoxglove = Annotated[
+    bool, typer.Option("--foxglove", help="Serve the Foxglove app on this machine too (extra foxglove).")
+]
+FoxglovePort = Annotated[
+    int, typer.Option("--foxglove-port", metavar="PORT", min=0, max=65535, help="The port of the Foxglove server.")
+]
 PagePort = Annotated[int, typer.Option("--page-port", metavar="PORT", min=0, max=65535, help="The port of the page.")]
 
 
@@ -145,15 +150,15 @@ def serve(
     ros1: RosOne = False,
     worlds: Worlds = None,
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
+    reading: MapReading = DEFAULT_READING,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
     engine: EngineName = "mujoco",
     paused: Paused = False,
     with_viewport: WithPage = False,
     page_port: PagePort = 8080,
+    with_foxglove: WithFoxglove = False,
+    foxglove_port: FoxglovePort = 8765,
     seconds: Seconds = None,
     as_json: AsJson = False,
 ) -> ExitCode:
@@ -164,7 +169,7 @@ def serve(
 
     _check_options(context, connect=connect, namespace=namespace, worlds=worlds)
     running = make_engine(engine)
-    knowledge, world = _load_knowledge(maps, map_name, ontologies=ontologies, bundled=bundled, robots=robots)
+    knowledge, world = _load_knowledge(maps, map_name, reading)
     quitting = threading.Event()
     with ExitStack() as resources:
         simulation = resources.enter_context(
@@ -189,6 +194,10 @@ def serve(
                 viewer = open_viewer(simulation, port=page_port, host=host, token=token, origins=origins or [])
             resources.callback(viewer.close)
             output["page"] = viewer.url
+        if with_foxglove:
+            from mindstage.ros.foxglove import FoxgloveServer
+
+            output["foxglove"] = resources.enter_context(FoxgloveServer(simulation, port=foxglove_port)).url
         _announce(output, connected=connect is not None, seconds=seconds, as_json=as_json)
         if not paused:
             simulation.play()
@@ -213,15 +222,10 @@ def _check_options(context: typer.Context, *, connect: str | None, namespace: st
 
 
 def _load_knowledge(
-    maps: list[str] | None,
-    map_name: str | None,
-    *,
-    ontologies: list[str] | None,
-    bundled: bool,
-    robots: list[str] | None,
+    maps: list[str] | None, map_name: str | None, reading: MapReading
 ) -> tuple[KnowledgeBase, World | None]:
     with progress_spinner("reading"):
-        knowledge = knowledge_base(maps or [], ontologies=ontologies, bundled=bundled, robots=robots)
+        knowledge = knowledge_base(maps or [], reading)
         return knowledge, knowledge.world(map_name) if maps else None
 
 
@@ -259,6 +263,8 @@ def _announce(summary: dict[str, object], *, connected: bool, seconds: float | N
         return
     if "page" in summary:
         print_line(f"The world is served at {summary['page']}")
+    if "foxglove" in summary:
+        print_line(f"Foxglove connects to {summary['foxglove']}")
     verb = "Connected to" if connected else "Listening at"
     print_line(f"{verb} {summary['url']}; services are below /{summary['namespace']}")
     print_line("Press Ctrl-C to exit." if seconds is None else f"Exits after {seconds:g} s.")

@@ -20,6 +20,7 @@ from mindstage.msgs import Message, RosVersion, decode, diagnostic_msgs, mindsta
 from mindstage.ros.actionlib import ActionlibServer
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.engine_services import EngineServices
+from mindstage.ros.named_poses import NamedPoseServices
 from mindstage.ros.publishers import HighlightSubscriber, PublishRates, StatePublisher
 from mindstage.ros.rosapi import RosapiServices
 from mindstage.ros.service import ActionSpec, ServiceSpec, action_handler, names_elsewhere, service_handler
@@ -171,6 +172,8 @@ class RosInterface:
         self._actions: list[str] = []
         self._closed = False
         self._remove_client_source = simulation.clients.add_client_source(lambda: connected_clients(node))
+        if simulation.worlds:
+            simulation.mark_start()
         self._diagnostics_publisher = Publisher(
             node, "/mindstage/diagnostics", diagnostic_msgs.DiagnosticArray, ros=ros
         )
@@ -233,7 +236,8 @@ class RosInterface:
             WorldControlServices(state_reader, diagnostics),
             self._unreal_vis,
             EntityServices(state_reader),
-            WorldServices(simulation, resources, diagnostics),
+            NamedPoseServices(state_reader),
+            WorldServices(simulation, self._control_services, resources, diagnostics),
             SpawnServices(state_reader, resources, diagnostics, step_s=step_s),
             self._control_services,
             self._engine_services,

@@ -57,7 +57,6 @@ __all__ = [
     "action_handler",
     "failed",
     "failure_response",
-    "incorrect_state",
     "names_elsewhere",
     "refusal_response",
     "service_handler",
@@ -86,11 +85,6 @@ class ResultError(Exception):
 def unsupported(message: str) -> ResultError:
     """Returns the error for a feature that is not supported."""
     return ResultError(simulation_interfaces.ResultCode.RESULT_FEATURE_UNSUPPORTED, message)
-
-
-def incorrect_state(message: str) -> ResultError:
-    """Returns the error for an operation that the state of the simulation does not allow."""
-    return ResultError(simulation_interfaces.ResultCode.RESULT_INCORRECT_STATE, message)
 
 
 def failed(message: str) -> ResultError:
@@ -246,11 +240,11 @@ class GoalContext:
         """Sends feedback now."""
         self._send_feedback(feedback)
 
-    def check(self, make_feedback: Callable[[], Message]) -> None:
+    def check(self, make_feedback: Callable[[], Message] | None) -> None:
         """Sends feedback if it is due.
 
         Args:
-            make_feedback: creates the feedback message.
+            make_feedback: creates the feedback message; None for no feedback.
 
         Raises:
             GoalCanceledError: cancellation was requested.
@@ -261,7 +255,7 @@ class GoalContext:
         now = time.monotonic()
         if now > self._deadline:
             raise SimulationTimeoutError(self.name, timeout_s=self.timeout_s)
-        if now - self._last_feedback_s >= FEEDBACK_INTERVAL_S:
+        if make_feedback is not None and now - self._last_feedback_s >= FEEDBACK_INTERVAL_S:
             self._last_feedback_s = now
             self._send_feedback(make_feedback())
 
