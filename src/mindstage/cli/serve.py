@@ -40,7 +40,7 @@ from mindstage.cli.viewer import LOOPBACK, open_viewer
 from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
-    from mindstage.bridge import Refusal, RosbridgeClient
+    from mindstage.bridge import LocalNode, Refusal, RosbridgeClient
     from mindstage.knowledge import KnowledgeBase
     from mindstage.scene import World
     from mindstage.simulation import Simulation
@@ -163,7 +163,7 @@ def serve(
     as_json: AsJson = False,
 ) -> ExitCode:
     """Serve a simulation to ROS clients over rosbridge, under the names of the Unreal plugin."""
-    from mindstage.bridge import LocalNode, RosbridgeServer
+    from mindstage.bridge import LocalNode
     from mindstage.msgs import RosVersion
     from mindstage.ros import RosInterface
 
@@ -182,16 +182,13 @@ def serve(
         interface = RosInterface(simulation, node, namespace=namespace, ros=ros, folder=worlds, on_quit=quitting.set)
         resources.callback(interface.close)
         if isinstance(node, LocalNode):  # a client never finds an open port without the services behind it
-            server = RosbridgeServer(node, host=host, port=port, token=token or None, origins=origins or [])
-            url = resources.enter_context(server).url
+            url = _start_server(resources, node, host, port, token, origins or [])
         else:
             url = node.url
         output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name, **spawned}
         if with_viewport:
-            if connect:  # --host and --token belong to the remote rosbridge
-                viewer = open_viewer(simulation, port=page_port)
-            else:
-                viewer = open_viewer(simulation, port=page_port, host=host, token=token, origins=origins or [])
+            page_token = None if connect else token  # of the remote rosbridge
+            viewer = open_viewer(simulation, port=page_port, host=host, token=page_token, origins=origins or [])
             resources.callback(viewer.close)
             output["page"] = viewer.url
         if with_foxglove:
@@ -227,6 +224,15 @@ def _load_knowledge(
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps or [], reading)
         return knowledge, knowledge.world(map_name) if maps else None
+
+
+def _start_server(
+    resources: ExitStack, node: LocalNode, host: str, port: int, token: str | None, origins: list[str]
+) -> str:
+    from mindstage.bridge import RosbridgeServer
+
+    server = RosbridgeServer(node, host=host, port=port, token=token or None, origins=origins)
+    return resources.enter_context(server).url
 
 
 def _connect(resources: ExitStack, url: str, token: str | None, refused: list[Refusal]) -> RosbridgeClient:
