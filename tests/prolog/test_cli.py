@@ -60,6 +60,21 @@ def test_the_exit_code_is_the_outcome_of_the_goal(goal: str, code: int, out: str
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("goal", "message"),
+    [
+        ("between(1, inf, X)", "did not end within 3 s"),
+        ("numlist(1, 60, L), foldl([_, A, f(A, A)]>>true, L, a, T)", "a solution has more than 2,000,000 parts"),
+        ("numlist(1, 200, N), foldl([_, A, [A]]>>true, N, a, L)", "the term is nested too deeply or cyclic"),
+    ],
+)
+def test_solutions_without_end_or_measure_are_an_error(goal: str, message: str, prolog: Path) -> None:
+    done = run("--no-bundled-ontology", "--goal", goal, "--json", "--timeout", "3")
+    assert done.returncode == 2, (done.stdout[-300:], done.stderr[-300:])
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_all_solutions_as_json(prolog: Path) -> None:
     done = run(KITCHEN, "--json", "-g", "storage_place('Bread', Place, _, Steps)")
     assert done.returncode == 0

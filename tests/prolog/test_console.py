@@ -78,6 +78,12 @@ def test_a_deep_term_is_an_error(kitchen: PrologConsole) -> None:
         kitchen.solutions("numlist(1, 100000, L), foldl([_, A, f(A)]>>true, L, x, Deep), highlight(Deep)")
 
 
+def test_a_request_that_is_too_large_is_an_error(kitchen: PrologConsole, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mindstage.prolog.console._MAX_REQUEST_PARTS", 1000)
+    with pytest.raises(PrologGoalError, match="the term is too large"):
+        kitchen.solutions("numlist(1, 1000, Large), highlight(Large)")
+
+
 def test_a_defect_in_python_is_an_error_in_prolog(kitchen: PrologConsole, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kitchen, "handlers", {"rows": lambda name, given: 1 / 0})
     assert kitchen.holds("catch(map_instance(_), mindstage_error(defect, S), sub_string(S, _, _, _, 'report'))")

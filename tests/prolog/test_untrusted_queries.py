@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import resource
+import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from mindstage.errors import PrologGoalError, PrologTimeoutError
 from mindstage.prolog import PrologConsole
+from mindstage.prolog.console import solve_query
 from mindstage.simulation import Simulation
 
 FRIDGE = "http://mindstage.org/maps/kitchen.owl#fridge"
@@ -127,3 +133,114 @@ def test_time_inferences_and_memory_of_a_query_are_limited(console: PrologConsol
         console.answers(f"A = text, {doubled}, storage_place(E, Place)", timeout_s=60.0)
     assert len(console.answers("member(X, _)", limit=7)) == 7
     assert console.answers("X = 1") == [{"X": 1}]
+
+
+# -- terms that double -------------------------------------------------------------------------------------------------
+
+
+def doubled(levels: int, *, end: str = "a") -> str:
+    """Unifications that make A0 a term of 2^levels parts, which Prolog stores in `levels` cells."""
+    return ", ".join([*_doublings(levels), f"A{levels} = {end}"])
+
+
+def _doublings(levels: int) -> list[str]:
+    return [f"A{at} = f(A{at + 1}, A{at + 1})" for at in range(levels)]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        doubled(60),
+        doubled(60, end="_"),
+        ", ".join(["A60 = a", *reversed(_doublings(60))]),
+        f"{doubled(60)}, findall(A0, member(_, [1, 2]), L)",
+        f"findall(A0, ({doubled(60)}), L)",
+        f"{doubled(14)}, findall(L, (member(_, [1, 2]), L = [A0, A0, A0, A0, A0, A0, A0, A0]), M), N = f(M, M)",
+        f"{doubled(60)}, storage_place(A0, Place)",
+        f"{doubled(60)}, A0 == B",
+        f"{doubled(60)}, msort([A0, A0], L)",
+        f"{doubled(60)}, \\+ A0 = A1",
+        "X = [Y, Y], Y = [Z, Z], member(Z, [[A, A]]), member(A, [[B, B]]), " + doubled(30).replace("A", "B"),
+        "findall(X, member(X, [1, 2]), L), " + doubled(20, end="L"),
+        doubled(14, end="[B, B, B, B, B, B, B, B]"),
+    ],
+)
+def test_a_term_that_doubles_is_refused_while_it_is_small(console: PrologConsole, line: str) -> None:
+    before = peak_memory()
+    with pytest.raises(PrologGoalError, match="the memory limit was exceeded"):
+        console.answers(line, timeout_s=60.0)
+    assert peak_memory() - before < 200 * 1024**2
+    assert console.answers("X = 1") == [{"X": 1}]
+
+
+def test_wide_terms_and_long_texts_are_refused(console: PrologConsole) -> None:
+    with pytest.raises(PrologGoalError, match="f has 17 arguments, and a term of a query has at most 16"):
+        console.answers(f"X = f({','.join('a' * 17)})")
+    long = "a" * 1500
+    with pytest.raises(PrologGoalError, match="the text of the solutions is too long; ask for less"):
+        console.answers(f"X = {long}, Y = f(X, X, X, X, X, X, X, X), {doubled(10, end='Y')}")
+
+
+_VARIABLES = ("A", "B", "C", "D", "_")
+_terms = st.recursive(
+    st.sampled_from([*_VARIABLES, "1", "a", "'Milk'", '"text"', "[]"]),
+    lambda inner: st.one_of(
+        st.lists(inner, min_size=1, max_size=4).map(lambda parts: f"f({', '.join(parts)})"),
+        st.lists(inner, min_size=1, max_size=4).map(lambda parts: f"[{', '.join(parts)}]"),
+        st.tuples(inner, inner).map(lambda parts: f"[{parts[0]}|{parts[1]}]"),
+    ),
+    max_leaves=6,
+)
+_simple_goals = st.one_of(
+    st.tuples(st.sampled_from(_VARIABLES), _terms).map(" = ".join),
+    st.tuples(_terms, st.sampled_from([" = ", " == ", " @< ", " \\= ", " < "]), _terms).map("".join),
+    st.tuples(_terms, _terms).map(lambda parts: f"member({parts[0]}, {parts[1]})"),
+    st.tuples(_terms, _terms).map(lambda parts: f"storage_place({parts[0]}, {parts[1]})"),
+    st.sampled_from(["msort(A, B)", "sort(B, A)", "length(A, B)", "maps(A)", "memberchk(A, B)", "nonvar(A)"]),
+)
+_goals = st.recursive(
+    _simple_goals,
+    lambda inner: st.one_of(
+        st.lists(inner, min_size=2, max_size=6).map(lambda goals: f"({', '.join(goals)})"),
+        st.tuples(inner, inner).map(lambda goals: f"({goals[0]} ; {goals[1]})"),
+        st.tuples(inner, inner).map(lambda goals: f"({goals[0]} -> {goals[1]} ; true)"),
+        inner.map(lambda goal: f"\\+ {goal}"),
+        st.tuples(_terms, inner).map(lambda parts: f"findall({parts[0]}, {parts[1]}, A)"),
+        st.tuples(inner, inner).map(lambda goals: f"forall({goals[0]}, {goals[1]})"),
+        st.tuples(st.sampled_from(_VARIABLES), inner).map(
+            lambda parts: f"aggregate_all(count, {parts[1]}, {parts[0]})"
+        ),
+    ),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
+@given(goals=st.lists(_goals, min_size=1, max_size=12), end=st.integers(0, 40))
+def test_generated_queries_end_within_their_limits(goals: list[str], end: int, console: PrologConsole) -> None:
+    line = ", ".join([*goals, doubled(end, end="A")])[:3900].rsplit(",", 1)[0]
+    before = peak_memory()
+    try:
+        rows = console.answers(line, limit=100, timeout_s=2.0)
+    except (PrologGoalError, PrologTimeoutError):
+        rows = []
+    assert len(rows) <= 100
+    assert peak_memory() - before < 400 * 1024**2, line
+
+
+def peak_memory() -> int:
+    """The maximum resident size of this process so far [bytes]."""
+    used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return used if sys.platform == "darwin" else used * 1024
+
+
+def test_a_query_that_waits_for_another_one_ends_at_its_timeout(
+    prolog: Path, kitchen_simulation: Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from mindstage.prolog import console as module
+
+    lock = threading.Lock()
+    monkeypatch.setattr(module, "_query_lock", lock)
+    with lock, pytest.raises(PrologTimeoutError, match=r"0\.05 s"):
+        solve_query(kitchen_simulation, "maps(M)", limit=1, timeout_s=0.05)
+    assert solve_query(kitchen_simulation, "maps(M)", limit=1, timeout_s=30.0)

@@ -1,7 +1,7 @@
 """Client and server of the rosbridge v2 protocol, with topics, services and actions."""
 
 from mindstage.bridge.broker import GraphInfo, ProviderInfo, TopicInfo
-from mindstage.bridge.client import ConnectionState, RosbridgeClient
+from mindstage.bridge.client import ConnectionState, Refusal, RosbridgeClient
 from mindstage.bridge.node import (
     ActionHandler,
     ClientGoalHandle,
@@ -29,6 +29,7 @@ __all__ = [
     "MessageHandler",
     "Node",
     "ProviderInfo",
+    "Refusal",
     "RosbridgeClient",
     "RosbridgeServer",
     "ServerGoalHandle",

@@ -17,27 +17,22 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.options import (
+    DEFAULT_READING,
     AsJson,
     AssetFolders,
-    Bundled,
-    ConventionOptions,
     Delta,
     EngineName,
     ExitCode,
-    FrameNames,
     Ground,
     MapArguments,
     MapName,
-    Ontologies,
+    MapReading,
     PageHost,
     PageToken,
     PlainBoxes,
     Port,
-    QuaternionOrders,
-    Robots,
     Seconds,
     Strict,
-    UnitNames,
     Verbose,
     WithViewport,
     close_at_end,
@@ -121,10 +116,7 @@ def spawned_map(
     map_name: str | None,
     engine: Engine,
     *,
-    ontologies: list[str] | None,
-    bundled: bool,
-    robots: list[str] | None,
-    conventions: ConventionOptions,
+    reading: MapReading,
     strict: bool,
     assets: list[Path] | None,
     plain_boxes: bool,
@@ -137,10 +129,7 @@ def spawned_map(
         maps: the sources, loaded into one knowledge base.
         map_name: the map to spawn; by default the only one.
         engine: the engine, which the simulation owns.
-        ontologies: see `knowledge_base`.
-        bundled: see `knowledge_base`.
-        robots: see `knowledge_base`.
-        conventions: see `knowledge_base`.
+        reading: see `knowledge_base`.
         strict: whether a map with findings is rejected.
         assets: see `simulation_from_options`.
         plain_boxes: see `simulation_from_options`.
@@ -149,7 +138,7 @@ def spawned_map(
     """
     timings = Timings()
     with progress_spinner("reading"), timings.measure("load"):
-        knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled, robots=robots, conventions=conventions)
+        knowledge = knowledge_base(maps, reading)
         world = knowledge.world(map_name)
     findings = findings_about(world, knowledge, strict=strict)
     with ExitStack() as stack:
@@ -172,12 +161,7 @@ def spawn(
     maps: MapArguments,
     *,
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
-    units: UnitNames = None,
-    frame: FrameNames = None,
-    quaternion: QuaternionOrders = None,
+    reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
@@ -201,10 +185,7 @@ def spawn(
         maps,
         map_name,
         running,
-        ontologies=ontologies,
-        bundled=bundled,
-        robots=robots,
-        conventions=ConventionOptions(units, frame, quaternion),
+        reading=reading,
         strict=strict,
         assets=assets,
         plain_boxes=plain_boxes,
@@ -258,12 +239,7 @@ def log(
         ),
     ],
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
-    units: UnitNames = None,
-    frame: FrameNames = None,
-    quaternion: QuaternionOrders = None,
+    reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
@@ -286,10 +262,7 @@ def log(
         maps,
         map_name,
         running,
-        ontologies=ontologies,
-        bundled=bundled,
-        robots=robots,
-        conventions=ConventionOptions(units, frame, quaternion),
+        reading=reading,
         strict=strict,
         assets=assets,
         plain_boxes=plain_boxes,
@@ -360,12 +333,7 @@ def check(
     maps: MapArguments,
     *,
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
-    units: UnitNames = None,
-    frame: FrameNames = None,
-    quaternion: QuaternionOrders = None,
+    reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
@@ -388,10 +356,7 @@ def check(
         maps,
         map_name,
         running,
-        ontologies=ontologies,
-        bundled=bundled,
-        robots=robots,
-        conventions=ConventionOptions(units, frame, quaternion),
+        reading=reading,
         strict=strict,
         assets=assets,
         plain_boxes=plain_boxes,
@@ -405,7 +370,7 @@ def check(
         origin = spawned.knowledge.source_view(world.iri)
         needs_turtle = any(Path(map).suffix.lower() in _NON_XML_SUFFIXES for map in maps)
         name = "logged.ttl" if needs_turtle else "logged.owl"
-        written = _file_round_trip(name, logged, origin, ontologies=ontologies, bundled=bundled)
+        written = _file_round_trip(name, logged, origin, reading)
         written.world(world.iri)
     with progress_spinner("comparing"), timings.measure("compare"):
         by_engine, found, lost = _compare_round_trip(world, logged, written, origin, delta)
@@ -423,15 +388,14 @@ def check(
     return ExitCode.OK if identical and spawned.is_complete else ExitCode.NEGATIVE
 
 
-def _file_round_trip(
-    name: str, world: World, origin: SourceMapView, *, ontologies: list[str] | None, bundled: bool
-) -> KnowledgeBase:
+def _file_round_trip(name: str, world: World, origin: SourceMapView, reading: MapReading) -> KnowledgeBase:
     from mindstage.knowledge import save_map
 
     with TemporaryDirectory(prefix="mindstage-") as folder:
         path = Path(folder, name)
         save_map(world, path, source_view=origin)
-        return knowledge_base([str(path)], ontologies=ontologies, bundled=bundled)
+        # The written map must state what it was read with, so it is read without robots and conventions.
+        return knowledge_base([str(path)], MapReading(ontologies=reading.ontologies, bundled=reading.bundled))
 
 
 def _compare_round_trip(

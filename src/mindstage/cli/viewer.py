@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mindstage.cli.options import EngineName, ExitCode, PageHost, PageToken, Port, finite
+from mindstage.cli.options import (
+    EngineName,
+    ExitCode,
+    PageHost,
+    PageToken,
+    Port,
+    finite,
+)
 from mindstage.cli.output import print_findings, print_json, print_line, print_report, progress_spinner, warn
 from mindstage.cli.setup import knowledge_base, make_engine, simulation_from_options
 from mindstage.errors import InvalidArgumentError
@@ -171,7 +178,7 @@ def demo(
     """Show the bundled kitchen in the browser."""
     check_token_given(host, token)
     with progress_spinner("loading the kitchen"):
-        knowledge = knowledge_base(["bundled:kitchen"], ontologies=None, bundled=True)
+        knowledge = knowledge_base(["bundled:kitchen"])
         world = knowledge.world()
         simulation = simulation_from_options(knowledge, make_engine(engine))
     with simulation:

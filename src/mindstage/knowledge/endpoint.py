@@ -11,6 +11,7 @@ identified within one request only, unless the server keeps their labels.
 from __future__ import annotations
 
 import base64
+import re
 import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -34,7 +35,7 @@ from mindstage.knowledge.names import PREFIXES
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH
 from mindstage.knowledge.rdf import ObjectNode, SparqlResult, SubjectNode
 from mindstage.knowledge.sparql_worker import REPLY_LIMIT
-from mindstage.knowledge.store import OxigraphStore, check_query, solutions_table, triples_table
+from mindstage.knowledge.store import OxigraphStore, check_text, solutions_table, triples_table
 from mindstage.knowledge.tell import RUNTIME_GRAPH
 from mindstage.knowledge.vocabulary import CHILD, DESCRIBED_IN_MAP, OWL, PARENT, RDF, RDFS, dul, soma
 
@@ -66,6 +67,10 @@ _BULK_PREDICATES = (
     *(CHILD, PARENT, DESCRIBED_IN_MAP),
 )
 """The properties that reasoning reads, and those that relate blank nodes."""
+_FETCHING_WORD = re.compile(
+    "service|from|load|define|insert|delete|clear|create|drop|copy|move|add|with", re.IGNORECASE
+)
+"""Keywords of SPARQL and of endpoints' extensions that fetch or change data. Matches other Unicode cases too."""
 _BATCH_SIZE = 1000
 """The number of names in one request."""
 _STATEMENTS_QUERY = """SELECT ?s ?p ?o ?g WHERE {
@@ -308,15 +313,19 @@ class SparqlEndpointStore:
     def query(self, query: str, *, timeout_s: float, allow_service: bool = False) -> SparqlResult:
         """Sends a query to the endpoint; the sources that are loaded here are not queried.
 
+        The endpoint may fetch what SERVICE and FROM name, so both need `allow_service`. A query that cannot be parsed
+        here is sent for the endpoint's own error message, unless a word in it could make an endpoint fetch something.
+
         Raises:
             SparqlSyntaxError: the query is not valid or not allowed.
             SparqlTimeoutError: the time limit was exceeded.
             EndpointUnreachableError: the server does not respond.
             EndpointError: the server refuses the request.
         """
-        check_query(query, allow_service=allow_service)
         if not timeout_s > 0:
             raise SparqlTimeoutError(timeout_s=timeout_s)
+        if not allow_service:
+            self._require_no_fetching(query, timeout_s)
         prologue = "".join(f"PREFIX {name}: <{iri}> " for name, iri in PREFIXES.items() if f"{name}:" in query)
         try:
             reply = self._endpoint.query(prologue + query, timeout_s=timeout_s)
@@ -334,6 +343,20 @@ class SparqlEndpointStore:
             return solutions_table(reply.body)
         except SyntaxError as error:
             raise self._invalid_reply(error) from error
+
+    def _require_no_fetching(self, query: str, timeout_s: float) -> None:
+        """Refuses a query that could make the endpoint access another server."""
+        check_text(query, allow_service=False)
+        try:
+            clauses = self._local.clauses(query, timeout_s=timeout_s)
+        except SparqlSyntaxError:
+            if _FETCHING_WORD.search(query) or "\\u" in query.lower():
+                raise
+            return
+        for clause in sorted(clauses, reverse=True):  # SERVICE first
+            cause = f"it has {clause}, and {self._endpoint} may fetch what it names from another server"
+            remedy = "allow it with --allow-service (in Python: allow_service=True)"
+            raise SparqlSyntaxError(cause, remedy=remedy + (", or use GRAPH" if clause == "FROM" else ""))
 
     def _fetch(self, position: str, names: Iterable[str]) -> None:
         """Fetches all statements with one of the names at a position (s, p, o, or "" for all statements), once."""

@@ -1,13 +1,23 @@
-"""The process that evaluates SPARQL queries, so that a query can be limited in time and memory.
+"""The process that evaluates SPARQL queries, so that a query can be limited in time, in memory and to the store.
 
 It is a fork of the process that owns the store, or, for a store on disk, runs this file as a script; the file therefore
 imports nothing but the store. A timer in the process itself ends a query, even if the parent has died.
+
+The store's parser, not a pattern on the text, decides whether a query has a SERVICE clause: the word is replaced by
+another one wherever it occurs, in names and strings too, and a query without the clause is still valid afterwards.
+The process is also denied sockets by the operating system, where it can be.
 """
 
 from __future__ import annotations
 
+import ctypes
+import errno
 import os
+import platform
+import re
+import secrets
 import signal
+import struct
 import sys
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -15,16 +25,19 @@ from typing import Any
 
 import pyoxigraph as ox
 
-if sys.platform == "linux":
+if sys.platform != "win32":
     import resource
 
-__all__ = ["MEMORY_LIMIT", "REPLY_LIMIT", "serve"]
+__all__ = ["MEMORY_LIMIT", "REPLY_LIMIT", "deny_network", "serve"]
 
 MEMORY_LIMIT = 2 * 1024**3
 """Memory for a query in addition to that of the store [bytes]."""
 REPLY_LIMIT = 256 * 1024**2
 """The maximum size of an answer [bytes]."""
 
+_STAND_IN_LETTERS = "bcfghjkmnpqvwxz"
+"""Letters that no keyword of SPARQL and no exponent of a number consists of."""
+_CODE_POINT = re.compile(r"\\u([0-9a-fA-F]{4})|\\U([0-9a-fA-F]{8})")
 _JSON, _TRIPLES = ox.QueryResultsFormat.JSON, ox.RdfFormat.N_TRIPLES
 
 
@@ -50,27 +63,94 @@ class _TooLargeError(Exception):
     pass
 
 
-def serve(store: ox.Store, connection: Connection) -> None:
+def serve(store: ox.Store, connection: Connection, *, network: bool = True) -> None:
     """Evaluates queries until the connection is closed.
 
-    A query is (text, prefixes, seconds). A reply is (kind, bytes): solutions or a boolean as JSON, triples, an error.
+    A request is (text, prefixes, seconds, whether SERVICE is allowed, whether to check it only). A reply is (kind,
+    bytes): solutions or a boolean as JSON, triples, an error, or the clause that is not allowed; of a query that is
+    only checked, the clauses in it that name other sources.
+
+    Args:
+        store: the store.
+        connection: to the process that asks.
+        network: whether this process may open connections and files; a store on disk needs files.
     """
     _limit_resources()
+    if not network:
+        deny_network(no_new_files=True)
     while True:
         try:
-            query, prefixes, timeout_s = connection.recv()
+            query, prefixes, timeout_s, allow_service, check_only = connection.recv()
         except EOFError:
             return
         signal.setitimer(signal.ITIMER_REAL, timeout_s)
-        answer = _evaluate(store, query, prefixes)
+        reply = _check(query, prefixes) if check_only else _answer(store, query, prefixes, allow_service=allow_service)
         signal.setitimer(signal.ITIMER_REAL, 0)
-        connection.send(answer)
+        connection.send(reply)
 
 
-def _evaluate(store: ox.Store, query: str, prefixes: dict[str, str]) -> tuple[str, bytes]:
+def _answer(store: ox.Store, query: str, prefixes: dict[str, str], *, allow_service: bool) -> tuple[str, bytes]:
+    if not allow_service and _is_written_with_escapes("SERVICE", query):
+        return "service", b""
+    if not allow_service and _has_clause("SERVICE", query, prefixes):
+        error = _syntax_error(query, prefixes)
+        return ("syntax", error.encode()) if error else ("service", b"")
+    # A dataset of the query's own (FROM) replaces the union of all graphs.
+    return _evaluate(store, query, prefixes, as_union=not _has_clause("FROM", query, prefixes))
+
+
+def _check(query: str, prefixes: dict[str, str]) -> tuple[str, bytes]:
+    words = ("SERVICE", "FROM")
+    clauses = [word for word in words if _is_written_with_escapes(word, query) or _has_clause(word, query, prefixes)]
+    error = _syntax_error(query, prefixes)
+    return ("syntax", error.encode()) if error else ("clauses", " ".join(clauses).encode())
+
+
+def _has_clause(keyword: str, query: str, prefixes: dict[str, str]) -> bool:
+    """Whether a query has a clause that begins with a keyword, or is not valid.
+
+    Without the keyword as such, every occurrence of the word is a part of a name, a string, an IRI or a comment, and
+    the query stays valid if all of them are renamed alike.
+    """
+    stand_in = "".join(secrets.choice(_STAND_IN_LETTERS) for _ in keyword)
+    renamed, found = _word(keyword).subn(stand_in, query)
+    return bool(found) and bool(_syntax_error(renamed, prefixes))
+
+
+def _is_written_with_escapes(keyword: str, query: str) -> bool:
+    """Whether the word occurs in a spelling with escapes; SPARQL 1.1 allows them everywhere, this store in strings."""
+    word, decoded = _word(keyword), _CODE_POINT.sub(_character, query)
+    return len(word.findall(decoded)) > len(word.findall(query))
+
+
+def _word(keyword: str) -> re.Pattern[str]:
+    return re.compile(keyword, re.IGNORECASE | re.ASCII)
+
+
+def _character(escape: re.Match[str]) -> str:
+    number = int(escape[1] or escape[2], 16)
+    return chr(number) if number <= sys.maxunicode else escape[0]
+
+
+def _syntax_error(query: str, prefixes: dict[str, str]) -> str:
+    """The parser's message; empty if the query is valid. Evaluates nothing.
+
+    The store refuses to substitute a variable that the query does not select, after parsing and before evaluating it.
+    """
+    unused = ox.Variable(f"unused{secrets.token_hex(8)}")
+    try:
+        ox.Store().query(query, prefixes=prefixes, substitutions={unused: ox.Literal("")})
+    except SyntaxError as error:
+        return str(error) or "error"
+    except (ValueError, OSError, RuntimeError):
+        pass
+    return ""
+
+
+def _evaluate(store: ox.Store, query: str, prefixes: dict[str, str], *, as_union: bool) -> tuple[str, bytes]:
     reply: Any = _BoundedBuffer()
     try:
-        found = store.query(query, prefixes=prefixes, use_default_graph_as_union=True)
+        found = store.query(query, prefixes=prefixes, use_default_graph_as_union=as_union)
         if isinstance(found, ox.QueryTriples):
             found.serialize(reply, format=_TRIPLES)
             return "triples", b"".join(reply.chunks)
@@ -82,6 +162,56 @@ def _evaluate(store: ox.Store, query: str, prefixes: dict[str, str]) -> tuple[st
         return "syntax", str(error).encode()
     except (ValueError, OSError, RuntimeError) as error:
         return "refused", str(error).encode()
+
+
+# -- limits ------------------------------------------------------------------------------------------------------------
+
+_PR_SET_NO_NEW_PRIVS, _PR_SET_SECCOMP, _SECCOMP_MODE_FILTER = 38, 22, 2
+_LOAD_WORD, _JUMP_IF_EQUAL, _JUMP_IF_AT_LEAST, _RETURN = 0x20, 0x15, 0x35, 0x06
+_ALLOW, _FAIL_WITH = 0x7FFF0000, 0x00050000
+_SYSTEM_CALLS = {"x86_64": (0xC000003E, 41, 425), "aarch64": (0xC00000B7, 198, 425)}
+"""By machine: its number in the Linux audit interface, and the system calls `socket` and `io_uring_setup`."""
+_X32_CALLS = 0x40000000
+"""System calls from this number are those of the x32 interface of x86_64."""
+
+
+class _FilterProgram(ctypes.Structure):
+    _fields_ = (("length", ctypes.c_ushort), ("instructions", ctypes.c_char_p))
+
+
+def deny_network(*, no_new_files: bool) -> bool:
+    """Denies this process new sockets, and returns whether the operating system does so. It cannot be undone.
+
+    On Linux a seccomp filter lets `socket` fail (`man 2 seccomp`); elsewhere, the process may open no further file.
+
+    Args:
+        no_new_files: whether the process needs no further file either.
+    """
+    filtered = sys.platform == "linux" and _filter_system_calls()
+    if no_new_files and sys.platform != "win32":
+        resource.setrlimit(resource.RLIMIT_NOFILE, (0, 0))
+    return filtered or no_new_files
+
+
+def _filter_system_calls() -> bool:
+    machine = platform.machine()
+    if machine not in _SYSTEM_CALLS:
+        return False
+    audit_number, *denied = _SYSTEM_CALLS[machine]
+    checks = [(_JUMP_IF_AT_LEAST, _X32_CALLS), *((_JUMP_IF_EQUAL, call) for call in denied)]
+    instructions = [struct.pack("HBBI", _LOAD_WORD, 0, 0, 4)]  # seccomp_data.arch
+    instructions.append(struct.pack("HBBI", _JUMP_IF_EQUAL, 0, len(checks) + 2, audit_number))
+    instructions.append(struct.pack("HBBI", _LOAD_WORD, 0, 0, 0))  # seccomp_data.nr
+    for at, (comparison, number) in enumerate(checks):
+        instructions.append(struct.pack("HBBI", comparison, len(checks) - at, 0, number))
+    instructions.append(struct.pack("HBBI", _RETURN, 0, 0, _ALLOW))
+    instructions.append(struct.pack("HBBI", _RETURN, 0, 0, _FAIL_WITH | errno.EACCES))
+    program = _FilterProgram(len(instructions), b"".join(instructions))
+    prctl = ctypes.CDLL(None, use_errno=True).prctl
+    prctl.argtypes = (ctypes.c_int, *[ctypes.c_ulong] * 4)
+    if prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0:
+        return False
+    return bool(prctl(_PR_SET_SECCOMP, _SECCOMP_MODE_FILTER, ctypes.addressof(program), 0, 0) == 0)
 
 
 def _limit_resources() -> None:
@@ -99,8 +229,10 @@ def _limit_resources() -> None:
             resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
 
 
-def _main(folder: str, connection_fd: str) -> None:
+def _main(folder: str, connection_fd: str, network: str) -> None:
     connection = Connection(int(connection_fd))
+    if network == "denied":
+        deny_network(no_new_files=False)  # the store opens its files when it reads them
     store = ox.Store.read_only(folder)
     connection.send(None)  # ready
     serve(store, connection)

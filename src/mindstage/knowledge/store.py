@@ -15,7 +15,7 @@ import sys
 import threading
 import warnings
 import weakref
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from itertools import count
 from multiprocessing import Pipe
@@ -35,7 +35,7 @@ __all__ = [
     "OxigraphStore",
     "QueryWorker",
     "QueryWorkerPool",
-    "check_query",
+    "check_text",
     "fork_worker",
     "short_syntax_error",
     "solutions_table",
@@ -73,22 +73,40 @@ _MAX_TIMEOUT_S = 1e6
 """The longest time limit; the timer of a process has no infinity [s]."""
 
 
-def check_query(query: str, *, allow_service: bool) -> None:
-    """Refuses updates, and queries to other servers (SERVICE) unless they are allowed.
+def check_text(query: str, *, allow_service: bool) -> None:
+    """Refuses a query in whose text the keyword SERVICE occurs outside of names, strings, IRIs and comments.
 
-    In doubt a word counts as SERVICE, for example a prefix of that name.
+    For queries that another server parses, whose parser may differ from the store's. In doubt a word counts as SERVICE,
+    for example a prefix of that name.
 
     Raises:
-        SparqlSyntaxError: it is an update, or it uses another server.
+        SparqlSyntaxError: it uses another server.
     """
-    for text in {query, _CODE_POINT.sub(lambda code: chr(int(code[1] or code[2], 16)), query)}:
-        words = _NAMES.sub(" ", _STRING_LITERALS.sub(" ", text))
-        if update := _UPDATE.match(words):
-            cause = f"it is an update ({update[1].upper()}), and queries only read"
-            raise SparqlSyntaxError(cause, remedy="statements are added and removed with tell and retract")
-        if _SERVICE.search(words) and not allow_service:
-            remedy = "allow it with --allow-service (in Python: allow_service=True)"
-            raise SparqlSyntaxError("it asks another server (SERVICE), and nothing is fetched unasked", remedy=remedy)
+    if not allow_service and any(_SERVICE.search(_keywords(text)) for text in (query, _without_escapes(query))):
+        raise _service_error()
+
+
+def _service_error() -> SparqlSyntaxError:
+    remedy = "allow it with --allow-service (in Python: allow_service=True)"
+    return SparqlSyntaxError("it asks another server (SERVICE), and nothing is fetched unasked", remedy=remedy)
+
+
+def _invalid_query_error(query: str, message: str) -> SparqlSyntaxError:
+    """The error about a query that the parser rejects; names an update as such."""
+    if update := _UPDATE.match(_keywords(_without_escapes(query))):
+        cause = f"it is an update ({update[1].upper()}), and queries only read"
+        return SparqlSyntaxError(cause, remedy="statements are added and removed with tell and retract")
+    remedy = "it must be a SELECT, ASK, CONSTRUCT or DESCRIBE of SPARQL 1.1"
+    return SparqlSyntaxError(short_syntax_error(message), remedy=remedy)
+
+
+def _keywords(query: str) -> str:
+    """The text without strings, IRIs, comments and names."""
+    return _NAMES.sub(" ", _STRING_LITERALS.sub(" ", query))
+
+
+def _without_escapes(query: str) -> str:
+    return _CODE_POINT.sub(lambda code: chr(int(code[1] or code[2], 16)), query)
 
 
 def short_syntax_error(message: str) -> str:
@@ -147,15 +165,23 @@ class QueryWorker:
         self._connection = connection
         self._pid = pid
 
-    def query(self, query: str, prefixes: Mapping[str, str], timeout_s: float) -> tuple[str, bytes]:
+    def query(
+        self, query: str, timeout_s: float, *, allow_service: bool = False, check_only: bool = False
+    ) -> tuple[str, bytes]:
         """Runs a query, and returns the kind and the bytes of the reply.
+
+        Args:
+            query: a SPARQL query; the common prefixes need not be declared.
+            timeout_s: time limit [s].
+            allow_service: whether it may use other servers, which a worker without network cannot reach either way.
+            check_only: whether it is parsed and not evaluated.
 
         Raises:
             SparqlTimeoutError: the time limit was exceeded; the worker has ended.
             SparqlSyntaxError: the query needs too much memory or its answer is too large; the worker has ended.
         """
         try:
-            self._connection.send((query, dict(prefixes), timeout_s))
+            self._connection.send((query, dict(PREFIXES), timeout_s, allow_service, check_only))
             if not self._connection.poll(timeout_s + _GRACE_PERIOD_S):
                 raise SparqlTimeoutError(timeout_s=timeout_s)
             answer: tuple[str, bytes] = self._connection.recv()
@@ -203,14 +229,14 @@ class QueryWorkerPool:
         weakref.finalize(self, _kill_all, self._idle_workers)
 
     def query(
-        self, query: str, prefixes: Mapping[str, str], timeout_s: float, *, start_worker: Callable[[], QueryWorker]
+        self, query: str, timeout_s: float, *, check_only: bool, start_worker: Callable[[], QueryWorker]
     ) -> tuple[str, bytes]:
         """Runs a query in a worker, and returns the kind and the bytes of the reply.
 
         Args:
             query: a SPARQL query.
-            prefixes: the prefixes that need not be declared.
             timeout_s: time limit [s].
+            check_only: whether it is parsed and not evaluated.
             start_worker: starts a worker if none is idle.
 
         Raises:
@@ -222,7 +248,7 @@ class QueryWorkerPool:
             worker = self._idle_workers.pop() if self._idle_workers else None
         worker = worker or start_worker()
         try:
-            answer = worker.query(query, prefixes, timeout_s)
+            answer = worker.query(query, timeout_s, check_only=check_only)
         except BaseException:  # including KeyboardInterrupt
             worker.kill()
             raise
@@ -240,8 +266,13 @@ class QueryWorkerPool:
             _kill_all(self._idle_workers)
 
 
-def fork_worker(store: ox.Store) -> QueryWorker:
-    """Starts a worker with a copy of a store in memory; the store must not be written meanwhile."""
+def fork_worker(store: ox.Store, *, network: bool = False) -> QueryWorker:
+    """Starts a worker with a copy of a store in memory; the store must not be written meanwhile.
+
+    Args:
+        store: the store.
+        network: whether the worker may open connections, where the operating system can deny it.
+    """
     ours, theirs = Pipe()
     with warnings.catch_warnings():
         # Python warns about locks of other threads; the child uses the locks of the store only, which are free.
@@ -250,19 +281,25 @@ def fork_worker(store: ox.Store) -> QueryWorker:
     if not process:
         try:
             _close_inherited_files(theirs.fileno())
-            serve(store, theirs)
+            serve(store, theirs, network=network)
         finally:
             os._exit(0)
     theirs.close()
     return QueryWorker(ours, process)
 
 
-def spawn_worker(folder: Path) -> QueryWorker:
-    """Starts a worker that opens a store on disk, which must not be written meanwhile."""
+def spawn_worker(folder: Path, *, network: bool = False) -> QueryWorker:
+    """Starts a worker that opens a store on disk, which must not be written meanwhile.
+
+    Args:
+        folder: the folder of the store.
+        network: whether the worker may open connections, where the operating system can deny it.
+    """
     ours, theirs = Pipe()
     os.set_inheritable(theirs.fileno(), True)
     # -P: the directory of this file must not be on the module path.
-    command = [sys.executable, "-P", sparql_worker.__file__, str(folder), str(theirs.fileno())]
+    access = "allowed" if network else "denied"
+    command = [sys.executable, "-P", sparql_worker.__file__, str(folder), str(theirs.fileno()), access]
     process = os.posix_spawn(sys.executable, command, os.environ)
     theirs.close()
     worker = QueryWorker(ours, process)
@@ -361,28 +398,53 @@ class OxigraphStore:
     def query(self, query: str, *, timeout_s: float, allow_service: bool = False) -> SparqlResult:
         """Evaluates a SPARQL query in a separate process, which ends at the time limit.
 
+        FROM and FROM NAMED select graphs of this store, and nothing is fetched for them; without them, the default
+        graph is the union of all graphs.
+
         Raises:
             SparqlSyntaxError: the query is not valid, not allowed, or its answer too large.
             SparqlTimeoutError: the time limit was exceeded.
         """
-        if self._closed:
-            self._raise_closed()
-        check_query(query, allow_service=allow_service)
-        if not timeout_s > 0:
-            raise SparqlTimeoutError(timeout_s=timeout_s)
-        kind, reply = self._workers.query(
-            query, PREFIXES, min(timeout_s, _MAX_TIMEOUT_S), start_worker=self._start_worker
-        )
+        kind, reply = self._ask_worker(query, timeout_s, allow_service=allow_service)
         match kind:
             case "solutions":
                 return solutions_table(reply)
             case "triples":
                 return triples_table(ox.parse(reply, ox.RdfFormat.N_TRIPLES))
+            case "service":
+                raise _service_error()
             case "syntax":
-                remedy = "it must be a SELECT, ASK, CONSTRUCT or DESCRIBE of SPARQL 1.1"
-                raise SparqlSyntaxError(short_syntax_error(reply.decode()), remedy=remedy)
+                raise _invalid_query_error(query, reply.decode())
             case _:
                 raise SparqlSyntaxError(reply.decode())
+
+    def clauses(self, query: str, *, timeout_s: float) -> frozenset[str]:
+        """The clauses of a query that name sources of data, SERVICE and FROM; parses it without evaluating it.
+
+        Raises:
+            SparqlSyntaxError: the query is not valid.
+            SparqlTimeoutError: the time limit was exceeded.
+        """
+        kind, reply = self._ask_worker(query, timeout_s, check_only=True)
+        if kind == "clauses":
+            return frozenset(reply.decode().split())
+        raise _invalid_query_error(query, reply.decode())
+
+    def _ask_worker(
+        self, query: str, timeout_s: float, *, allow_service: bool = False, check_only: bool = False
+    ) -> tuple[str, bytes]:
+        if self._closed:
+            self._raise_closed()
+        if not timeout_s > 0:
+            raise SparqlTimeoutError(timeout_s=timeout_s)
+        limit_s = min(timeout_s, _MAX_TIMEOUT_S)
+        if not allow_service:
+            return self._workers.query(query, limit_s, check_only=check_only, start_worker=self._start_worker)
+        worker = self._start_worker(network=True)
+        try:
+            return worker.query(query, limit_s, allow_service=True, check_only=check_only)
+        finally:
+            worker.kill()
 
     def flush(self) -> None:
         """Writes everything to disk, so that it survives a power failure."""
@@ -420,14 +482,14 @@ class OxigraphStore:
             shutil.rmtree(self._snapshot, ignore_errors=True)
             self._snapshot = None
 
-    def _start_worker(self) -> QueryWorker:
+    def _start_worker(self, *, network: bool = False) -> QueryWorker:
         with self._write_lock:
             if self._folder is None:
-                return fork_worker(self._store)
+                return fork_worker(self._store, network=network)
             if self._read_only:
-                return spawn_worker(self._folder)
+                return spawn_worker(self._folder, network=network)
             if self._snapshot is None:
                 copy = self._folder.with_name(f"{self._folder.name}-as-asked-{next(self._snapshot_numbers)}")
                 self._store.backup(copy)  # hard links, so nothing is copied
                 self._snapshot = copy
-            return spawn_worker(self._snapshot)
+            return spawn_worker(self._snapshot, network=network)

@@ -40,8 +40,10 @@ solve(Text, Limit, Seconds, End) :-
 solutions(Text, Limit, Seconds, found(Rows)) :-
     term_string(Goal, Text, [variable_names(Variables), module(user)]),
     (   Goal == end_of_file -> syntax_error(end_of_file) ; true ),
-    call_with_time_limit(Seconds, findall(Variables, limit(Limit, user:Goal), Solutions)),
-    maplist(row, Solutions, Rows).
+    max_characters(user, Most),
+    call_with_time_limit(Seconds, (
+        findall(Variables, ( limit(Limit, user:Goal), require_size(Variables) ), Solutions),
+        rows(Solutions, Most, Rows) )).
 
 % solve_query(+Text, +Limit, +Seconds, -End): the same for a query of an untrusted client, with a memory limit.
 solve_query(Text, Limit, Seconds, End) :-
@@ -57,8 +59,42 @@ max_memory_bytes(33554432).
 
 query_solutions(Text, Limit, Seconds, found(Rows)) :-
     query_goal(Text, Variables, Goal),
-    call_with_time_limit(Seconds, findall(Variables, ( limit(Limit, call_bounded(Goal)), acyclic_term(Variables) ), Solutions)),
-    maplist(row, Solutions, Rows).
+    max_characters(client, Most),
+    call_with_time_limit(Seconds, (
+        findall(Variables, ( limit(Limit, call_bounded(Goal)), acyclic_term(Variables) ), Solutions),
+        rows(Solutions, Most, Rows) )).
+
+% -- answers -----------------------------------------------------------------------------------------------------------
+
+% max_characters(+Whom, -Most): the limit of the text of all solutions together.
+max_characters(user, 256000000).
+max_characters(client, 4000000).
+
+max_parts(2000000).
+
+% require_size(+Term): findall/3 copies a term, and then subterms that were shared are so no longer.
+require_size(Term) :-
+    max_parts(Most),
+    (   size_abstract_term(Most, t(Term), Part), Part == t(Term) -> true
+    ;   cyclic_term(Term) -> true
+    ;   format(string(Sentence), "a solution has more than ~D parts", [Most]),
+        throw(mindstage_error(answer_refused, Sentence))
+    ).
+
+% rows(+Solutions, +Characters, -Rows): throws if the text of the solutions is longer.
+rows([], _, []).
+rows([Variables|Solutions], Left, [Row|Rows]) :-
+    (   cyclic_term(Variables) -> Next = Left ; text_cost(Variables, Left, Next) ),
+    row(Variables, Row),
+    rows(Solutions, Next, Rows).
+
+% text_cost(+Term, +Left, -Next): subtracts the approximate length of the text of a term.
+text_cost(Term, Left, Next) :-
+    (   compound(Term) -> compound_name_arguments(Term, Name, Arguments), Parts = [Name|Arguments] ; Parts = [] ),
+    (   atomic(Term) -> atom_length(Term, Length) ; Length = 1 ),
+    Rest is Left - Length - 2,
+    (   Rest < 0 -> throw(mindstage_error(answer_refused, "the text of the solutions is too long; ask for less")) ; true ),
+    foldl(text_cost, Parts, Rest, Next).
 
 row(Variables, Row) :-
     findall([Name, Cell], ( member(Name=Value, Variables), \+ sub_atom(Name, 0, _, _, '_'), cell(Value, Cell) ), Row).

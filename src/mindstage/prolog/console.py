@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -17,7 +18,17 @@ from typing import Any
 
 from mindstage.errors import PrologGoalError, PrologTimeoutError, PrologUnavailableError, SourceParseError
 from mindstage.prolog.predicates import Handler, QuestionPredicates, RdfPredicates, WorldPredicates, answer
-from mindstage.prolog.swipl import Atom, Compound, SwiProlog, Unbound, Value, load_library, read_term, write_term
+from mindstage.prolog.swipl import (
+    Atom,
+    Compound,
+    ReadLimit,
+    SwiProlog,
+    Unbound,
+    Value,
+    load_library,
+    read_term,
+    write_term,
+)
 from mindstage.simulation import Simulation
 
 __all__ = ["PrologConsole", "Solution", "solve_query"]
@@ -27,6 +38,12 @@ Solution = dict[str, Any]
 
 _WAKE_DELAY_S = 0.05
 """Time after the end of a time limit at which a blocked goal is interrupted by a signal [s]."""
+_MIN_TIMEOUT_S = 0.1
+"""The time limit of a query that has waited for others for nearly all of its time [s]."""
+_MAX_ANSWER_PARTS = 20_000_000
+"""The maximum number of terms in the solutions of a goal."""
+_MAX_REQUEST_PARTS = 200_000
+"""The maximum number of terms in the arguments of a predicate that Python answers."""
 _CONSOLE_MODULE = "mindstage_console"
 _CONSOLE_SOURCE = Path(__file__).with_name("console.pl")
 _CLOSED_HANDLERS: Mapping[str, Handler] = {"halting": lambda status: False}
@@ -90,8 +107,8 @@ class PrologConsole:
             timeout_s: the time limit [s].
 
         Raises:
-            PrologGoalError: the goal has a syntax error or threw an exception.
-            PrologTimeoutError: the time limit was exceeded.
+            PrologGoalError: the goal has a syntax error, threw an exception, or has solutions that are too large.
+            PrologTimeoutError: the time limit was exceeded, which includes the conversion of the solutions.
             KeyboardInterrupt: Ctrl-C was pressed.
         """
         return self._solve("solve", goal, limit, timeout_s)
@@ -100,7 +117,7 @@ class PrologConsole:
         """Finds the solutions of an untrusted query. May be called from any thread.
 
         Only questions and their combinations are allowed (`line_queries.pl`): a query cannot call, change, read or
-        write anything else, and it has a memory limit.
+        write anything else, and its memory, the size of its terms and the text of its answers are limited.
 
         Args:
             query: the query, with or without the full stop.
@@ -116,8 +133,14 @@ class PrologConsole:
     def _solve(self, predicate: str, goal: str, limit: int, timeout_s: float) -> list[Solution]:
         if limit < 1 or not 0.0 < timeout_s < float("inf"):
             raise ValueError(f"limit and timeout_s must be positive and finite, not {limit} and {timeout_s} s")
-        with _wake_after(timeout_s=timeout_s if self._can_wake else None):
-            end = self._run(predicate, goal, limit, float(timeout_s))
+        reading = ReadLimit(max_parts=_MAX_ANSWER_PARTS, deadline_s=time.monotonic() + timeout_s)
+        try:
+            with _wake_after(timeout_s=timeout_s if self._can_wake else None):
+                end = self._run(predicate, goal, limit, float(timeout_s), reading=reading)
+        except TimeoutError:
+            raise PrologTimeoutError(goal, timeout_s=timeout_s) from None
+        except ValueError as error:
+            raise PrologGoalError(goal, error_type="answer_refused", cause=str(error)) from error
         match end:
             case Compound("found", (rows,)):
                 return [dict(row) for row in _to_python(rows)]
@@ -173,9 +196,9 @@ class PrologConsole:
 
     # -- calls into Prolog ---------------------------------------------------------------------------------------------
 
-    def _run(self, predicate: str, *arguments: Value) -> Value:
+    def _run(self, predicate: str, *arguments: Value, reading: ReadLimit | None = None) -> Value:
         with self._library.thread(), self._interrupt_handling(at_interrupt="throw"):
-            return self._call(predicate, *arguments)
+            return self._call(predicate, *arguments, reading=reading)
 
     @contextmanager
     def _interrupt_handling(self, *, at_interrupt: str) -> Iterator[None]:
@@ -198,7 +221,7 @@ class PrologConsole:
                 signal.signal(signal.SIGINT, handler)
             self._busy.discard(threading.get_ident())
 
-    def _call(self, predicate: str, *arguments: Value) -> Value:
+    def _call(self, predicate: str, *arguments: Value, reading: ReadLimit | None = None) -> Value:
         """Calls a predicate of `console.pl`, whose last argument is the result; such predicates never throw."""
         library = self._library
         with library.frame():
@@ -207,7 +230,7 @@ class PrologConsole:
                 write_term(library, terms + at, argument)
             if not library.call(_CONSOLE_MODULE, predicate, len(arguments) + 1, terms):
                 raise RuntimeError(f"{predicate}/{len(arguments) + 1} in console.pl failed")
-            return read_term(library, terms + len(arguments))
+            return read_term(library, terms + len(arguments), limit=reading)
 
     def _on_halt(self, status: Value) -> Value:
         """Exits the process after Prolog's `halt`; returns if Prolog halts because Python exits."""
@@ -234,10 +257,16 @@ def solve_query(simulation: Simulation, query: str, *, limit: int, timeout_s: fl
     Raises:
         PrologUnavailableError: Prolog is not installed, or another console is open.
         PrologGoalError: the query has a syntax error, contains a goal that is not allowed, or threw an exception.
-        PrologTimeoutError: the time limit was exceeded.
+        PrologTimeoutError: the time limit was exceeded, or other queries took all of the time.
     """
-    with _query_lock, PrologConsole(simulation) as console:
-        return console.answers(query, limit=limit, timeout_s=timeout_s)
+    end_s = time.monotonic() + timeout_s
+    if not _query_lock.acquire(timeout=timeout_s):
+        raise PrologTimeoutError(query, timeout_s=timeout_s)
+    try:
+        with PrologConsole(simulation) as console:
+            return console.answers(query, limit=limit, timeout_s=max(end_s - time.monotonic(), _MIN_TIMEOUT_S))
+    finally:
+        _query_lock.release()
 
 
 @contextmanager
@@ -283,7 +312,7 @@ def _load_console_source(library: SwiProlog) -> None:
 def _handle_request(request: int, library: SwiProlog, handlers: Mapping[str, Handler]) -> int:
     """Returns a term with the reply; exceptions must not propagate through Prolog's stack frames."""
     try:
-        reply = answer(handlers, read_term(library, request))
+        reply = answer(handlers, read_term(library, request, limit=ReadLimit(max_parts=_MAX_REQUEST_PARTS)))
     except ValueError as error:
         reply = Compound("error_reply", (Atom("argument_refused"), str(error)))
     term, other = library.new_terms(2), library.new_terms(1)

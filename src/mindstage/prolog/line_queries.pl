@@ -2,14 +2,21 @@
 %
 % A query is parsed to a term, and each goal in it is checked against an allowlist before anything runs. A goal that is not
 % listed is an error: a query cannot call, change, read or write anything else, whatever its variables are bound to.
+%
+% Prolog shares equal subterms, so that X = f(Y, Y), Y = f(Z, Z) … makes a small term that becomes exponentially large where
+% it is copied or printed. The terms of all variables are therefore limited in size after each goal that may bind them,
+% counted as a copy has it.
 
 :- module(mindstage_line_queries, [query_goal/3, call_bounded/1]).
 :- use_module(library(aggregate)).
 :- use_module(library(error)).
 :- use_module(library(lists)).
+:- use_module(library(occurs)).
 
 max_characters(4000).
 max_inferences(5000000).
+max_parts(50000).
+max_arity(16).
 
 % query_goal(+Text, -Variables, -Goal): the checked goal; throws a syntax error or mindstage_error(goal_refused, Sentence).
 query_goal(Text, Variables, Goal) :-
@@ -20,7 +27,14 @@ query_goal(Text, Variables, Goal) :-
     (   sub_string(Text, _, _, _, "{|") -> throw_goal_refused("{| |} cannot be asked here", []) ; true ),
     term_string(Term, Text, [variable_names(Variables), module(mindstage_line_queries)]),
     (   Term == end_of_file -> syntax_error(end_of_file) ; true ),
-    checked_goal(Term, Goal).
+    require_small_arity(Term),
+    checked_goal(Term, Variables, Goal).
+
+% The number of arguments would be a further factor of the size of a copy.
+require_small_arity(Term) :-
+    max_arity(Most),
+    forall(( sub_term(Part, Term), compound(Part), functor(Part, Name, Arity), Arity > Most ),
+           throw_goal_refused("~q has ~D arguments, and a term of a query has at most ~D", [Name, Arity, Most])).
 
 % call_bounded(:Goal): calls a goal with a limit of inferences.
 call_bounded(Goal) :-
@@ -28,22 +42,38 @@ call_bounded(Goal) :-
     call_with_inference_limit(mindstage_line_queries:Goal, Most, Result),
     (   Result == inference_limit_exceeded -> throw_goal_refused("the query takes more than ~D inferences; narrow it", [Most]) ; true ).
 
-% checked_goal(?Term, -Goal): the goal to run for a term of the query.
-checked_goal(Term, _) :- var(Term), !, throw_goal_refused("a goal must not be a variable", []).
-checked_goal((A, B), (X, Y)) :- !, checked_goal(A, X), checked_goal(B, Y).
-checked_goal((A ; B), (X ; Y)) :- !, checked_goal(A, X), checked_goal(B, Y).
-checked_goal((A -> B), (X -> Y)) :- !, checked_goal(A, X), checked_goal(B, Y).
-checked_goal(\+ A, \+ X) :- !, checked_goal(A, X).
-checked_goal(forall(A, B), forall(X, Y)) :- !, checked_goal(A, X), checked_goal(B, Y).
-checked_goal(findall(Template, A, List), findall(Template, X, List)) :- !, checked_goal(A, X).
-checked_goal(aggregate_all(count, A, Count), aggregate_all(count, X, Count)) :- !, checked_goal(A, X).
-checked_goal(length(List, Length), (is_list(List), length(List, Length))) :- !.
-checked_goal(Term, (number(A), number(B), Term)) :- comparison(Term, A, B), !.
-checked_goal(Term, Term) :- allowed_builtin(Term), !.
-checked_goal(Term, (acyclic_term(Term), mindstage:Term)) :- callable(Term), allowed_question(Term), !.
-checked_goal(Term, _) :-
+% bounded(+Term): fails if a term is cyclic, throws if it is too large.
+bounded(Term) :-
+    acyclic_term(Term),
+    max_parts(Most),
+    (   size_abstract_term(Most, t(Term), Part), Part == t(Term) -> true  % t/1, since a variable would be renamed
+    ;   throw_goal_refused("the memory limit was exceeded (a term has more than ~D parts)", [Most])
+    ).
+
+% checked_goal(?Term, +Variables, -Goal): the goal to run for a term of the query, which has these variables.
+checked_goal(Term, _, _) :- var(Term), !, throw_goal_refused("a goal must not be a variable", []).
+checked_goal((A, B), All, (X, Y)) :- !, checked_goal(A, All, X), checked_goal(B, All, Y).
+checked_goal((A ; B), All, (X ; Y)) :- !, checked_goal(A, All, X), checked_goal(B, All, Y).
+checked_goal((A -> B), All, (X -> Y)) :- !, checked_goal(A, All, X), checked_goal(B, All, Y).
+checked_goal(\+ A, All, \+ X) :- !, checked_goal(A, All, X).
+checked_goal(forall(A, B), All, forall(X, Y)) :- !, checked_goal(A, All, X), checked_goal(B, All, Y).
+checked_goal(findall(Template, A, List), All, (findall(Template, (X, bounded(Template)), List), bounded(All))) :- !,
+    checked_goal(A, All, X).
+checked_goal(aggregate_all(count, A, Count), All, (aggregate_all(count, X, Count), bounded(All))) :- !,
+    checked_goal(A, All, X).
+checked_goal(length(List, Length), _, (is_list(List), length(List, Length))) :- !.
+checked_goal(Term, _, (number(A), number(B), Term)) :- comparison(Term, A, B), !.
+checked_goal(member(Element, List), All, Goal) :- !,
+    (   var(Element), is_anonymous(Element, All) -> Goal = member(Element, List)  % binds no other term
+    ;   Goal = (bounded(List), member(Element, List), bounded(All))
+    ).
+checked_goal(Term, All, (bounded(Term), Term, bounded(All))) :- allowed_builtin(Term), !.
+checked_goal(Term, All, (bounded(Term), mindstage:Term, bounded(All))) :- callable(Term), allowed_question(Term), !.
+checked_goal(Term, _, _) :-
     (   callable(Term) -> functor(Term, Name, Arity), What = Name/Arity ; What = Term ),
     throw_goal_refused("~q cannot be asked here, only questions combined with , ; -> \\+ = \\= == < > member length findall forall", [What]).
+
+is_anonymous(Variable, All) :- \+ ( member(_=Other, All), Other == Variable ).
 
 % Comparisons are limited to numbers, since they evaluate arithmetic expressions.
 comparison(A < B, A, B).
@@ -64,7 +94,6 @@ allowed_builtin(_ @< _).
 allowed_builtin(_ @> _).
 allowed_builtin(_ @=< _).
 allowed_builtin(_ @>= _).
-allowed_builtin(member(_, _)).
 allowed_builtin(memberchk(_, _)).
 allowed_builtin(msort(_, _)).
 allowed_builtin(sort(_, _)).

@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import atexit
 import ctypes
+import math
 import shutil
+import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from ctypes import c_char_p, c_double, c_int, c_int64, c_size_t, c_uint, c_void_p
@@ -27,6 +30,7 @@ __all__ = [
     "FREE",
     "Atom",
     "Compound",
+    "ReadLimit",
     "SwiProlog",
     "Unbound",
     "Value",
@@ -62,7 +66,8 @@ class SwiProlog:
         self.VARIABLE, self.ATOM, self.STRING = core.PL_VARIABLE, core.PL_ATOM, core.PL_STRING
         self.INTEGER, self.FLOAT, self.NIL = core.PL_INTEGER, core.PL_FLOAT, core.PL_NIL
         self.TERM, self.PAIR = core.PL_TERM, core.PL_LIST_PAIR
-        self._text_flags = core.CVT_ATOMIC | core.CVT_WRITEQ | core.REP_UTF8
+        # Not on Prolog's stack of strings, which has a fixed size and is not released before the goal has ended.
+        self._text_flags = core.CVT_ATOMIC | core.CVT_WRITEQ | core.REP_UTF8 | core.BUF_MALLOC
         self._call_flags = core.PL_Q_NODEBUG | core.PL_Q_CATCH_EXCEPTION
 
         self.new_terms = self._function("PL_new_term_refs", _TERM, c_size_t)
@@ -82,6 +87,7 @@ class SwiProlog:
         self.put_pair = self._function("PL_cons_list", c_int, _TERM, _TERM, _TERM)
         self.put_compound = self._function("PL_cons_functor_v", c_int, _TERM, _TERM, _TERM)
 
+        self._free = self._function("PL_free", None, c_void_p)
         self._get_text = self._function("PL_get_nchars", c_int, _TERM, c_void_p, c_void_p, c_uint)
         self._new_atom = self._function("PL_new_atom_mbchars", _TERM, c_int, c_size_t, c_char_p)
         self._new_functor = self._function("PL_new_functor_sz", _TERM, _TERM, c_size_t)
@@ -105,7 +111,10 @@ class SwiProlog:
         length, start = c_size_t(), c_void_p()
         if not self._get_text(term, ctypes.byref(length), ctypes.byref(start), self._text_flags):
             raise ValueError("the term has no text")
-        return ctypes.string_at(start.value or 0, length.value).decode(errors="replace")
+        try:
+            return ctypes.string_at(start.value or 0, length.value).decode(errors="replace")
+        finally:
+            self._free(start)
 
     @cache  # noqa: B019 (the library lives as long as the process)
     def functor(self, name: str, arity: int) -> int:
@@ -203,17 +212,55 @@ Value = str | bool | int | float | None | Sequence["Value"] | Compound | Unbound
 """A term as a Python value. None, True and False are the atoms `none`, `true` and `false`."""
 
 _MAX_DEPTH = 100
+_CLOCK_INTERVAL = 256
+"""The number of parts of a term between two looks at the clock."""
 _INT64_RANGE = range(-(2**63), 2**63)
 
 
-def read_term(library: SwiProlog, term: int, *, depth: int = 0) -> Value:
+class ReadLimit:
+    """How much of a term, and for how long, is converted; a subterm that Prolog shares is copied and counts each time."""
+
+    def __init__(self, *, max_parts: int = sys.maxsize, deadline_s: float = math.inf) -> None:
+        """Creates the limit of one term.
+
+        Args:
+            max_parts: the maximum number of atomic and compound terms in it.
+            deadline_s: the time at which the conversion ends, of the monotonic clock [s].
+        """
+        self._parts_left = max_parts
+        self._deadline_s = deadline_s
+
+    def count_part(self) -> None:
+        """Counts one part.
+
+        Raises:
+            ValueError: the term has too many parts.
+            TimeoutError: the time is over.
+        """
+        self._parts_left -= 1
+        if self._parts_left < 0:
+            raise ValueError("the term is too large")
+        if self._parts_left % _CLOCK_INTERVAL == 0 and time.monotonic() > self._deadline_s:
+            raise TimeoutError
+
+
+def read_term(library: SwiProlog, term: int, *, limit: ReadLimit | None = None, depth: int = 0) -> Value:
     """Converts a term to a value; terms of other types (streams, dicts) become the text that Prolog prints for them.
 
+    Args:
+        library: SWI-Prolog.
+        term: the handle of the term.
+        limit: the limit of its size and of the time.
+        depth: the number of terms around it.
+
     Raises:
-        ValueError: the term is nested too deeply or cyclic.
+        ValueError: the term is nested too deeply, cyclic, or too large.
+        TimeoutError: the time of the limit is over.
     """
     if depth > _MAX_DEPTH:
         raise ValueError("the term is nested too deeply or cyclic")
+    limit = limit or ReadLimit()
+    limit.count_part()
     kind = library.term_type(term)
     if kind == library.VARIABLE:
         return FREE
@@ -222,9 +269,9 @@ def read_term(library: SwiProlog, term: int, *, depth: int = 0) -> Value:
         library.get_float(term, ctypes.byref(number))
         return number.value
     if kind in {library.PAIR, library.NIL}:
-        return _read_list(library, term, depth + 1)
+        return _read_list(library, term, limit, depth + 1)
     if kind == library.TERM:
-        return _read_compound(library, term, depth + 1)
+        return _read_compound(library, term, limit, depth + 1)
     text = library.text(term)
     if kind == library.INTEGER:
         return int(text)
@@ -268,18 +315,18 @@ def write_term(library: SwiProlog, term: int, value: Value) -> None:
             raise TypeError(f"{value!r} cannot be converted to a Prolog term")
 
 
-def _read_list(library: SwiProlog, term: int, depth: int) -> Value:
+def _read_list(library: SwiProlog, term: int, limit: ReadLimit, depth: int) -> Value:
     values: list[Value] = []
     rest, head = library.copy(term), library.new_terms(1)
     while library.get_list(rest, head, rest):
         with library.frame():
-            values.append(read_term(library, head, depth=depth))
+            values.append(read_term(library, head, limit=limit, depth=depth))
     if not library.get_nil(rest):  # a partial list
-        return Compound("[|]", (*values, read_term(library, rest, depth=depth)))
+        return Compound("[|]", (*values, read_term(library, rest, limit=limit, depth=depth)))
     return values
 
 
-def _read_compound(library: SwiProlog, term: int, depth: int) -> Value:
+def _read_compound(library: SwiProlog, term: int, limit: ReadLimit, depth: int) -> Value:
     name, arity = ctypes.c_size_t(), ctypes.c_size_t()
     library.get_compound(term, ctypes.byref(name), ctypes.byref(arity))
     with library.frame():
@@ -289,7 +336,7 @@ def _read_compound(library: SwiProlog, term: int, depth: int) -> Value:
         values = []
         for at in range(1, arity.value + 1):
             library.get_argument(at, term, argument)
-            values.append(read_term(library, argument, depth=depth))
+            values.append(read_term(library, argument, limit=limit, depth=depth))
     return Compound(functor, tuple(values))
 
 

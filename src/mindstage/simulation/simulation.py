@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from contextlib import ExitStack, suppress
 from functools import partial
 from threading import Lock
@@ -237,6 +237,30 @@ T = TypeVar("T")
 R = TypeVar("R", bound=AnswerRow)
 
 
+def _with_bodies(world: World, ids: Container[BodyId], others: Container[BodyId]) -> World:
+    """The part of a world with only these bodies, and what connects them with one another and with others."""
+
+    def exists(id: BodyId) -> bool:
+        return id in ids or id in others
+
+    return replace(
+        world,
+        bodies=tuple(body for body in world.bodies if body.id in ids),
+        joints=tuple(each for each in world.joints if exists(each.parent) and exists(each.child)),
+        attachments=tuple(each for each in world.attachments if exists(each.parent) and exists(each.child)),
+    )
+
+
+class _StartState(msgspec.Struct, frozen=True, eq=False):
+    """What `Simulation.reset_to_start` restores."""
+
+    worlds: tuple[World, ...] = ()
+    temporary_worlds: tuple[World, ...] = ()
+    report_count: int = 0
+    state: SavedState | None = None
+    """None if the engine cannot save its state; the worlds are then spawned again."""
+
+
 _TICK_S = 1 / 60
 """Interval at which a playing simulation is stepped and published [s]."""
 _STEP_CHUNK_S = 0.1
@@ -276,6 +300,7 @@ class Simulation:
         self._reports: tuple[SpawnReport, ...] = ()
         self._grounded = False
         self._initial_state: SavedState | None = None
+        self._start: _StartState | None = None
         self._clock: RealTimeClock | None = None
         self._perturbations = Perturbations()
         self._highlights = Highlights()
@@ -372,6 +397,8 @@ class Simulation:
             if persistent:
                 self._worlds = (*self._worlds, description)
                 self._save_initial_state(engine)
+                if self._start is None:
+                    self._start = self._start_state()
             else:
                 self._temporary_worlds = (*self._temporary_worlds, description)
             return report
@@ -402,7 +429,8 @@ class Simulation:
                 if before is not None:
                     engine.restore_state(before)
                 else:
-                    self._respawn(engine)
+                    engine.clear()
+                    self._respawn(engine, self._worlds)
 
         return self.run_on_engine(check, label="check rest", timeout_s=self.timeout_s * 6 * (1 + REST_CHECK_S))
 
@@ -448,17 +476,61 @@ class Simulation:
             if self._initial_state is not None:
                 engine.restore_state(self._initial_state)
             else:
-                self._respawn(engine)
+                engine.clear()
+                self._respawn(engine, self._worlds)
             self._highlights.reapply(engine)
 
         self.run_on_engine(reset, label="reset", edits=True, timeout_s=self.timeout_s * 3)
 
-    def _respawn(self, engine: Engine) -> None:
-        """Spawns the persistent worlds again, for an engine that cannot save its state."""
-        engine.clear()
-        for world in self._worlds:
+    def _respawn(self, engine: Engine, worlds: Iterable[World]) -> None:
+        """Spawns worlds that were spawned before."""
+        for world in worlds:
             options = self._geometry_provider.options(ground=self._grounded)
             engine.spawn(world, geometry=self._geometry_provider.for_world(world), options=options)
+
+    @property
+    def start_ids(self) -> frozenset[BodyId]:
+        """The bodies of the start, to which `reset_to_start` returns."""
+        start = self._start or _StartState()
+        return frozenset(body.id for world in (*start.worlds, *start.temporary_worlds) for body in world.bodies)
+
+    def mark_start(self) -> None:
+        """Makes the current state the start; without a call it is the state after the first persistent spawn."""
+
+        def mark(engine: Engine) -> None:
+            self._save_initial_state(engine)
+            self._start = self._start_state()
+
+        self.run_on_engine(mark, label="mark start")
+
+    def reset_to_start(self, *, keep_spawned: bool = False) -> None:
+        """Restores the start: what was spawned later is removed, and the undo history is cleared; highlights remain.
+
+        Args:
+            keep_spawned: whether bodies that were spawned later, and exist now, are spawned again at their first poses.
+        """
+
+        def reset(engine: Engine) -> None:
+            start, present = self._start or _StartState(), set(engine.poses()[0])
+            later = (*self._worlds[len(start.worlds) :], *self._temporary_worlds[len(start.temporary_worlds) :])
+            self._perturbations.clear()
+            self._error = ""
+            if start.state is not None:
+                engine.restore_state(start.state)
+            else:
+                engine.clear()
+                self._respawn(engine, (*start.worlds, *start.temporary_worlds))
+            self._initial_state = start.state
+            if keep_spawned:
+                added = present - self.start_ids
+                self._respawn(engine, (_with_bodies(world, added, self.start_ids) for world in later))
+            else:
+                self._worlds, self._temporary_worlds = start.worlds, start.temporary_worlds
+                self._reports = self._reports[: start.report_count]
+            self._highlights.reapply(engine)
+
+        self.run_on_engine(reset, label="reset", edits=True, timeout_s=self.timeout_s * 3)
+        self.undo_stack.clear()
 
     def clear(self) -> None:
         """Removes all worlds, and clears the undo history."""
@@ -466,7 +538,7 @@ class Simulation:
         def clear(engine: Engine) -> None:
             engine.clear()
             self._worlds, self._temporary_worlds, self._reports, self._initial_state = (), (), (), None
-            self._grounded = False
+            self._grounded, self._start = False, None
             self._geometry_provider.clear()
             self._perturbations.clear()
 
@@ -769,6 +841,9 @@ class Simulation:
 
     def _save_initial_state(self, engine: Engine) -> None:
         self._initial_state = engine.save_state() if Capability.SAVE in engine.capabilities else None
+
+    def _start_state(self) -> _StartState:
+        return _StartState(self._worlds, self._temporary_worlds, len(self._reports), self._initial_state)
 
     def _publish(self, *, edits: bool = False) -> None:
         self._revision += edits
