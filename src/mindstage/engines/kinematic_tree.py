@@ -184,13 +184,16 @@ class KinematicForest:
     """Joints that close a loop."""
     notes: list[SpawnNote] = field(default_factory=list)
 
-    def units(self) -> dict[BodyId, BodyId]:
-        """The root group of the tree of each group, by their roots; groups of one tree move together."""
-        result: dict[BodyId, BodyId] = {}
-        for root in self.groups:  # parents come before children
-            tree_joint = self.tree_joints.get(root)
-            result[root] = root if tree_joint is None else result[self.root_of[tree_joint.parent]]
-        return result
+    def unit_of(self, id: BodyId) -> BodyId:
+        """The root of the tree of a body; bodies of one tree move together."""
+        root = self.root_of[id]
+        while (tree_joint := self.tree_joints.get(root)) is not None:
+            root = self.root_of[tree_joint.parent]
+        return root
+
+    def is_loose(self, id: BodyId) -> bool:
+        """Whether nothing connects a body with a fixed one, so that it falls unless it is supported."""
+        return self.groups[self.unit_of(id)].is_dynamic
 
 
 def build_kinematic_forest(registry: EntityRegistry, masses: Mapping[BodyId, float]) -> KinematicForest:

@@ -41,7 +41,7 @@ from mindstage.engines.kinematic_tree import (
     pose_from_joint_coordinates,
 )
 from mindstage.engines.mass_properties import MassProperties
-from mindstage.engines.place import MAX_FALL_M, PlaceBounds, belongs_to_place, find_ground_height, find_unsupported
+from mindstage.engines.place import MAX_FALL_M, PlaceBounds, find_ground_height, find_unsupported
 from mindstage.engines.registry import AddResult, EntityRegistry
 from mindstage.engines.settling import KEPT_POSE_TOLERANCE_M, SettlingInput, nested_notes, settle
 from mindstage.errors import PoseUnreachableError
@@ -206,7 +206,6 @@ class PhysicsModelBuilder:
         self._below_ground: set[BodyId] = set()
         """Loose bodies that were below the ground when it was added."""
         self._forest: KinematicForest | None = None
-        self._loose_roots: frozenset[BodyId] | None = None
         self._changed_bodies: set[BodyId] = set()
         self._collision_state = _CollisionState()
 
@@ -226,7 +225,7 @@ class PhysicsModelBuilder:
             self._collision_state,
         )
         result.settled, result.bounds, result.ground_height_m = dict(self.settled), self.bounds, self.ground_height_m
-        result._below_ground, result._loose_roots = set(self._below_ground), self._loose_roots
+        result._below_ground = set(self._below_ground)
         return result
 
     @property
@@ -234,21 +233,11 @@ class PhysicsModelBuilder:
         """The current rigid groups and joint trees."""
         if self._forest is None:
             self._forest = build_kinematic_forest(self.registry, self.mass_properties.approximate_masses())
-            self._loose_roots = None
         return self._forest
 
-    @property
-    def loose_roots(self) -> frozenset[BodyId]:
-        """Roots of the rigid groups that no joint connects with a fixed group: they fall unless supported."""
-        forest = self.forest
-        if self._loose_roots is None:
-            units = forest.units()
-            self._loose_roots = frozenset(root for root, unit in units.items() if forest.groups[unit].is_dynamic)
-        return self._loose_roots
-
     def is_loose(self, id: BodyId) -> bool:
-        """Whether nothing connects a body with a fixed one."""
-        return self.forest.root_of[id] in self.loose_roots
+        """Whether nothing connects a body with a fixed one, so that it falls unless it is supported."""
+        return self.forest.is_loose(id)
 
     def collides_with_ground(self, id: BodyId) -> bool:
         """Whether a body collides with the ground plane: loose bodies do, unless they are below it."""
@@ -481,18 +470,23 @@ class PhysicsModelBuilder:
             overlap_boxes=self.mass_properties.overlap_boxes(ids, poses),
             collision_shapes=self.mass_properties.collision_shape_batch(ids, poses),
             has_geometry=self.mass_properties.has_geometry_mask(ids),
-            unit=self._unit_numbers(indices) if settles else None,
-            is_loose=np.array([root in self.loose_roots for root in roots], dtype=bool) if settles else None,
+            unit=self._unit_numbers(ids) if settles else None,
+            is_loose=self._loose_mask(ids) if settles else None,
             could_collide_before=lambda a, b: previous.could_collide(ids[a], ids[b]),
         )
         self.collision_filter, notes, loose = compute_collision_filter(filter_input, self.collision_filter)
         self._changed_bodies = set()
         return notes, loose
 
-    def _unit_numbers(self, indices: Mapping[BodyId, int]) -> NDArray[np.intp]:
-        """For each body, the number of the group at the root of its tree."""
-        units, forest = self.forest.units(), self.forest
-        return np.array([indices[units[forest.root_of[id]]] for id in self.registry.ids], dtype=np.intp)
+    def _unit_numbers(self, ids: Iterable[BodyId]) -> NDArray[np.intp]:
+        """For each body, a number of the tree that it belongs to."""
+        units = [self.forest.unit_of(id) for id in ids]
+        numbers = {unit: number for number, unit in enumerate(dict.fromkeys(units))}
+        return np.array([numbers[unit] for unit in units], dtype=np.intp)
+
+    def _loose_mask(self, ids: Iterable[BodyId]) -> NDArray[np.bool_]:
+        """`is_loose` of bodies."""
+        return np.array([self.forest.is_loose(id) for id in ids], dtype=bool)
 
     # -- rest --------------------------------------------------------------------------------------------------------
 
@@ -501,7 +495,6 @@ class PhysicsModelBuilder:
     ) -> dict[BodyId, Array]:
         """Moves loose bodies out of what they overlap; returns the new poses, and appends notes."""
         ids, forest = self.registry.ids, self.forest
-        numbers = {root: number for number, root in enumerate(forest.groups)}
         compiled = [compile_geometry(self.collision_shapes(id)[0]) for id in ids]
         rows = {id: row for row, id in enumerate(ids)}
         excluded = [(rows[a], rows[b]) for a, b in self.collision_filter.excluded_pairs]
@@ -509,8 +502,8 @@ class PhysicsModelBuilder:
             SettlingInput(
                 ids=ids,
                 shapes=CollisionShapeBatch.from_compiled(poses, compiled),
-                unit=self._unit_numbers(numbers),
-                is_loose=np.array([self.is_loose(id) for id in ids], dtype=bool),
+                unit=self._unit_numbers(ids),
+                is_loose=self._loose_mask(ids),
                 is_new=np.array([id in new_ids for id in ids], dtype=bool),
                 is_ignored=np.array([id in self.collision_filter.non_colliding for id in ids], dtype=bool),
                 excluded_pairs=frozenset((*excluded, *((b, a) for a, b in excluded), *loose.nested)),
@@ -586,45 +579,56 @@ class PhysicsModelBuilder:
     def _update_place(self, new_ids: Sequence[BodyId], poses: Array, *, has_ground: bool) -> list[SpawnNote]:
         """Updates the bounds of the place, and the ground below it."""
         ids = self.registry.ids
-        boxes = self.mass_properties.overlap_boxes(ids, poses)
-        self.bounds = PlaceBounds.from_boxes(boxes)
-        if not has_ground:
+        new_rows = np.arange(len(ids) - len(new_ids), len(ids))
+        boxes = self.mass_properties.overlap_boxes(new_ids, poses[new_rows])
+        self.bounds = PlaceBounds.from_boxes(boxes) if self.bounds is None else self.bounds.extended(boxes)
+        if not has_ground or self.bounds is None:
             return []
-        is_loose = np.array([self.is_loose(id) for id in ids], dtype=bool)
-        unsupported = self._unsupported_rows(poses, is_loose & belongs_to_place(boxes))
+        is_new_loose, before = self._loose_mask(new_ids), self.ground_height_m
+        # Without a ground, all earlier bodies have a support.
+        rows = new_rows[is_new_loose] if before is None else np.flatnonzero(self._loose_mask(ids))
+        unsupported = self._unsupported_rows(rows[~self.bounds.is_far(poses[rows, :3])], poses)
         if not len(unsupported):
             self.ground_height_m, self._below_ground = None, set()
             return []
-        low, high = boxes.bounds()
-        bottoms, before = low[unsupported, 2], self.ground_height_m
-        if before is None or not np.any(np.abs(bottoms - before) < _GROUND_TOLERANCE_M):
-            self.ground_height_m = find_ground_height(bottoms)
+        affected = [ids[row] for row in unsupported.tolist()]
+        low, high = self.mass_properties.overlap_boxes(affected, poses[unsupported]).bounds()
+        if before is None or not np.any(np.abs(low[:, 2] - before) < _GROUND_TOLERANCE_M):
+            self.ground_height_m = find_ground_height(low[:, 2])
         height_m = self.ground_height_m
         assert height_m is not None
-        self._below_ground = {ids[row] for row in unsupported.tolist() if high[row, 2] < height_m}
-        affected = [ids[row] for row in unsupported.tolist()]
+        self._below_ground = {id for id, top in zip(affected, high[:, 2].tolist(), strict=True) if top < height_m}
         if height_m == before and not set(affected).intersection(new_ids):
             return []
         text = f"nothing is below {len(affected):,} loose bodies: a ground is added at a height of {height_m:.3f} m"
         return [SpawnNote(SpawnNoteKind.GROUND, tuple(affected), text)]
 
-    def _unsupported_rows(self, poses: Array, is_loose: NDArray[np.bool_]) -> NDArray[np.intp]:
-        """The loose bodies of units that have nothing fixed below them."""
-        ids, forest = self.registry.ids, self.forest
-        loose = np.flatnonzero(is_loose)
-        if not len(loose):
-            return loose
-        non_colliding = self.collision_filter.non_colliding
-        fixed = [row for row in np.flatnonzero(~is_loose).tolist() if ids[row] not in non_colliding]
+    def _unsupported_rows(self, rows: NDArray[np.intp], poses: Array) -> NDArray[np.intp]:
+        """Those of some loose bodies that belong to units with nothing fixed below them."""
+        if not len(rows):
+            return rows
+        ids, forest, non_colliding = self.registry.ids, self.forest, self.collision_filter.non_colliding
+        candidates = self._rows_around(rows, poses) if len(rows) <= _MAX_LOCAL_BODIES else range(len(ids))
+        fixed = [row for row in candidates if ids[row] not in non_colliding and not forest.is_loose(ids[row])]
         compiled = [compile_geometry(self.collision_shapes(ids[row])[0]) for row in fixed]
         supports = CollisionShapeBatch.from_compiled(poses[fixed], compiled).boxes
-        is_unsupported = find_unsupported(poses[loose, :3], supports)
-        units = forest.units()
-        unit_of = [units[forest.root_of[ids[row]]] for row in loose.tolist()]
+        is_unsupported = find_unsupported(poses[rows, :3], supports)
+        unit_of = [forest.unit_of(ids[row]) for row in rows.tolist()]
         supported = {unit for unit, alone in zip(unit_of, is_unsupported.tolist(), strict=True) if not alone}
-        return loose[[unit not in supported for unit in unit_of]]
+        return rows[[unit not in supported for unit in unit_of]]
+
+    def _rows_around(self, rows: NDArray[np.intp], poses: Array) -> list[int]:
+        """The bodies that may be below some others, by the spheres around their sizes."""
+        radii = np.linalg.norm(self.mass_properties.sizes(self.registry.ids), axis=1)
+        is_near = np.zeros(len(radii), dtype=bool)
+        for row in rows.tolist():
+            offsets = poses[:, :2] - poses[row, :2]
+            is_near |= np.einsum("ni,ni->n", offsets, offsets) <= radii * radii
+        return np.flatnonzero(is_near).tolist()
 
 
+_MAX_LOCAL_BODIES = 8
+"""For at most so many new bodies, supports are sought among the bodies near them."""
 _RESTING_TOLERANCE = 1e-3
 """A resting body is at most this far from where it was put [m, rad]."""
 _GROUND_TOLERANCE_M = 0.05
