@@ -23,6 +23,7 @@ __all__ = [
     "MOVED_DISTANCE_M",
     "REST_CHECK_S",
     "PlaceBounds",
+    "belongs_to_place",
     "find_ground_height",
     "find_moved_bodies",
     "find_unsupported",
@@ -61,28 +62,21 @@ class PlaceBounds:
         if not len(boxes.center):
             return None
         low, high = boxes.bounds()
-        is_scenery = (2 * boxes.half_extents).max(axis=1) > _MAX_PLACE_EXTENT_M
-        if is_scenery.all():
-            is_scenery[:] = False
-        middle = np.median(boxes.center[~is_scenery], axis=0)
-        is_far = np.abs(boxes.center - middle).max(axis=1) > _MAX_PLACE_RADIUS_M
-        belongs = ~is_scenery if (is_scenery | is_far).all() else ~(is_scenery | is_far)
+        belongs = belongs_to_place(boxes)
         return cls(low[belongs].min(axis=0), high[belongs].max(axis=0))
 
-    def extended(self, boxes: OrientedBoxes) -> PlaceBounds:
-        """The bounds with more bodies, as far as they belong to the place."""
-        low, high = boxes.bounds()
-        belongs = (2 * boxes.half_extents).max(axis=1, initial=0.0) <= _MAX_PLACE_EXTENT_M
-        belongs &= ~self.is_far(boxes.center)
-        if not belongs.any():
-            return self
-        first, last = low[belongs].min(axis=0), high[belongs].max(axis=0)
-        return PlaceBounds(np.minimum(self.low, first), np.maximum(self.high, last))
+    def includes(self, boxes: OrientedBoxes) -> NDArray[np.bool_]:
+        """For each new body, whether it belongs to the place: neither scenery nor far away."""
+        is_scenery = (2 * boxes.half_extents).max(axis=1, initial=0.0) > _MAX_PLACE_EXTENT_M
+        distance = np.abs(boxes.center - (self.low + self.high) / 2).max(axis=1, initial=0.0)
+        return np.asarray(~is_scenery & (distance <= _MAX_PLACE_RADIUS_M))
 
-    def is_far(self, positions: Array) -> NDArray[np.bool_]:
-        """Whether positions, n x 3, are so far away that they are errors of the map."""
-        offsets = np.abs(positions - (self.low + self.high) / 2)
-        return np.asarray(offsets.max(axis=1, initial=0.0) > _MAX_PLACE_RADIUS_M)
+    def extended(self, low: Array, high: Array) -> PlaceBounds:
+        """The bounds that contain more bodies as well; their lower and upper corners are n x 3 [m]."""
+        return PlaceBounds(
+            np.minimum(self.low, low.min(axis=0, initial=np.inf)),
+            np.maximum(self.high, high.max(axis=0, initial=-np.inf)),
+        )
 
     @property
     def fall_limit_m(self) -> float:
@@ -93,6 +87,19 @@ class PlaceBounds:
         """Whether positions, n x 3, are outside of the place."""
         is_outside = (positions < self.low - _LEFT_MARGIN_M) | (positions > self.high + _LEFT_MARGIN_M)
         return np.asarray(is_outside.any(axis=1))
+
+
+def belongs_to_place(boxes: OrientedBoxes) -> NDArray[np.bool_]:
+    """For each body, whether it belongs to the place: neither scenery nor far away from most others."""
+    is_scenery = (2 * boxes.half_extents).max(axis=1, initial=0.0) > _MAX_PLACE_EXTENT_M
+    if is_scenery.all():
+        is_scenery[:] = False
+    if not len(is_scenery):
+        return is_scenery
+    middle = np.median(boxes.center[~is_scenery], axis=0)
+    is_far = np.abs(boxes.center - middle).max(axis=1) > _MAX_PLACE_RADIUS_M
+    belongs = ~is_scenery & ~is_far
+    return np.asarray(belongs if belongs.any() else ~is_scenery)
 
 
 def find_unsupported(centers: Array, supports: OrientedBoxes) -> NDArray[np.bool_]:
