@@ -40,6 +40,7 @@
     ├── BridgeError                     failure of a bridge, its peer or the connection (exit code 2)
     │   ├── BridgeUnavailableError      the server cannot listen at that address
     │   ├── AuthenticationError         missing or invalid token
+    │   ├── CertificateError            a file with a certificate or a key cannot be used
     │   ├── ConnectionLostError         no connection, or a closed one
     │   ├── ServiceNotFoundError        no service or action of that name is advertised
     │   ├── ServiceTimeoutError         a service or action did not return in time
@@ -83,6 +84,7 @@ __all__ = [
     "BrowserCrashedError",
     "BrowserError",
     "BrowserNotFoundError",
+    "CertificateError",
     "ConnectionLostError",
     "EndpointError",
     "EndpointUnreachableError",
@@ -696,6 +698,18 @@ class AuthenticationError(BridgeError):
     address: str
     _: KW_ONLY
     cause: str
+
+
+@dataclass(eq=False)
+class CertificateError(BridgeError):
+    """A file with a certificate, a private key or authorities for TLS cannot be used."""
+
+    code = "CertificateRefused"
+    template = "the TLS file {path} cannot be used: {cause}; {remedy}"
+    path: str
+    _: KW_ONLY
+    cause: str
+    remedy: str
 
 
 @dataclass(eq=False)

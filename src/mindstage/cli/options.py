@@ -53,8 +53,11 @@ __all__ = [
     "Seconds",
     "StoreFolder",
     "Strict",
+    "TlsCertificateFile",
+    "TlsKeyFile",
     "UnitNames",
     "Verbose",
+    "VisitorLimitOptions",
     "WithViewport",
     "close_at_end",
     "command",
@@ -284,6 +287,36 @@ PageToken = Annotated[
     ),
 ]
 
+TlsCertificateFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--tls-cert",
+        metavar="FILE",
+        help="Serve over TLS (https://, wss://), with the certificate in this PEM file.",
+        show_default=False,
+    ),
+]
+
+TlsKeyFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--tls-key",
+        metavar="FILE",
+        help="The private key of --tls-cert; by default in the same file.",
+        show_default=False,
+    ),
+]
+
+VisitorLimitOptions = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--limit",
+        metavar="NAME=NUMBER",
+        help="A limit of each client address, such as connections=8 or messages_per_second=500; may be repeated.",
+        show_default=False,
+    ),
+]
+
 PlainBoxes = Annotated[
     bool,
     typer.Option(
@@ -343,7 +376,7 @@ EngineName = Annotated[
         "--engine",
         metavar="ENGINE",
         help="mujoco (physics), godot (physics, in a Godot process; godot:window shows its window), "
-        "null (no physics), or ros://HOST:PORT/NAMESPACE (a remote engine).",
+        "null (no physics), or ros://HOST:PORT/NAMESPACE (a remote engine; ros+tls:// over TLS).",
     ),
 ]
 

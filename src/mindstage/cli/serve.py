@@ -21,6 +21,9 @@ from mindstage.cli.options import (
     Ontologies,
     PlainBoxes,
     Robots,
+    TlsCertificateFile,
+    TlsKeyFile,
+    VisitorLimitOptions,
     finite,
     options_given,
 )
@@ -36,7 +39,7 @@ from mindstage.cli.output import (
     warn,
 )
 from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
-from mindstage.cli.viewer import LOOPBACK, open_viewer
+from mindstage.cli.viewer import LOCAL_ACCESS, LOOPBACK, ServerAccess, open_viewer, server_access
 from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
@@ -90,7 +93,16 @@ Connect = Annotated[
     typer.Option(
         "--connect",
         metavar="URL",
-        help="Connect to a rosbridge (ws://HOST:PORT) instead of serving one; reconnects if the connection is lost.",
+        help="Connect to a rosbridge (ws://HOST:PORT, wss://…) instead of serving one; reconnects if it is lost.",
+        show_default=False,
+    ),
+]
+TlsAuthorities = Annotated[
+    Path | None,
+    typer.Option(
+        "--tls-ca",
+        metavar="FILE",
+        help="With --connect wss://…: certificates of authorities to trust besides those of the system (PEM).",
         show_default=False,
     ),
 ]
@@ -130,7 +142,11 @@ def serve(
     host: Host = LOOPBACK,
     token: Token = None,
     origins: Origins = None,
+    tls_cert: TlsCertificateFile = None,
+    tls_key: TlsKeyFile = None,
+    limits: VisitorLimitOptions = None,
     connect: Connect = None,
+    tls_authorities: TlsAuthorities = None,
     namespace: Namespace = "unreal",
     ros1: RosOne = False,
     worlds: Worlds = None,
@@ -152,6 +168,14 @@ def serve(
     from mindstage.ros import RosInterface
 
     _check_options(context, connect=connect, namespace=namespace, worlds=worlds)
+    if tls_authorities is not None and connect is None:
+        raise InvalidArgumentError("--tls-ca", cause="it requires --connect", remedy="omit it")
+    # --host, --token and --tls-… belong to the server; with --connect there is none, and the page stays local.
+    access = (
+        LOCAL_ACCESS
+        if connect
+        else server_access(host, token, certificate=tls_cert, key=tls_key, limits=limits, origins=origins or [])
+    )
     running = make_engine(engine)
     knowledge, world = _load_knowledge(maps, map_name, ontologies=ontologies, bundled=bundled, robots=robots)
     quitting = threading.Event()
@@ -160,9 +184,7 @@ def serve(
             simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes)
         )
         node, url = (
-            _connect(resources, connect, token)
-            if connect
-            else _start_server(resources, host, port, token, origins or [])
+            _connect(resources, connect, token, tls_authorities) if connect else _start_server(resources, port, access)
         )
         output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name}
         output |= _spawn(simulation, world, as_json=as_json)
@@ -170,10 +192,7 @@ def serve(
         interface = RosInterface(simulation, node, namespace=namespace, ros=ros, folder=worlds, on_quit=quitting.set)
         resources.callback(interface.close)
         if with_viewport:
-            if connect:  # --host and --token belong to the remote rosbridge
-                viewer = open_viewer(simulation, port=page_port)
-            else:
-                viewer = open_viewer(simulation, port=page_port, host=host, token=token, origins=origins or [])
+            viewer = open_viewer(simulation, port=page_port, access=access)
             resources.callback(viewer.close)
             output["page"] = viewer.url
         _announce(output, connected=connect is not None, seconds=seconds, as_json=as_json)
@@ -189,7 +208,8 @@ def _check_options(context: typer.Context, *, connect: str | None, namespace: st
     Raises:
         InvalidArgumentError: options are mutually exclusive, or not a ROS name or a folder.
     """
-    served = {"port": "--port", "host": "--host", "origins": "--origin"}
+    served = {"port": "--port", "host": "--host", "origins": "--origin", "tls_cert": "--tls-cert"}
+    served |= {"tls_key": "--tls-key", "limits": "--limit"}
     for option in options_given(context, served) if connect is not None else ():
         raise InvalidArgumentError(option, cause="with --connect no server is started", remedy="omit one of them")
     if not re.fullmatch(r"/?([A-Za-z]\w*(/[A-Za-z]\w*)*)?/?", namespace, re.ASCII):
@@ -212,24 +232,28 @@ def _load_knowledge(
         return knowledge, knowledge.world(map_name) if maps else None
 
 
-def _start_server(
-    resources: ExitStack, host: str, port: int, token: str | None, origins: list[str]
-) -> tuple[Node, str]:
-    from mindstage.bridge import LocalNode, RosbridgeServer
+def _start_server(resources: ExitStack, port: int, access: ServerAccess) -> tuple[Node, str]:
+    from mindstage.bridge import LocalNode, RosbridgeServer, VisitorLimits
 
     hub = resources.enter_context(LocalNode())
-    server = resources.enter_context(RosbridgeServer(hub, host=host, port=port, token=token or None, origins=origins))
+    host, token, origins, tls, limits = access
+    served = RosbridgeServer(
+        hub, host=host, port=port, token=token, origins=origins, tls=tls, visitor_limits=limits or VisitorLimits()
+    )
+    server = resources.enter_context(served)
     return hub, server.url
 
 
-def _connect(resources: ExitStack, url: str, token: str | None) -> tuple[Node, str]:
+def _connect(resources: ExitStack, url: str, token: str | None, authorities: Path | None) -> tuple[Node, str]:
     from mindstage.bridge import ConnectionState, RosbridgeClient
 
     def warn_if_lost(state: ConnectionState) -> None:
         if state is ConnectionState.LOST:
             warn(f"the connection to {url} is lost; reconnecting")
 
-    client = resources.enter_context(RosbridgeClient(url, token=token or None, on_state=warn_if_lost))
+    client = resources.enter_context(
+        RosbridgeClient(url, token=token or None, tls_authorities=authorities, on_state=warn_if_lost)
+    )
     with progress_spinner(f"connecting to {url}"):
         return client.wait_connected(_CONNECT_TIMEOUT_S), url
 

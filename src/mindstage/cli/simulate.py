@@ -36,8 +36,11 @@ from mindstage.cli.options import (
     Robots,
     Seconds,
     Strict,
+    TlsCertificateFile,
+    TlsKeyFile,
     UnitNames,
     Verbose,
+    VisitorLimitOptions,
     WithViewport,
     close_at_end,
     finite,
@@ -69,7 +72,7 @@ from mindstage.cli.setup import (
     make_engine,
     simulation_from_options,
 )
-from mindstage.cli.viewer import LOOPBACK, check_token_given, print_and_serve
+from mindstage.cli.viewer import LOOPBACK, print_and_serve, server_access
 from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
@@ -181,12 +184,15 @@ def spawn(
     port: Port = 8080,
     host: PageHost = LOOPBACK,
     token: PageToken = None,
+    tls_cert: TlsCertificateFile = None,
+    tls_key: TlsKeyFile = None,
+    limits: VisitorLimitOptions = None,
     seconds: Seconds = None,
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Spawn a map in an engine, print a report, and simulate it; exit 1 if anything could not be spawned."""
-    check_token_given(host, token)
+    access = server_access(host, token, certificate=tls_cert, key=tls_key, limits=limits)
     running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
     with spawned_map(
         maps,
@@ -205,9 +211,7 @@ def spawn(
         if not as_json:
             spawned.print(verbose=verbose)
         if with_viewport:
-            print_and_serve(
-                spawned.simulation, output, port=port, host=host, token=token, duration_s=seconds, as_json=as_json
-            )
+            print_and_serve(spawned.simulation, output, port=port, access=access, duration_s=seconds, as_json=as_json)
         else:
             _run(spawned.simulation, output, seconds=seconds or 0.0, as_json=as_json)
     return ExitCode.OK if spawned.is_complete else ExitCode.NEGATIVE
