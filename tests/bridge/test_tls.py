@@ -80,6 +80,7 @@ def test_tokens_are_checked_over_tls(local_node: LocalNode, certificates: Certif
             client.wait_connected(TIMEOUT_S)
 
 
+@pytest.mark.filterwarnings("ignore:ssl.TLSVersion:DeprecationWarning")
 def test_versions_before_tls_1_2_are_refused(local_node: LocalNode, certificates: Certificates) -> None:
     assert certificates.local.server_context().minimum_version is ssl.TLSVersion.TLSv1_2
     assert client_tls_context().minimum_version is ssl.TLSVersion.TLSv1_2

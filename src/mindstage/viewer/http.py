@@ -162,8 +162,8 @@ class RequestFilter:
         origin = headers.get("Origin")
         if origin is not None and not self._is_same_origin(origin, headers.get("Host") or ""):
             return _error_response(HTTPStatus.FORBIDDEN, "this origin is not allowed; open the page of this server")
+        is_blocked = not visitor.may_try_token(now_s)
         if not self._is_authenticated(path, headers, visitor, now_s):
-            is_blocked = not visitor.may_try_token(now_s)
             status = HTTPStatus.TOO_MANY_REQUESTS if is_blocked else HTTPStatus.UNAUTHORIZED
             return _error_response(status, _TOO_MANY_TOKENS if is_blocked else _TOKEN_REQUIRED)
         if request_path(path) != CHANNEL and view_key(path) is None:
@@ -188,8 +188,8 @@ class RequestFilter:
         route = request_path(path)
         if site in {"cross-site", "same-site"} and route != "/":
             return _error_response(HTTPStatus.FORBIDDEN, "other sites may only link to /")
+        is_blocked = not visitor.may_try_token(now_s)
         if not self._is_authenticated(path, headers, visitor, now_s):
-            is_blocked = not visitor.may_try_token(now_s)
             return self._login_page(route, wrong=self._has_token(path, headers), is_blocked=is_blocked)
         if route == "/":
             return self._cookie(path) or self._file(page_files()["index.html"], headers)
