@@ -8,9 +8,10 @@ export PYTHON
 
 python := .venv/bin/python
 pytest_options ?= -ra -n auto --dist worksteal
+random_tests ?= $(addprefix tests/,scene msgs bridge geometry simulation)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check docs bench kitchen pictures pin clean
+.PHONY: help demo test test-random check docs bench mutants fuzz kitchen pictures pin clean
 .DELETE_ON_ERROR:
 
 help:  ## list the targets
@@ -24,6 +25,11 @@ test: .venv/dev.stamp  ## all tests; `make test pytest_options="-k word"` for so
 	@scripts/install_node.sh
 	@scripts/install_godot.sh || test -z "$$CI"
 	@$(python) -m pytest $(pytest_options)
+
+test-random: .venv/dev.stamp  ## quick packages in random order, with new random inputs
+	@seed=$${RANDOM_SEED:-$$RANDOM}; echo "mindstage: repeat this order and these inputs with RANDOM_SEED=$$seed"; \
+	HYPOTHESIS_PROFILE=random $(python) -m pytest $(pytest_options) -p randomly --randomly-seed=$$seed \
+		--hypothesis-seed=$$seed $(random_tests)
 
 check: .venv/dev.stamp  ## style, types, package structure, and that generated files are up to date
 	@$(python) -m ruff check .
@@ -43,6 +49,12 @@ docs: .venv/docs.stamp  ## the documentation site, in build/site
 bench: .venv/dev.stamp  ## all benchmarks, as ratios against named peers
 	@scripts/install_system.sh swipl:swi-prolog-nox
 	@$(python) -m benchmarks
+
+mutants: .venv/dev.stamp  ## mutation testing: a score by package; `make mutants mutants_options="--count 50"`
+	@$(python) scripts/mutants.py $(mutants_options)
+
+fuzz: .venv/dev.stamp  ## fuzzing of every reader and port for FUZZ_S seconds (600)
+	@$(python) scripts/fuzz.py --seconds $(or $(FUZZ_S),600)
 
 kitchen: .venv/dev.stamp  ## regenerate the bundled kitchen
 	@$(python) scripts/make_kitchen.py

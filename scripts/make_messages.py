@@ -12,6 +12,7 @@ Comments that begin with @ hold what ROS definitions cannot express:
     @ros1_name NAME   name of the field in ROS 1
     @ros1_only        ROS 2 does not have the field
     @ros2_only        ROS 1 does not have the field
+    @python_only      the constants up to the next empty line are not in the ROS type, whose checksum would differ
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ SPECIAL_BASES = {"builtin_interfaces/Time": "TimeMessage", "builtin_interfaces/D
 INTEGERS = tuple(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
 DEFAULTS = {"bool": "False", "string": '""', "float32": "0.0", "float64": "0.0"} | dict.fromkeys(INTEGERS, "0")
 ENUM_BASES = {"uint8": "Uint8Enum", "int32": "Int32Enum"}
-DIRECTIVES = {"enum", "alias", "ros1_name", "ros1_only", "ros2_only"}
+DIRECTIVES = {"enum", "alias", "ros1_name", "ros1_only", "ros2_only", "python_only"}
 
 DECLARATION = re.compile(
     r"(?P<type>[\w/]+)(?P<array>\[[^\]]*\])?\s+(?P<name>\w+)"

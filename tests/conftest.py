@@ -19,6 +19,7 @@ from hypothesis import HealthCheck, settings
 ROOT = Path(__file__).resolve().parent.parent
 
 settings.register_profile("ci", derandomize=True, deadline=None, max_examples=60, print_blob=True)
+settings.register_profile("random", derandomize=False, database=None, deadline=None, max_examples=60, print_blob=True)
 settings.register_profile("quick", deadline=None, max_examples=20)
 settings.register_profile(
     "thorough",

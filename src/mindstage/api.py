@@ -111,7 +111,9 @@ def connect(
     maps: StrPath | Iterable[StrPath] = (),
     *,
     ontologies: StrPath | Iterable[StrPath] = (),
+    bundled_ontology: bool = True,
     robots: StrPath | Iterable[StrPath] = (),
+    conventions: UnitConventions | Sequence[UnitConventions] | None = None,
     control_time: bool = False,
     timeout_s: float = 10.0,
 ) -> Simulation:
@@ -124,7 +126,9 @@ def connect(
         url: `ros://HOST:PORT/NAMESPACE`.
         maps: the maps of that world, for questions about their individuals; they are loaded, not spawned.
         ontologies: see `open`.
+        bundled_ontology: see `open`.
         robots: see `open`.
+        conventions: see `open`.
         control_time: whether the remote time advances only by `step` until the connection is closed. By default the
             remote simulation keeps running.
         timeout_s: timeout of a call [s].
@@ -138,7 +142,9 @@ def connect(
     with ExitStack() as on_error:
         engine = connect_engine(url, timeout_s=timeout_s, control_time=control_time)
         on_error.callback(engine.close)
-        knowledge = load_knowledge(maps, ontologies=ontologies, robots=robots)
+        knowledge = load_knowledge(
+            maps, ontologies=ontologies, bundled_ontology=bundled_ontology, robots=robots, conventions=conventions
+        )
         on_error.callback(knowledge.close)
         sim = make_simulation(knowledge, engine, timeout_s=timeout_s)
         sim.on_close(knowledge.close)
@@ -232,6 +238,8 @@ def diff(
     *,
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
+    robots: StrPath | Iterable[StrPath] = (),
+    conventions: UnitConventions | Sequence[UnitConventions] | None = None,
 ) -> WorldDiff:
     """Compares two worlds: bodies, joints, attachments, lights and facts. `print` the result for a summary.
 
@@ -240,9 +248,12 @@ def diff(
         b: the same.
         ontologies: for maps given by path; see `open`.
         bundled_ontology: see `open`.
+        robots: see `open`.
+        conventions: for maps given by path: one for both, or one for `a` and one for `b`.
 
     Raises:
         SourceParseError: a file cannot be read.
+        InvalidArgumentError: the number of conventions is neither one nor two.
         MapNotFoundError: a file contains no map.
         AmbiguousMapError: a file contains several maps; `load` one of them by name instead.
     """
@@ -250,14 +261,17 @@ def diff(
     from mindstage.scene import diff as compare
     from mindstage.simulation import Simulation
 
-    def world_of(each: StrPath | World | Simulation) -> World:
+    def world_of(each: StrPath | World | Simulation, conventions: UnitConventions | None) -> World:
         if isinstance(each, World):
             return each
         if isinstance(each, Simulation):
             return each.snapshot()
-        return load(each, ontologies=ontologies, bundled_ontology=bundled_ontology)
+        return load(
+            each, ontologies=ontologies, bundled_ontology=bundled_ontology, robots=robots, conventions=conventions
+        )
 
-    return compare(world_of(a), world_of(b))
+    of_a, of_b = _conventions_of(conventions, 2)
+    return compare(world_of(a, of_a), world_of(b, of_b))
 
 
 def view(
@@ -345,13 +359,7 @@ def load_knowledge(
         cause = "it would write derived statements into a store that is shared"
         raise InvalidArgumentError("the closure", cause=cause, remedy="load the files without a store")
     listed = _as_list(maps)
-    if conventions is None or isinstance(conventions, UnitConventions):
-        each = [conventions or UnitConventions()] * len(listed)
-    else:
-        each = list(conventions)
-        if len(each) != len(listed):
-            cause = f"there are {len(each)} for {len(listed)} maps"
-            raise InvalidArgumentError("the conventions", cause=cause, remedy="give one for each map, or one for all")
+    each = _conventions_of(conventions, len(listed))
     knowledge = KnowledgeBase(bundled_ontology=bundled_ontology, store=store, endpoint=endpoint)
     try:
         if len(set(each)) <= 1:  # in one call, so that imports shared by the maps are read once
@@ -367,6 +375,25 @@ def load_knowledge(
         knowledge.close()
         raise
     return knowledge
+
+
+def _conventions_of(
+    conventions: UnitConventions | Sequence[UnitConventions] | None, count: int
+) -> list[UnitConventions]:
+    """The conventions of each of some maps.
+
+    Raises:
+        InvalidArgumentError: there are several, but not one for each map.
+    """
+    from mindstage.knowledge import UnitConventions
+
+    if conventions is None or isinstance(conventions, UnitConventions):
+        return [conventions or UnitConventions()] * count
+    each = list(conventions)
+    if len(each) != count:
+        cause = f"there are {len(each)} for {count} maps"
+        raise InvalidArgumentError("the conventions", cause=cause, remedy="give one for each map, or one for all")
+    return each
 
 
 def make_simulation(

@@ -39,12 +39,14 @@
     │   └── SimulationTimeoutError      a call into the simulation thread did not finish in time
     ├── BridgeError                     failure of a bridge, its peer or the connection (exit code 2)
     │   ├── BridgeUnavailableError      the server cannot listen at that address
+    │   ├── FoxgloveUnavailableError    the Foxglove SDK is not installed, or its server cannot listen
     │   ├── AuthenticationError         missing or invalid token
     │   ├── CertificateError            a file with a certificate or a key cannot be used
     │   ├── ConnectionLostError         no connection, or a closed one
     │   ├── ServiceNotFoundError        no service or action of that name is advertised
     │   ├── ServiceTimeoutError         a service or action did not return in time
     │   ├── ServiceCallError            a service or action returned an error
+    │   ├── FailureResponseError        a service failed, and its type can express that
     │   ├── AdvertiseError              a service, action or topic cannot be advertised
     │   ├── MessageValidationError      a message that does not match its type, or is too large
     │   └── TypeNotFoundError           no ROS message, service or action type of that name
@@ -92,6 +94,8 @@ __all__ = [
     "EngineError",
     "EngineTimeoutError",
     "EngineUnavailableError",
+    "FailureResponseError",
+    "FoxgloveUnavailableError",
     "InvalidArgumentError",
     "InvalidColorError",
     "InvalidRequestError",
@@ -690,6 +694,17 @@ class BridgeUnavailableError(BridgeError):
 
 
 @dataclass(eq=False)
+class FoxgloveUnavailableError(BridgeError):
+    """The Foxglove SDK is not installed, or its server cannot listen at that address."""
+
+    code = "FoxgloveUnavailable"
+    template = "Foxglove cannot be served: {cause}{hint}"
+    cause: str
+    _: KW_ONLY
+    remedy: str = ""
+
+
+@dataclass(eq=False)
 class AuthenticationError(BridgeError):
     """A token is required, and none or an invalid one was sent."""
 
@@ -760,6 +775,18 @@ class ServiceCallError(BridgeError):
     service: str
     _: KW_ONLY
     cause: str
+
+
+@dataclass(eq=False)
+class FailureResponseError(BridgeError):
+    """A service failed, and its type can express that; the handler of a service raises it."""
+
+    code = "CallFailed"
+    template = "{cause}"
+    cause: str
+    _: KW_ONLY
+    response: object
+    """The response message, for callers at a rosbridge that only transmits messages of the type."""
 
 
 @dataclass(eq=False)

@@ -162,6 +162,25 @@ def test_gltf_has_y_up_and_z_forward(folder: Path, cache: Path) -> None:
     assert not notes
 
 
+def test_the_normals_of_a_stretched_mesh_stay_perpendicular_to_its_surface(folder: Path, cache: Path) -> None:
+    """A sphere that its node stretches is an ellipsoid, whose normals are known."""
+    sphere = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
+    scene = trimesh.Scene()
+    stretched = np.diag((0.5, 1.0, 2.0, 1.0))
+    assert sphere.vertex_normals.shape == sphere.vertices.shape
+    scene.add_geometry(sphere, transform=stretched)
+    scene.export(folder / "mug.glb", include_normals=True)
+    geometry, _ = geometry_for(folder, cache, body(size=None))
+    assert geometry is not None
+    (visual,) = geometry.visuals
+    assert visual.normals is not None
+    radii = np.ptp(visual.points, axis=0) / 2
+    assert sorted(radii) == pytest.approx((0.5, 1.0, 2.0), abs=1e-6)
+    gradient = visual.points / radii**2
+    expected = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
+    assert np.abs(np.sum(visual.normals * expected, axis=1) - 1.0).max() < 2e-3
+
+
 def test_collada_states_its_up_axis(folder: Path, cache: Path) -> None:
     text = COLLADA.replace("UP", "Z_UP")
     (folder / "mug.dae").write_text(text)

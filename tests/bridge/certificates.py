@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -28,7 +27,7 @@ class Certificates:
 
 
 @pytest.fixture(scope="session")
-def certificates(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Certificates]:
+def certificates(tmp_path_factory: pytest.TempPathFactory) -> Certificates:
     """The certificates."""
     folder = tmp_path_factory.mktemp("certificates")
     authority = trustme.CA()
@@ -42,7 +41,7 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Certifica
         issued.private_key_pem.write_to_path(str(key))
         return TlsCertificate(certificate=certificate, key=key)
 
-    yield Certificates(
+    return Certificates(
         authority=folder / "authority.pem",
         local=issue("local", "127.0.0.1", "localhost", "::1"),
         elsewhere=issue("elsewhere", "robot.example"),

@@ -131,9 +131,12 @@ def test_wrong_tokens_in_auth_count_too(local_node: LocalNode) -> None:
 
 def test_the_connections_of_an_address_are_limited(local_node: LocalNode, from_elsewhere: None) -> None:
     with RosbridgeServer(local_node, port=0, visitor_limits=VisitorLimits(connections=2)) as server:
-        with connect(server.url, open_timeout=TIMEOUT_S), connect(server.url, open_timeout=TIMEOUT_S):
-            with pytest.raises(InvalidStatus, match="429"):
-                connect(server.url, open_timeout=TIMEOUT_S)
+        with (
+            connect(server.url, open_timeout=TIMEOUT_S),
+            connect(server.url, open_timeout=TIMEOUT_S),
+            pytest.raises(InvalidStatus, match="429"),
+        ):
+            connect(server.url, open_timeout=TIMEOUT_S)
         with connect(server.url, open_timeout=TIMEOUT_S) as socket:  # a place is free again
             socket.ping().wait(TIMEOUT_S)
 

@@ -59,7 +59,7 @@ def test_a_certificate_of_another_host_is_refused(local_node: LocalNode, certifi
     with (
         serve(local_node, certificates.elsewhere) as server,
         RosbridgeClient(server.url, tls_authorities=certificates.authority) as client,
-        pytest.raises(ConnectionLostError, match="not accepted: .*[Ii][Pp] address mismatch"),
+        pytest.raises(ConnectionLostError, match=r"not accepted: .*[Ii][Pp] address mismatch"),
     ):
         client.wait_connected(TIMEOUT_S)
 

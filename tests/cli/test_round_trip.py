@@ -113,7 +113,9 @@ def test_the_log_of_a_simulation_has_the_moved_poses(run: Run, write_map: WriteM
     source, out = write_map(mugs={"Mug": "0.0 0.0 50.0"}), tmp_path / "logged.owl"
     text = source.read_text(encoding="utf-8").replace(">static<", ">dynamic<")
     source.write_text(text, encoding="utf-8")
-    assert run("log", source, "-o", out, "--for", "0.5").exit_code == 0
+    result = run("log", source, "-o", out, "--for", "0.5", "--no-ground")
+    assert result.exit_code == 1, "it falls"
+    assert "not at rest: Mug moved by" in result.stderr
     output = json_output(run("compare", source, out, "--json"))
     assert output["errors"]["translation_m"] == pytest.approx(0.5 * 9.81 * 0.5**2, rel=0.02)
     assert output["lost_facts"] == 0

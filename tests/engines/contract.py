@@ -24,10 +24,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from mindstage.engines import Capability, Engine, SpawnNoteKind
+from mindstage.engines import Capability, Engine, SpawnNoteKind, SpawnOptions, SpawnReport
 from mindstage.errors import AttachmentError, BodyNotFoundError, EngineClosedError, PoseUnreachableError
 from mindstage.scene import Body, BodyId, BodyPhysics, Joint, Material, Mobility, Pose, World, diff
 from mindstage.scene.transforms import normalize, quat_angle, quat_rotate
+from tests.engines.geometries import box_shape, geometry
 from tests.engines.scenes import (
     FLOOR,
     LIMIT_M,
@@ -58,6 +59,11 @@ def apply_force_for(engine: Engine, id: str, force: tuple[float, float, float], 
         x, y, z = current_pose(engine, id)[:3].tolist()
         engine.apply_force(BodyId(id), force, (x, y, z))
         engine.step(0.01)
+
+
+def notes_of(report: SpawnReport, kind: SpawnNoteKind) -> list[tuple[str, ...]]:
+    """The ids of the notes of one kind."""
+    return [note.ids for note in report.notes if note.kind is kind]
 
 
 def overlap_pairs(ids: tuple[str, ...]) -> list[frozenset[str]]:
@@ -453,6 +459,90 @@ class PhysicsContract(DescriptionContract):
         assert not [note for note in report.notes if note.kind is SpawnNoteKind.OVERLAP]
         engine.step(2.0)
         assert displacement(engine, "mug", np.array([0, 0, 0.75])) < self.rest_tolerance_m
+
+    # -- rest
+
+    def test_a_cup_12_mm_deep_in_a_table_rests_on_it_and_keeps_its_pose_in_snapshots(self, engine: Engine) -> None:
+        table = body("table", (0, 0, 0.35), (1, 1, 0.7))
+        spawned = world(FLOOR, table, body("cup", (0.1, 0.2, 0.738), (0.08, 0.08, 0.1), "dynamic", 0.3))
+        report = engine.spawn(spawned)
+        assert notes_of(report, SpawnNoteKind.PENETRATION) == [("cup", "table")]
+        assert not notes_of(report, SpawnNoteKind.OVERLAP)
+        engine.step(2.0)
+        assert np.allclose(current_pose(engine, "cup")[:3], (0.1, 0.2, 0.75), atol=self.rest_tolerance_m)
+        assert diff(spawned, engine.snapshot()).identical(0.0)
+
+    @pytest.mark.parametrize("yaw_rad", [0.0, 0.4])
+    def test_a_box_half_in_the_floor_is_lifted_out_of_it(self, engine: Engine, yaw_rad: float) -> None:
+        turned = (float(np.cos(yaw_rad / 2)), 0.0, 0.0, float(np.sin(yaw_rad / 2)))
+        box = body("box", (0, 0, 0.0), (0.4, 0.3, 0.5), "dynamic", 2.0, quaternion=turned)
+        report = engine.spawn(world(FLOOR, box))
+        (note,) = [note for note in report.notes if note.kind is SpawnNoteKind.SETTLED]
+        assert note.ids == ("box", "floor")
+        assert "250 mm" in note.text
+        assert diff(world(FLOOR, box), engine.snapshot()).identical(0.0), "nothing was simulated yet"
+        engine.step(2.0)
+        assert np.allclose(current_pose(engine, "box")[:3], (0, 0, 0.25), atol=self.rest_tolerance_m)
+        assert engine.snapshot().body("box").pose.position[2] == pytest.approx(0.25, abs=self.rest_tolerance_m)
+
+    def test_what_stands_on_a_lifted_table_is_lifted_with_it(self, engine: Engine) -> None:
+        table = body("table", (0, 0, 0.2), (1, 1, 0.7), "dynamic", 20.0)
+        cup = body("cup", (0.2, 0, 0.6), (0.08, 0.08, 0.1), "dynamic", 0.3)
+        engine.spawn(world(FLOOR, table, cup))
+        engine.step(2.0)
+        assert current_pose(engine, "table")[2] == pytest.approx(0.35, abs=self.rest_tolerance_m)
+        assert current_pose(engine, "cup")[2] == pytest.approx(0.75, abs=2 * self.rest_tolerance_m)
+
+    def test_a_body_stuck_in_fixed_ones_stays_and_is_reported(self, engine: Engine) -> None:
+        block = body("block", (0, 0, 2.0), (4, 4, 4))
+        lamp = body("lamp", (0, 0, 2.0), (0.2, 0.2, 2.0), "dynamic", 1.0)
+        solid = geometry(box_shape((-2.0, -2.0, -2.0), (2.0, 2.0, 1.99)))
+        report = engine.spawn(world(FLOOR, block, lamp), geometry={BodyId("block"): solid})
+        engine.step(1.0)
+        assert displacement(engine, "lamp", np.array([0, 0, 2.0])) < 1e-3
+        assert any("stuck" in note.text for note in report.notes if "lamp" in note.ids)
+
+    def test_an_immovable_body_stays_and_keeps_its_described_mobility(self, engine: Engine) -> None:
+        wall = body("wall", (0, 0, 1.5), (0.2, 4, 3), "dynamic", 500.0)
+        engine.spawn(world(wall), options=SpawnOptions(immovable=frozenset({BodyId("wall")})))
+        engine.step(0.5)
+        assert displacement(engine, "wall", np.array([0, 0, 1.5])) < self.placement_tolerance
+        assert diff(world(wall), engine.snapshot()).identical(0.0)
+        engine.set_physics(BodyId("wall"), BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=500.0))
+        engine.step(0.5)
+        assert current_pose(engine, "wall")[2] < 1.0
+
+    def test_bodies_with_nothing_below_them_rest_on_a_reported_ground(self, engine: Engine) -> None:
+        table = body("table", (0, 0, 0.35), (1, 1, 0.7))
+        boxes = [body(f"box{x}", (x, 0, 0.8), (0.2, 0.2, 0.2), "dynamic", 1.0) for x in (2, 3)]
+        cup = body("cup", (0, 0, 0.75), (0.1, 0.1, 0.1), "dynamic", 0.2)
+        spawned = world(table, cup, *boxes)
+        report = engine.spawn(spawned, options=SpawnOptions(ground=True))
+        assert notes_of(report, SpawnNoteKind.GROUND) == [("box2", "box3")]
+        assert diff(spawned, engine.snapshot()).identical(0.0)
+        engine.step(1.0)
+        for box in boxes:
+            assert displacement(engine, box.id, np.array(box.pose.position)) < self.rest_tolerance_m
+        assert current_pose(engine, "cup")[2] == pytest.approx(0.75, abs=self.rest_tolerance_m)
+
+    def test_a_ground_is_removed_when_a_floor_is_spawned(self, engine: Engine) -> None:
+        options = SpawnOptions(ground=True)
+        engine.spawn(world(body("box", (0, 0, 1.0), (0.2, 0.2, 0.2), "dynamic", 1.0)), options=options)
+        assert not notes_of(engine.spawn(world(FLOOR), options=options), SpawnNoteKind.GROUND)
+        engine.step(1.0)
+        assert current_pose(engine, "box")[2] == pytest.approx(0.1, abs=self.rest_tolerance_m)
+
+    def test_a_body_that_falls_out_of_the_place_is_stopped_and_reported_once(self, engine: Engine) -> None:
+        engine.spawn(world(FLOOR, body("box", (30, 0, 0.5), (0.2, 0.2, 0.2), "dynamic", 1.0)))
+        for _ in range(30):
+            engine.step(0.1)
+            engine.poses()
+        height_m = current_pose(engine, "box")[2]
+        engine.step(0.5)
+        assert current_pose(engine, "box")[2] == pytest.approx(height_m, abs=1e-3)
+        assert -14.0 < height_m < -10.0
+        assert [note.ids for note in engine.notes if note.kind is SpawnNoteKind.STOPPED] == [("box",)]
+        assert engine.snapshot().body("box").physics.mobility is Mobility.DYNAMIC
 
     # -- edits of a running world
 

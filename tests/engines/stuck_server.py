@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 import threading
 
-from mindstage.engines import NullEngine, SpawnReport
+from mindstage.engines import DEFAULT_SPAWN_OPTIONS, NullEngine, SpawnOptions, SpawnReport
 from mindstage.scene import NO_GEOMETRY, GeometryMap, World
 from tests.engines.served_simulation import ServedSimulation
 
@@ -16,10 +16,12 @@ from tests.engines.served_simulation import ServedSimulation
 class StuckEngine(NullEngine):
     """An engine whose `spawn` never returns."""
 
-    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+    def spawn(
+        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+    ) -> SpawnReport:
         print("spawning", flush=True)
         threading.Event().wait()
-        return super().spawn(world, geometry=geometry)
+        return super().spawn(world, geometry=geometry, options=options)
 
 
 def main() -> None:

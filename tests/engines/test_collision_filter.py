@@ -139,7 +139,7 @@ def test_bodies_in_a_crowd_collide_with_nothing_and_are_reported() -> None:
         jointed_pairs=frozenset(),
         overlap_boxes=OrientedBoxes.from_poses(poses, sizes),
     )
-    collision_filter, notes = compute_collision_filter(filter_input, CollisionFilter())
+    collision_filter, notes, _ = compute_collision_filter(filter_input, CollisionFilter())
     assert collision_filter.non_colliding == set(filter_input.ids)
     assert not collision_filter.excluded_pairs
     assert {id for note in notes for id in note.ids} == set(filter_input.ids)

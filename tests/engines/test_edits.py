@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mindstage.engines import Engine, MujocoEngine, NullEngine
 from mindstage.errors import SimulationDivergedError, WorldError
 from mindstage.scene import BodyId, BodyPhysics, Mobility, Pose, World, diff
-from tests.engines.scenes import room
+from tests.engines.scenes import FLOOR, body, room, world
 from tests.worlds import poses, worlds
 
 names = st.integers(0, 9)
@@ -88,3 +88,19 @@ def test_a_running_room_survives_any_edits(todo: list[tuple[object, ...]], pause
     assert {body.id for body in snapshot.bodies} == set(engine.poses()[0])
     fixed = [body.id for body in room().bodies if body.id == "floor" and body.id in engine.poses()[0]]
     assert not fixed or np.isfinite(engine.poses()[1][engine.poses()[0].index(fixed[0])]).all()
+
+
+def test_what_is_on_a_shelf_stays_there_when_something_is_put_below_it() -> None:
+    """The box of the fridge is hollow for the milk; for the jam it gets a second floor, and keeps the first."""
+    fridge = body("fridge", (0, 0, 0.9), (0.6, 0.6, 1.8))
+    milk = body("milk", (0, 0, 1.2), (0.08, 0.08, 0.24), "dynamic", 1.0)
+    jam = body("jam", (0.1, 0.1, 0.4), (0.06, 0.06, 0.1), "dynamic", 0.4)
+    engine = MujocoEngine()
+    engine.spawn(world(FLOOR, fridge, milk))
+    engine.step(0.5)
+    engine.spawn(world(jam))
+    engine.set_pose(milk.id, Pose((0, 0, 1.21)))  # which wakes it up
+    engine.step(2.0)
+    poses = dict(zip(*engine.poses(), strict=True))
+    for thing in (milk, jam):
+        np.testing.assert_allclose(poses[thing.id][:3], thing.pose.position, atol=1e-3)

@@ -92,5 +92,6 @@ def test_removed_bodies_leave_nothing_behind() -> None:
     builder.update_collisions(poses[:0])
     model = builder.build_model()
     assert (dict(model.bodies), model.excluded_pairs, dict(model.joints)) == ({}, frozenset(), {})
-    assert builder.add(world(FLOOR), NO_POSES).ok
+    report, _ = builder.add(world(FLOOR), NO_POSES)
+    assert report.ok
     assert not builder.geometry

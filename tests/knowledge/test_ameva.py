@@ -143,7 +143,8 @@ def test_a_door_turns_about_the_edge_at_its_joint(read: ReadMap) -> None:
         AxisMotion.LOCKED,
         AxisMotion.LOCKED,
     )
-    assert hinge.angular.swing1_limit == math.pi / 2
+    # In Unreal's frame the hinge is on the side of smaller y, so the door opens towards positive angles about z.
+    assert (hinge.angular.swing1_middle, hinge.angular.swing1_limit) == (math.pi / 4, math.pi / 4)
     below = placed_body("hinge", "k:RevoluteJoint", "126.0 199.0 54.0", "k:parent :door")
     world, _ = read(room_map(*CLASSES, *FRIDGE[:3], below))
     assert world.joints[0].angular.swing2 is AxisMotion.LIMITED
@@ -166,7 +167,7 @@ def test_a_drawer_slides_by_its_own_depth(read: ReadMap) -> None:
         AxisMotion.LOCKED,
         AxisMotion.LOCKED,
     )
-    assert slide.linear.limit == pytest.approx(0.51)
+    assert (slide.linear.x_middle, slide.linear.limit) == pytest.approx((0.255, 0.255)), "as the door faces x"
 
 
 def test_a_joint_without_a_parent_is_omitted_and_reported(read: ReadMap) -> None:

@@ -198,10 +198,10 @@ def test_swapped_joint_limits_are_reported(read: ReadMap, tmp_path: Path) -> Non
         (
             HINGE.replace('k:maxJointValue "1.57"^^xsd:float', 'k:maxJointValue "inf"'),
             "hinge",
-            "it may move without limits",
+            "it opens outwards, by 1.57 rad",
         ),
         (":hinge a k:HingedJoint .", "hinge", "its parent is missing"),
-        (":hinge a k:HingedJoint . :cupboard k:hingedTo :door .", "hinge", "it may move without limits"),
+        (":hinge a k:HingedJoint . :cupboard k:hingedTo :door .", "hinge", "it opens outwards, by 1.57 rad"),
         (":lost a k:HingedJoint ; k:describedInMap :old .", "lost", "its parent is missing"),
         (":cupboard k:hingedTo :door .", "cupboard", "no joint gives their motion"),
     ],

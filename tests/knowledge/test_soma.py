@@ -226,7 +226,7 @@ def test_the_position_of_a_joint_is_read(read: ReadMap, tmp_path: Path) -> None:
         (jointed(":door_joint", "case", "ghost"), "ghost is not a body of this map; the joint is kept as a fact"),
         (jointed(":door_joint", "case", "case"), "connects it to itself"),
         (jointed("urdf:TelescopicJoint"), "TelescopicJoint is an unknown type of joint"),
-        (jointed("urdf:RevoluteJoint"), "it may move without limits"),
+        (jointed("urdf:RevoluteJoint"), "it opens outwards, by 1.57 rad"),
         (jointed("urdf:RevoluteJoint", "case", "door", LIMITS.format("2.0", "1.0")), "the two are swapped"),
         (jointed("urdf:RevoluteJoint", "case", "door", LIMITS.format('"x"', "1.0")), "not two finite numbers"),
         ("urdf:hasJoint :nowhere", "its joint is not described anywhere"),

@@ -51,7 +51,41 @@ def test_invalid_macros_are_refused(file: Path) -> None:
 def test_without_xacro_the_error_names_the_extra_to_install(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xacro", None)
     with pytest.raises(SourceParseError, match=r"pip install mindstage\[xacro\]"):
-        load_robot(file, robot_urdf(BASE, extra_attributes=_XACRO))
+        load_robot(file, robot_urdf("<link name='${1+1}'/>", extra_attributes=_XACRO))
+
+
+EXPANDED = [
+    pytest.param(BASE, id="the declaration only"),
+    pytest.param(BASE + "<!-- <xacro:block name='${name}'/> -->", id="a macro in a comment"),
+    pytest.param(BASE + "<gazebo><plugin>costs $5 (more or less)</plugin></gazebo>", id="a dollar in a text"),
+    pytest.param(
+        BASE + "<gazebo xmlns:controller='http://playerstage.sourceforge.net/c'><controller:audio/></gazebo>",
+        id="another namespace",
+    ),
+]
+UNEXPANDED = [
+    pytest.param("<xacro:property name='a' value='1'/>" + BASE, id="a property"),
+    pytest.param("<link name='${base}'/>", id="an expression"),
+    pytest.param("<link name='$(arg base)'/>", id="a substitution"),
+    pytest.param(BASE + "<gazebo><plugin>${plugin}</plugin></gazebo>", id="an expression in a text"),
+    pytest.param(BASE + "<gazebo xacro:if='1'/>", id="an attribute"),
+    pytest.param("<x:block xmlns:x='http://wiki.ros.org/xacro'/>" + BASE, id="another prefix"),
+]
+
+
+@pytest.mark.parametrize("elements", EXPANDED)
+def test_a_file_that_only_declares_the_namespace_loads_without_xacro(
+    file: Path, monkeypatch: pytest.MonkeyPatch, elements: str
+) -> None:
+    monkeypatch.setitem(sys.modules, "xacro", None)
+    assert load_robot(file, robot_urdf(elements, extra_attributes=_XACRO)).world.body("base").size == (1.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("elements", UNEXPANDED)
+def test_every_use_of_xacro_is_found(file: Path, monkeypatch: pytest.MonkeyPatch, elements: str) -> None:
+    monkeypatch.setitem(sys.modules, "xacro", None)
+    with pytest.raises(SourceParseError, match=r"pip install mindstage\[xacro\]"):
+        load_robot(file, robot_urdf(elements, extra_attributes=_XACRO))
 
 
 def test_the_expansion_of_macros_has_a_time_limit(file: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from mindstage.bridge import ClientGoalHandle, GoalStatus, LocalNode, RosbridgeClient, RosbridgeServer
 from mindstage.bridge.conversions import world_to_json
-from mindstage.engines import NullEngine, SpawnReport
+from mindstage.engines import DEFAULT_SPAWN_OPTIONS, NullEngine, SpawnOptions, SpawnReport
 from mindstage.knowledge import KnowledgeBase
 from mindstage.ros import RosInterface, RosVersion
 from mindstage.scene import NO_GEOMETRY, GeometryMap, World
@@ -137,10 +137,12 @@ class SlowEngine(NullEngine):
         self.spawning = threading.Event()
         self.go_on = threading.Event()
 
-    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+    def spawn(
+        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+    ) -> SpawnReport:
         self.spawning.set()
         assert self.go_on.wait(TIMEOUT_S)
-        return super().spawn(world, geometry=geometry)
+        return super().spawn(world, geometry=geometry, options=options)
 
 
 def test_spawning_sends_feedback_and_is_undone_when_canceled(knowledge: KnowledgeBase) -> None:

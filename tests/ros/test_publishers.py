@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeClient
@@ -14,16 +15,18 @@ from mindstage.errors import EngineError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import RosVersion, decode, encode, message_type
 from mindstage.ros import PublishRates, RosInterface
-from mindstage.ros.publishers import tf_message, world_marker_array
-from mindstage.scene import BodyId
+from mindstage.ros.publishers import tf_message, tf_static_message, world_marker_array
+from mindstage.ros.state import StateReader
+from mindstage.scene import BodyId, Pose
+from mindstage.scene.transforms import pose_multiply
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import eventually
 from tests.kitchenette import kitchenette
-from tests.ros.ros_messages import position_of
 
 TYPES = {
     "/clock": "rosgraph_msgs/Clock",
     "/tf": "tf2_msgs/TFMessage",
+    "/tf_static": "tf2_msgs/TFMessage",
     "/unreal/joint_states": "sensor_msgs/JointState",
     "/unreal/world": "visualization_msgs/MarkerArray",
     "/unreal/highlights": "mindstage_msgs/LitGroups",
@@ -55,15 +58,76 @@ def test_the_clock_advances_while_playing(client: RosbridgeClient, simulation: S
     assert times[-1] > times[0]
 
 
-def test_every_body_has_a_transform_from_the_world(client: RosbridgeClient, simulation: Simulation) -> None:
-    received = subscribed_messages(client, "/tf")
-    eventually(lambda: received)
-    there = {each["child_frame_id"]: each for each in received[-1]["transforms"]}
-    assert set(there) == set(simulation.state.ids)
-    assert {each["header"]["frame_id"] for each in there.values()} == {"world"}
-    mug = there["Mug"]["transform"]
-    assert position_of({"position": mug["translation"]}) == (2.0, 0.0, 0.85)
-    assert mug["rotation"] == {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+def composed_positions(*messages: Any) -> dict[str, Any]:
+    """Composes the transforms of messages from the root `map`, as tf2 does; returns the poses by frame id."""
+    edges = {each["child_frame_id"]: each for message in messages for each in message["transforms"]}
+    poses: dict[str, Any] = {"map": np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])}
+
+    def pose_of(frame: str) -> Any:
+        if frame not in poses:
+            edge = edges[frame]
+            shift, turn = edge["transform"]["translation"], edge["transform"]["rotation"]
+            local = np.array([shift["x"], shift["y"], shift["z"], turn["w"], turn["x"], turn["y"], turn["z"]])
+            poses[frame] = pose_multiply(pose_of(edge["header"]["frame_id"]), local)
+        return poses[frame]
+
+    return {frame: pose_of(frame) for frame in edges}
+
+
+def test_only_moving_transforms_are_in_tf_and_the_others_are_static(
+    client: RosbridgeClient, simulation: Simulation
+) -> None:
+    moving, static = subscribed_messages(client, "/tf"), subscribed_messages(client, "/tf_static")
+    eventually(lambda: moving and static)
+    edges = {each["child_frame_id"]: each["header"]["frame_id"] for each in moving[-1]["transforms"]}
+    assert edges == {"DrawerSlide": "Cupboard", "FridgeHinge": "Fridge", "Mug": "map"}
+    edges = {each["child_frame_id"]: each["header"]["frame_id"] for each in static[-1]["transforms"]}
+    assert edges == {
+        "world": "map", "Floor": "map", "Cupboard": "map", "Fridge": "map",
+        "Drawer": "DrawerSlide", "DrawerHandle": "Drawer", "FridgeDoor": "FridgeHinge", "FridgeHandle": "FridgeDoor",
+    }  # fmt: skip
+
+
+def test_composed_transforms_are_the_poses_of_the_bodies(client: RosbridgeClient, simulation: Simulation) -> None:
+    moving, static = subscribed_messages(client, "/tf"), subscribed_messages(client, "/tf_static")
+    eventually(lambda: moving and static)
+    count = len(static)
+    simulation.run_on_engine(lambda engine: engine.apply_force(BodyId("Drawer"), (-40.0, 0.0, 0.0)))
+    simulation.run_on_engine(lambda engine: engine.apply_force(BodyId("FridgeDoor"), (-60.0, 0.0, 0.0)))
+    simulation.step(0.3)
+
+    def positions() -> dict[str, Any]:
+        there = composed_positions(static[-1], moving[-1])
+        return {id: there[id] for id in simulation.state.ids}
+
+    expected = dict(zip(simulation.state.ids, simulation.state.poses, strict=True))
+    assert expected["Drawer"][0] < 1.9
+    assert abs(expected["FridgeHandle"][4:]).max() > 0.05
+    eventually(lambda: all(np.allclose(positions()[id], pose, atol=1e-5) for id, pose in expected.items()))
+    assert len(static) == count, "static transforms are published when they change only"
+
+
+def test_static_transforms_are_latched_and_published_again_when_they_change(
+    client: RosbridgeClient, local_node: LocalNode, simulation: Simulation
+) -> None:
+    static = subscribed_messages(client, "/tf_static")
+    eventually(lambda: static)
+    late = subscribed_messages(local_node, "/tf_static")
+    eventually(lambda: late)
+    assert late[0] == static[-1]
+    simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("FridgeHandle"), Pose((1.6, 0.75, 1.2))))
+    eventually(lambda: len(static) >= 2)
+    assert composed_positions(static[-1], {"transforms": [
+        {"header": {"frame_id": "map"}, "child_frame_id": "FridgeHinge", "transform": {
+            "translation": {"x": 1.68, "y": 1.3, "z": 0.9}, "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}},
+        {"header": {"frame_id": "map"}, "child_frame_id": "DrawerSlide", "transform": {
+            "translation": {"x": 1.95, "y": 0.0, "z": 0.65}, "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}},
+    ]})["FridgeHandle"][:3].tolist() == pytest.approx([1.6, 0.75, 1.2])  # fmt: skip
+    # An attachment changes the tree: the mug moves with the drawer, which is static to it.
+    simulation.run_on_engine(lambda engine: engine.attach(BodyId("Drawer"), BodyId("Mug")), edits=True)
+    eventually(lambda: ("Drawer", "Mug") in {
+        (each["header"]["frame_id"], each["child_frame_id"]) for each in static[-1]["transforms"]
+    })  # fmt: skip
 
 
 def test_joint_states_have_the_names_of_the_joints(client: RosbridgeClient, simulation: Simulation) -> None:
@@ -102,16 +166,19 @@ def test_highlights_are_published_at_once_and_latched(
 
 def test_messages_without_subscribers_are_not_created(simulation: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[str] = []
-    for name in ("tf_message", "joint_state_message", "world_marker_array"):
+    for name in ("tf_message", "tf_static_message", "joint_state_message", "world_marker_array"):
         monkeypatch.setattr(f"mindstage.ros.publishers.{name}", lambda *_, name=name, **__: made.append(name) or {})
     with LocalNode() as local_node, RosInterface(simulation, local_node):
         simulation.play()
         received = subscribed_messages(local_node, "/clock")
         eventually(lambda: len(received) >= 10)
         assert not made
-        local_node.subscribe("/tf", lambda _: None)
+        subscription = local_node.subscribe("/tf", lambda _: None)
         eventually(lambda: made)
         assert set(made) == {"tf_message"}
+        subscription.close()
+        local_node.subscribe("/tf_static", lambda _: None)
+        eventually(lambda: "tf_static_message" in made)
 
 
 def test_an_unchanged_world_is_published_less_often(simulation: Simulation) -> None:
@@ -152,8 +219,10 @@ def test_health_is_published_and_reports_a_failed_engine(knowledge: KnowledgeBas
 def test_directly_encoded_messages_equal_those_of_the_types(knowledge: KnowledgeBase, ros: RosVersion) -> None:
     with Simulation(knowledge, MujocoEngine()) as simulation:
         simulation.spawn(kitchenette())
+        transforms, _ = StateReader(simulation).frame_tree().transforms(simulation.state.ids, simulation.state.poses)
         for type, written in (
-            ("tf2_msgs/TFMessage", tf_message(simulation.state, ros=ros)),
+            ("tf2_msgs/TFMessage", tf_message(transforms, time_s=1.5, ros=ros)),
+            ("tf2_msgs/TFMessage", tf_static_message(transforms, time_s=1.5, ros=ros)),
             (
                 "visualization_msgs/MarkerArray",
                 world_marker_array(simulation.state, simulation.snapshot().bodies, ros=ros),
@@ -165,6 +234,10 @@ def test_directly_encoded_messages_equal_those_of_the_types(knowledge: Knowledge
 
 
 def test_poses_that_are_not_finite_are_not_published(simulation: Simulation) -> None:
-    broken = msgspec.structs.replace(simulation.state, poses=simulation.state.poses * float("nan"))
+    state = simulation.state
+    broken, _ = StateReader(simulation).frame_tree().transforms(state.ids, state.poses * float("nan"))
     with pytest.raises(EngineError, match="not finite"):
-        tf_message(broken, ros=RosVersion.TWO)
+        tf_message(broken, time_s=0.0, ros=RosVersion.TWO)
+    markers = msgspec.structs.replace(state, poses=state.poses * float("nan"))
+    with pytest.raises(EngineError, match="not finite"):
+        world_marker_array(markers, (), ros=RosVersion.TWO)

@@ -101,10 +101,13 @@ def test_roslibpy_subscribes_and_publishes(
     ros: roslibpy.Ros, ros_interface: RosInterface, simulation: Simulation
 ) -> None:
     received: list[Any] = []
+    static: list[Any] = []
     roslibpy.Topic(ros, "/tf", "tf2_msgs/TFMessage").subscribe(received.append)
+    roslibpy.Topic(ros, "/tf_static", "tf2_msgs/TFMessage").subscribe(static.append)
     simulation.play()
-    eventually(lambda: len(received) >= 5)
-    assert {each["child_frame_id"] for each in received[-1]["transforms"]} == set(simulation.state.ids)
+    eventually(lambda: len(received) >= 5 and static)
+    frames = {each["child_frame_id"] for message in (received[-1], static[-1]) for each in message["transforms"]}
+    assert frames == {*simulation.state.ids, "DrawerSlide", "FridgeHinge", "world"}
     highlight = roslibpy.Topic(ros, "/unreal/highlight", "mindstage_msgs/LitBodies")
     highlight.publish(roslibpy.Message({"ids": ["Mug"], "color": {"r": 1.0, "g": 0.0, "b": 0.0, "a": 1.0}}))
     eventually(lambda: "Mug" in simulation.state.highlights)

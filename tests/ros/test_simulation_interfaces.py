@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from mindstage.bridge import LocalNode
+from mindstage.errors import SourceParseError
 from mindstage.knowledge import KnowledgeBase, save_map
 from mindstage.ros import RosInterface
 from mindstage.simulation import Simulation
@@ -128,8 +129,10 @@ def test_a_body_of_a_map_is_spawned_with_its_attachments(call: Call, simulation:
     uris = {each["entity_resource"]["uri"] for each in reply["spawnables"]}
     door = next(uri for uri in uris if uri.endswith("#fridge_door"))
     initial = {"pose": pose_message(0.0, 9.0, 2.0)}
+    before = set(simulation.state.ids)
     made = call("spawn_entity", name="spare", entity_resource={"uri": door}, initial_pose=initial)
     assert (code(made), made["entity_name"]) == (OK, "spare")
+    assert set(simulation.state.ids) - before == {"spare", "spare/fridge_door_handle"}, "only the door and its handle"
     assert position_of(call("get_entity_state", entity="spare")["state"]["pose"]) == (0.0, 9.0, 2.0)
     assert ("spare", "spare/fridge_door_handle") in {
         (hold.parent, hold.child) for hold in simulation.snapshot().attachments
@@ -149,10 +152,16 @@ def test_an_entity_is_spawned_from_a_text(call: Call, simulation: Simulation) ->
     ("request_", "expected"),
     [
         ({"name": "Mug", "entity_resource": {"resource_string": ROBOT}}, 101),
-        ({"name": "", "entity_resource": {"resource_string": ROBOT}}, 102),
+        ({"name": "", "entity_resource": {"uri": "http://mindstage.org/maps/kitchen.owl#fridge"}}, 102),
+        ({"name": "a b", "entity_resource": {"resource_string": ROBOT}}, 102),
+        ({"name": "a//b", "entity_resource": {"resource_string": ROBOT}}, 102),
         ({"name": "a"}, 104),
-        ({"name": "a", "entity_resource": {"uri": "nothing"}}, 104),
-        ({"name": "a", "entity_resource": {"uri": "../../etc/passwd"}}, 104),
+        ({"name": "a", "entity_resource": {"uri": "nothing"}}, NOT_FOUND),
+        ({"name": "a", "entity_resource": {"uri": "../../etc/passwd"}}, NOT_FOUND),
+        ({"name": "a", "entity_namespace": "9", "entity_resource": {"resource_string": ROBOT}}, 105),
+        ({"name": "a", "entity_namespace": "a//b", "entity_resource": {"resource_string": ROBOT}}, 105),
+        ({"name": "a", "entity_resource": {"resource_string": ROBOT.replace(
+            '<box size="1 1 0.5"/>', '<mesh filename="package://nowhere/base.stl"/>')}}, 107),
         ({"name": "a", "entity_resource": {"resource_string": "<robot"}}, 106),
         ({"name": "a", "entity_resource": {"resource_string": "no map at all"}}, 106),
         ({"name": "a", "entity_resource": {"resource_string": ROBOT.replace("<robot", "<robot xmlns:xacro='x'")}}, 103),
@@ -168,6 +177,54 @@ def test_spawn_failures_have_result_codes(call: Call, simulation: Simulation, re
     assert code(reply) == expected, reply
     assert reply["result"]["error_message"]
     assert simulation.state.ids == before
+
+
+def test_an_entity_without_a_name_has_that_of_its_urdf(call: Call, simulation: Simulation) -> None:
+    resource = {"resource_string": ROBOT}
+    made = call("spawn_entity", entity_resource=resource, initial_pose={"pose": pose_message(0, 9, 1)})
+    assert (code(made), made["entity_name"]) == (OK, "cart")
+    assert code(call("spawn_entity", entity_resource=resource)) == 101
+    pose = {"pose": pose_message(0, 12, 1)}
+    made = call("spawn_entity", entity_resource=resource, allow_renaming=True, initial_pose=pose)
+    assert made["entity_name"] == "cart_1"
+
+
+def test_an_entity_and_its_parts_are_in_its_namespace(call: Call, simulation: Simulation) -> None:
+    wanted = {"name": "cart", "entity_namespace": "/lab/left", "entity_resource": {"resource_string": ROBOT}}
+    made = call("spawn_entity", **wanted, initial_pose={"pose": pose_message(0, 9, 1)})
+    assert (code(made), made["entity_name"]) == (OK, "lab/left/cart")
+    assert {"lab/left/cart", "lab/left/cart/arm"} <= set(simulation.state.ids)
+    assert {joint.id for joint in simulation.snapshot().joints} >= {"lab/left/cart/shoulder"}
+    assert code(call("spawn_entity", **wanted)) == 101
+    other = wanted | {"entity_namespace": "lab/right"}
+    made = call("spawn_entity", **other, initial_pose={"pose": pose_message(0, 12, 1)})
+    assert made["entity_name"] == "lab/right/cart"
+    # The pose of a third one is in the frame of the second.
+    frame = {"header": {"frame_id": "lab/right/cart"}, "pose": pose_message(0, 3, 0)}
+    assert code(call("spawn_entity", **(wanted | {"name": "next"}), initial_pose=frame)) == OK
+    assert position_of(call("get_entity_state", entity="lab/left/next")["state"]["pose"]) == (0.0, 15.0, 1.0)
+
+
+def test_an_entity_is_deleted_with_its_parts_but_not_with_those_of_others(call: Call, simulation: Simulation) -> None:
+    for number, name in enumerate(("cart", "cart/arm/next", "carts")):
+        resource = {"resource_string": ROBOT}
+        pose = {"pose": pose_message(0, 9 + 3 * number, 1)}
+        assert code(call("spawn_entity", name=name, entity_resource=resource, initial_pose=pose)) == OK
+    assert code(call("delete_entity", entity="cart")) == OK
+    assert {id for id in simulation.state.ids if id.startswith("cart")} == {
+        "cart/arm/next", "cart/arm/next/arm", "carts", "carts/arm",
+    }  # fmt: skip
+    assert code(call("delete_entity", entity="carts/arm")) == OK
+    assert "carts" in simulation.state.ids
+    assert code(call("delete_entity", entity="cart")) == NOT_FOUND
+
+
+def test_sources_of_spawnables_are_additional_and_unknown_ones_are_named(call: Call) -> None:
+    all_of_them = call("get_spawnables")["spawnables"]
+    reply = call("get_spawnables", sources=["kitchen", "http://nowhere.org/"])
+    assert code(reply) == OK
+    assert reply["spawnables"] == all_of_them
+    assert reply["result"]["error_message"] == "unknown sources: http://nowhere.org/"
 
 
 def test_each_of_several_spawned_entities_has_a_result(call: Call) -> None:
@@ -226,9 +283,10 @@ def test_loading_a_world_replaces_the_current_one(
     assert code(worlds("unload_world")) == OK
     assert simulation.state.ids == ()
     assert code(worlds("unload_world")) == 101
-    assert code(worlds("get_current_world")) == FAILED
+    assert code(worlds("get_current_world")) == 101
     assert worlds("get_simulation_state")["state"]["state"] == NO_WORLD
-    assert code(worlds("set_simulation_state", state={"state": PLAYING})) == INCORRECT_STATE
+    assert code(worlds("set_simulation_state", state={"state": PLAYING})) == 103
+    assert code(worlds("step_simulation", steps=1)) == FAILED
 
 
 @pytest.mark.parametrize(
@@ -236,10 +294,10 @@ def test_loading_a_world_replaces_the_current_one(
     [
         ({"uri": "broken.owl"}, 103),
         ({"uri": "notes.txt"}, 101),
-        ({"uri": "../secret.urdf"}, 102),
-        ({"uri": "link.urdf"}, 102),
-        ({"uri": "file:///etc/passwd"}, 102),
-        ({"uri": "nothing.owl"}, 102),
+        ({"uri": "../secret.urdf"}, NOT_FOUND),
+        ({"uri": "link.urdf"}, NOT_FOUND),
+        ({"uri": "file:///etc/passwd"}, NOT_FOUND),
+        ({"uri": "nothing.owl"}, NOT_FOUND),
         ({}, 102),
         ({"resource_string": "<rdf:RDF"}, 103),
     ],
@@ -252,6 +310,44 @@ def test_a_failed_load_keeps_the_current_world(
     assert code(reply) == expected, reply
     assert reply["result"]["error_message"]
     assert simulation.state.ids == before
+
+
+def test_a_loaded_world_is_stopped_and_the_start_of_a_reset(worlds: Call, simulation: Simulation) -> None:
+    assert code(worlds("set_simulation_state", state={"state": PLAYING})) == OK
+    assert code(worlds("load_world", world_resource={"uri": "cart.urdf"})) == OK
+    assert worlds("get_simulation_state")["state"]["state"] == STOPPED
+    resource = {"resource_string": ROBOT}
+    assert code(worlds("spawn_entity", name="later", entity_resource=resource)) == OK
+    assert code(worlds("reset_simulation")) == OK
+    assert set(simulation.state.ids) == {"base", "arm"}
+    assert code(worlds("set_simulation_state", state={"state": PLAYING})) == OK
+    assert code(worlds("unload_world")) == OK
+    assert not simulation.state.playing
+
+
+def test_missing_assets_of_a_world_are_an_error_unless_they_are_ignored(worlds: Call, simulation: Simulation) -> None:
+    text = ROBOT.replace('<box size="1 1 0.5"/>', '<mesh filename="package://nowhere/base.stl"/>')
+    reply = worlds("load_world", world_resource={"resource_string": text})
+    assert code(reply) == 104
+    assert "package://nowhere/base.stl" in reply["result"]["error_message"]
+    assert worlds("get_simulation_state")["state"]["state"] == NO_WORLD
+    ignoring = {"world_resource": {"resource_string": text}, "ignore_missing_or_unsupported_assets": True}
+    assert code(worlds("load_world", **ignoring)) == OK
+    assert "base" in simulation.state.ids
+
+
+def test_a_map_that_cannot_be_read_fails_the_list_of_worlds_unless_errors_are_accepted(
+    worlds: Call, simulation: Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(map: str | None = None) -> Any:
+        raise SourceParseError("kitchen.owl", cause="broken")
+
+    monkeypatch.setattr(simulation.knowledge, "world", fail)
+    assert code(worlds("get_available_worlds")) == 101
+    reply = worlds("get_available_worlds", continue_on_error=True)
+    assert code(reply) == OK
+    assert "broken" in reply["result"]["error_message"]
+    assert "cart.urdf" in {each["name"] for each in reply["worlds"]}
 
 
 def test_a_text_cannot_import_local_files(worlds: Call, simulation: Simulation, tmp_path: Path) -> None:
@@ -284,13 +380,16 @@ def test_the_simulation_plays_pauses_and_stops(call: Call, simulation: Simulatio
     assert state() == PLAYING
     assert simulation.state.playing
     assert code(call("set_simulation_state", state={"state": PLAYING})) == 101
-    assert code(call("step_simulation", steps=1)) == INCORRECT_STATE
+    assert code(call("step_simulation", steps=1)) == FAILED
     assert code(call("set_simulation_state", state={"state": PAUSED})) == OK
     assert state() == PAUSED
     call("set_model_pose", id="Mug", pose=pose_message(4, 4, 4))
     assert code(call("set_simulation_state", state={"state": STOPPED})) == OK
     assert state() == STOPPED
     assert position_of(call("get_model_pose", id="Mug")["pose"]) == (2.0, 0.0, 0.85)
+    assert code(call("set_simulation_state", state={"state": STOPPED})) == 101
+    assert code(call("set_simulation_state", state={"state": PAUSED})) == OK
+    assert state() == PAUSED
     assert code(call("set_simulation_state", state={"state": NO_WORLD})) == 103
     assert code(call("set_simulation_state", state={"state": QUITTING})) == UNSUPPORTED
 
@@ -303,26 +402,128 @@ def test_a_step_is_a_time_step_of_the_engine(call: Call, simulation: Simulation)
     assert simulation.state.time_s - before == pytest.approx(0.202)
 
 
-def test_reset_returns_to_the_state_after_the_last_spawn(call: Call, simulation: Simulation) -> None:
-    call("step_simulation", steps=100)
-    call("delete_model", id="Mug")
+def spawn_later(call: Call, simulation: Simulation) -> None:
+    """Advances the time, moves the mug, and spawns an entity and a model, at which the mug then is."""
+    assert code(call("step_simulation", steps=100)) == OK
+    call("set_model_pose", id="Mug", pose=pose_message(4, 4, 4))
+    resource = {"resource_string": ROBOT}
+    pose = {"pose": pose_message(0, 9, 1)}
+    assert code(call("spawn_entity", name="cart", entity_resource=resource, initial_pose=pose)) == OK
+    assert call("spawn_model", name="Cup", id="later", pose=pose_message(0, 12, 1))["success"]
+    call("delete_model", id="DrawerHandle")
+
+
+def test_stopping_removes_what_was_spawned_and_restores_the_rest(call: Call, simulation: Simulation) -> None:
+    before, first = simulation.state.ids, simulation.worlds
+    spawn_later(call, simulation)
+    assert code(call("set_simulation_state", state={"state": PLAYING})) == OK
+    assert code(call("set_simulation_state", state={"state": STOPPED})) == OK
+    assert set(simulation.state.ids) == set(before)
+    assert simulation.state.time_s == 0.0
+    assert simulation.worlds == first
+    assert position_of(call("get_entity_state", entity="Mug")["state"]["pose"]) == (2.0, 0.0, 0.85)
+    resource = {"resource_string": ROBOT}
+    assert code(call("spawn_entity", name="cart", entity_resource=resource)) == OK
+
+
+@pytest.mark.parametrize("scope", [0, 255, 7, 6])
+def test_a_full_reset_removes_what_was_spawned(call: Call, simulation: Simulation, scope: int) -> None:
+    before = simulation.state.ids
+    spawn_later(call, simulation)
+    assert code(call("reset_simulation", scope=scope)) == OK
+    assert set(simulation.state.ids) == set(before)
+    assert simulation.state.time_s == 0.0
+
+
+@pytest.mark.parametrize("scope", [2, 3])
+def test_a_reset_of_the_state_keeps_what_was_spawned(call: Call, simulation: Simulation, scope: int) -> None:
+    before = simulation.state.ids
+    spawn_later(call, simulation)
+    call("delete_entity", entity="later")
+    call("set_entity_state", entity="cart", state={"pose": pose_message(5, 5, 5)}, set_pose=True)
+    assert code(call("reset_simulation", scope=scope)) == OK
+    assert set(simulation.state.ids) == {*before, "cart", "cart/arm"}
+    assert position_of(call("get_entity_state", entity="cart")["state"]["pose"]) == (0.0, 9.0, 1.0)
+    assert position_of(call("get_entity_state", entity="Mug")["state"]["pose"]) == (2.0, 0.0, 0.85)
     assert code(call("reset_simulation")) == OK
-    assert "Mug" in simulation.state.ids
-    assert code(call("reset_simulation", scope=1)) == UNSUPPORTED
-    call("spawn_model", name="Cup", id="later", pose=pose_message(0, 9, 1))
+    assert set(simulation.state.ids) == set(before)
+
+
+def test_a_reset_of_spawned_entities_keeps_time_and_poses(call: Call, simulation: Simulation) -> None:
+    spawn_later(call, simulation)
+    before_s = simulation.state.time_s
     assert code(call("reset_simulation", scope=4)) == OK
-    assert "later" not in simulation.state.ids
-    assert "Mug" in simulation.state.ids
+    assert not {"cart", "cart/arm", "later"} & set(simulation.state.ids)
+    assert simulation.state.time_s == before_s
+    assert position_of(call("get_entity_state", entity="Mug")["state"]["pose"]) == (4.0, 4.0, 4.0)
+    assert "DrawerHandle" not in simulation.state.ids
+    for scope in (1, 5, 8):
+        assert code(call("reset_simulation", scope=scope)) == UNSUPPORTED
 
 
 def test_only_supported_features_are_listed(call: Call) -> None:
     features = set(call("get_simulator_features")["features"]["features"])
-    assert {0, 1, 5, 10, 11, 20, 25, 32, 33, 40, 43, 45, 50} <= features
-    assert not features & {2, 3, 7, 13, 21}
+    assert features == {
+        *(0, 1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 14),
+        *(20, 22, 23, 24, 25, 26, 31, 32, 33),
+        *(40, 41, 42, 43, 44, 45, 50),
+    }
+
+
+# -- named poses -------------------------------------------------------------------------------------------------------
+
+
+def test_named_poses_are_support_surfaces_free_places_and_handles(call: Call) -> None:
+    reply = call("get_named_poses")
+    assert code(reply) == OK
+    poses = {each["name"]: each for each in reply["poses"]}
+    assert len(poses) == len(reply["poses"])
+    top = poses["Cupboard/on"]
+    assert position_of(top["pose"]) == (2.0, 0.0, 0.8)
+    assert {"support_surface", "on", "spawn", "Cupboard"} <= set(top["tags"])
+    assert "Cupboard" in top["description"]
+    handle = poses["FridgeHandle/grasp"]
+    assert position_of(handle["pose"]) == (1.64, 0.75, 1.0)
+    assert {"handle", "Handle"} <= set(handle["tags"])
+    named = {each["name"] for each in call("get_named_poses", tags={"tags": ["handle"]})["poses"]}
+    assert named == {"DrawerHandle/grasp", "FridgeHandle/grasp"}
+    both = {"tags": ["placement", "on", "Cupboard"], "filter_mode": 1}
+    assert [each["name"] for each in call("get_named_poses", tags=both)["poses"]] == ["Cupboard/on/free"]
+
+
+def test_an_entity_fits_at_a_free_named_pose(call: Call, simulation: Simulation) -> None:
+    (place,) = call("get_named_poses", tags={"tags": ["placement", "on", "Cupboard"], "filter_mode": 1})["poses"]
+    bounds = call("get_named_pose_bounds", name=place["name"])["bounds"]
+    assert bounds["points"] == [{"x": 0.05, "y": 0.05, "z": 0.05}, {"x": -0.05, "y": -0.05, "z": -0.05}]
+    box = "<geometry><box size='0.1 0.1 0.1'/></geometry>"
+    cube = f"<robot name='c'><link name='l'><visual>{box}</visual></link></robot>"
+    made = call("spawn_entity", entity_resource={"resource_string": cube}, initial_pose={"pose": place["pose"]})
+    assert code(made) == OK
+    simulation.step(0.5)
+    there = simulation.snapshot()
+    assert there.body("Mug").pose.position == pytest.approx((2.0, 0.0, 0.85), abs=2e-3)
+    expected = place["pose"]["position"].values()
+    assert there.body("c").pose.position == pytest.approx(tuple(expected), abs=2e-3)
+    taken = call("get_named_poses", tags={"tags": ["placement", "on", "Cupboard"], "filter_mode": 1})["poses"]
+    assert taken[0]["pose"] != place["pose"]
+
+
+def test_bounds_of_a_surface_end_below_what_is_above(call: Call) -> None:
+    upper, lower = call("get_named_pose_bounds", name="Cupboard/on")["bounds"]["points"]
+    assert upper == {"x": 0.3, "y": 0.3, "z": 2.0}
+    assert lower == {"x": -0.3, "y": -0.3, "z": 0.0}
+    call("spawn_pro_mesh", id="shelf", width=1.0, height=0.1, depth=1.0, pose=pose_message(2, 0, 1.55))
+    upper, _ = call("get_named_pose_bounds", name="Cupboard/on")["bounds"]["points"]
+    assert upper["z"] == pytest.approx(0.7)
+    reply = call("get_named_pose_bounds", name="Cupboard/onn")
+    assert code(reply) == NOT_FOUND
+    assert "Cupboard/on" in reply["result"]["error_message"]
 
 
 def test_clients_can_quit_only_if_allowed(simulation: Simulation) -> None:
     ended: list[bool] = []
     with LocalNode() as local_node, RosInterface(simulation, local_node, on_quit=lambda: ended.append(True)):
+        simulation.play()
         assert code(local_node.call_service("/unreal/set_simulation_state", {"state": {"state": QUITTING}})) == OK
     assert ended == [True]
+    assert not simulation.state.playing

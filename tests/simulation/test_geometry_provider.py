@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import pytest
 
-from mindstage.engines import NullEngine, SpawnNoteKind, SpawnReport
+from mindstage.engines import DEFAULT_SPAWN_OPTIONS, NullEngine, SpawnNoteKind, SpawnOptions, SpawnReport
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import NO_GEOMETRY, Body, BodyGeometry, BodyId, GeometryMap, GeometrySource, World, diff
 from mindstage.simulation import Simulation
@@ -21,9 +21,11 @@ class RecordingEngine(NullEngine):
         super().__init__()
         self.spawned: list[GeometryMap] = []
 
-    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+    def spawn(
+        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+    ) -> SpawnReport:
         self.spawned.append(geometry)
-        return super().spawn(world, geometry=geometry)
+        return super().spawn(world, geometry=geometry, options=options)
 
 
 class MeshGeometry(NamedTuple):

@@ -9,7 +9,15 @@ import msgspec
 import pytest
 
 from mindstage import KnowledgeBase, NullEngine, Simulation, World
-from mindstage.engines import Capability, EngineStats, SpawnNote, SpawnNoteKind, SpawnReport
+from mindstage.engines import (
+    DEFAULT_SPAWN_OPTIONS,
+    Capability,
+    EngineStats,
+    SpawnNote,
+    SpawnNoteKind,
+    SpawnOptions,
+    SpawnReport,
+)
 from mindstage.engines.base import SpawnFailure
 from mindstage.knowledge import bundled_kitchen
 from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap, Iri
@@ -28,8 +36,10 @@ class BusyEngine(NullEngine):
     def stats(self) -> EngineStats:
         return self.busy
 
-    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
-        report = super().spawn(world, geometry=geometry)
+    def spawn(
+        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+    ) -> SpawnReport:
+        report = super().spawn(world, geometry=geometry, options=options)
         note = SpawnNote(SpawnNoteKind.HOLLOW, ("Fridge", "Mug"), "Fridge is hollow, so that Mug stands in it")
         return msgspec.structs.replace(report, notes=(note,), failed_bodies=(SpawnFailure("Ghost", "it has no size"),))
 

@@ -77,6 +77,8 @@ static func _add_collision_shapes(group: MindstageRigidGroup, node: CollisionObj
 	var layer: int = MindstageRigidGroup.MOVING if node is RigidBody3D else MindstageRigidGroup.FIXED
 	node.collision_layer = layer if collides else 0
 	node.collision_mask = MindstageRigidGroup.FIXED | MindstageRigidGroup.MOVING if collides else 0
+	if collides and group.members[0].physics_model.get("on_ground", false):
+		node.collision_mask |= MindstageRigidGroup.GROUND
 
 
 ## Adds a shape without a node: faster than `CollisionShape3D` when the scene runs.

@@ -6,6 +6,10 @@ extends RefCounted
 ## Bodies that a change does not name keep their pose, velocity and sleep state.
 
 const _MAX_REGIONS: int = 16
+## The fields of a body's model that the physics depends on.
+const _PHYSICS_KEYS: Array[String] = [
+	"top", "hold", "mobility", "gravity", "mass_kg", "ghost", "solids", "friction", "restitution", "on_ground"
+]
 
 var simulation: MindstageSimulation
 ## Rigid groups by the id of their root body.
@@ -13,6 +17,8 @@ var groups: Dictionary[String, MindstageRigidGroup] = {}
 var joints: Dictionary[String, MindstageJoint] = {}
 ## For each body id, the ids of the bodies that it does not collide with.
 var excluded_pairs: Dictionary[String, Dictionary] = {}
+## The ground plane, null if there is none.
+var ground: StaticBody3D
 
 var _joint_builder: MindstageJointBuilder
 var _dynamic_groups: Array[MindstageRigidGroup] = []
@@ -39,6 +45,8 @@ func apply(model_change: Dictionary) -> void:
 	var changed_regions: Array[AABB] = []
 	var motions: Dictionary[String, Array] = {}
 	_dynamic_groups_valid = false
+	if model_change.has("ground"):
+		set_ground(model_change["ground"].get("height_m"))
 	var rebuilt_groups: Dictionary[String, bool] = _regroup(model_change.get("bodies", {}), motions, changed_regions)
 	for id: String in rebuilt_groups:
 		_rebuild(id, motions)
@@ -74,6 +82,29 @@ func remove(bodies: Array[MindstageBody], removed_joints: PackedStringArray) -> 
 	for id: String in orphans:
 		_make_own_group(orphans[id], motions)
 	_wake(changed_regions)
+
+
+## Adds the ground plane at a height [m], moves it there, or removes it if the height is null.
+func set_ground(height: Variant) -> void:
+	if ground != null:
+		discard(ground)
+		ground = null
+	if height == null:
+		return
+	ground = StaticBody3D.new()
+	ground.name = "Ground"
+	ground.collision_layer = MindstageRigidGroup.GROUND
+	ground.collision_mask = 0
+	var plane: CollisionShape3D = CollisionShape3D.new()
+	plane.shape = WorldBoundaryShape3D.new()
+	ground.add_child(plane)
+	ground.position = Vector3(0.0, float(height), 0.0)
+	simulation.add_child(ground, false, Node.INTERNAL_MODE_BACK)
+
+
+## The height of the ground plane [m], null if there is none.
+func ground_height() -> Variant:
+	return null if ground == null else ground.position.y
 
 
 ## A copy of the joint frames of the physics model, for snapshots.
@@ -134,7 +165,7 @@ func _regroup(
 ## Whether two physics models of a body are equivalent for the physics.
 static func _has_same_physics(one: Dictionary, other: Dictionary) -> bool:
 	var both_fixed: bool = one.get("mobility", "static") != "dynamic" and other.get("mobility", "static") != "dynamic"
-	for key: String in ["top", "hold", "mobility", "gravity", "mass_kg", "ghost", "solids", "friction", "restitution"]:
+	for key: String in _PHYSICS_KEYS:
 		if both_fixed and key in ["top", "hold"]:
 			continue
 		if one.get(key) != other.get(key):

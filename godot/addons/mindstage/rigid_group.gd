@@ -9,6 +9,8 @@ extends RefCounted
 ## Collision layers of dynamic and of fixed bodies. All bodies collide with dynamic ones.
 const MOVING: int = 1
 const FIXED: int = 2
+## Collision layer of the ground plane. Only bodies that nothing connects with a fixed one collide with it.
+const GROUND: int = 4
 ## Damping of groups that are connected to a fixed body by a joint [1/s].
 const JOINT_DAMPING: float = 1.0
 

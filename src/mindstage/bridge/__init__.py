@@ -2,7 +2,7 @@
 
 from mindstage.bridge.access import TlsCertificate, VisitorLimits
 from mindstage.bridge.broker import GraphInfo, ProviderInfo, TopicInfo
-from mindstage.bridge.client import ConnectionState, RosbridgeClient
+from mindstage.bridge.client import ConnectionState, Refusal, RosbridgeClient
 from mindstage.bridge.node import (
     ActionHandler,
     ClientGoalHandle,
@@ -30,6 +30,7 @@ __all__ = [
     "MessageHandler",
     "Node",
     "ProviderInfo",
+    "Refusal",
     "RosbridgeClient",
     "RosbridgeServer",
     "ServerGoalHandle",

@@ -352,8 +352,9 @@ class ActionRouter:
             return
         self._end_goal(result.id, goal)
         if goal.caller is not None:
+            values = _reason(result) or content(result.values)
             forwarded = ActionResult(
-                id=goal.id, action=goal.name, values=content(result.values), status=result.status, result=result.result
+                id=goal.id, action=goal.name, values=values, status=result.status, result=result.result
             )
             goal.caller.deliver(MessageEncoder(forwarded), goal.reply_format)
 
@@ -530,6 +531,7 @@ class ServiceRouter:
             provider.send_status(StatusLevel.ERROR, text, response.id)
             _send_error_response(call.caller, call.name, call.id, call.reply_format, text)
         elif call.caller is not None:
+            values = _reason(response) or values
             forwarded = ServiceResponse(id=call.id, service=call.name, values=values, result=response.result)
             call.caller.deliver(MessageEncoder(forwarded), call.reply_format)
 
@@ -571,6 +573,13 @@ def _send_error_response(
         caller.deliver(
             MessageEncoder(ServiceResponse(id=id, service=service, values=values, result=False)), reply_format
         )
+
+
+def _reason(response: ServiceResponse | ActionResult) -> msgspec.Raw | None:
+    """Returns the error message of a failed call or goal, if it is not already its values."""
+    if response.result or response.reason is None:
+        return None
+    return msgspec.Raw(msgspec.json.encode(response.reason))
 
 
 class Topic:

@@ -1,6 +1,12 @@
 """A client of a rosbridge server, which reconnects and then advertises and subscribes again.
 
 When the connection is lost, all pending calls and goals fail at once with `ConnectionLostError`.
+
+What the server refuses is kept as a `Refusal`. Mindstage's own server sends a `status` message about it. The servers of
+rosbridge_suite only log it, in both branches (`Protocol.log` in `rosbridge_library/protocol.py`), and every ROS log is
+published on `/rosout`; so the client subscribes to that topic before anything else, and each operation has an id, which
+the log repeats. They accept only objects as the `values` of a response and ignore `result` (`service_response.py`,
+`action_result.py`); an error is therefore sent as the type's own failure or as an empty object, beside a `reason`.
 """
 
 from __future__ import annotations
@@ -8,30 +14,98 @@ from __future__ import annotations
 import asyncio
 import logging
 import random
+import re
+import secrets
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from ssl import SSLCertVerificationError, SSLError
 
+import msgspec
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus, InvalidURI, WebSocketException
 
 from mindstage.bridge.access import client_tls_context
-from mindstage.bridge.node import Node
-from mindstage.bridge.protocol import DEFAULT_LIMITS, BridgeLimits, Id, MessageEncoder, Operation, Status
+from mindstage.bridge.broker import resolve_name
+from mindstage.bridge.node import MessageSender, Node
+from mindstage.bridge.protocol import (
+    DEFAULT_LIMITS,
+    ActionResult,
+    Advertise,
+    AdvertiseAction,
+    AdvertiseService,
+    BridgeLimits,
+    GoalStatus,
+    Id,
+    MessageEncoder,
+    Operation,
+    Publish,
+    ServiceResponse,
+    Status,
+    StatusLevel,
+    Subscribe,
+    Unsubscribe,
+    content,
+)
 from mindstage.bridge.server import Connection
-from mindstage.errors import AuthenticationError, BridgeError, CertificateError, ConnectionLostError
+from mindstage.errors import (
+    AuthenticationError,
+    BridgeError,
+    CertificateError,
+    ConnectionLostError,
+    ServiceCallError,
+)
 
-__all__ = ["ConnectionState", "RosbridgeClient"]
+__all__ = ["ConnectionState", "Refusal", "RosbridgeClient"]
 
 _MIN_RECONNECT_DELAY_S = 0.2
 _MAX_RECONNECT_DELAY_S = 15.0
 _OPEN_TIMEOUT_S = 10.0
 _PING_INTERVAL_S = 10.0
 _AUTH_ERROR_CODES = (401, 403)
+_LOG_TOPIC = "/rosout"
+_LOG_TIMEOUT_S = 1.0
+"""Longest time for which operations wait for the server's log, so that no refusal is missed [s]."""
+_LOG_INTERVAL_S = 0.1
+_LOGGING_SERVERS = ("AutobahnPython", "TornadoServer")
+"""Names of the websocket servers of rosbridge_suite, in the header `Server` of the handshake."""
+_SEVERE_LEVELS = frozenset({4, 8, 16, 30, 40, 50})
+"""Warnings and errors: 4, 8, 16 in `rosgraph_msgs/Log` of ROS 1, and 30, 40, 50 in `rcl_interfaces/Log` of ROS 2."""
+_LOG_WITH_ID = re.compile(r"\[Client [^\]]*\] \[id: (?P<id>.+?)\] (?P<text>.*)", re.DOTALL)
+_LOG_OF_FILTER = re.compile(r"\[Client [^\]]*\] (?P<text>No match found for \w+, cancelling .*[ :](?P<name>/\S+))")
+"""rosbridge_suite logs this if the topic or service is not among those that it was started for (`topics_glob`)."""
+_REQUEST_IDS = {"service_request": "service_response", "action_goal": "action_result"}
+"""What the ids of the server's requests begin with, and the operation that answers them."""
+_MAX_REFUSALS = 1000
 _log = logging.getLogger("mindstage.bridge")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refusal:
+    """An operation that the server refused."""
+
+    operation: str
+    """Such as `subscribe` or `advertise_service`."""
+    name: str
+    """Name of the topic, service or action."""
+    cause: str
+    """The server's message."""
+
+    def __str__(self) -> str:
+        return f"{self.operation} {self.name}: {self.cause}"
+
+
+class _LogEntry(msgspec.Struct):
+    """The common fields of a log message in ROS 1 and ROS 2."""
+
+    level: int
+    msg: str
+
+
+_log_decoder = msgspec.json.Decoder(_LogEntry)
 
 
 class ConnectionState(StrEnum):
@@ -61,6 +135,7 @@ class RosbridgeClient(Node):
         max_reconnect_delay_s: float = _MAX_RECONNECT_DELAY_S,
         on_state: Callable[[ConnectionState], object] | None = None,
         on_status: Callable[[Status], object] | None = None,
+        on_refusal: Callable[[Refusal], object] | None = None,
     ) -> None:
         """Starts to connect, without waiting.
 
@@ -73,6 +148,7 @@ class RosbridgeClient(Node):
                 [s].
             on_state: called with every change of `state`, on the bridge's thread; must not block.
             on_status: called with status messages of the server, likewise; by default, they are logged.
+            on_refusal: called with each operation that the server refuses, likewise; see `refusals`.
 
         Raises:
             ConnectionLostError: the URL is invalid.
@@ -94,6 +170,12 @@ class RosbridgeClient(Node):
         self._max_reconnect_delay_s = max_reconnect_delay_s
         self._on_state = on_state
         self._status_callback = on_status
+        self._refusal_listeners = [] if on_refusal is None else [on_refusal]
+        self._refusals: dict[tuple[str, str], Refusal] = {}
+        self._session = secrets.token_hex(4)
+        """A part of the ids, since the log of the server also has the ids of its other clients."""
+        self._answered_again: set[Id] = set()
+        self._log_opened: asyncio.Event | None = None
         self._connection: Connection | None = None
         self._first_attempt_done = threading.Event()
         self._cause: BridgeError = ConnectionLostError(url, cause="not connected yet")
@@ -109,6 +191,33 @@ class RosbridgeClient(Node):
         """Whether there is a connection now."""
         return self.state is ConnectionState.CONNECTED
 
+    @property
+    def refusals(self) -> tuple[Refusal, ...]:
+        """What the server has refused since the connection was opened, the first for each operation and name."""
+        return tuple(self._refusals.copy().values())
+
+    def add_refusal_listener(self, listener: Callable[[Refusal], object]) -> Callable[[], None]:
+        """Registers a function that is called with each new refusal, on the bridge's thread; it must not block.
+
+        It is first called with the refusals so far. The returned function removes it.
+        """
+
+        def add() -> None:
+            self._refusal_listeners.append(listener)
+            for refusal in self.refusals:
+                self._notify(listener, refusal)
+
+        def remove() -> None:
+            if listener in self._refusal_listeners:
+                self._refusal_listeners.remove(listener)
+
+        self._loop.call(add)
+        return remove
+
+    def report_refusal(self, refusal: Refusal) -> None:
+        """Adds a refusal that was found in another way, from any thread."""
+        self._loop.call(self._refuse, refusal)
+
     def wait_connected(self, timeout_s: float = 10.0) -> RosbridgeClient:
         """Waits for the connection, over as many attempts as fit into the time.
 
@@ -123,7 +232,7 @@ class RosbridgeClient(Node):
 
     def has_subscribers(self, topic: str) -> bool:
         """Whether a message might be received; the subscribers at the server are unknown, so it is `connected`."""
-        return self.connected
+        return self.connected and ("advertise", resolve_name(topic)) not in self._refusals
 
     def close(self) -> None:
         """Closes the connection for good; calling it again is harmless."""
@@ -181,16 +290,20 @@ class RosbridgeClient(Node):
             close_timeout=2.0,
             proxy=None,
         )
-        self._connection = connection = Connection(
-            socket, self._limits, receive=self._receive, send_error=self._send_error_status
-        )
-        for operation in self._advertise_operations():
-            connection.send(MessageEncoder(operation))
-        self._set_state(ConnectionState.CONNECTED)
-        self._first_attempt_done.set()
+        connection = Connection(socket, self._limits, receive=self._receive, send_error=self._send_error_status)
+        self._refusals.clear()
+        self._answered_again.clear()
+        running = asyncio.ensure_future(connection.run())
         try:
-            await connection.run()
+            await self._open_log(connection, running, server=socket.response.headers if socket.response else {})
+            self._connection = connection
+            for operation in self._advertise_operations():
+                connection.send(MessageEncoder(self._prepared(operation)))
+            self._set_state(ConnectionState.CONNECTED)
+            self._first_attempt_done.set()
+            await running
         finally:
+            running.cancel()
             self._connection = None
             self._cause = ConnectionLostError(self.url, cause=connection.close_reason)
             if not self.closed:
@@ -198,6 +311,25 @@ class RosbridgeClient(Node):
                 self._set_state(ConnectionState.LOST)
             self._pending_calls.fail_all(self._cause)
             self._dispatcher.cancel_all()
+
+    async def _open_log(
+        self, connection: Connection, running: asyncio.Future[None], *, server: Mapping[str, str]
+    ) -> None:
+        """Subscribes to the log of a rosbridge of ROS, and waits until it is received or the time is over.
+
+        What the server logs before its own subscription exists is lost. Each request is logged itself ("Subscribed to
+        /rosout"), so it is repeated until the first log message arrives.
+        """
+        if not server.get("Server", "").startswith(_LOGGING_SERVERS):
+            return
+        self._log_opened = opened = asyncio.Event()
+        request = Subscribe(id=f"subscribe:{_LOG_TOPIC}:{self._session}", topic=_LOG_TOPIC)
+        waiting = asyncio.ensure_future(opened.wait())
+        end_s = self._loop.loop.time() + _LOG_TIMEOUT_S
+        while not waiting.done() and not running.done() and self._loop.loop.time() < end_s:
+            connection.send(MessageEncoder(request))
+            await asyncio.wait((waiting, running), timeout=_LOG_INTERVAL_S, return_when=asyncio.FIRST_COMPLETED)
+        waiting.cancel()
 
     async def _send_unadvertise(self) -> None:
         connection = self._connection
@@ -217,12 +349,117 @@ class RosbridgeClient(Node):
     def _send(self, operation: Operation) -> None:
         if self._connection is None:
             raise self._cause
-        self._connection.send(MessageEncoder(operation))
+        if isinstance(operation, Publish) and ("advertise", resolve_name(operation.topic)) in self._refusals:
+            return  # each message would be refused and logged again
+        self._connection.send(MessageEncoder(self._prepared(operation)))
+
+    def _prepared(self, operation: Operation) -> Operation:
+        """Returns an operation as the servers of rosbridge_suite accept it, with an id that its refusal repeats."""
+        match operation:
+            case ServiceResponse(result=False) | ActionResult(result=False):
+                return _with_object(operation)
+            case Advertise(id=None) | Publish(id=None):
+                return self._with_id(operation, operation.topic)
+            case AdvertiseService(id=None):
+                return self._with_id(operation, operation.service)
+            case AdvertiseAction(id=None):
+                return self._with_id(operation, operation.action)
+            case Subscribe() | Unsubscribe() if operation.id is not None:
+                return msgspec.structs.replace(operation, id=f"{operation.id}:{self._session}")
+            case _:
+                return operation
+
+    def _with_id(self, operation: Operation, name: str) -> Operation:
+        return msgspec.structs.replace(operation, id=f"{_tag(operation)}:{name}:{self._session}")
+
+    # -- refusals ------------------------------------------------------------------------------------------------------
+
+    def _receive(self, operation: Operation, sender: MessageSender | None = None) -> None:
+        if isinstance(operation, Publish) and resolve_name(operation.topic) == _LOG_TOPIC:
+            if self._log_opened is not None:
+                self._log_opened.set()
+            self._read_log(operation.msg)
+        super()._receive(operation, sender)
+
+    def _read_log(self, message: msgspec.Raw) -> None:
+        """Finds refusals of this client's operations in a log message of the server."""
+        raw = bytes(message)
+        if b"[id: " not in raw and b"No match found" not in raw:
+            return
+        try:
+            entry = _log_decoder.decode(raw)
+        except msgspec.DecodeError as error:
+            _log.debug("a log message of the server is not readable: %s", error)
+            return
+        if entry.level not in _SEVERE_LEVELS:
+            return
+        if found := _LOG_WITH_ID.search(entry.msg):
+            self._refuse_id(found["id"], found["text"])
+        elif found := _LOG_OF_FILTER.search(entry.msg):
+            self._refuse_name(found["name"], found["text"])
+
+    def _refuse_id(self, id: str, cause: str) -> bool:
+        """Handles the refusal of the operation with an id; returns whether it is one of this client."""
+        tag, _, rest = id.partition(":")
+        name = rest.partition(":")[0]
+        if id.endswith(f":{self._session}"):
+            self._refuse(Refusal(operation=tag, name=resolve_name(name), cause=cause))
+        elif tag in _REQUEST_IDS and self._provides(name):
+            self._refuse(Refusal(operation=_REQUEST_IDS[tag], name=resolve_name(name), cause=cause))
+            self._answer_again(id, tag, name)
+        else:
+            # A failed call is logged as "call_service SomeException: ..." and has a response with the cause; one whose
+            # fields are wrong is logged as "call_service: ..." and has none.
+            answered = re.match(r"(call_service|send_action_goal) \w+: ", cause)
+            return not answered and self._pending_calls.fail(id, ServiceCallError(name, cause=cause))
+        return True
+
+    def _refuse_name(self, name: str, cause: str) -> None:
+        for operation in self._advertisements.values():
+            named = getattr(operation, "topic", None) or getattr(operation, "service", None)
+            if named is not None and resolve_name(named) == resolve_name(name):
+                self._refuse(Refusal(operation=_tag(operation), name=resolve_name(name), cause=cause))
+
+    def _refuse(self, refusal: Refusal) -> None:
+        key = (refusal.operation, refusal.name)
+        if key in self._refusals or len(self._refusals) >= _MAX_REFUSALS:
+            return
+        self._refusals[key] = refusal
+        _log.warning("%s refused an operation: %s", self.url, refusal)
+        for listener in tuple(self._refusal_listeners):
+            self._notify(listener, refusal)
+
+    def _notify(self, listener: Callable[[Refusal], object], refusal: Refusal) -> None:
+        try:
+            listener(refusal)
+        except Exception:
+            _log.exception("the handler of refusals failed")
+
+    def _provides(self, name: str) -> bool:
+        return any((kind, resolve_name(name)) in self._advertisements for kind in ("service", "action"))
+
+    def _answer_again(self, id: str, tag: str, name: str) -> None:
+        """Ends a call whose response was refused, once, by an empty response; its caller would wait forever."""
+        if id in self._answered_again or len(self._answered_again) >= _MAX_REFUSALS:
+            return
+        self._answered_again.add(id)
+        reason = f"the response of {name} was refused by {self.url}"
+        empty = msgspec.Raw(b"{}")
+        if tag == "service_request":
+            response = ServiceResponse(id=id, service=name, values=empty, result=False, reason=reason)
+            self._send_if_possible(response)
+        else:
+            status = GoalStatus.ABORTED
+            self._send_if_possible(
+                ActionResult(id=id, action=name, values=empty, status=status, result=False, reason=reason)
+            )
 
     def _send_error_status(self, text: str, id: Id | None) -> None:
         _log.warning("invalid message from %s: %s (id %r)", self.url, text, id)
 
     def _on_status(self, status: Status) -> None:
+        if status.level in {StatusLevel.ERROR, StatusLevel.WARNING} and status.id is not None:
+            self._refuse_id(str(status.id), status.msg)
         if self._status_callback is None:
             super()._on_status(status)
             return
@@ -230,6 +467,20 @@ class RosbridgeClient(Node):
             self._status_callback(status)
         except Exception:
             _log.exception("the status handler failed")
+
+
+def _tag(operation: Operation) -> str:
+    return str(operation.__struct_config__.tag)
+
+
+def _with_object(response: ServiceResponse | ActionResult) -> ServiceResponse | ActionResult:
+    """Returns a failed response whose values are an object; an error message becomes the reason."""
+    values = content(response.values)
+    if bytes(values).startswith(b"{"):
+        return response
+    text = msgspec.json.decode(values)
+    reason = text if isinstance(text, str) else bytes(values).decode()
+    return msgspec.structs.replace(response, values=msgspec.Raw(b"{}"), reason=response.reason or reason)
 
 
 def _connection_error(url: str, error: Exception) -> BridgeError:

@@ -346,6 +346,15 @@ class BodyModelDelta(FrozenStruct, frozen=True, kw_only=True):
     friction: float | None = None
     """Coefficient of friction; None is the default of the engine."""
     restitution: float | None = None
+    on_ground: bool = False
+    """Whether the body collides with the ground plane."""
+
+
+class GroundDelta(FrozenStruct, frozen=True, kw_only=True):
+    """A changed ground plane."""
+
+    height_m: float | None
+    """Its height [m]; None if it is removed."""
 
 
 class JointModelDelta(FrozenStruct, frozen=True, kw_only=True):
@@ -370,6 +379,8 @@ class PhysicsModelDelta(FrozenStruct, frozen=True, kw_only=True):
     """Active joints, by id; None for one that is removed."""
     poses: dict[BodyId, Pose] = msgspec.field(default_factory=dict)
     """Bodies that are set to another pose at rest, including those attached to them."""
+    ground: GroundDelta | None = None
+    """None if the ground is unchanged."""
 
 
 def model_delta_to_json(change: PhysicsModelDelta) -> str:

@@ -55,6 +55,7 @@ from mindstage.errors import (
     AdvertiseError,
     BridgeError,
     ConnectionLostError,
+    FailureResponseError,
     MessageValidationError,
     MindstageError,
     ServiceCallError,
@@ -270,6 +271,16 @@ class PendingCalls:
         for goal, _ in goals.values():
             goal.future.set_exception(error)
 
+    def fail(self, id: Id, error: BridgeError) -> bool:
+        """Fails a call or a goal that the server rejected; returns whether it was pending."""
+        if id in self._calls:
+            self._end_call(id, error)
+            return True
+        goal, _ = self._goals.pop(id, (None, None))
+        if goal is not None:
+            goal.future.set_exception(error)
+        return goal is not None
+
     def _cancel(self, id: Id) -> None:
         if id in self._goals:
             try:
@@ -355,7 +366,7 @@ class HandlerDispatcher:
         """Calls the handler of a service and sends the response."""
         handler = self.services.get(name)
         if handler is None:
-            self._send(_call_error_response(call, f"Service {call.service} does not exist"))
+            self._send(_call_error_response(call, ServiceNotFoundError(call.service)))
         elif iscoroutinefunction(handler):
             self.start_task(self._handle_call_async(handler, call))
         elif name in self.quick and not self._executor.is_busy(caller):
@@ -405,7 +416,7 @@ class HandlerDispatcher:
             values = _encode_values(handler(_decode_values(call.args)))
             response = ServiceResponse(id=call.id, service=call.service, values=values, result=True)
         except Exception as error:
-            response = _call_error_response(call, _error_reply(call.service, error))
+            response = _call_error_response(call, error)
         self._loop.call_soon(self._send, response)
 
     async def _handle_call_async(self, handler: ServiceHandler, call: CallService) -> None:
@@ -413,7 +424,7 @@ class HandlerDispatcher:
             values = _encode_values(await _await_if_needed(handler(_decode_values(call.args))))
             response = ServiceResponse(id=call.id, service=call.service, values=values, result=True)
         except Exception as error:
-            response = _call_error_response(call, _error_reply(call.service, error))
+            response = _call_error_response(call, error)
         self._send(response)
 
     # -- actions -------------------------------------------------------------------------------------------------------
@@ -466,8 +477,13 @@ def _error_reply(name: str, error: Exception) -> str:
     return f"{name} failed: {type(error).__name__}: {error}"
 
 
-def _call_error_response(call: CallService, reason: str) -> ServiceResponse:
-    return ServiceResponse(id=call.id, service=call.service, values=_encode_values(reason), result=False)
+def _call_error_response(call: CallService, error: Exception) -> ServiceResponse:
+    text = _error_reply(call.service, error)
+    if isinstance(error, FailureResponseError):
+        values, reason = _encode_values(error.response), text
+    else:
+        values, reason = _encode_values(text), None
+    return ServiceResponse(id=call.id, service=call.service, values=values, result=False, reason=reason)
 
 
 def _goal_error_result(request: SendActionGoal, id: Id, reason: str) -> ActionResult:
@@ -726,7 +742,7 @@ class Node:
         handler: MessageHandler,
         *,
         type: str | None = None,
-        throttle_ms: float = 0.0,
+        throttle_ms: int = 0,
         queue_length: int = 0,
         compression: Compression = Compression.NONE,
         with_sender: bool = False,
@@ -737,7 +753,7 @@ class Node:
             topic: name of the topic, which need not have a publisher yet.
             handler: called with each message, in order; if it is slower than the messages, the oldest are dropped.
             type: expected type; at another server, a topic of another type is rejected with a status message.
-            throttle_ms: least time between two messages [ms].
+            throttle_ms: least time between two messages [ms]; an integer, as rosbridge requires.
             queue_length: number of messages that the sender keeps while it throttles; it drops the oldest.
             compression: encoding of the messages.
             with_sender: whether the handler is also called with the `MessageSender`.

@@ -292,8 +292,8 @@ class Subscribe(_Operation, frozen=True, kw_only=True):
 
     topic: _Name
     type: _Type | None = None
-    throttle_rate: _NotNegative | None = None
-    """Least time between two messages [ms]."""
+    throttle_rate: _Count | None = None
+    """Least time between two messages [ms]; an integer, since rosbridge_suite refuses other numbers."""
     queue_length: _Count | None = None
     fragment_size: _Size | None = None
     compression: Compression | None = None
@@ -338,8 +338,10 @@ class ServiceResponse(_Operation, frozen=True, kw_only=True):
 
     service: _Name
     values: Raw | UnsetType = UNSET
-    """The response message; the error message if `result` is false."""
+    """The response message; if `result` is false, the error message, or with a `reason` a response message."""
     result: bool
+    reason: str | None = None
+    """The error message, where `values` must be an object. An extension, which rosbridge_suite ignores."""
 
 
 # -- actions (ROS 2) ---------------------------------------------------------------------------------------------------
@@ -392,6 +394,8 @@ class ActionResult(_Operation, frozen=True, kw_only=True):
     values: Raw | UnsetType = UNSET
     status: int
     result: bool
+    reason: str | None = None
+    """As of a `ServiceResponse`."""
 
 
 # -- the connection ----------------------------------------------------------------------------------------------------

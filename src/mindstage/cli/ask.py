@@ -14,17 +14,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mindstage.cli.options import (
+    DEFAULT_READING,
     AsJson,
-    Bundled,
     Closure,
     EndpointUrl,
     EngineName,
     ExitCode,
     MapName,
     MapOptions,
-    Ontologies,
+    MapReading,
     Port,
-    Robots,
     Seconds,
     StoreFolder,
     WithViewport,
@@ -191,8 +190,7 @@ def sparql(
     ] = False,
     store: StoreFolder = None,
     endpoint: EndpointUrl = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
+    reading: MapReading = DEFAULT_READING,
     closure: Closure = False,
     as_json: AsJson = False,
 ) -> ExitCode:
@@ -205,9 +203,7 @@ def sparql(
         cause = "an endpoint does not contain the statements that are derived here"
         raise InvalidArgumentError("--closure", cause=cause, remedy="omit it, or ask one of the questions")
     with progress_spinner("querying"):
-        knowledge = knowledge_base(
-            maps or [], ontologies=ontologies, bundled=bundled, store=store, endpoint=endpoint, closure=closure
-        )
+        knowledge = knowledge_base(maps or [], reading, store=store, endpoint=endpoint, closure=closure)
         table = knowledge.sparql(query, timeout_s=timeout_s, allow_service=allow_service)
     findings = knowledge.findings()
     if as_json:
@@ -267,8 +263,7 @@ def tell(
         ),
     ] = None,
     maps: MapOptions = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
+    reading: MapReading = DEFAULT_READING,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Assert or retract a statement, in a store, at an endpoint, or in a file.
@@ -282,9 +277,7 @@ def tell(
     target_name = _target_name(store, endpoint, output)
     with progress_spinner("asserting"):
         sparql_endpoint = None if endpoint is None else SparqlEndpoint(endpoint, update_url=update_endpoint)
-        knowledge = knowledge_base(
-            maps or [], ontologies=ontologies, bundled=bundled, store=store, endpoint=sparql_endpoint
-        )
+        knowledge = knowledge_base(maps or [], reading, store=store, endpoint=sparql_endpoint)
         target = AssertionFile(output, knowledge) if output else knowledge
         done = (target.retract if retract else target.tell)(subject, property, parse_value(value))
     findings = knowledge.findings()
@@ -360,10 +353,8 @@ def ask(
     why: Why = False,
     store: StoreFolder = None,
     endpoint: EndpointUrl = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
+    reading: MapReading = DEFAULT_READING,
     closure: Closure = False,
-    robots: Robots = None,
     highlight: ColorOption = None,
     map_name: MapName = None,
     engine: EngineName = "mujoco",
@@ -396,9 +387,7 @@ def ask(
     with progress_spinner("loading"):
         knowledge = knowledge_base(
             maps or [],
-            ontologies=ontologies,
-            bundled=bundled,
-            robots=robots,
+            reading,
             store=store,
             endpoint=endpoint,
             closure=closure,

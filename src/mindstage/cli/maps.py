@@ -10,22 +10,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.options import (
+    DEFAULT_READING,
     AsJson,
     AssetFolders,
-    Bundled,
-    ConventionOptions,
     Delta,
     ExitCode,
-    FrameNames,
     MapArgument,
     MapArguments,
     MapName,
-    Ontologies,
+    MapReading,
     PlainBoxes,
-    QuaternionOrders,
-    Robots,
     Strict,
-    UnitNames,
     Verbose,
 )
 from mindstage.cli.output import (
@@ -46,7 +41,7 @@ from mindstage.cli.setup import asset_folders, findings_about, godot_program, kn
 from mindstage.saving import FileDialect, FileFormat, dialect_name, file_format, save_world
 
 if TYPE_CHECKING:
-    from mindstage.knowledge import Finding, KnowledgeBase
+    from mindstage.knowledge import Finding, KnowledgeBase, UnitConventions
     from mindstage.scene import World
 
 __all__ = ["analyze", "compare", "convert", "validate"]
@@ -59,17 +54,17 @@ def analyze(
     maps: MapArguments,
     *,
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
+    reading: MapReading = DEFAULT_READING,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Count the classes, individuals, objects, constraints and relations of maps."""
     with progress_spinner("reading"):
-        knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled, robots=robots)
+        knowledge = knowledge_base(maps, reading)
         # Without maps, requesting the only one (None) raises the appropriate error.
         names: list[str | None] = [map_name] if map_name else [*knowledge.maps()] or [None]
         analyses = [knowledge.map_statistics(name) for name in names]
+        for name in names:
+            knowledge.world(name)  # whose findings and assumptions are printed
     findings = knowledge.findings()
     if as_json:
         output = [
@@ -91,20 +86,20 @@ def compare(
     b: Annotated[str, typer.Argument(metavar="B", help="The map to compare it with.", show_default=False)],
     *,
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
+    reading: MapReading = DEFAULT_READING,
     delta: Delta = 0.0,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Compare two maps completely; exit 0 if they are identical, 1 if they differ, 2 on an error."""
     from mindstage.scene import diff
 
-    def read(path: str) -> tuple[World, KnowledgeBase]:
-        knowledge = knowledge_base([path], ontologies=ontologies, bundled=bundled)
+    def read(path: str, conventions: UnitConventions) -> tuple[World, KnowledgeBase]:
+        knowledge = knowledge_base([path], reading, conventions=[conventions])
         return knowledge.world(map_name), knowledge
 
     with progress_spinner("reading"):
-        (world_a, knowledge_a), (world_b, knowledge_b) = read(a), read(b)
+        conventions_a, conventions_b = reading.conventions([a, b])
+        (world_a, knowledge_a), (world_b, knowledge_b) = read(a, conventions_a), read(b, conventions_b)
     with progress_spinner("comparing"):
         found = diff(world_a, world_b)
     if as_json:
@@ -121,20 +116,14 @@ def validate(
     maps: MapArguments,
     *,
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
-    units: UnitNames = None,
-    frame: FrameNames = None,
-    quaternion: QuaternionOrders = None,
+    reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Read maps and list the findings; exit 0 if there are none, 1 if there are any, 2 if a map cannot be read."""
     with progress_spinner("reading"):
-        options = ConventionOptions(units, frame, quaternion)
-        knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled, robots=robots, conventions=options)
+        knowledge = knowledge_base(maps, reading)
         # Without maps, requesting the only one (None) raises the appropriate error.
         names: list[str | None] = [map_name] if map_name else [*knowledge.maps()] or [None]
         worlds = [knowledge.world(name) for name in names]
@@ -202,12 +191,7 @@ def convert(
     dialect: _FileDialectOption = None,
     format: _FileFormatOption = None,
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
-    units: UnitNames = None,
-    frame: FrameNames = None,
-    quaternion: QuaternionOrders = None,
+    reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
@@ -216,13 +200,7 @@ def convert(
     """Convert a map to another dialect, without loss, or to another format, with notes on what it cannot express."""
     kind, chosen = file_format(out, format, dialect=dialect), dialect or FileDialect.SAME
     with progress_spinner("converting"):
-        knowledge = knowledge_base(
-            [source],
-            ontologies=ontologies,
-            bundled=bundled,
-            robots=robots,
-            conventions=ConventionOptions(units, frame, quaternion),
-        )
+        knowledge = knowledge_base([source], reading)
         world = knowledge.world(map_name)
         findings = findings_about(world, knowledge, strict=strict)
         notes = save_world(

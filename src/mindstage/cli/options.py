@@ -12,10 +12,12 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from contextvars import ContextVar
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import wraps
+from inspect import Parameter, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple, ParamSpec
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, get_args, get_type_hints
 
 import typer
 
@@ -28,34 +30,29 @@ if TYPE_CHECKING:
     from mindstage.knowledge import UnitConventions
 
 __all__ = [
-    "DEFAULT_CONVENTIONS",
+    "DEFAULT_READING",
     "AsJson",
     "AssetFolders",
-    "Bundled",
     "Closure",
-    "ConventionOptions",
     "Delta",
     "EndpointUrl",
     "EngineName",
     "ExitCode",
-    "FrameNames",
+    "Ground",
     "MapArgument",
     "MapArguments",
     "MapName",
     "MapOptions",
-    "Ontologies",
+    "MapReading",
     "PageHost",
     "PageToken",
     "PlainBoxes",
     "Port",
-    "QuaternionOrders",
-    "Robots",
     "Seconds",
     "StoreFolder",
     "Strict",
     "TlsCertificateFile",
     "TlsKeyFile",
-    "UnitNames",
     "Verbose",
     "VisitorLimitOptions",
     "WithViewport",
@@ -65,33 +62,6 @@ __all__ = [
     "finite",
     "options_given",
 ]
-
-
-class ConventionOptions(NamedTuple):
-    """The values of the options `--units`, `--frame` and `--quaternion`."""
-
-    units: Sequence[str] | None = None
-    frame: Sequence[str] | None = None
-    quaternion: Sequence[str] | None = None
-
-    def by_map(self, maps: Sequence[str]) -> list[UnitConventions]:
-        """The conventions of each map; a value for one map overrides a value for all maps.
-
-        Raises:
-            InvalidArgumentError: a value is invalid, or refers to a map that is not loaded.
-        """
-        from mindstage.knowledge import Handedness, LengthUnit, QuaternionOrder, UnitConventions
-
-        units = _by_map("--units", self.units, maps, LengthUnit)
-        frames = _by_map("--frame", self.frame, maps, Handedness)
-        orders = _by_map("--quaternion", self.quaternion, maps, QuaternionOrder)
-        return [
-            UnitConventions(units=unit, frame=frame, quaternion=order)  # type: ignore[arg-type]
-            for unit, frame, order in zip(units, frames, orders, strict=True)
-        ]
-
-
-DEFAULT_CONVENTIONS = ConventionOptions()
 
 
 def _by_map(option: str, values: Sequence[str] | None, maps: Sequence[str], kind: type[Enum]) -> list[Enum | None]:
@@ -155,12 +125,18 @@ def command(function: Callable[P, ExitCode]) -> Callable[P, None]:
     """Makes a function a verb: its result or error becomes the exit code.
 
     Args:
-        function: its parameter `as_json`, if it has one, determines whether errors are printed as JSON too.
+        function: its parameter `as_json`, if it has one, determines whether errors are printed as JSON too. A parameter
+            of type `MapReading` is replaced by the options of that class.
     """
+    hints = get_type_hints(function, include_extras=True)
+    groups = [name for name, hint in hints.items() if hint is MapReading]
 
     @wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         as_json = bool(kwargs.get("as_json"))
+        given: dict[str, Any] = kwargs
+        for name in groups:
+            given[name] = MapReading(**{field.name: given.pop(field.name) for field in fields(MapReading)})
         try:
             with ExitStack() as callbacks:
                 _CLOSE_CALLBACKS.set(callbacks)
@@ -181,7 +157,24 @@ def command(function: Callable[P, ExitCode]) -> Callable[P, None]:
             code = ExitCode.INTERRUPTED
         raise typer.Exit(code)
 
+    _replace_groups(run, function, hints)
     return run
+
+
+def _replace_groups(run: Callable[..., None], function: Callable[..., object], hints: Mapping[str, object]) -> None:
+    """Gives a verb the signature of its function, with the options of `MapReading` instead of a parameter for them."""
+    options = get_type_hints(MapReading, include_extras=True)
+    parameters: list[Parameter] = []
+    for parameter in signature(function).parameters.values():
+        if hints[parameter.name] is MapReading:
+            parameters += (
+                Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=options[field.name])
+                for field in fields(MapReading)
+            )
+        else:
+            parameters.append(parameter.replace(annotation=hints[parameter.name]))
+    run.__annotations__ = {each.name: each.annotation for each in parameters}
+    run.__signature__ = signature(function).replace(parameters=parameters, return_annotation=None)  # type: ignore[attr-defined]
 
 
 def _error_text(error: MindstageError) -> str:
@@ -324,6 +317,11 @@ PlainBoxes = Annotated[
     ),
 ]
 
+Ground = Annotated[
+    bool,
+    typer.Option("--ground/--no-ground", help="Add a ground plane where the map has nothing below loose bodies."),
+]
+
 _PER_MAP = "Prefix MAP= (a file name) for one map only; may be repeated."
 
 UnitNames = Annotated[
@@ -352,6 +350,50 @@ QuaternionOrders = Annotated[
         "--quaternion", metavar="[MAP=]ORDER", help="The order of quaternions: wxyz or xyzw.", show_default=False
     ),
 ]
+
+SizeFrames = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--sizes",
+        metavar="[MAP=]FRAME",
+        help="The axes that sizes of classes are measured along: body, or world (Unreal's loggers until June 2021).",
+        show_default=False,
+    ),
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapReading:
+    """The options of every verb that reads maps: a parameter of this type adds all of them to a verb.
+
+    A field is a parameter of the verb, with its option and its default value; `command` makes the object of them.
+    """
+
+    ontologies: Ontologies = None
+    bundled: Bundled = True
+    robots: Robots = None
+    units: UnitNames = None
+    frame: FrameNames = None
+    quaternion: QuaternionOrders = None
+    sizes: SizeFrames = None
+
+    def conventions(self, maps: Sequence[str]) -> list[UnitConventions]:
+        """The conventions of each map; a value for one map overrides a value for all maps.
+
+        Raises:
+            InvalidArgumentError: a value is invalid, or refers to a map that is not loaded.
+        """
+        from msgspec.structs import fields as struct_fields
+
+        from mindstage.knowledge import UnitConventions
+
+        kinds = {field.name: get_args(field.type)[0] for field in struct_fields(UnitConventions)}
+        given = {name: _by_map(f"--{name}", getattr(self, name), maps, kind) for name, kind in kinds.items()}
+        return [UnitConventions(**{name: given[name][at] for name in kinds}) for at in range(len(maps))]  # type: ignore[arg-type]
+
+
+DEFAULT_READING = MapReading()
+"""The options where none is given."""
 
 Strict = Annotated[bool, typer.Option("--strict", help="Reject a map with findings, and exit with 2.")]
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from mindstage.engines import SpawnReport
+    from mindstage.engines import SpawnNote, SpawnReport
     from mindstage.knowledge import Assumption, Finding, KnowledgeBase
     from mindstage.scene import Statement, World, WorldDiff
     from mindstage.simulation import Simulation
@@ -30,6 +30,7 @@ __all__ = [
     "import_summary",
     "is_complete",
     "losses_json",
+    "notes_json",
     "one_line",
     "print_diff",
     "print_failures",
@@ -38,6 +39,7 @@ __all__ = [
     "print_json",
     "print_line",
     "print_losses",
+    "print_notes",
     "print_records",
     "print_report",
     "print_table",
@@ -277,6 +279,8 @@ def report_json(report: SpawnReport) -> dict[str, object]:
         "failed_constraints": msgspec.to_builtins(report.failed_joints),
         "failed_attachments": msgspec.to_builtins(report.failed_attachments),
         "warnings": msgspec.to_builtins(report.notes),
+        "moved": msgspec.to_builtins(report.moved),
+        "rest_checked_s": report.rest_checked_s,
     }
 
 
@@ -289,6 +293,7 @@ def print_report(report: SpawnReport, *, title: str, verbose: bool) -> None:
     )
     print_table(title, ("", "spawned", "failed"), [(kind, done, len(failed)) for kind, done, failed in kinds])
     print_failures(report)
+    print_moved(report)
     if report.notes and verbose:
         rows = [(note.kind.value, ", ".join(note.ids), note.text) for note in report.notes]
         print_table("Assumptions of the engine", ("topic", "about", "assumption"), rows)
@@ -303,6 +308,32 @@ def print_failures(report: SpawnReport) -> None:
     for kind, failures in (*kinds, ("attachment", report.failed_attachments)):
         for failure in failures:
             warn(f"{kind} not spawned: {failure.id}: {failure.reason}")
+
+
+_MAX_MOVED = 20
+"""Limit of the printed bodies that moved; JSON contains all."""
+
+
+def print_moved(report: SpawnReport) -> None:
+    """Prints the bodies that did not stay where they were spawned, a line for each."""
+    for moved in report.moved[:_MAX_MOVED]:
+        left = " and left the place" if moved.left_place else ""
+        warn(f"not at rest: {moved.id} moved by {moved.distance_m:.3g} m in {report.rest_checked_s:g} s{left}")
+    if len(report.moved) > _MAX_MOVED:
+        warn(f"not at rest: {len(report.moved) - _MAX_MOVED:,} more, see --json")
+
+
+def notes_json(notes: Sequence[SpawnNote]) -> list[dict[str, object]]:
+    """Notes of an engine as JSON objects."""
+    import msgspec
+
+    return [msgspec.to_builtins(note) for note in notes]
+
+
+def print_notes(notes: Sequence[SpawnNote]) -> None:
+    """Prints what an engine decided or noticed while it simulated, a line for each, on stderr."""
+    for note in notes:
+        warn(f"{note.kind.value}: {note.text}")
 
 
 _MAX_CHANGES = 20

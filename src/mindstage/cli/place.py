@@ -8,22 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.options import (
+    DEFAULT_READING,
     AsJson,
     AssetFolders,
-    Bundled,
-    ConventionOptions,
     EngineName,
     ExitCode,
-    FrameNames,
     MapArguments,
     MapName,
-    Ontologies,
+    MapReading,
     Port,
-    QuaternionOrders,
-    Robots,
     Seconds,
     Strict,
-    UnitNames,
     Verbose,
     WithViewport,
 )
@@ -79,12 +74,7 @@ def place(
     items: Items,
     out: Out = None,
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
-    units: UnitNames = None,
-    frame: FrameNames = None,
-    quaternion: QuaternionOrders = None,
+    reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
     assets: AssetFolders = None,
     engine: EngineName = "mujoco",
@@ -99,13 +89,7 @@ def place(
 
     running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
     with progress_spinner("reading"):
-        knowledge = knowledge_base(
-            maps,
-            ontologies=ontologies,
-            bundled=bundled,
-            robots=robots,
-            conventions=ConventionOptions(units, frame, quaternion),
-        )
+        knowledge = knowledge_base(maps, reading)
         listed = [item for text in items for item in _read_items(text, knowledge)]
         world = knowledge.world(map_name)
     findings = findings_about(world, knowledge, strict=strict)

@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage import __version__
-from mindstage.cli.options import Bundled, EndpointUrl, EngineName, ExitCode, Ontologies, Port, StoreFolder, finite
+from mindstage.cli.options import (
+    DEFAULT_READING,
+    EndpointUrl,
+    EngineName,
+    ExitCode,
+    MapReading,
+    Port,
+    StoreFolder,
+    finite,
+)
 from mindstage.cli.output import findings_json, print_findings, print_json, print_line, progress_spinner
 from mindstage.cli.setup import knowledge_base, make_engine, simulation_from_options
 from mindstage.cli.viewer import open_viewer
@@ -63,8 +72,7 @@ def prolog(
     timeout_s: _Timeout = 30.0,
     store: StoreFolder = None,
     endpoint: EndpointUrl = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
+    reading: MapReading = DEFAULT_READING,
     engine: EngineName = "mujoco",
     with_viewport: _WithViewport = False,
     port: Port = 8080,
@@ -78,7 +86,7 @@ def prolog(
     load_library()  # before the map is read, so that a missing SWI-Prolog fails at once
     running = make_engine(engine)
     with progress_spinner("reading"):
-        knowledge = knowledge_base(maps or [], ontologies=ontologies, bundled=bundled, store=store, endpoint=endpoint)
+        knowledge = knowledge_base(maps or [], reading, store=store, endpoint=endpoint)
     if not as_json:
         print_findings(knowledge.findings())
     with ExitStack() as closing:

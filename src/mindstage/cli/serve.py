@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import threading
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,15 +13,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.options import (
+    DEFAULT_READING,
     AsJson,
     AssetFolders,
-    Bundled,
     EngineName,
     ExitCode,
     MapName,
-    Ontologies,
+    MapReading,
     PlainBoxes,
-    Robots,
     TlsCertificateFile,
     TlsKeyFile,
     VisitorLimitOptions,
@@ -43,7 +43,7 @@ from mindstage.cli.viewer import LOCAL_ACCESS, LOOPBACK, ServerAccess, open_view
 from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
-    from mindstage.bridge import Node
+    from mindstage.bridge import LocalNode, Refusal, RosbridgeClient
     from mindstage.knowledge import KnowledgeBase
     from mindstage.scene import World
     from mindstage.simulation import Simulation
@@ -53,6 +53,15 @@ __all__ = ["serve"]
 _POLL_INTERVAL_S = 0.2
 _CONNECT_TIMEOUT_S = 5.0
 """Timeout for a rosbridge that is still starting [s]."""
+_MAX_REFUSED_NAMES = 3
+"""Largest number of names in a line about refused operations."""
+_REFUSAL_REMEDIES = (
+    (r"not a valid type string", "omit --ros1 for ROS 2, give it for ROS 1"),
+    (
+        r"Unable to (load the manifest|import)",
+        "build the packages of the folder ros/ in the workspace of that rosbridge",
+    ),
+)
 
 Maps = Annotated[
     list[str] | None,
@@ -131,6 +140,12 @@ Worlds = Annotated[
 ]
 Paused = Annotated[bool, typer.Option("--paused", help="Start paused.")]
 WithPage = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page too.")]
+WithFoxglove = Annotated[
+    bool, typer.Option("--foxglove", help="Serve the Foxglove app on this machine too (extra foxglove).")
+]
+FoxglovePort = Annotated[
+    int, typer.Option("--foxglove-port", metavar="PORT", min=0, max=65535, help="The port of the Foxglove server.")
+]
 PagePort = Annotated[int, typer.Option("--page-port", metavar="PORT", min=0, max=65535, help="The port of the page.")]
 
 
@@ -151,19 +166,20 @@ def serve(
     ros1: RosOne = False,
     worlds: Worlds = None,
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
+    reading: MapReading = DEFAULT_READING,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
     engine: EngineName = "mujoco",
     paused: Paused = False,
     with_viewport: WithPage = False,
     page_port: PagePort = 8080,
+    with_foxglove: WithFoxglove = False,
+    foxglove_port: FoxglovePort = 8765,
     seconds: Seconds = None,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Serve a simulation to ROS clients over rosbridge, under the names of the Unreal plugin."""
+    from mindstage.bridge import LocalNode, RosbridgeClient
     from mindstage.msgs import RosVersion
     from mindstage.ros import RosInterface
 
@@ -177,28 +193,33 @@ def serve(
         else server_access(host, token, certificate=tls_cert, key=tls_key, limits=limits, origins=origins or [])
     )
     running = make_engine(engine)
-    knowledge, world = _load_knowledge(maps, map_name, ontologies=ontologies, bundled=bundled, robots=robots)
+    knowledge, world = _load_knowledge(maps, map_name, reading)
     quitting = threading.Event()
     with ExitStack() as resources:
         simulation = resources.enter_context(
             simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes)
         )
-        node, url = (
-            _connect(resources, connect, token, tls_authorities) if connect else _start_server(resources, port, access)
-        )
-        output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name}
-        output |= _spawn(simulation, world, as_json=as_json)
+        node = _connect(resources, connect, token, tls_authorities) if connect else resources.enter_context(LocalNode())
+        spawned = _spawn(simulation, world, as_json=as_json)
         ros = RosVersion.ONE if ros1 else RosVersion.TWO
         interface = RosInterface(simulation, node, namespace=namespace, ros=ros, folder=worlds, on_quit=quitting.set)
         resources.callback(interface.close)
+        # A client never finds an open port without the services behind it.
+        url = _start_server(resources, node, port, access) if isinstance(node, LocalNode) else node.url
+        output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name, **spawned}
         if with_viewport:
             viewer = open_viewer(simulation, port=page_port, access=access)
             resources.callback(viewer.close)
             output["page"] = viewer.url
+        if with_foxglove:
+            from mindstage.ros.foxglove import FoxgloveServer
+
+            output["foxglove"] = resources.enter_context(FoxgloveServer(simulation, port=foxglove_port)).url
         _announce(output, connected=connect is not None, seconds=seconds, as_json=as_json)
         if not paused:
             simulation.play()
-        _run_until_end(simulation, quitting, seconds=seconds, quiet=as_json)
+        refusals = node if isinstance(node, RosbridgeClient) else None
+        _run_until_end(simulation, quitting, refusals, seconds=seconds, quiet=as_json)
     return ExitCode.OK
 
 
@@ -220,31 +241,24 @@ def _check_options(context: typer.Context, *, connect: str | None, namespace: st
 
 
 def _load_knowledge(
-    maps: list[str] | None,
-    map_name: str | None,
-    *,
-    ontologies: list[str] | None,
-    bundled: bool,
-    robots: list[str] | None,
+    maps: list[str] | None, map_name: str | None, reading: MapReading
 ) -> tuple[KnowledgeBase, World | None]:
     with progress_spinner("reading"):
-        knowledge = knowledge_base(maps or [], ontologies=ontologies, bundled=bundled, robots=robots)
+        knowledge = knowledge_base(maps or [], reading)
         return knowledge, knowledge.world(map_name) if maps else None
 
 
-def _start_server(resources: ExitStack, port: int, access: ServerAccess) -> tuple[Node, str]:
-    from mindstage.bridge import LocalNode, RosbridgeServer, VisitorLimits
+def _start_server(resources: ExitStack, node: LocalNode, port: int, access: ServerAccess) -> str:
+    from mindstage.bridge import RosbridgeServer, VisitorLimits
 
-    hub = resources.enter_context(LocalNode())
     host, token, origins, tls, limits = access
-    served = RosbridgeServer(
-        hub, host=host, port=port, token=token, origins=origins, tls=tls, visitor_limits=limits or VisitorLimits()
+    server = RosbridgeServer(
+        node, host=host, port=port, token=token, origins=origins, tls=tls, visitor_limits=limits or VisitorLimits()
     )
-    server = resources.enter_context(served)
-    return hub, server.url
+    return resources.enter_context(server).url
 
 
-def _connect(resources: ExitStack, url: str, token: str | None, authorities: Path | None) -> tuple[Node, str]:
+def _connect(resources: ExitStack, url: str, token: str | None, authorities: Path | None) -> RosbridgeClient:
     from mindstage.bridge import ConnectionState, RosbridgeClient
 
     def warn_if_lost(state: ConnectionState) -> None:
@@ -255,7 +269,7 @@ def _connect(resources: ExitStack, url: str, token: str | None, authorities: Pat
         RosbridgeClient(url, token=token or None, tls_authorities=authorities, on_state=warn_if_lost)
     )
     with progress_spinner(f"connecting to {url}"):
-        return client.wait_connected(_CONNECT_TIMEOUT_S), url
+        return client.wait_connected(_CONNECT_TIMEOUT_S)
 
 
 def _spawn(simulation: Simulation, world: World | None, *, as_json: bool) -> dict[str, object]:
@@ -278,20 +292,44 @@ def _announce(summary: dict[str, object], *, connected: bool, seconds: float | N
         return
     if "page" in summary:
         print_line(f"The world is served at {summary['page']}")
+    if "foxglove" in summary:
+        print_line(f"Foxglove connects to {summary['foxglove']}")
     verb = "Connected to" if connected else "Listening at"
     print_line(f"{verb} {summary['url']}; services are below /{summary['namespace']}")
     print_line("Press Ctrl-C to exit." if seconds is None else f"Exits after {seconds:g} s.")
 
 
+def _print_refusals(url: str, refusals: Sequence[Refusal]) -> None:
+    """Prints what the rosbridge refused, one line for each cause."""
+    by_cause: dict[str, list[Refusal]] = {}
+    for refusal in refusals:
+        by_cause.setdefault(refusal.cause.partition(": ")[2] or refusal.cause, []).append(refusal)
+    for cause, group in by_cause.items():
+        names = ", ".join(f"{each.operation} {each.name}" for each in group[:_MAX_REFUSED_NAMES])
+        more = f" and {len(group) - _MAX_REFUSED_NAMES} more" if len(group) > _MAX_REFUSED_NAMES else ""
+        remedy = next((text for pattern, text in _REFUSAL_REMEDIES if re.search(pattern, cause)), "")
+        warn(f"{url} refused {names}{more}: {cause}{remedy and f'; {remedy}'}")
+
+
 def _run_until_end(
-    simulation: Simulation, quit_requested: threading.Event, *, seconds: float | None, quiet: bool
+    simulation: Simulation,
+    quit_requested: threading.Event,
+    client: RosbridgeClient | None,
+    *,
+    seconds: float | None,
+    quiet: bool,
 ) -> None:
-    """Waits for a quit request or the end of the duration, and prints errors of the simulation."""
+    """Waits for a quit request or the end of the duration, and prints errors of the simulation and refusals."""
+    refused: list[Refusal] = []  # appended on the bridge's thread
+    if client is not None:
+        client.add_refusal_listener(refused.append)
     end = None if seconds is None else time.monotonic() + seconds
     printed = ""
     while (left_s := _POLL_INTERVAL_S if end is None else min(_POLL_INTERVAL_S, end - time.monotonic())) > 0.0:
         if quit_requested.wait(left_s):
             return
+        if client is not None and refused:
+            _print_refusals(client.url, [refused.pop(0) for _ in range(len(refused))])
         error = simulation.state.error
         if error and error != printed and not quiet:
             warn(f"the simulation is paused: {error}")

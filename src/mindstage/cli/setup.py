@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mindstage.api import load_knowledge, make_simulation
-from mindstage.cli.options import DEFAULT_CONVENTIONS, ConventionOptions, close_at_end
+from mindstage.cli.options import DEFAULT_READING, MapReading, close_at_end
 from mindstage.errors import (
     EngineUnavailableError,
     InvalidArgumentError,
@@ -23,7 +23,7 @@ from mindstage.errors import (
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine
-    from mindstage.knowledge import Finding, KnowledgeBase, SparqlEndpoint
+    from mindstage.knowledge import Finding, KnowledgeBase, SparqlEndpoint, UnitConventions
     from mindstage.scene import World
     from mindstage.simulation import Simulation
 
@@ -122,16 +122,22 @@ def asset_folders(folders: list[Path] | None) -> list[Path]:
 
 def knowledge_base(
     maps: Sequence[str],
+    reading: MapReading = DEFAULT_READING,
     *,
-    ontologies: Sequence[str] | None,
-    bundled: bool,
+    conventions: Sequence[UnitConventions] | None = None,
     store: Path | None = None,
     endpoint: str | SparqlEndpoint | None = None,
-    conventions: ConventionOptions = DEFAULT_CONVENTIONS,
-    robots: Sequence[str] | None = None,
     closure: bool = False,
 ) -> KnowledgeBase:
     """Loads a knowledge base, with the ROS packages of the environment; closed when the verb ends.
+
+    Args:
+        maps: the sources.
+        reading: how they are read.
+        conventions: those of each map; by default those of `reading`.
+        store: the folder of a persistent knowledge base.
+        endpoint: a SPARQL endpoint that is queried too.
+        closure: whether the OWL 2 RL closure is derived.
 
     Raises:
         SourceParseError: one of them cannot be read.
@@ -144,10 +150,10 @@ def knowledge_base(
         raise InvalidArgumentError("--closure", cause=cause, remedy="load the files without --store")
     knowledge = load_knowledge(
         maps,
-        ontologies=[*(ontologies or ()), *_ros_packages()],
-        bundled_ontology=bundled,
-        robots=robots or (),
-        conventions=conventions.by_map(maps),
+        ontologies=[*(reading.ontologies or ()), *_ros_packages()],
+        bundled_ontology=reading.bundled,
+        robots=reading.robots or (),
+        conventions=reading.conventions(maps) if conventions is None else conventions,
         store=store,
         endpoint=endpoint,
         closure=closure,

@@ -18,16 +18,15 @@ import typer
 
 from mindstage.cli.ask import named_args
 from mindstage.cli.options import (
+    DEFAULT_READING,
     AsJson,
     AssetFolders,
-    Bundled,
     EngineName,
     ExitCode,
     MapArguments,
     MapName,
-    Ontologies,
+    MapReading,
     PlainBoxes,
-    Robots,
     finite,
 )
 from mindstage.cli.output import (
@@ -239,9 +238,7 @@ def shot(
     seconds: Seconds = 0.0,
     timeout_s: Timeout = 180.0,
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
+    reading: MapReading = DEFAULT_READING,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
     engine: EngineName = "mujoco",
@@ -265,7 +262,7 @@ def shot(
     targets, running = _highlight_targets(highlights or [], colors or []), make_engine(engine)
     find_browser(browser)  # before the map is read, so that a missing browser fails at once
     with progress_spinner("reading"):
-        knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled, robots=robots)
+        knowledge = knowledge_base(maps, reading)
         world = knowledge.world(map_name)
     with simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes) as sim, exclusive(sim):
         with progress_spinner("spawning"):

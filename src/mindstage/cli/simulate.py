@@ -17,28 +17,24 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.options import (
+    DEFAULT_READING,
     AsJson,
     AssetFolders,
-    Bundled,
-    ConventionOptions,
     Delta,
     EngineName,
     ExitCode,
-    FrameNames,
+    Ground,
     MapArguments,
     MapName,
-    Ontologies,
+    MapReading,
     PageHost,
     PageToken,
     PlainBoxes,
     Port,
-    QuaternionOrders,
-    Robots,
     Seconds,
     Strict,
     TlsCertificateFile,
     TlsKeyFile,
-    UnitNames,
     Verbose,
     VisitorLimitOptions,
     WithViewport,
@@ -52,12 +48,14 @@ from mindstage.cli.output import (
     import_summary,
     is_complete,
     losses_json,
+    notes_json,
     print_diff,
     print_findings,
     print_import_summary,
     print_json,
     print_line,
     print_losses,
+    print_notes,
     print_report,
     print_table,
     progress_spinner,
@@ -100,8 +98,8 @@ class SpawnedMap:
 
     @property
     def is_complete(self) -> bool:
-        """Whether everything that the map describes was spawned."""
-        return is_complete(self.report, self.findings)
+        """Whether everything that the map describes was spawned, and stayed where it was."""
+        return is_complete(self.report, self.findings) and self.report.is_at_rest
 
     def to_json(self) -> dict[str, object]:
         """The report, the findings and the assumptions as they appear in JSON."""
@@ -121,13 +119,11 @@ def spawned_map(
     map_name: str | None,
     engine: Engine,
     *,
-    ontologies: list[str] | None,
-    bundled: bool,
-    robots: list[str] | None,
-    conventions: ConventionOptions,
+    reading: MapReading,
     strict: bool,
     assets: list[Path] | None,
     plain_boxes: bool,
+    ground: bool = True,
     in_empty_world: bool = False,
 ) -> Iterator[SpawnedMap]:
     """Reads a map and spawns it; the simulation is closed at the end of the `with` block.
@@ -136,18 +132,16 @@ def spawned_map(
         maps: the sources, loaded into one knowledge base.
         map_name: the map to spawn; by default the only one.
         engine: the engine, which the simulation owns.
-        ontologies: see `knowledge_base`.
-        bundled: see `knowledge_base`.
-        robots: see `knowledge_base`.
-        conventions: see `knowledge_base`.
+        reading: see `knowledge_base`.
         strict: whether a map with findings is rejected.
         assets: see `simulation_from_options`.
         plain_boxes: see `simulation_from_options`.
+        ground: see `Simulation.spawn`.
         in_empty_world: whether a remote world must be empty, and is cleared at the end; see `exclusive`.
     """
     timings = Timings()
     with progress_spinner("reading"), timings.measure("load"):
-        knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled, robots=robots, conventions=conventions)
+        knowledge = knowledge_base(maps, reading)
         world = knowledge.world(map_name)
     findings = findings_about(world, knowledge, strict=strict)
     with ExitStack() as stack:
@@ -157,7 +151,7 @@ def spawned_map(
         if in_empty_world:
             stack.enter_context(exclusive(simulation))
         with progress_spinner("spawning"), timings.measure("spawn"):
-            report = simulation.spawn(world)
+            report = simulation.spawn(world, ground=ground, check_rest=True)
         yield SpawnedMap(
             simulation=simulation, knowledge=knowledge, world=world, findings=findings, report=report, timings=timings
         )
@@ -170,15 +164,11 @@ def spawn(
     maps: MapArguments,
     *,
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
-    units: UnitNames = None,
-    frame: FrameNames = None,
-    quaternion: QuaternionOrders = None,
+    reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
+    ground: Ground = True,
     engine: EngineName = "mujoco",
     with_viewport: WithViewport = True,
     port: Port = 8080,
@@ -191,20 +181,21 @@ def spawn(
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Spawn a map in an engine, print a report, and simulate it; exit 1 if anything could not be spawned."""
+    """Spawn a map, print a report, and simulate it; exit 1 if anything could not be spawned or is not at rest.
+
+    Bodies that move by more than 0.1 m within the first two simulated seconds are not at rest.
+    """
     access = server_access(host, token, certificate=tls_cert, key=tls_key, limits=limits)
     running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
     with spawned_map(
         maps,
         map_name,
         running,
-        ontologies=ontologies,
-        bundled=bundled,
-        robots=robots,
-        conventions=ConventionOptions(units, frame, quaternion),
+        reading=reading,
         strict=strict,
         assets=assets,
         plain_boxes=plain_boxes,
+        ground=ground,
     ) as spawned:
         output: dict[str, object] = {"map": spawned.world.iri, "engine": spawned.simulation.engine_name}
         output |= {"seconds": spawned.timings.seconds} | spawned.to_json()
@@ -221,8 +212,11 @@ def _run(simulation: Simulation, output: dict[str, object], *, seconds: float, a
     wall_s = step_with_progress(simulation, seconds)
     factor = seconds / wall_s if seconds else None
     if as_json:
-        print_json(output | {"simulated_s": seconds, "real_time_factor": factor})
-    elif factor:
+        notes = notes_json(simulation.notes)
+        print_json(output | {"simulated_s": seconds, "real_time_factor": factor, "notes": notes})
+        return
+    print_notes(simulation.notes)
+    if factor:
         print_line(f"{seconds:g} s simulated in {wall_s:.2f} s: {factor:.1f} times real time")
 
 
@@ -249,15 +243,11 @@ def log(
         ),
     ],
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
-    units: UnitNames = None,
-    frame: FrameNames = None,
-    quaternion: QuaternionOrders = None,
+    reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
+    ground: Ground = True,
     engine: EngineName = "mujoco",
     seconds: Annotated[
         float,
@@ -265,7 +255,7 @@ def log(
     ] = 0.0,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Spawn a map, simulate it, and write the resulting world as a map; exit 1 if anything could not be spawned.
+    """Spawn a map, simulate it, and write the world; exit 1 if anything could not be spawned or is not at rest.
 
     Without a map, the world of a remote engine is written.
     """
@@ -276,19 +266,19 @@ def log(
         maps,
         map_name,
         running,
-        ontologies=ontologies,
-        bundled=bundled,
-        robots=robots,
-        conventions=ConventionOptions(units, frame, quaternion),
+        reading=reading,
         strict=strict,
         assets=assets,
         plain_boxes=plain_boxes,
+        ground=ground,
     ) as spawned:
         written = _write(spawned.simulation, out, seconds=seconds)
+        notes = spawned.simulation.notes
     if as_json:
         print_json(written | spawned.to_json())
     else:
         spawned.print()
+        print_notes(notes)
         _print_summary(written)
     return ExitCode.OK if spawned.is_complete else ExitCode.NEGATIVE
 
@@ -323,6 +313,7 @@ def _write(simulation: Simulation, out: Path, *, seconds: float) -> dict[str, ob
         logged = simulation.snapshot()
         save_map(logged, out)
     return {
+        "notes": notes_json(simulation.notes),
         "map": logged.iri,
         "engine": simulation.engine_name,
         "simulated_s": seconds,
@@ -346,21 +337,17 @@ def check(
     maps: MapArguments,
     *,
     map_name: MapName = None,
-    ontologies: Ontologies = None,
-    bundled: Bundled = True,
-    robots: Robots = None,
-    units: UnitNames = None,
-    frame: FrameNames = None,
-    quaternion: QuaternionOrders = None,
+    reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
+    ground: Ground = True,
     engine: EngineName = "mujoco",
     delta: Delta = 0.0,
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Spawn a map, log it, write it, read it again, and compare; exit 0 only if nothing was lost.
+    """Spawn a map, log it, write it, read it again, and compare; exit 0 only if nothing was lost or moved away.
 
     The round trip is: map, engine, snapshot, OWL file in the dialect of the map, map. The worlds and all statements of
     the map are compared.
@@ -373,13 +360,11 @@ def check(
         maps,
         map_name,
         running,
-        ontologies=ontologies,
-        bundled=bundled,
-        robots=robots,
-        conventions=ConventionOptions(units, frame, quaternion),
+        reading=reading,
         strict=strict,
         assets=assets,
         plain_boxes=plain_boxes,
+        ground=ground,
         in_empty_world=True,
     ) as spawned:
         engine_name, world, timings = spawned.simulation.engine_name, spawned.world, spawned.timings
@@ -389,7 +374,7 @@ def check(
         origin = spawned.knowledge.source_view(world.iri)
         needs_turtle = any(Path(map).suffix.lower() in _NON_XML_SUFFIXES for map in maps)
         name = "logged.ttl" if needs_turtle else "logged.owl"
-        written = _file_round_trip(name, logged, origin, ontologies=ontologies, bundled=bundled)
+        written = _file_round_trip(name, logged, origin, reading)
         written.world(world.iri)
     with progress_spinner("comparing"), timings.measure("compare"):
         by_engine, found, lost = _compare_round_trip(world, logged, written, origin, delta)
@@ -407,15 +392,14 @@ def check(
     return ExitCode.OK if identical and spawned.is_complete else ExitCode.NEGATIVE
 
 
-def _file_round_trip(
-    name: str, world: World, origin: SourceMapView, *, ontologies: list[str] | None, bundled: bool
-) -> KnowledgeBase:
+def _file_round_trip(name: str, world: World, origin: SourceMapView, reading: MapReading) -> KnowledgeBase:
     from mindstage.knowledge import save_map
 
     with TemporaryDirectory(prefix="mindstage-") as folder:
         path = Path(folder, name)
         save_map(world, path, source_view=origin)
-        return knowledge_base([str(path)], ontologies=ontologies, bundled=bundled)
+        # The written map must state what it was read with, so it is read without robots and conventions.
+        return knowledge_base([str(path)], MapReading(ontologies=reading.ontologies, bundled=reading.bundled))
 
 
 def _compare_round_trip(

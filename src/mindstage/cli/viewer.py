@@ -235,7 +235,7 @@ def demo(
     """Show the bundled kitchen in the browser."""
     access = server_access(host, token, certificate=tls_cert, key=tls_key, limits=limits)
     with progress_spinner("loading the kitchen"):
-        knowledge = knowledge_base(["bundled:kitchen"], ontologies=None, bundled=True)
+        knowledge = knowledge_base(["bundled:kitchen"])
         world = knowledge.world()
         simulation = simulation_from_options(knowledge, make_engine(engine))
     with simulation:

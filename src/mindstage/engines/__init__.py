@@ -7,14 +7,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from mindstage.engines.base import (
+    DEFAULT_SPAWN_OPTIONS,
     Capability,
     Engine,
     EngineStats,
+    MovedBody,
     PoseArray,
     SavedState,
     SpawnFailure,
     SpawnNote,
     SpawnNoteKind,
+    SpawnOptions,
     SpawnReport,
 )
 from mindstage.engines.null import NullEngine
@@ -27,10 +30,12 @@ if TYPE_CHECKING:
     from mindstage.engines.remote.engine import RemoteEngine
 
 __all__ = [
+    "DEFAULT_SPAWN_OPTIONS",
     "Capability",
     "Engine",
     "EngineStats",
     "GodotEngine",
+    "MovedBody",
     "MujocoEngine",
     "NullEngine",
     "PoseArray",
@@ -39,6 +44,7 @@ __all__ = [
     "SpawnFailure",
     "SpawnNote",
     "SpawnNoteKind",
+    "SpawnOptions",
     "SpawnReport",
     "connect",
     "is_remote",

@@ -12,6 +12,7 @@ current world, which is then unchanged; or it raises an `EngineError` because th
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import NewType, Protocol, runtime_checkable
 
@@ -23,14 +24,17 @@ from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap
 from mindstage.scene.display import counted, html_table
 
 __all__ = [
+    "DEFAULT_SPAWN_OPTIONS",
     "Capability",
     "Engine",
     "EngineStats",
+    "MovedBody",
     "PoseArray",
     "SavedState",
     "SpawnFailure",
     "SpawnNote",
     "SpawnNoteKind",
+    "SpawnOptions",
     "SpawnReport",
 ]
 
@@ -88,6 +92,18 @@ class SpawnNoteKind(StrEnum):
     """The first body overlaps each of the others, so their collisions are disabled."""
     PENETRATION = "sunk"
     """The first body slightly penetrates each of the others; the physics pushes it out."""
+    SETTLED = "settled"
+    """The first body overlapped the others, and was moved out of them before the simulation starts."""
+    IMMOVABLE = "immovable"
+    """Bodies that the map describes as dynamic are static by their class."""
+    GROUND = "ground"
+    """The map has nothing below these bodies, so a ground plane was added."""
+    CLAMPED = "clamped"
+    """A number of the body is outside of the range that can be simulated; the nearest one is used."""
+    STOPPED = "stopped"
+    """The body fell far below the place, and was made static there."""
+    FAST = "fast"
+    """The body is so fast that it may pass through thin bodies."""
     JOINT = "constraint"
     """A joint is not simulated exactly as described."""
     ATTACHMENT = "attachment"
@@ -106,6 +122,31 @@ class SpawnNote(msgspec.Struct, frozen=True):
     text: str
 
 
+class MovedBody(msgspec.Struct, frozen=True, kw_only=True):
+    """A body that did not stay where it was spawned."""
+
+    id: BodyId
+    distance_m: float
+    """Distance from the pose at which it was spawned [m]."""
+    left_place: bool = False
+    """Whether it left the bounds of all bodies at the spawn, or fell far below them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpawnOptions:
+    """What a spawn adds to the statements of a world. A snapshot has the statements only."""
+
+    immovable: frozenset[BodyId] = frozenset()
+    """Dynamic bodies that are simulated as static ones, such as walls, until `set_physics` is called for them."""
+    ground: bool = False
+    """Whether a ground plane is added where there is nothing below loose bodies."""
+    settle: bool = True
+    """Whether loose bodies are moved out of what they overlap; otherwise such pairs do not collide."""
+
+
+DEFAULT_SPAWN_OPTIONS = SpawnOptions()
+
+
 class SpawnReport(
     msgspec.Struct, frozen=True, kw_only=True, rename={"joints": "constraints", "failed_joints": "failed_constraints"}
 ):
@@ -121,6 +162,10 @@ class SpawnReport(
     """Each failure's `id` is the id of the child."""
     notes: tuple[SpawnNote, ...] = ()
     """Decisions and assumptions made during the spawn."""
+    moved: tuple[MovedBody, ...] = ()
+    """Bodies that moved by more than 0.1 m within `rest_checked_s`, or left the place, farthest first."""
+    rest_checked_s: float = 0.0
+    """Simulated time for which the bodies were observed [s]; 0 if they were not."""
 
     def ids_with_note(self, kind: SpawnNoteKind) -> frozenset[BodyId]:
         """The ids of bodies and joints that the notes of one kind are about."""
@@ -130,6 +175,11 @@ class SpawnReport(
     def ok(self) -> bool:
         """Whether everything was spawned; notes do not count as failures."""
         return not self._failures
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether no body is known to have moved away; always true if `rest_checked_s` is 0."""
+        return not self.moved
 
     @property
     def _failures(self) -> tuple[SpawnFailure, ...]:
@@ -144,6 +194,7 @@ class SpawnReport(
     def _repr_html_(self) -> str:
         """Failures and notes as an HTML table, for notebooks."""
         rows = [("failed", each.id, each.reason) for each in self._failures]
+        rows += [("moved", each.id, f"{each.distance_m:.3g} m") for each in self.moved]
         rows += [(note.kind.value, ", ".join(note.ids), note.text) for note in self.notes]
         return html_table(repr(self), ("kind", "about", "text"), rows)
 
@@ -161,10 +212,16 @@ class Engine(Protocol):
         """The optional parts of this protocol that the engine implements."""
 
     @property
+    def notes(self) -> tuple[SpawnNote, ...]:
+        """Decisions and warnings that are in no report, since edits or the physics caused them."""
+
+    @property
     def time_s(self) -> float:
         """Simulated time since the engine was created [s]."""
 
-    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+    def spawn(
+        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+    ) -> SpawnReport:
         """Adds a world to the running one: bodies and lights first, then joints, then attachments.
 
         Entities that cannot be spawned (an id in use, a joint without its bodies, a pose that is not finite) are listed
@@ -174,6 +231,7 @@ class Engine(Protocol):
             world: the world to add.
             geometry: visual meshes and collision shapes of its bodies; a body without an entry is its primitive shape,
                 scaled to its size. Geometry is not part of a snapshot.
+            options: bodies that are static whatever the world says, and whether a ground is added.
         """
 
     def delete(self, ids: Iterable[BodyId]) -> None:

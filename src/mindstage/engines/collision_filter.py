@@ -5,11 +5,14 @@ named "walls". Simulated literally, such a world explodes. Instead:
 
 - an **enclosure**, a large body that contains several pieces of furniture, collides with nothing;
 - a body that contains free bodies is **hollow**: it gets walls, an opening, and a floor under its contents;
-- any other pair that overlaps when spawned does not collide, nor do pairs connected by a joint.
+- any other pair of fixed or jointed bodies that overlaps when spawned does not collide, nor do pairs connected by a
+  joint: furniture is nested, and a drawer that penetrates its neighbor by a millimeter jams;
+- a loose body that overlaps another one when spawned is moved out of it (see `settling`), since without the collision
+  it would fall through its support.
 
-Collision shapes of a geometry are used in place of the bounding box: such a body has its interior already, pairs
-overlap only if their shapes do, and free bodies that penetrate their support slightly are pushed out. Bodies on joints
-must not even touch other bodies: a drawer that penetrates one by a millimeter jams.
+Collision shapes of a geometry are used in place of the bounding box: such a body has its interior already, and pairs
+overlap only if their shapes do. Edits of a running world move nothing: there, free bodies that penetrate others
+slightly are pushed out by the physics, and pairs that overlap by more do not collide.
 
 Every decision is a note in the spawn report.
 """
@@ -37,6 +40,7 @@ __all__ = [
     "TOUCH_TOLERANCE_M",
     "CollisionFilter",
     "CollisionFilterInput",
+    "LooseOverlaps",
     "compute_collision_filter",
     "sorted_pair",
 ]
@@ -87,6 +91,10 @@ class CollisionFilterInput:
     """Collision shapes of the bodies; None if no body has geometry."""
     has_geometry: NDArray[np.bool_] | None = None
     """Whether a body's collision shapes differ from the box of its size."""
+    unit: NDArray[np.intp] | None = None
+    """Number of each body's unit: groups connected by joints. None if loose bodies are not moved."""
+    is_loose: NDArray[np.bool_] | None = None
+    """Whether all groups of the body's unit are dynamic, so that it falls unless it is supported."""
     could_collide_before: Callable[[int, int], bool] = lambda a, b: False
     """Whether a pair could collide before the edit; then it still can, however deep the overlap."""
 
@@ -120,9 +128,19 @@ class CollisionFilter:
             self.contents.pop(id, None)
 
 
+@dataclass(frozen=True, slots=True)
+class LooseOverlaps:
+    """The overlaps from which loose bodies have to be moved."""
+
+    pairs: tuple[tuple[int, int, float], ...] = ()
+    """Indices of two bodies, at least one of which is loose, and the depth of their overlap [m]."""
+    nested: frozenset[tuple[int, int]] = frozenset()
+    """Pairs of a hollow body and its contents, in both orders, whose overlap is intended."""
+
+
 def compute_collision_filter(
     filter_input: CollisionFilterInput, previous: CollisionFilter
-) -> tuple[CollisionFilter, list[SpawnNote]]:
+) -> tuple[CollisionFilter, list[SpawnNote], LooseOverlaps]:
     """Decides about all new bodies, given the previous decisions."""
     result, notes = previous.copy(), list[SpawnNote]()
     boxes = OrientedBoxes.from_poses(filter_input.poses, filter_input.sizes)
@@ -142,7 +160,7 @@ def compute_collision_filter(
         result.non_colliding.add(id)
         text = f"{id} encloses {count} pieces of furniture: it collides with nothing"
         notes.append(SpawnNote(SpawnNoteKind.ENCLOSURE, (id,), text))
-    contents = _contents(filter_input, boxes, enclosures, result, a, b)
+    contents, contained = _contents(filter_input, boxes, enclosures, result, a, b)
     fronts = _front_positions(filter_input)
     for outer, inner in contents.items():
         notes.append(
@@ -152,8 +170,36 @@ def compute_collision_filter(
     a, b, depth, penetrating_notes = _refine_overlaps(filter_input, a, b, depth)
     notes += penetrating_notes
     notes += _disable_collisions(filter_input, result, _crowded_mask(filter_input, a, b) | overcrowded)
-    notes += _exclude_overlapping_pairs(filter_input, result, (a, b, depth), resting)
-    return result, notes
+    is_settled = _is_settled(filter_input, result, a, b, contained)
+    loose_pairs = zip(a[is_settled].tolist(), b[is_settled].tolist(), depth[is_settled].tolist(), strict=True)
+    nested = frozenset((*resting, *((inner, outer) for outer, inner in resting)))
+    loose = LooseOverlaps(tuple(pair for pair in loose_pairs if pair[:2] not in nested), nested)
+    overlaps = a[~is_settled], b[~is_settled], depth[~is_settled]
+    notes += _exclude_overlapping_pairs(filter_input, result, overlaps, resting)
+    return result, notes, loose
+
+
+def _is_settled(
+    filter_input: CollisionFilterInput,
+    result: CollisionFilter,
+    a: Indices,
+    b: Indices,
+    contained: set[tuple[int, int]],
+) -> NDArray[np.bool_]:
+    """Whether the overlap of a pair is resolved by moving a loose body out of it.
+
+    That of a body and the larger ones of its containers is not: what is in a drawer is also in the cabinet.
+    """
+    if filter_input.is_loose is None or filter_input.unit is None or not len(a):
+        return np.zeros(len(a), dtype=bool)
+    is_settled = (filter_input.is_loose[a] | filter_input.is_loose[b]) & (filter_input.unit[a] != filter_input.unit[b])
+    if result.non_colliding and is_settled.any():
+        collides = np.array([id not in result.non_colliding for id in filter_input.ids], dtype=bool)
+        is_settled &= collides[a] & collides[b]
+    if contained and is_settled.any():
+        pairs = zip(a.tolist(), b.tolist(), strict=True)
+        is_settled &= np.array([pair not in contained and pair[::-1] not in contained for pair in pairs], dtype=bool)
+    return is_settled
 
 
 def _overcrowded(filter_input: CollisionFilterInput) -> NDArray[np.bool_]:
@@ -206,6 +252,8 @@ def _refine_overlaps(
     is_overlapping = depth > _allowed_depth(filter_input, a, b)
     thickness = np.where(filter_input.is_free, filter_input.sizes.min(axis=1), np.inf)
     resolvable = np.minimum(MAX_RESOLVED_PENETRATION_M, np.minimum(thickness[a], thickness[b]) / 2)
+    if filter_input.is_loose is not None:
+        resolvable = np.zeros(len(a))
     is_penetrating = (
         is_overlapping & has_shapes & (filter_input.is_free[a] | filter_input.is_free[b]) & (depth <= resolvable)
     )
@@ -237,7 +285,8 @@ def _penetration_notes(filter_input: CollisionFilterInput, a: Indices, b: Indice
 
 def _allowed_depth(filter_input: CollisionFilterInput, a: Indices, b: Indices) -> Array:
     """Overlap of each pair up to which it only touches [m]."""
-    return np.where(filter_input.is_free[a] | filter_input.is_free[b], TOUCH_TOLERANCE_M, JOINT_TOUCH_TOLERANCE_M)
+    is_free = filter_input.is_free if filter_input.is_loose is None else filter_input.is_free | filter_input.is_loose
+    return np.where(is_free[a] | is_free[b], TOUCH_TOLERANCE_M, JOINT_TOUCH_TOLERANCE_M)
 
 
 def _containing_pairs(
@@ -265,8 +314,8 @@ def _contents(
     result: CollisionFilter,
     a: Indices,
     b: Indices,
-) -> dict[int, list[int]]:
-    """The free bodies inside each body; of nested containers the smallest counts."""
+) -> tuple[dict[int, list[int]], set[tuple[int, int]]]:
+    """The free bodies inside each body, of nested containers the smallest; and the pairs with the larger ones."""
     outer, inner = _outer_and_inner(filter_input, a, b)
     volume = np.prod(boxes.half_extents, axis=1)
     is_content = filter_input.is_free[inner] & (volume[outer] > 2 * volume[inner])
@@ -282,7 +331,8 @@ def _contents(
     contents: dict[int, list[int]] = {}
     for i, o in sorted(smallest.items()):
         contents.setdefault(o, []).append(i)
-    return contents
+    larger = {pair for pair in zip(outer.tolist(), inner.tolist(), strict=True) if smallest.get(pair[1]) != pair[0]}
+    return contents, larger
 
 
 def _front_positions(filter_input: CollisionFilterInput) -> dict[int, list[Array]]:

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from math import isfinite, pi
+from math import hypot, isfinite, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from mindstage.scene import Body, CollisionShape, CollisionShapeType, Pose, PrimitiveType, Vector
 from mindstage.scene.bounding_boxes import Indices, OrientedBoxes, penetration_depths
 from mindstage.scene.mesh import Hull, convex_hull
-from mindstage.scene.transforms import Array, normalize, pose_array, pose_multiply, rotation_matrix
+from mindstage.scene.transforms import Array, cross, normalize, pose_array, pose_multiply, rotation_matrix
 
 __all__ = [
     "MAX_HULL_FACES",
@@ -191,6 +191,8 @@ _CACHE_SIZE = 4096
 """Number of cached geometries."""
 MIN_THICKNESS_M = 0.001
 """Minimum thickness that all engines collide reliably [m]."""
+_MAX_LENGTH_M = 1e6
+_MIN_QUATERNION_NORM = 1e-6
 SHAPE_TYPES = (CollisionShapeType.BOX, CollisionShapeType.SPHERE, CollisionShapeType.CYLINDER, CollisionShapeType.HULL)
 _POSE_TOLERANCE_M = 1e-6
 _TYPE_OF_PRIMITIVE = {
@@ -302,8 +304,10 @@ def _with_min_thickness(size: Vector) -> Vector:
 
 def _is_valid(shape: CollisionShape) -> bool:
     points = [number for point in shape.points for number in point]
-    finite = all(map(isfinite, (*shape.size, *shape.pose.position, *shape.pose.quaternion, *points)))
-    return finite and any(shape.pose.quaternion) and min(shape.size) >= 0.0
+    lengths = (*shape.size, *shape.pose.position, *points)
+    in_range = all(isfinite(length) and abs(length) <= _MAX_LENGTH_M for length in lengths)
+    norm = hypot(*shape.pose.quaternion)
+    return in_range and _MIN_QUATERNION_NORM <= norm <= 1.0 / _MIN_QUATERNION_NORM and min(shape.size) >= 0.0
 
 
 def _normalized(shape: CollisionShape) -> tuple[CollisionShape, Hull | None]:
@@ -420,6 +424,49 @@ class CollisionShapeBatch:
             chunk = slice(start, start + _CHUNK_SIZE)
             np.maximum.at(deepest, pair[chunk], self._shape_depths(i[chunk], j[chunk]))
         return deepest
+
+    def separations(self, i: Indices, j: Indices, relative: Array) -> tuple[Array, Array]:
+        """The translations of the first shape of each pair that separate it from the second one.
+
+        Args:
+            i: indices of the first shapes.
+            j: indices of the second shapes.
+            relative: how far the first shapes are shifted, relative to the second ones, p x 3 [m].
+
+        Returns:
+            For each pair, distances along k directions, p x k [m], and the directions, p x k x 3. The least distance is
+            negative for a gap.
+        """
+        boxes = self.boxes
+        turned_i, turned_j = (np.swapaxes(boxes.rotation[each], 1, 2) for each in (i, j))
+        crossed = cross(turned_i[:, :, None, :], turned_j[:, None, :, :]).reshape(-1, 9, 3)
+        between = boxes.center[j] - boxes.center[i] - relative
+        axes = [turned_i, turned_j, crossed]
+        if (self.types[i] != _BOX).any() or (self.types[j] != _BOX).any():
+            axes += [between[:, None], *(self._perpendicular_axis(each, between)[:, None] for each in (i, j))]
+        if self.hulls:
+            axes += [self._normals(i), self._normals(j)]
+        all_axes = np.concatenate(axes, axis=1)
+        length = np.linalg.norm(all_axes, axis=2, keepdims=True)
+        is_zero = length[..., 0] < 1e-6
+        all_axes = np.divide(all_axes, length, out=np.zeros_like(all_axes), where=length >= 1e-6)
+        forward, backward = self._overlaps(i, j, relative, all_axes)
+        forward[is_zero] = backward[is_zero] = np.inf
+        return np.concatenate([forward, backward], axis=1), np.concatenate([all_axes, -all_axes], axis=1)
+
+    def overlaps_along(self, i: Indices, j: Indices, relative: Array, direction: Array) -> Array:
+        """How far the first shape of each pair has to be moved in a direction to separate it from the second one [m].
+
+        The arguments are those of `separations`, with one direction for all pairs.
+        """
+        axes = np.broadcast_to(direction, (len(i), 1, 3))
+        return self._overlaps(i, j, relative, axes)[0][:, 0]
+
+    def _overlaps(self, i: Indices, j: Indices, relative: Array, axes: Array) -> tuple[Array, Array]:
+        """The distances that separate the first shapes along axes, p x k x 3, and against them."""
+        (low_i, high_i), (low_j, high_j) = self._projections(i, axes), self._projections(j, axes)
+        shift = np.einsum("pki,pi->pk", axes, relative)
+        return high_j - low_i - shift, high_i + shift - low_j
 
     def _shape_depths(self, i: Indices, j: Indices) -> Array:
         depths = penetration_depths(self.boxes, i, j)

@@ -20,7 +20,7 @@ import numpy as np
 
 from mindstage.engines.base import SpawnNote, SpawnNoteKind
 from mindstage.engines.registry import EntityRegistry
-from mindstage.scene import AngularLimits, AxisMotion, Body, BodyId, Joint, LinearLimits, Mobility, SoftLimit
+from mindstage.scene import AngularLimits, AxisMotion, BodyId, Joint, LinearLimits, Mobility, SoftLimit
 from mindstage.scene.kinematics import axis_ranges
 from mindstage.scene.transforms import Array, quat_multiply
 
@@ -184,6 +184,14 @@ class KinematicForest:
     """Joints that close a loop."""
     notes: list[SpawnNote] = field(default_factory=list)
 
+    def units(self) -> dict[BodyId, BodyId]:
+        """The root group of the tree of each group, by their roots; groups of one tree move together."""
+        result: dict[BodyId, BodyId] = {}
+        for root in self.groups:  # parents come before children
+            tree_joint = self.tree_joints.get(root)
+            result[root] = root if tree_joint is None else result[self.root_of[tree_joint.parent]]
+        return result
+
 
 def build_kinematic_forest(registry: EntityRegistry, masses: Mapping[BodyId, float]) -> KinematicForest:
     """Computes the forest of a registry.
@@ -208,18 +216,13 @@ def build_kinematic_forest(registry: EntityRegistry, masses: Mapping[BodyId, flo
     return forest
 
 
-def effective_mobility(body: Body) -> Mobility:
-    """The body's mobility; static by default."""
-    return body.physics.mobility or Mobility.STATIC
-
-
 def _build_groups(forest: KinematicForest, registry: EntityRegistry, masses: Mapping[BodyId, float]) -> None:
     joints_of = _joints_by_body(registry)
-    for id, body in registry.bodies.items():
+    for id in registry.bodies:
         parent = registry.parents.get(id)
         if parent is None:
             continue
-        if not (body.physics.is_dynamic and id in joints_of):
+        if not (id in joints_of and registry.mobility(id) is Mobility.DYNAMIC):
             forest.rigid_parents[id] = parent
             continue
         joint_ids = ", ".join(joints_of[id])
@@ -227,7 +230,7 @@ def _build_groups(forest: KinematicForest, registry: EntityRegistry, masses: Map
         forest.notes.append(SpawnNote(SpawnNoteKind.ATTACHMENT, (id, parent), text))
     roots = [id for id in registry.bodies if id not in forest.rigid_parents]
     for root in roots:
-        group = RigidGroup(root, effective_mobility(registry.bodies[root]), 0.0)
+        group = RigidGroup(root, registry.mobility(root), 0.0)
         stack = [root]
         while stack:
             id = stack.pop()
@@ -237,7 +240,7 @@ def _build_groups(forest: KinematicForest, registry: EntityRegistry, masses: Map
             stack.extend(child for child in registry.children(id) if forest.rigid_parents.get(child) == id)
         forest.groups[root] = group
     for id, parent in forest.rigid_parents.items():
-        if registry.bodies[id].physics.is_dynamic:
+        if registry.mobility(id) is Mobility.DYNAMIC:
             text = f"{id} is dynamic and attached to {parent}: it moves rigidly with it and adds its mass"
             forest.notes.append(SpawnNote(SpawnNoteKind.ATTACHMENT, (id, parent), text))
 

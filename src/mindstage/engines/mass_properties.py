@@ -22,11 +22,13 @@ from mindstage.scene import BodyGeometry, BodyId, GeometryMap, PrimitiveType, Ve
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.transforms import Array, quat_rotate
 
-__all__ = ["ASSUMED_SIZE_M", "MassProperties"]
+__all__ = ["ASSUMED_SIZE_M", "MASS_RANGE_KG", "MassProperties"]
 
 _id_of = builtins.id  # the methods here have a parameter named `id`
 
 ASSUMED_SIZE_M = 0.1
+MASS_RANGE_KG = (1e-5, 1e7)
+"""Range of masses that can be simulated together: from a feather to a ship."""
 _ASSUMED_DENSITY = 200.0
 """Mean density of furniture and full cupboards in their bounding boxes [kg/m³]."""
 _ASSUMED_MASS_RANGE_KG = (0.01, 100.0)
@@ -127,8 +129,12 @@ class MassProperties:
     # -- masses --------------------------------------------------------------------------------------------------
 
     def mass(self, id: BodyId, *, is_dynamic: bool) -> float:
-        """The given mass, an estimate for dynamic bodies, or 0 [kg]."""
-        return self._registry.bodies[id].physics.mass_kg or (self._estimated_mass(id) if is_dynamic else 0.0)
+        """The given mass within `MASS_RANGE_KG`, an estimate for dynamic bodies, or 0 [kg]."""
+        given = self._registry.bodies[id].physics.mass_kg
+        if given:
+            lowest, highest = MASS_RANGE_KG
+            return min(max(given, lowest), highest)
+        return self._estimated_mass(id) if is_dynamic else 0.0
 
     def approximate_masses(self) -> dict[BodyId, float]:
         """Given masses, and estimates for all other bodies [kg]."""
@@ -154,6 +160,14 @@ class MassProperties:
         if immobile := tuple(body.id for body in bodies if body.physics.mobility is None):
             text = f"{len(immobile)} bodies have no mobility; static is assumed"
             notes.append(SpawnNote(SpawnNoteKind.MOBILITY_ASSUMED, immobile, text))
+        lowest, highest = MASS_RANGE_KG
+        for body in bodies:
+            given = body.physics.mass_kg
+            if given and not lowest <= given <= highest:
+                text = (
+                    f"{body.id} has a mass of {given:.3g} kg: {self.mass(body.id, is_dynamic=True):g} kg is simulated"
+                )
+                notes.append(SpawnNote(SpawnNoteKind.CLAMPED, (body.id,), text))
         for body in bodies:
             if not body.physics.mass_kg and is_dynamic(body.id):
                 geometry = self.geometry.get(body.id)

@@ -10,7 +10,16 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from mindstage.engines.base import Capability, EngineStats, PoseArray, SavedState, SpawnReport
+from mindstage.engines.base import (
+    DEFAULT_SPAWN_OPTIONS,
+    Capability,
+    EngineStats,
+    PoseArray,
+    SavedState,
+    SpawnNote,
+    SpawnOptions,
+    SpawnReport,
+)
 from mindstage.engines.registry import EntityRegistry
 from mindstage.errors import EngineClosedError
 from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, Vector, World
@@ -35,8 +44,14 @@ class NullEngine:
         """See `Engine`; the same holds for the methods below."""
         return self._require_open()._time_s
 
-    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+    def spawn(
+        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+    ) -> SpawnReport:
         return self._require_open()._registry.add(world).report()
+
+    @property
+    def notes(self) -> tuple[SpawnNote, ...]:
+        return ()
 
     def delete(self, ids: Iterable[BodyId]) -> None:
         self._require_open()._registry.remove(ids)

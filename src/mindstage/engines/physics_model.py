@@ -10,19 +10,26 @@ a remote engine.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mindstage.engines.base import SpawnNote, SpawnReport
+from mindstage.engines.base import DEFAULT_SPAWN_OPTIONS, SpawnNote, SpawnNoteKind, SpawnOptions, SpawnReport
 from mindstage.engines.collision_filter import (
     CollisionFilter,
     CollisionFilterInput,
+    LooseOverlaps,
     compute_collision_filter,
     sorted_pair,
 )
-from mindstage.engines.collision_shapes import fallback_collision_shape, wall_collision_shapes
+from mindstage.engines.collision_shapes import (
+    CollisionShapeBatch,
+    compile_geometry,
+    fallback_collision_shape,
+    wall_collision_shapes,
+)
 from mindstage.engines.kinematic_tree import (
     JointAxis,
     KinematicForest,
@@ -34,7 +41,9 @@ from mindstage.engines.kinematic_tree import (
     pose_from_joint_coordinates,
 )
 from mindstage.engines.mass_properties import MassProperties
+from mindstage.engines.place import MAX_FALL_M, PlaceBounds, belongs_to_place, find_ground_height, find_unsupported
 from mindstage.engines.registry import AddResult, EntityRegistry
+from mindstage.engines.settling import KEPT_POSE_TOLERANCE_M, SettlingInput, nested_notes, settle
 from mindstage.errors import PoseUnreachableError
 from mindstage.scene import (
     IDENTITY,
@@ -90,6 +99,8 @@ class BodyModel:
     """Whether it collides with nothing."""
     collision_shapes: tuple[CollisionShape, ...]
     """Collision shapes in the body frame."""
+    on_ground: bool = False
+    """Whether it collides with the ground plane."""
     friction: float | None = None
     restitution: float | None = None
 
@@ -118,6 +129,8 @@ class PhysicsModel:
     """Pairs that never collide, the lower id first; pairs within one rigid group are not listed."""
     joints: Mapping[BodyId, JointModel]
     """By joint id; without joints that have no effect."""
+    ground_height_m: float | None = None
+    """Height of the ground plane; None if there is none."""
 
 
 def build_physics_model(builder: PhysicsModelBuilder) -> PhysicsModel:
@@ -139,7 +152,7 @@ def build_physics_model(builder: PhysicsModelBuilder) -> PhysicsModel:
     joints = {
         tree_joint.joint.id: _joint_model(builder, tree_joint, closes_loop) for tree_joint, closes_loop in tree_joints
     }
-    return PhysicsModel(bodies, frozenset(builder.excluded_pairs()), joints)
+    return PhysicsModel(bodies, frozenset(builder.excluded_pairs()), joints, builder.ground_height_m)
 
 
 def _body_model(
@@ -156,6 +169,7 @@ def _body_model(
         mass_kg=mass_kg,
         non_colliding=id in builder.collision_filter.non_colliding,
         collision_shapes=builder.collision_shapes(id)[0],
+        on_ground=builder.collides_with_ground(id),
         friction=geometry.friction if geometry else None,
         restitution=geometry.restitution if geometry else None,
     )
@@ -183,7 +197,16 @@ class PhysicsModelBuilder:
         """Each joint's frame in the map's parent and in its child."""
         self.late_notes: list[SpawnNote] = []
         """Notes on decisions caused by edits; those of a spawn are in its report."""
+        self.settled: dict[BodyId, SettledPose] = {}
+        """Bodies that a spawn moved out of others."""
+        self.bounds: PlaceBounds | None = None
+        """Bounds of the bodies when the last world was spawned."""
+        self.ground_height_m: float | None = None
+        """Height of the ground plane [m]; None if there is none."""
+        self._below_ground: set[BodyId] = set()
+        """Loose bodies that were below the ground when it was added."""
         self._forest: KinematicForest | None = None
+        self._loose_roots: frozenset[BodyId] | None = None
         self._changed_bodies: set[BodyId] = set()
         self._collision_state = _CollisionState()
 
@@ -202,6 +225,8 @@ class PhysicsModelBuilder:
             set(self._changed_bodies),
             self._collision_state,
         )
+        result.settled, result.bounds, result.ground_height_m = dict(self.settled), self.bounds, self.ground_height_m
+        result._below_ground, result._loose_roots = set(self._below_ground), self._loose_roots
         return result
 
     @property
@@ -209,7 +234,25 @@ class PhysicsModelBuilder:
         """The current rigid groups and joint trees."""
         if self._forest is None:
             self._forest = build_kinematic_forest(self.registry, self.mass_properties.approximate_masses())
+            self._loose_roots = None
         return self._forest
+
+    @property
+    def loose_roots(self) -> frozenset[BodyId]:
+        """Roots of the rigid groups that no joint connects with a fixed group: they fall unless supported."""
+        forest = self.forest
+        if self._loose_roots is None:
+            units = forest.units()
+            self._loose_roots = frozenset(root for root, unit in units.items() if forest.groups[unit].is_dynamic)
+        return self._loose_roots
+
+    def is_loose(self, id: BodyId) -> bool:
+        """Whether nothing connects a body with a fixed one."""
+        return self.forest.root_of[id] in self.loose_roots
+
+    def collides_with_ground(self, id: BodyId) -> bool:
+        """Whether a body collides with the ground plane: loose bodies do, unless they are below it."""
+        return self.ground_height_m is not None and id not in self._below_ground and self.is_loose(id)
 
     @property
     def geometry(self) -> GeometryMap:
@@ -255,16 +298,28 @@ class PhysicsModelBuilder:
 
     # -- edits -------------------------------------------------------------------------------------------------
 
-    def add(self, world: World, poses: Array, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+    def add(
+        self,
+        world: World,
+        poses: Array,
+        *,
+        geometry: GeometryMap = NO_GEOMETRY,
+        options: SpawnOptions = DEFAULT_SPAWN_OPTIONS,
+    ) -> tuple[SpawnReport, dict[BodyId, Array]]:
         """See `Engine.spawn`.
 
         Args:
             world: the world to add; its bodies are at their described poses.
             poses: poses of all bodies so far.
             geometry: geometry of the world's bodies.
+            options: immovable bodies, and whether a ground is added.
+
+        Returns:
+            The report, and the poses of the bodies that have to be moved out of others, at rest.
         """
         self.update_collisions(poses)
         added = self.registry.add(world)
+        self.registry.immovable |= options.immovable.intersection(added.bodies)
         invalid_notes = self.mass_properties.add(added.bodies, geometry)
         new_poses = pose_array(self.registry.bodies[id].pose for id in added.bodies)
         new_poses[:, 3:] = normalize(new_poses[:, 3:])
@@ -274,8 +329,15 @@ class PhysicsModelBuilder:
         notes = [*self.mass_properties.assumption_notes(added.bodies, self._is_dynamic), *invalid_notes]
         new = {*added.bodies, *added.joints}
         notes += [note for note in self.forest.notes if new.intersection(note.ids)]
-        notes += self._decide_collisions(set(added.bodies), poses)
-        return added.report(notes)
+        collision_notes, loose = self._decide_collisions(set(added.bodies), poses, settles=options.settle)
+        notes += collision_notes
+        moved = self._settle(loose, set(added.bodies), poses, notes) if loose.pairs else {}
+        rows = {id: row for row, id in enumerate(self.registry.ids)} if moved else {}
+        for id, pose in moved.items():
+            poses[rows[id]] = pose
+        notes += self._hold_crowd(added.bodies)
+        notes += self._update_place(added.bodies, poses, has_ground=options.ground)
+        return added.report(notes), moved
 
     def remove(self, ids: Iterable[BodyId]) -> None:
         """See `Engine.delete`."""
@@ -295,6 +357,9 @@ class PhysicsModelBuilder:
         self.joint_frames = {id: ends for id, ends in self.joint_frames.items() if id in self.registry.joints}
         self._changed_bodies -= removed
         self.collision_filter.remove(removed)
+        self._below_ground -= removed
+        for id in removed:
+            self.settled.pop(id, None)
         self._forest = None
         self._changed_bodies.update(*(self.bodies_moving_with(id) for id in (*orphans, *child_roots)))
 
@@ -331,7 +396,8 @@ class PhysicsModelBuilder:
     def update_collisions(self, poses: Array) -> None:
         """Updates collision decisions after edits; appends to `late_notes`."""
         if self._changed_bodies:
-            self.late_notes += self._decide_collisions(self._changed_bodies, poses)
+            notes, _ = self._decide_collisions(self._changed_bodies, poses, settles=False)
+            self.late_notes += notes
 
     # -- collisions -----------------------------------------------------------------------------------------------
 
@@ -386,8 +452,16 @@ class PhysicsModelBuilder:
         child_from_joint = pose_multiply(pose_inverse(poses[[rows[joint.child] for joint in joints]]), frames)
         self.joint_frames.update(zip(added.joints, zip(parent_from_joint, child_from_joint, strict=True), strict=True))
 
-    def _decide_collisions(self, new_ids: set[BodyId], poses: Array) -> list[SpawnNote]:
-        """Decides which of the new bodies collide with one another and with the others."""
+    def _decide_collisions(
+        self, new_ids: set[BodyId], poses: Array, *, settles: bool
+    ) -> tuple[list[SpawnNote], LooseOverlaps]:
+        """Decides which of the new bodies collide with one another and with the others.
+
+        Args:
+            new_ids: the bodies that were added or changed.
+            poses: poses of all bodies.
+            settles: whether loose bodies may be moved out of others, which is left to the caller.
+        """
         ids, forest, joints = self.registry.ids, self.forest, self.registry.joints.values()
         indices = {root: index for index, root in enumerate(forest.groups)}
         roots = [forest.root_of[id] for id in ids]
@@ -407,11 +481,163 @@ class PhysicsModelBuilder:
             overlap_boxes=self.mass_properties.overlap_boxes(ids, poses),
             collision_shapes=self.mass_properties.collision_shape_batch(ids, poses),
             has_geometry=self.mass_properties.has_geometry_mask(ids),
+            unit=self._unit_numbers(indices) if settles else None,
+            is_loose=np.array([root in self.loose_roots for root in roots], dtype=bool) if settles else None,
             could_collide_before=lambda a, b: previous.could_collide(ids[a], ids[b]),
         )
-        self.collision_filter, notes = compute_collision_filter(filter_input, self.collision_filter)
+        self.collision_filter, notes, loose = compute_collision_filter(filter_input, self.collision_filter)
         self._changed_bodies = set()
-        return notes
+        return notes, loose
+
+    def _unit_numbers(self, indices: Mapping[BodyId, int]) -> NDArray[np.intp]:
+        """For each body, the number of the group at the root of its tree."""
+        units, forest = self.forest.units(), self.forest
+        return np.array([indices[units[forest.root_of[id]]] for id in self.registry.ids], dtype=np.intp)
+
+    # -- rest --------------------------------------------------------------------------------------------------------
+
+    def _settle(
+        self, loose: LooseOverlaps, new_ids: set[BodyId], poses: Array, notes: list[SpawnNote]
+    ) -> dict[BodyId, Array]:
+        """Moves loose bodies out of what they overlap; returns the new poses, and appends notes."""
+        ids, forest = self.registry.ids, self.forest
+        numbers = {root: number for number, root in enumerate(forest.groups)}
+        compiled = [compile_geometry(self.collision_shapes(id)[0]) for id in ids]
+        rows = {id: row for row, id in enumerate(ids)}
+        excluded = [(rows[a], rows[b]) for a, b in self.collision_filter.excluded_pairs]
+        settlement = settle(
+            SettlingInput(
+                ids=ids,
+                shapes=CollisionShapeBatch.from_compiled(poses, compiled),
+                unit=self._unit_numbers(numbers),
+                is_loose=np.array([self.is_loose(id) for id in ids], dtype=bool),
+                is_new=np.array([id in new_ids for id in ids], dtype=bool),
+                is_ignored=np.array([id in self.collision_filter.non_colliding for id in ids], dtype=bool),
+                excluded_pairs=frozenset((*excluded, *((b, a) for a, b in excluded), *loose.nested)),
+                overlaps=loose.pairs,
+            )
+        )
+        notes += settlement.notes
+        for a, b in settlement.nested_pairs:
+            self.collision_filter.excluded_pairs.add(sorted_pair(ids[a], ids[b]))
+        if settlement.nested_pairs:
+            notes += nested_notes([(ids[a], ids[b]) for a, b in settlement.nested_pairs])
+        if settlement.stuck:
+            self.make_immovable(forest.root_of[ids[row]] for row in settlement.stuck)
+        moved = {}
+        for row, shift in settlement.shifts.items():
+            moved[ids[row]] = np.concatenate([poses[row, :3] + shift, poses[row, 3:]])
+            self.settled[ids[row]] = SettledPose(moved[ids[row]], float(np.linalg.norm(shift)))
+        return moved
+
+    def _hold_crowd(self, new_ids: Iterable[BodyId]) -> list[SpawnNote]:
+        """Makes loose bodies static that collide with nothing, since they would fall for ever."""
+        ignored = [id for id in new_ids if id in self.collision_filter.non_colliding and self.is_loose(id)]
+        if not ignored:
+            return []
+        self.make_immovable(self.forest.root_of[id] for id in ignored)
+        text = f"{len(ignored):,} loose bodies that collide with nothing are simulated as static"
+        return [SpawnNote(SpawnNoteKind.IMMOVABLE, tuple(ignored), text)]
+
+    def make_immovable(self, ids: Iterable[BodyId]) -> None:
+        """Makes dynamic bodies static, until their physics is replaced; the description keeps their mobility."""
+        self.registry.immovable.update(ids)
+        self._forest = None
+
+    def stop_fallen(self, heights: Mapping[BodyId, float]) -> list[BodyId]:
+        """Makes loose bodies static that fell far below the place; returns them, and appends to `late_notes`.
+
+        Args:
+            heights: z coordinates of roots of loose groups [m].
+        """
+        if self.bounds is None:
+            return []
+        limit_m = self.bounds.fall_limit_m
+        fallen = [id for id, height_m in heights.items() if height_m < limit_m and id not in self.registry.immovable]
+        for id in fallen:
+            text = f"{id} fell to {limit_m:.3g} m, {MAX_FALL_M:g} m below everything else: it is stopped there"
+            self.late_notes.append(SpawnNote(SpawnNoteKind.STOPPED, (id,), text))
+        if fallen:
+            self.make_immovable(fallen)
+        return fallen
+
+    def mark_simulated(self) -> None:
+        """Must be called before time advances: from then on, snapshots show bodies where the spawn moved them.
+
+        Those that it moved slightly keep their described pose, as long as they stay there.
+        """
+        if self.settled:
+            self.settled = {id: each for id, each in self.settled.items() if each.shift_m <= KEPT_POSE_TOLERANCE_M}
+
+    def described_if_settled(self, poses: Array) -> Array:
+        """The poses for a snapshot: described ones for bodies that still are where the spawn moved them."""
+        if not self.settled:
+            return poses
+        poses = poses.copy()
+        for row, id in enumerate(self.registry.ids):
+            settled = self.settled.get(id)
+            if settled is None:
+                continue
+            is_near = np.abs(poses[row, :3] - settled.pose[:3]).max() <= _RESTING_TOLERANCE
+            if is_near and float(quat_angle(poses[row, 3:], settled.pose[3:])) <= _RESTING_TOLERANCE:
+                poses[row] = normalized_pose_array(self.registry.bodies[id].pose)
+        return poses
+
+    def _update_place(self, new_ids: Sequence[BodyId], poses: Array, *, has_ground: bool) -> list[SpawnNote]:
+        """Updates the bounds of the place, and the ground below it."""
+        ids = self.registry.ids
+        boxes = self.mass_properties.overlap_boxes(ids, poses)
+        self.bounds = PlaceBounds.from_boxes(boxes)
+        if not has_ground:
+            return []
+        is_loose = np.array([self.is_loose(id) for id in ids], dtype=bool)
+        unsupported = self._unsupported_rows(poses, is_loose & belongs_to_place(boxes))
+        if not len(unsupported):
+            self.ground_height_m, self._below_ground = None, set()
+            return []
+        low, high = boxes.bounds()
+        bottoms, before = low[unsupported, 2], self.ground_height_m
+        if before is None or not np.any(np.abs(bottoms - before) < _GROUND_TOLERANCE_M):
+            self.ground_height_m = find_ground_height(bottoms)
+        height_m = self.ground_height_m
+        assert height_m is not None
+        self._below_ground = {ids[row] for row in unsupported.tolist() if high[row, 2] < height_m}
+        affected = [ids[row] for row in unsupported.tolist()]
+        if height_m == before and not set(affected).intersection(new_ids):
+            return []
+        text = f"nothing is below {len(affected):,} loose bodies: a ground is added at a height of {height_m:.3f} m"
+        return [SpawnNote(SpawnNoteKind.GROUND, tuple(affected), text)]
+
+    def _unsupported_rows(self, poses: Array, is_loose: NDArray[np.bool_]) -> NDArray[np.intp]:
+        """The loose bodies of units that have nothing fixed below them."""
+        ids, forest = self.registry.ids, self.forest
+        loose = np.flatnonzero(is_loose)
+        if not len(loose):
+            return loose
+        non_colliding = self.collision_filter.non_colliding
+        fixed = [row for row in np.flatnonzero(~is_loose).tolist() if ids[row] not in non_colliding]
+        compiled = [compile_geometry(self.collision_shapes(ids[row])[0]) for row in fixed]
+        supports = CollisionShapeBatch.from_compiled(poses[fixed], compiled).boxes
+        is_unsupported = find_unsupported(poses[loose, :3], supports)
+        units = forest.units()
+        unit_of = [units[forest.root_of[ids[row]]] for row in loose.tolist()]
+        supported = {unit for unit, alone in zip(unit_of, is_unsupported.tolist(), strict=True) if not alone}
+        return loose[[unit not in supported for unit in unit_of]]
+
+
+_RESTING_TOLERANCE = 1e-3
+"""A resting body is at most this far from where it was put [m, rad]."""
+_GROUND_TOLERANCE_M = 0.05
+"""The ground stays where it is while a body is this near to it [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class SettledPose:
+    """Where a spawn moved a body."""
+
+    pose: Array
+    shift_m: float
+    """Distance from the described pose [m]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,17 +8,38 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from math import isfinite
+from math import hypot, isfinite
 
 import msgspec
 import numpy as np
 
 from mindstage.engines.base import SpawnFailure, SpawnNote, SpawnReport
 from mindstage.errors import AttachmentError, BodyExistsError, BodyNotFoundError, PoseUnreachableError
-from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, Color, Iri, Joint, Light, Material, Pose, World
+from mindstage.scene import (
+    Attachment,
+    Body,
+    BodyId,
+    BodyPhysics,
+    Color,
+    Iri,
+    Joint,
+    Light,
+    Material,
+    Mobility,
+    Pose,
+    World,
+)
 from mindstage.scene.transforms import Array, pose_array, pose_from_array, quat_angle
 
-__all__ = ["AddResult", "EntityRegistry", "pose_error"]
+__all__ = ["MAX_COORDINATE_M", "MAX_SIZE_M", "AddResult", "EntityRegistry", "pose_error"]
+
+MAX_COORDINATE_M = 1e8
+"""Positions farther from the origin are refused; the circumference of the earth is 4e7 m."""
+MAX_SIZE_M = 1e5
+"""Larger bodies are refused."""
+_MIN_QUATERNION_NORM = 1e-6
+_MAX_STRENGTH = 1e9
+"""Largest stiffness and damping of a soft limit, in SI units."""
 
 
 @dataclass(slots=True)
@@ -56,6 +77,8 @@ class EntityRegistry:
         self.parents: dict[BodyId, BodyId] = {}
         """The parent of each attached child."""
         self.highlighted: dict[BodyId, Color] = {}
+        self.immovable: set[BodyId] = set()
+        """Dynamic bodies that are simulated as static ones, until their physics is replaced."""
         self._children: dict[BodyId, dict[BodyId, None]] = {}  # dict as ordered set
         self._worlds: list[World] = []
         self._ids: tuple[BodyId, ...] | None = None
@@ -66,6 +89,7 @@ class EntityRegistry:
         twin.bodies, twin.joints, twin.lights = dict(self.bodies), dict(self.joints), dict(self.lights)
         twin.parents, twin.highlighted = dict(self.parents), dict(self.highlighted)
         twin._children = {parent: dict(children) for parent, children in self._children.items()}
+        twin.immovable = set(self.immovable)
         twin._worlds, twin._ids = list(self._worlds), self._ids
         return twin
 
@@ -86,6 +110,10 @@ class EntityRegistry:
             return self.bodies[id]
         except KeyError:
             raise BodyNotFoundError(id, known=self.bodies, world=self._worlds[0].name if self._worlds else "") from None
+
+    def mobility(self, id: BodyId) -> Mobility:
+        """The mobility with which a body is simulated: static by default, and for immovable bodies."""
+        return Mobility.STATIC if id in self.immovable else self.bodies[id].physics.mobility or Mobility.STATIC
 
     def children(self, id: BodyId) -> tuple[BodyId, ...]:
         """The bodies that are attached directly to a body."""
@@ -184,6 +212,8 @@ class EntityRegistry:
             PoseUnreachableError: the pose is not finite, or its quaternion is zero.
         """
         body = self.body(id)
+        if physics is not None:
+            self.immovable.discard(id)
         if pose is not None and (reason := pose_error(pose)):
             raise PoseUnreachableError(id, reason=reason)
         self.bodies[id] = msgspec.structs.replace(
@@ -231,6 +261,7 @@ class EntityRegistry:
                 self.detach(child)
             self.detach(id)
             del self.bodies[id]
+            self.immovable.discard(id)
             self._children.pop(id, None)
         self.highlighted = {id: color for id, color in self.highlighted.items() if id not in removed}
         self.joints = {
@@ -274,8 +305,12 @@ def pose_error(pose: Pose) -> str:
     """The reason why a pose is invalid, or an empty string."""
     if not all(map(isfinite, (*pose.position, *pose.quaternion))):
         return "its pose has numbers that are not finite"
+    if max(map(abs, pose.position)) > MAX_COORDINATE_M:
+        return f"its position {pose.position} is farther than {MAX_COORDINATE_M:g} m from the origin"
     if not any(pose.quaternion):
         return "its quaternion is all zeros, which is no rotation"
+    if not _MIN_QUATERNION_NORM <= hypot(*pose.quaternion) <= 1.0 / _MIN_QUATERNION_NORM:
+        return f"its quaternion {pose.quaternion} has a norm of {hypot(*pose.quaternion):.3g}, which is no rotation"
     return ""
 
 
@@ -283,6 +318,8 @@ def _size_error(body: Body) -> str:
     size = body.size
     if size is not None and not (all(map(isfinite, size)) and min(size) >= 0.0):
         return f"its size {size} is not three finite lengths"
+    if size is not None and max(size) > MAX_SIZE_M:
+        return f"its size {size} is larger than {MAX_SIZE_M:g} m"
     mass = body.physics.mass_kg
     if mass is not None and not (isfinite(mass) and mass >= 0.0):
         return f"its mass {mass} is not a finite mass"
@@ -299,4 +336,10 @@ def _limits_error(joint: Joint) -> str:
     middles = (*slides, angular.swing1_middle, angular.swing2_middle, angular.twist_middle)
     if not all(map(isfinite, middles)):
         return f"the middle positions {middles} of its ranges are not all finite"
+    if max(map(abs, (*limits, *middles))) > MAX_COORDINATE_M:
+        return f"its limits {limits} or their middle positions {middles} are beyond {MAX_COORDINATE_M:g}"
+    soft_limits = (linear.soft_limit, angular.swing_soft_limit, angular.twist_soft_limit)
+    strengths = [number for each in soft_limits if each.enabled for number in (each.stiffness, each.damping)]
+    if not all(isfinite(number) and 0.0 <= number <= _MAX_STRENGTH for number in strengths):
+        return f"the stiffness and damping {strengths} of its soft limits are not all between 0 and {_MAX_STRENGTH:g}"
     return ""

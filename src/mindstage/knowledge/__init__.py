@@ -6,6 +6,7 @@ from mindstage.knowledge.dialects.conventions import (
     Handedness,
     LengthUnit,
     QuaternionOrder,
+    SizeFrame,
     UnitConventions,
 )
 from mindstage.knowledge.endpoint import SparqlEndpoint
@@ -29,6 +30,7 @@ __all__ = [
     "QuaternionOrder",
     "RdfTerm",
     "Severity",
+    "SizeFrame",
     "SourceMapView",
     "SparqlEndpoint",
     "SparqlResult",

@@ -10,6 +10,7 @@ from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mindstage.knowledge.dialects import detect_dialect
+from mindstage.knowledge.dialects.conventions import SI
 from mindstage.knowledge.dialects.membership import types_of
 from mindstage.knowledge.dialects.soma_nodes import POSE_6D, without_restatements
 from mindstage.knowledge.dialects.source_map import SourceMap
@@ -23,7 +24,7 @@ from mindstage.knowledge.rdf import Graph, gc_paused, is_part_name, merge_graphs
 from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.rdf_mapping.nested import NESTED_RESOURCES
 from mindstage.knowledge.rdf_mapping.properties import PropertyCodec
-from mindstage.knowledge.vocabulary import CHILD, PARENT
+from mindstage.knowledge.vocabulary import CHILD, GIVEN_SIZES, PARENT
 from mindstage.scene import BlankNode, Iri, IriRef, NamedResource, PropertyAssertion, Statement, World, diff
 
 __all__ = ["SourceMapView", "canonical_statement", "lost_statements"]
@@ -41,7 +42,9 @@ class SourceMapView:
         graph, map = self.source_map.graph, self.source_map.map
         conventions = original_conventions(graph.get(map, ()))
         if conventions is None:
-            return None
+            if not any(fact.property == GIVEN_SIZES for fact in graph.get(map, ())):
+                return None
+            conventions = SI
         before = {subject: restore_facts(facts, conventions) for subject, facts in graph.items()}
         before[map] = restore_declarations(before[map], conventions)
         return SourceMapView(replace(self.source_map, graph=before))

@@ -497,6 +497,7 @@ class KnowledgeBase:
             report=self._add_finding,
             add_assumption=self._add_assumption,
             conventions=self._conventions_of(map),
+            implied_members=self._registry.implied_members(map),
         )
 
     def _conventions_of(self, map: Iri) -> UnitConventions:

@@ -13,6 +13,7 @@ The annotation properties are in `ms:`; they have no effect on reasoning:
 | `ms:metalness`, `ms:roughness`, `ms:opacity`, `ms:glow` | material | factors from 0 to 1 |
 | `ms:density`, `ms:friction`, `ms:restitution` | material, class | kg/m3, and numbers from 0 |
 | `ms:typicalSize` | class | depth, width and height [m] of objects without a size |
+| `ms:mounting` | class | `fixed`, `installed` or `portable`: whether an object can be loose |
 | `ms:nameWord` | class, material | a word in the names of unknown classes that refers to it, besides its label |
 
 An annotation of a class holds for all its subclasses, unless a more specific class overrides that property: a subclass
@@ -28,6 +29,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from colorsys import hls_to_rgb
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cached_property
 from hashlib import blake2s
 from typing import NamedTuple, TypeVar
@@ -48,6 +50,7 @@ __all__ = [
     "NO_LIGHT",
     "LightRule",
     "MaterialResolver",
+    "Mounting",
     "PartMaterial",
     "ShapeAnnotations",
     "ShapeParameter",
@@ -92,6 +95,17 @@ class LightRule:
     """[cd], or [lx] for a directional light."""
 
 
+class Mounting(StrEnum):
+    """Whether the objects of a class can be loose, whatever a map says about their mobility."""
+
+    FIXED = "fixed"
+    """Never: a part of the building, or mounted on it."""
+    INSTALLED = "installed"
+    """Furniture, appliances and parts: as the map says, unless its mobility is the same for nearly everything."""
+    PORTABLE = "portable"
+    """Always."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShapeRule:
     """The shape, materials and light of the objects of a class."""
@@ -109,6 +123,12 @@ class ShapeRule:
     light: LightRule | None = None
     size: Vector | None = None
     """The typical depth, width and height [m]."""
+    mounting: Mounting | None = None
+    """None if neither an annotation nor a word in the name gives it."""
+    mounting_reason: str = ""
+    """Where `mounting` comes from, in one line."""
+    mounting_is_weak: bool = False
+    """Whether only a word before the last one of the name gives it, so that it does not hold for small objects."""
     issues: tuple[str, ...] = ()
     """Annotations that could not be used."""
 
@@ -156,6 +176,7 @@ NO_LIGHT = "none"
 _SHAPED_AS, _BUILT_AS, _PARAMETER = ms("shapedAs"), ms("builtAs"), ms("formParameter")
 _MADE_OF, _IN_COLOR, _WORD = ms("madeOf"), ms("inColour"), ms("nameWord")
 _GIVES_LIGHT, _LIGHT_COLOR, _LIGHT_INTENSITY = ms("givesLight"), ms("lightColour"), ms("lightIntensity")
+_PLACE = Iri(KNOWROB + "Place")
 _SUBPROPERTY = Iri(RDFS + "subPropertyOf")
 _BUNDLED_GRAPH = re.compile(r"/knowledge/bundled/[^/]*$")
 _NUMBERS = frozenset(XSD + name for name in ("integer", "int", "decimal", "double", "float", "nonNegativeInteger"))
@@ -185,6 +206,7 @@ class ShapeAnnotations:
         self.light_colors = self._single_values(_LIGHT_COLOR, _color)
         self.light_intensities = self._single_values(_LIGHT_INTENSITY, _positive)
         self.sizes = self._single_values(ms("typicalSize"), _size)
+        self.mountings = self._single_values(ms("mounting"), _mounting)
         self.material_factors = {name: self._single_values(ms(name), _positive) for name in MATERIAL_FACTORS}
         self.materials = {material for values in self.made_of.values() for material in values.values()}
 
@@ -319,6 +341,14 @@ def _size(node: object) -> Vector:
     if not all(0.0 < extent < float("inf") for extent in (depth, width, height)):
         raise ValueError(f'"{text}"; expected depth, width and height in meters')
     return depth, width, height
+
+
+def _mounting(node: object) -> Mounting:
+    text = _text(node)
+    try:
+        return Mounting(text)
+    except ValueError:
+        raise ValueError(f'"{text}"; expected one of {", ".join(Mounting)}') from None
 
 
 def _light(node: object) -> LightType | None:
@@ -470,6 +500,7 @@ class ShapeRuleResolver:
             shape_type, of_named, _ = self._follow_shaped_as(named, self._annotated_ancestor(named) or named)
             lineage = tuple(dict.fromkeys((cls, *of_named, *lineage)))
             source, reason = GeometrySource.CLASS_NAME, f'"{word}" in its name is the word for {_short_name(named)}'
+        mounting, mounting_reason, mounting_is_weak = self._mounting(cls)
         return ShapeRule(
             cls=cls,
             shape_type=shape_type,
@@ -479,8 +510,43 @@ class ShapeRuleResolver:
             materials=self._materials.for_class(cls, lineage),
             light=self._light(lineage),
             size=next((self._annotations.sizes[each] for each in lineage if each in self._annotations.sizes), None),
+            mounting=mounting,
+            mounting_reason=mounting_reason,
+            mounting_is_weak=mounting_is_weak,
             issues=tuple(self._annotations.issues_of(lineage)),
         )
+
+    def _mounting(self, cls: Iri) -> tuple[Mounting | None, str, bool]:
+        """The mounting of a class, where it comes from, and whether only a word before the last gives it.
+
+        The last word of an unknown class is what its objects are. Another word may only say what they belong to, as in
+        FloorCleaner or KitchenRoll: it is used for large objects only, and not if it is a room.
+        """
+        mountings = self._annotations.mountings
+        annotated = next((each for each in self._lineage(cls) if each in mountings), None)
+        if annotated is not None:
+            reason = "" if annotated == cls else f"it is a {_short_name(annotated)}"
+            return mountings[annotated], reason, False
+        words = name_tokens(cls)
+        endings = {word for start in range(len(words)) for word in singular_forms(" ".join(words[start:]))}
+        for word in name_suffixes(words):
+            named, annotated = self._words_for_mountings.get(word, (None, None))
+            if named is None or annotated is None:
+                continue
+            if word in endings or _PLACE not in self._lineage(named):
+                reason = f'"{word}" in its name is the word for {_short_name(named)}'
+                return mountings[annotated], reason, word not in endings
+        return None, "", False
+
+    @cached_property
+    def _words_for_mountings(self) -> dict[str, tuple[Iri, Iri]]:
+        """The words for classes with a mounting: the class, and the class that has the annotation."""
+        mountings, found = self._annotations.mountings, dict[str, tuple[Iri, Iri]]()
+        for word, cls in self._annotations.all_words():
+            annotated = next((each for each in self._lineage(cls) if each in mountings), None)
+            if word not in found and annotated is not None:
+                found[word] = cls, annotated
+        return found
 
     # -- lineage -------------------------------------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future
 from typing import Any, Generic, TypeVar
 
-from mindstage.bridge import LocalNode, Node
+from mindstage.bridge import LocalNode, Node, Refusal
 from mindstage.bridge.conversions import ConversionNote
 from mindstage.engines import SpawnReport
 from mindstage.errors import BridgeError, MindstageError, WorldError
@@ -115,6 +115,11 @@ class DiagnosticsPublisher:
     def report_error(self, operation: str, error: MindstageError) -> None:
         """Publishes any other error."""
         self._publish([_status(diagnostic_msgs.Level.ERROR, operation, str(error), "", {"kind": error.code})])
+
+    def report_server_refusal(self, refusal: Refusal) -> None:
+        """Publishes that the rosbridge server refused an operation of this simulation."""
+        operation = f"{refusal.operation} {refusal.name}"
+        self._publish([_status(diagnostic_msgs.Level.ERROR, operation, refusal.cause, "", {"kind": "ServerRefusal"})])
 
     def report_failures(self, operation: str, reasons: Iterable[tuple[str, str]]) -> None:
         """Publishes partial failures: the id of each object, and the reason."""

@@ -20,9 +20,10 @@ from mindstage.msgs import Message, RosVersion, decode, diagnostic_msgs, mindsta
 from mindstage.ros.actionlib import ActionlibServer
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.engine_services import EngineServices
+from mindstage.ros.named_poses import NamedPoseServices
 from mindstage.ros.publishers import HighlightSubscriber, PublishRates, StatePublisher
 from mindstage.ros.rosapi import RosapiServices
-from mindstage.ros.service import ActionSpec, ServiceSpec, action_handler, service_handler
+from mindstage.ros.service import ActionSpec, ServiceSpec, action_handler, names_elsewhere, service_handler
 from mindstage.ros.simulation_interfaces import EntityServices, ResourceLoader, SpawnServices
 from mindstage.ros.simulation_interfaces_control import SimulationControlServices, WorldServices
 from mindstage.ros.state import StateReader
@@ -43,7 +44,9 @@ M = TypeVar("M", bound=Message)
 def connected_clients(node: Node) -> tuple[ConnectedClient, ...]:
     """Returns the clients of a local node, or the rosbridge server to which a client is connected."""
     if isinstance(node, RosbridgeClient):
-        return (ConnectedClient(name=node.url, transport=_TRANSPORT, activity=node.state.value),)
+        refused = node.refusals
+        more = f"; refused {counted(len(refused), 'operation')}, first {refused[0]}" if refused else ""
+        return (ConnectedClient(name=node.url, transport=_TRANSPORT, activity=f"{node.state.value}{more}"),)
     if not isinstance(node, LocalNode) or node.closed:
         return ()
     try:
@@ -169,10 +172,15 @@ class RosInterface:
         self._actions: list[str] = []
         self._closed = False
         self._remove_client_source = simulation.clients.add_client_source(lambda: connected_clients(node))
+        if simulation.worlds:
+            simulation.mark_start()
         self._diagnostics_publisher = Publisher(
             node, "/mindstage/diagnostics", diagnostic_msgs.DiagnosticArray, ros=ros
         )
         self._diagnostics = diagnostics = DiagnosticsPublisher(self._diagnostics_publisher, simulation)
+        self._remove_refusal_listener: Callable[[], None] = lambda: None
+        if isinstance(node, RosbridgeClient):
+            self._remove_refusal_listener = node.add_refusal_listener(diagnostics.report_server_refusal)
         self._state_reader = state_reader = StateReader(simulation)
         self._engine_services = EngineServices(state_reader, diagnostics)
         self._control_services = SimulationControlServices(simulation, step_s=step_s, on_quit=on_quit)
@@ -196,6 +204,7 @@ class RosInterface:
             return
         self._closed = True
         self._remove_client_source()
+        self._remove_refusal_listener()
         if self._state_publisher is not None:
             self._state_publisher.close()
         for server in self._action_servers:
@@ -222,7 +231,8 @@ class RosInterface:
             WorldControlServices(state_reader, diagnostics),
             self._unreal_vis,
             EntityServices(state_reader),
-            WorldServices(simulation, resources, diagnostics),
+            NamedPoseServices(state_reader),
+            WorldServices(simulation, self._control_services, resources, diagnostics),
             SpawnServices(state_reader, resources, diagnostics, step_s=step_s),
             self._control_services,
             self._engine_services,
@@ -233,8 +243,13 @@ class RosInterface:
     # -- creation ------------------------------------------------------------------------------------------------------
 
     def _open(self) -> None:
-        for group in self._service_groups:
-            for service in group.services():
+        services = [service for group in self._service_groups for service in group.services()]
+        elsewhere: frozenset[str] = frozenset()
+        if isinstance(self._node, RosbridgeClient):
+            names = [service.full_name(self.namespace) for service in services]
+            elsewhere = names_elsewhere(self._node, names, namespace=self.namespace, ros=self._ros)
+        for service in services:
+            if service.full_name(self.namespace) not in elsewhere:
                 self._create_service(service)
         for action in (*self._engine_services.actions(), *self._control_services.actions()):
             self._create_action(action)
@@ -256,10 +271,15 @@ class RosInterface:
         handler = action_handler(
             name, spec, diagnostics=self._diagnostics, ros=self._ros, timeout_s=self._goal_timeout_s
         )
-        self._node.create_action_server(name, type_name(spec.type, self._ros), handler)
-        server = ActionlibServer(self._node, name, spec.type, handler, diagnostics=self._diagnostics, ros=self._ros)
-        self._action_servers.append(server)
-        self._actions.append(name)
+        # Of other servers, one of ROS 1 has only topics for actions, and one of ROS 2 has no types for these topics.
+        is_local = isinstance(self._node, LocalNode)
+        if is_local or self._ros is RosVersion.TWO:
+            self._node.create_action_server(name, type_name(spec.type, self._ros), handler)
+            self._actions.append(name)
+        if is_local or self._ros is RosVersion.ONE:
+            self._action_servers.append(
+                ActionlibServer(self._node, name, spec.type, handler, diagnostics=self._diagnostics, ros=self._ros)
+            )
 
     def _subscribe(self, name: str, type: type[M], handler: Callable[[M], None]) -> None:
         """Subscribes to a topic; errors are published on the diagnostics, since messages have no response."""

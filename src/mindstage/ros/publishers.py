@@ -1,6 +1,7 @@
 """Publishes the state of a simulation: clock, transforms, joint states, markers, highlights and health.
 
-A message is created only if its topic has subscribers. Unchanged values are published once a second, for late
+A message is created only if its topic has subscribers. `/tf` has the transforms that change by motion, `/tf_static` all
+others, when one of them has changed. Unchanged values are published once a second, for late
 subscribers. Frequent messages with many elements are encoded as JSON objects directly.
 """
 
@@ -19,7 +20,7 @@ import numpy as np
 
 from mindstage.bridge import Node
 from mindstage.bridge.conversions import color_from_message, color_message
-from mindstage.engines import Capability
+from mindstage.engines import Capability, PoseArray
 from mindstage.errors import EngineError, MindstageError, SimulationTimeoutError
 from mindstage.msgs import (
     RosVersion,
@@ -34,6 +35,7 @@ from mindstage.msgs import (
     visualization_msgs,
 )
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher, health_status
+from mindstage.ros.frames import ROOT_FRAME, FrameTransforms
 from mindstage.ros.state import StateReader
 from mindstage.scene import AxisMotion, Body, BodyId, Color, Joint, PrimitiveType
 from mindstage.simulation import Simulation, StateSnapshot
@@ -45,6 +47,7 @@ __all__ = [
     "highlight_groups",
     "joint_state_message",
     "tf_message",
+    "tf_static_message",
     "world_marker_array",
 ]
 
@@ -90,26 +93,45 @@ def highlight_groups(snapshot: StateSnapshot) -> mindstage_msgs.LitGroups:
 EncodedMessage = dict[str, Any]
 
 
-def tf_message(snapshot: StateSnapshot, *, ros: RosVersion) -> EncodedMessage:
-    """Returns the poses of all bodies in the world as a `tf2_msgs/TFMessage`.
+def tf_message(transforms: FrameTransforms, *, time_s: float, ros: RosVersion) -> EncodedMessage:
+    """Returns transforms as a `tf2_msgs/TFMessage`, with the simulated time [s] as their time stamp.
 
     Raises:
         EngineError: the engine returned poses that are not finite.
     """
-    header = encode(_header(snapshot), ros=ros)
+    stamp = builtin_interfaces.Time.at(time_s)
+    # One header for each parent, which its children share.
+    headers = {
+        parent: encode(std_msgs.Header(stamp=stamp, frame_id=parent), ros=ros) for parent in set(transforms.parents)
+    }
+    rows = _finite_rows(transforms.poses)
     return {
         "transforms": [
             {
-                "header": header,
-                "child_frame_id": id,
+                "header": headers[parent],
+                "child_frame_id": child,
                 "transform": {
                     "translation": {"x": x, "y": y, "z": z},
                     "rotation": {"x": i, "y": j, "z": k, "w": w},
                 },
             }
-            for id, (x, y, z, w, i, j, k) in zip(snapshot.ids, _finite_poses(snapshot), strict=True)
+            for parent, child, (x, y, z, w, i, j, k) in zip(transforms.parents, transforms.children, rows, strict=True)
         ]
     }
+
+
+def tf_static_message(transforms: FrameTransforms, *, time_s: float, ros: RosVersion) -> EncodedMessage:
+    """Returns static transforms as a `tf2_msgs/TFMessage`, with that of the frame `world`, which is the root.
+
+    Raises:
+        EngineError: the engine returned poses that are not finite.
+    """
+    world = FrameTransforms(
+        (ROOT_FRAME, *transforms.parents),
+        (_WORLD_FRAME, *transforms.children),
+        np.concatenate([[[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]], transforms.poses]),
+    )
+    return tf_message(world, time_s=time_s, ros=ros)
 
 
 def joint_state_message(
@@ -134,7 +156,7 @@ def world_marker_array(snapshot: StateSnapshot, bodies: Iterable[Body], *, ros: 
     header = _header(snapshot)
     blank = encode(visualization_msgs.Marker(header=header, ns=_NAMESPACE), ros=ros)
     markers: list[EncodedMessage] = [{**blank, "action": int(visualization_msgs.MarkerAction.DELETEALL)}]
-    for number, (id, (x, y, z, w, i, j, k)) in enumerate(zip(snapshot.ids, _finite_poses(snapshot), strict=True)):
+    for number, (id, (x, y, z, w, i, j, k)) in enumerate(zip(snapshot.ids, _finite_rows(snapshot.poses), strict=True)):
         body = descriptions.get(id)
         width, depth, height = body.size if body and body.size else (_DEFAULT_SIZE_M,) * 3
         red, green, blue = snapshot.highlights.get(id) or _color(body)
@@ -162,10 +184,10 @@ def _header(snapshot: StateSnapshot) -> std_msgs.Header:
     return std_msgs.Header(stamp=builtin_interfaces.Time.at(snapshot.time_s), frame_id=_WORLD_FRAME)
 
 
-def _finite_poses(snapshot: StateSnapshot) -> list[list[float]]:
-    if not np.isfinite(snapshot.poses).all():
+def _finite_rows(poses: PoseArray) -> list[list[float]]:
+    if not np.isfinite(poses).all():
         raise EngineError("the engine returned poses that are not finite")
-    rows: list[list[float]] = snapshot.poses.tolist()
+    rows: list[list[float]] = poses.tolist()
     return rows
 
 
@@ -230,10 +252,12 @@ class StatePublisher:
         space = "/".join(("", *filter(None, namespace.split("/"))))
         self._clock = Publisher(node, "/clock", rosgraph_msgs.Clock, ros=ros)
         self._tf = Publisher(node, "/tf", tf2_msgs.TFMessage, ros=ros)
+        self._tf_static = Publisher(node, "/tf_static", tf2_msgs.TFMessage, ros=ros, latch=True)
         self._joints = Publisher(node, f"{space}/joint_states", sensor_msgs.JointState, ros=ros)
         self._markers = Publisher(node, f"{space}/world", visualization_msgs.MarkerArray, ros=ros)
         self._highlights = Publisher(node, f"{space}/highlights", mindstage_msgs.LitGroups, ros=ros, latch=True)
         self._health = Publisher(node, "/mindstage/health", diagnostic_msgs.DiagnosticArray, ros=ros, latch=True)
+        self._last_static: FrameTransforms | None = None
         self._last_highlights: object = None
         self._last_error: object = None
         topics = (
@@ -259,7 +283,15 @@ class StatePublisher:
         self._closing.set()
         for thread in self._threads:
             thread.join(_PING_INTERVAL_S + 5.0)
-        for publisher in (self._clock, self._tf, self._joints, self._markers, self._highlights, self._health):
+        for publisher in (
+            self._clock,
+            self._tf,
+            self._tf_static,
+            self._joints,
+            self._markers,
+            self._highlights,
+            self._health,
+        ):
             publisher.close()
 
     # -- threads -------------------------------------------------------------------------------------------------------
@@ -318,8 +350,16 @@ class StatePublisher:
             self._clock.publish(rosgraph_msgs.Clock(clock=builtin_interfaces.Time.at(snapshot.time_s)))
 
     def _publish_tf(self, snapshot: StateSnapshot) -> None:
+        if not (self._tf.has_subscribers or self._tf_static.has_subscribers):
+            return
+        tree = self._state_reader.frame_tree(now_s=time.monotonic())
+        moving, static = tree.transforms(snapshot.ids, snapshot.poses)
+        is_new = self._last_static is None or not static.equals(self._last_static)
+        if is_new and self._tf_static.has_subscribers:
+            self._tf_static.publish_encoded(tf_static_message(static, time_s=snapshot.time_s, ros=self._ros))
+            self._last_static = static
         if self._tf.has_subscribers:
-            self._tf.publish_encoded(tf_message(snapshot, ros=self._ros))
+            self._tf.publish_encoded(tf_message(moving, time_s=snapshot.time_s, ros=self._ros))
 
     def _publish_joint_states(self, snapshot: StateSnapshot) -> None:
         if self._joints.has_subscribers and Capability.JOINTS in self._simulation.capabilities:

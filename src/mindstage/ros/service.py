@@ -1,7 +1,9 @@
 """Declarations and handlers of services and actions, with one mapping of errors to responses.
 
 A call succeeds, or the world rejects it (`success: false`, or a result code of simulation_interfaces; the reason is
-also published on the diagnostics), or it fails for another reason (`result: false` with the error message).
+also published on the diagnostics), or it fails for another reason (`result: false` with the error message, which is
+published too). Another rosbridge transmits only messages of the type; there, a failed call returns the failure as far
+as the type can express it.
 
 The handler of an action calls `GoalContext.check` regularly, which sends feedback and raises an exception when the goal
 is canceled or its time is over.
@@ -9,16 +11,26 @@ is canceled or its time is over.
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from mindstage.bridge import GoalResult, ServerGoalHandle
+from mindstage.bridge import GoalResult, Refusal, RosbridgeClient, ServerGoalHandle
 from mindstage.bridge.conversions import error_text, error_to_message
-from mindstage.errors import BodyNotFoundError, EngineError, MindstageError, SimulationTimeoutError, WorldError
+from mindstage.errors import (
+    AdvertiseError,
+    BodyNotFoundError,
+    BridgeError,
+    EngineError,
+    FailureResponseError,
+    MindstageError,
+    SimulationTimeoutError,
+    WorldError,
+)
 from mindstage.msgs import (
     Action,
     Message,
@@ -26,8 +38,11 @@ from mindstage.msgs import (
     Service,
     decode_arguments,
     encode,
+    mindstage_msgs,
     simulation_interfaces,
     snake_case,
+    type_name,
+    visualization_msgs,
 )
 from mindstage.ros.diagnostics import DiagnosticsPublisher
 
@@ -41,7 +56,8 @@ __all__ = [
     "ServiceSpec",
     "action_handler",
     "failed",
-    "incorrect_state",
+    "failure_response",
+    "names_elsewhere",
     "refusal_response",
     "service_handler",
     "unsupported",
@@ -51,6 +67,11 @@ __all__ = [
 OK = simulation_interfaces.Result(result=simulation_interfaces.ResultCode.RESULT_OK)
 FEEDBACK_INTERVAL_S = 0.4
 """Longest time between two feedback messages [s]."""
+_NAMES_TIMEOUT_S = 3.0
+"""Time for the list of services, and for a message of another simulation: it publishes an idle world once a second, at
+most a second after the first subscriber came [s].
+"""
+_log = logging.getLogger("mindstage.ros")
 
 
 class ResultError(Exception):
@@ -64,11 +85,6 @@ class ResultError(Exception):
 def unsupported(message: str) -> ResultError:
     """Returns the error for a feature that is not supported."""
     return ResultError(simulation_interfaces.ResultCode.RESULT_FEATURE_UNSUPPORTED, message)
-
-
-def incorrect_state(message: str) -> ResultError:
-    """Returns the error for an operation that the state of the simulation does not allow."""
-    return ResultError(simulation_interfaces.ResultCode.RESULT_INCORRECT_STATE, message)
 
 
 def failed(message: str) -> ResultError:
@@ -87,8 +103,8 @@ def service_handler(
     """Returns the handler of a service for a node, which decodes and encodes messages and maps errors to responses."""
 
     def handle(args: object) -> object:
-        request = decode_arguments(service.Request, args)
         try:
+            request = decode_arguments(service.Request, args)
             response = handler(request)
         except WorldError as error:
             diagnostics.report_refusal(name, error)
@@ -96,12 +112,31 @@ def service_handler(
         except ResultError as error:
             diagnostics.report_failures(name, [(str(getattr(request, "entity", "")), str(error))])
             response = service.Response(result=error.result)
-        except EngineError as error:
+        except MindstageError as error:
             diagnostics.report_error(name, error)
-            raise MindstageError(error_text(error)) from error
+            text = error_text(error) if isinstance(error, EngineError) else str(error)
+            failure = encode(failure_response(service.Response, error, text), ros=ros)
+            raise FailureResponseError(text, response=failure) from error
         return encode(response, ros=ros)
 
     return handle
+
+
+def failure_response(response: type[Message], error: MindstageError, text: str) -> Message:
+    """Returns the response for a failure that is not an error of the world, as far as the type can express it.
+
+    Args:
+        response: the type; its default is returned if it has no field for a failure.
+        error: the failure.
+        text: its message.
+    """
+    fields = response.__struct_fields__
+    if "result" in fields:
+        code = simulation_interfaces.ResultCode.RESULT_OPERATION_FAILED
+        return response(result=simulation_interfaces.Result(result=code, error_message=text))
+    if "refusal" in fields:
+        return response(refusal=mindstage_msgs.Refusal(kind=error.code, text=text))
+    return response()
 
 
 def refusal_response(response: type[Message], error: WorldError) -> Message:
@@ -121,6 +156,54 @@ def refusal_response(response: type[Message], error: WorldError) -> Message:
     if "success" not in fields:
         raise error
     return response(refusal=error_to_message(error)) if "refusal" in fields else response()
+
+
+def names_elsewhere(node: RosbridgeClient, names: Iterable[str], *, namespace: str, ros: RosVersion) -> frozenset[str]:
+    """Returns those names outside the namespace that another client of a server already provides.
+
+    They are left to it, and reported as refusals. If names in the namespace exist, another simulation might be running
+    there; it is if a message of it arrives. Otherwise they are left over from a connection that has ended (a rosbridge
+    of ROS 1 does not remove services then), and can be replaced.
+
+    Args:
+        node: the connection to the server. If the server has no rosapi, nothing is checked.
+        names: absolute names of services.
+        namespace: the namespace of this simulation.
+        ros: version of ROS for type names.
+
+    Raises:
+        AdvertiseError: another simulation in the same namespace is running at the server.
+    """
+    try:
+        existing = set(node.call_service("/rosapi/services", {}, timeout_s=_NAMES_TIMEOUT_S)["services"])
+    except (BridgeError, KeyError, TypeError) as error:
+        _log.info("%s does not list its services, so name clashes are not detected: %s", node.url, error)
+        return frozenset()
+    prefix = "/".join(("", *filter(None, namespace.split("/")), ""))
+    taken = sorted(existing.intersection(names))
+    inside = [name for name in taken if name.startswith(prefix)]
+    if inside and _is_published(node, f"{prefix}world", ros=ros):
+        others = f" and {len(inside) - 1} more" if len(inside) > 1 else ""
+        cause = f"another simulation at {node.url} provides it{others}; choose another namespace (--namespace)"
+        raise AdvertiseError(inside[0], cause=cause)
+    if inside:
+        _log.info("%s has %d services of an ended connection, which are replaced", node.url, len(inside))
+        return frozenset()
+    for name in taken:
+        cause = f"another client of the server provides it; use {prefix}mindstage/ask"
+        node.report_refusal(Refusal(operation="advertise_service", name=name, cause=cause))
+    return frozenset(taken)
+
+
+def _is_published(node: RosbridgeClient, topic: str, *, ros: RosVersion) -> bool:
+    """Whether a message on a topic with markers of the world arrives."""
+    arrived = threading.Event()
+    type = type_name(visualization_msgs.MarkerArray, ros)
+    subscription = node.subscribe(topic, lambda _: arrived.set(), type=type)
+    try:
+        return arrived.wait(_NAMES_TIMEOUT_S)
+    finally:
+        subscription.close()
 
 
 class GoalCanceledError(Exception):
@@ -157,11 +240,11 @@ class GoalContext:
         """Sends feedback now."""
         self._send_feedback(feedback)
 
-    def check(self, make_feedback: Callable[[], Message]) -> None:
+    def check(self, make_feedback: Callable[[], Message] | None) -> None:
         """Sends feedback if it is due.
 
         Args:
-            make_feedback: creates the feedback message.
+            make_feedback: creates the feedback message; None for no feedback.
 
         Raises:
             GoalCanceledError: cancellation was requested.
@@ -172,7 +255,7 @@ class GoalContext:
         now = time.monotonic()
         if now > self._deadline:
             raise SimulationTimeoutError(self.name, timeout_s=self.timeout_s)
-        if now - self._last_feedback_s >= FEEDBACK_INTERVAL_S:
+        if make_feedback is not None and now - self._last_feedback_s >= FEEDBACK_INTERVAL_S:
             self._last_feedback_s = now
             self._send_feedback(make_feedback())
 

@@ -7,17 +7,23 @@ RE2 documents: a backslash escapes in brackets too, an invalid interval (`a{x`) 
 and character classes are ASCII.
 
 A resource is a body or a map in the knowledge base, a file in the folder that the server has opened (no path leads out
-of it), or a text. New entities are copies of it with another name and pose.
+of it), or a text. New entities are copies of it with another name and pose; in a namespace the name of the entity
+and of its parts begins with it. Two points in which the texts of the package leave a choice:
+
+- A resource that does not exist gives `RESULT_NOT_FOUND`: `NO_RESOURCE` is for a request with neither a URI nor a text.
+- An empty name is replaced by the name in the resource, which only a URDF has; then `NAME_INVALID` is for a resource
+  without one, although its own text mentions any empty name.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from enum import Enum, auto
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 import numpy as np
 import re2
@@ -26,6 +32,7 @@ from numpy.typing import NDArray
 
 from mindstage.bridge.conversions import pose_array_messages, pose_from_message, vector_from_message
 from mindstage.bridge.conversions_unreal import iri_namespace
+from mindstage.engines import SpawnReport
 from mindstage.errors import BodyNotFoundError, KnowledgeError, PoseUnreachableError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.rdf import local_name
@@ -34,7 +41,7 @@ from mindstage.msgs import simulation_interfaces as wire
 from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.ros.service import OK, ResultError, ServiceSpec, failed, unsupported
 from mindstage.ros.state import StateReader, free_id, map_iri
-from mindstage.scene import Attachment, Body, BodyId, Iri, Joint, Mobility, Pose, World
+from mindstage.scene import Attachment, Body, BodyId, GeometrySource, Iri, Joint, Mobility, Pose, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.transforms import (
     Array,
@@ -44,15 +51,18 @@ from mindstage.scene.transforms import (
     pose_inverse,
     pose_multiply,
 )
+from mindstage.simulation import Simulation
 
 __all__ = [
     "FORMATS",
     "WORLD_FRAME",
+    "AssetProblem",
     "EntityServices",
     "ResourceError",
     "ResourceErrorType",
     "ResourceLoader",
     "SpawnServices",
+    "asset_problem",
     "bounds_of",
     "category_of",
     "clone_at",
@@ -76,10 +86,14 @@ _COLLATING = re.compile(r"\[[^\]]*\[[.=]")
 """Collating symbols and equivalence classes, which RE2 reads as literal characters."""
 WORLD_FRAME = "world"
 """Frame id of the world in responses."""
+_URDF_NAMESPACE = "http://mindstage.org/urdf/"
+"""Beginning of the IRIs of worlds that are read from a URDF."""
 _TIMEOUT_S = 120.0
+_NAME = re.compile(r"[^\s/\x00-\x1f\x7f]+(/[^\s/\x00-\x1f\x7f]+)*")
+"""Names of entities: no white space, and no empty part between slashes."""
+_NAMESPACE = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*/?", re.ASCII)
+"""Namespaces, as ROS restricts them."""
 _UNSUPPORTED_FEATURES = {
-    wire.Feature.NAMED_POSES,
-    wire.Feature.POSE_BOUNDS,
     wire.Feature.ENTITY_BOUNDS_CONVEX,
     wire.Feature.ENTITY_INFO_SETTING,
     wire.Feature.SIMULATION_RESET_TIME,
@@ -89,6 +103,8 @@ _UNSUPPORTED_FEATURES = {
 class ResourceErrorType(Enum):
     """Why a resource cannot be loaded."""
 
+    NOT_GIVEN = auto()
+    """Neither a URI nor a text is given."""
     NOT_FOUND = auto()
     UNSUPPORTED_FORMAT = auto()
     PARSE_ERROR = auto()
@@ -148,7 +164,7 @@ class ResourceLoader:
                 return self._read(self.knowledge, uri)
             return self._read_file(self._path(uri))
         if not text.strip():
-            raise ResourceError(ResourceErrorType.NOT_FOUND, "neither a URI nor a text is given")
+            raise ResourceError(ResourceErrorType.NOT_GIVEN, "neither a URI nor a text is given")
         if "xacro" in text:
             raise ResourceError(
                 ResourceErrorType.UNSUPPORTED_FORMAT,
@@ -370,13 +386,24 @@ class EntityServices:
         return wire.GetEntityBounds.Response(result=OK, bounds=bounds_of(self._state_reader.body(request.entity).size))
 
     def delete(self, request: wire.DeleteEntity.Request) -> wire.DeleteEntity.Response:
-        """Deletes an entity."""
-        id = BodyId(request.entity)
-        self._simulation.run_on_engine(lambda engine: engine.delete((id,)), label="delete", edits=True)
+        """Deletes an entity; one that was spawned with parts, with those of its parts that exist."""
+        self._state_reader.require([request.entity])
+        rows = self._state_reader.row_by_id(self._state_reader.state())
+        ids = [id for id in _entity_ids(self._simulation.worlds, BodyId(request.entity)) if id in rows]
+        self._simulation.run_on_engine(lambda engine: engine.delete(ids), label="delete", edits=True)
         return wire.DeleteEntity.Response(result=OK)
 
     def _header(self) -> std_msgs.Header:
         return std_msgs.Header(stamp=builtin_interfaces.Time.at(self._simulation.state.time_s), frame_id=WORLD_FRAME)
+
+
+def _entity_ids(worlds: Sequence[World], id: BodyId) -> tuple[BodyId, ...]:
+    """Returns a body, with the parts that were spawned with it under its name."""
+    for world in reversed(worlds):
+        ids = [body.id for body in world.bodies]
+        if id in ids and len(ids) > 1 and all(each == id or each.startswith(f"{id}/") for each in ids):
+            return (id, *(each for each in ids if each != id))
+    return (id,)
 
 
 def bounds_of(size: tuple[float, float, float] | None) -> wire.Bounds:
@@ -462,8 +489,42 @@ def _clone_attachments(attachments: Iterable[Attachment], new_id: Callable[[Body
     return tuple(Attachment(parent=new_id(each.parent), child=new_id(each.child)) for each in attachments)
 
 
+class AssetProblem(NamedTuple):
+    """Why the assets of a world, such as meshes, cannot be used."""
+
+    found: bool
+    """Whether they were found, but are not supported."""
+    text: str
+
+
+def asset_problem(
+    world: World, simulation: Simulation, report: SpawnReport, *, any_geometry: bool
+) -> AssetProblem | None:
+    """Returns which meshes of a spawned world are not used, and why; None if all are.
+
+    Args:
+        world: the world.
+        simulation: the simulation in which it was spawned.
+        report: the report of the spawn.
+        any_geometry: whether a mesh may be replaced by the shape that the ontology states for the class.
+    """
+    replacing = {GeometrySource.MESH, GeometrySource.ONTOLOGY} if any_geometry else {GeometrySource.MESH}
+    geometry = simulation.geometry
+    unused = [
+        body.mesh
+        for body in world.bodies
+        if body.mesh and (body.id not in geometry or geometry[body.id].source not in replacing)
+    ]
+    if not unused:
+        return None
+    rejected = [note.text for note in report.notes if any(Path(mesh).stem in note.text for mesh in unused)]
+    names = ", ".join(sorted(set(unused))[:5])
+    return AssetProblem(bool(rejected), "; ".join(rejected[:3]) or f"no file is found for {names}")
+
+
 _RESULT_CODES = {
-    ResourceErrorType.NOT_FOUND: wire.SpawnCode.NO_RESOURCE,
+    ResourceErrorType.NOT_GIVEN: wire.SpawnCode.NO_RESOURCE,
+    ResourceErrorType.NOT_FOUND: wire.ResultCode.RESULT_NOT_FOUND,
     ResourceErrorType.UNSUPPORTED_FORMAT: wire.SpawnCode.UNSUPPORTED_FORMAT,
     ResourceErrorType.PARSE_ERROR: wire.SpawnCode.RESOURCE_PARSE_ERROR,
 }
@@ -501,19 +562,26 @@ class SpawnServices:
         return wire.GetSimulatorFeatures.Response(features=features)
 
     def get_spawnables(self, request: wire.GetSpawnables.Request) -> wire.GetSpawnables.Response:
-        """Returns the bodies of all maps and the files of the folder; `sources`, if given, are IRIs of maps."""
-        chosen = set(request.sources)
+        """Returns the bodies of all maps and the files of the folder.
+
+        `sources` are maps or parts of the folder, which are listed anyway; others are named in the message.
+        """
         found: list[wire.Spawnable] = []
         for map in self._resources.knowledge.maps():
-            if not chosen or map in chosen:
-                found += (_spawnable(body) for body in self._resources.knowledge.world(map).bodies)
-        if not chosen:
-            files = self._resources.files()
-            found += (
-                wire.Spawnable(entity_resource=wire.Resource(uri=name), description=f"the file {name}")
-                for name in files
-            )
-        return wire.GetSpawnables.Response(result=OK, spawnables=tuple(found))
+            found += (_spawnable(body) for body in self._resources.knowledge.world(map).bodies)
+        files = tuple(self._resources.files())
+        found += (
+            wire.Spawnable(entity_resource=wire.Resource(uri=name), description=f"the file {name}") for name in files
+        )
+        unknown = [source for source in request.sources if not self._is_listed(source, files)]
+        text = f"unknown sources: {', '.join(unknown)[:1000]}" if unknown else ""
+        return wire.GetSpawnables.Response(result=replace(OK, error_message=text), spawnables=tuple(found))
+
+    def _is_listed(self, source: str, files: Sequence[str]) -> bool:
+        maps = self._resources.knowledge.maps()
+        path = source.removeprefix("file://").rstrip("/")
+        is_file = any(name == path or name.startswith(f"{path}/") for name in files)
+        return source in maps or source in map(local_name, maps) or is_file
 
     def spawn_entity(self, request: wire.SpawnEntity.Request) -> wire.SpawnEntity.Response:
         """Spawns one entity."""
@@ -550,13 +618,15 @@ class SpawnServices:
 
     def _spawn(self, request: _Request) -> str:
         world, root = self._template(request.entity_resource)
-        name = self._entity_name(request, root)
+        name = self._entity_name(request, world, root)
         try:
             pose = self._state_reader.to_world_frame(
                 pose_from_message(request.initial_pose.pose), request.initial_pose.header.frame_id
             )
         except BodyNotFoundError as error:
             raise ResultError(wire.SpawnCode.INVALID_POSE, str(error)) from error
+        if not any(pose.quaternion):
+            raise ResultError(wire.SpawnCode.INVALID_POSE, "the quaternion of initial_pose is zero")
         self._spawn_clone(world, root, name=name, pose=pose)
         return name
 
@@ -564,32 +634,54 @@ class SpawnServices:
         if root is None:
             raise ResultError(wire.SpawnCode.RESOURCE_PARSE_ERROR, "it has no bodies")
         worlds = self._simulation.worlds
-        report = self._simulation.spawn(
-            clone_at(world, root, name=name, pose=pose, map=worlds[0].iri if worlds else map_iri("spawned"))
-        )
+        clone = clone_at(world, root, name=name, pose=pose, map=worlds[0].iri if worlds else map_iri("spawned"))
+        report = self._simulation.spawn(clone)
         self._diagnostics.report_spawn("spawn", report)
         if report.failed_bodies:
-            raise ResultError(wire.SpawnCode.INVALID_POSE, "; ".join(each.reason for each in report.failed_bodies[:3]))
+            self._remove(clone)
+            text = "; ".join(f"{each.id}: {each.reason}" for each in report.failed_bodies[:3])
+            raise failed(text)
+        if problem := asset_problem(clone, self._simulation, report, any_geometry=True):
+            self._remove(clone)
+            code = wire.SpawnCode.UNSUPPORTED_ASSETS if problem.found else wire.SpawnCode.MISSING_ASSETS
+            raise ResultError(code, problem.text)
+
+    def _remove(self, world: World) -> None:
+        """Deletes what was spawned of an entity that failed."""
+        added = {body.id for body in world.bodies}
+        ids = [id for id in self._simulation.state.ids if id in added]
+        self._simulation.run_on_engine(lambda engine: engine.delete(ids), label="delete", edits=True)
 
     def _template(self, resource: wire.Resource) -> tuple[World, Body | None]:
         if resource.uri and (known := self._resources.find_body(resource.uri)):
             world, body = known
-            return subtree(world, body.id), body
+            return replace(subtree(world, body.id), name=""), body
         try:
             world = self._resources.load_world(resource.uri, resource.resource_string)
         except ResourceError as error:
             raise ResultError(_RESULT_CODES[error.type], str(error)) from error
         return world, root_body(world)
 
-    def _entity_name(self, request: _Request, root: Body | None) -> str:
+    def _entity_name(self, request: _Request, world: World, root: Body | None) -> str:
+        """Returns the full name of a new entity: in its namespace, and unique."""
+        if request.entity_namespace and not _NAMESPACE.fullmatch(request.entity_namespace):
+            text = f"{request.entity_namespace!r} is not a namespace; use letters, digits, _ and /"
+            raise ResultError(wire.SpawnCode.NAMESPACE_INVALID, text)
+        space = request.entity_namespace.strip("/")
+        name = request.name or (world.name if world.iri.startswith(_URDF_NAMESPACE) else "")
+        if name and not _NAME.fullmatch(name):
+            text = f"{name[:100]!r} is not a valid name; it has white space, or an empty part between slashes"
+            raise ResultError(wire.SpawnCode.NAME_INVALID, text)
+        if not name and not request.allow_renaming:
+            text = "a name is required unless the resource has one or allow_renaming is set"
+            raise ResultError(wire.SpawnCode.NAME_INVALID, text)
+        stem = "/".join(filter(None, (space, name or (local_name(root.cls) if root else "Entity"))))
         taken = self._state_reader.row_by_id(self._state_reader.state())
-        if not request.name and not request.allow_renaming:
-            raise ResultError(wire.SpawnCode.NAME_INVALID, "a name is required unless allow_renaming is set")
-        if request.name and request.name not in taken:
-            return request.name
+        if name and stem not in taken:
+            return stem
         if not request.allow_renaming:
-            raise ResultError(wire.SpawnCode.NAME_NOT_UNIQUE, f"{request.name!r} is taken")
-        return free_id(request.name or (local_name(root.cls) if root else "Entity"), taken)
+            raise ResultError(wire.SpawnCode.NAME_NOT_UNIQUE, f"{stem!r} is taken")
+        return free_id(stem, taken)
 
     def _free_id(self, stem: str) -> str:
         return free_id(stem or "Robot", self._state_reader.row_by_id(self._state_reader.state()))

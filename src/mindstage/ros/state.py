@@ -12,14 +12,15 @@ from itertools import count
 
 from mindstage.engines import PoseArray
 from mindstage.errors import BodyNotFoundError
+from mindstage.ros.frames import WORLD_FRAMES, FrameNames, FrameTree
 from mindstage.scene import Body, BodyId, Iri, Pose, World
 from mindstage.scene.transforms import normalized_pose_array, pose_from_array, pose_multiply
 from mindstage.simulation import Simulation, StateSnapshot
 
-__all__ = ["WORLD_FRAMES", "StateReader", "free_id", "map_iri"]
+__all__ = ["StateReader", "free_id", "map_iri"]
 
-WORLD_FRAMES = frozenset({"", "map", "world"})
-"""Frame ids that mean the frame of the world."""
+_TREE_INTERVAL_S = 0.25
+"""Least time between two computations of the frame tree, which reads the world from the engine [s]."""
 
 
 def map_iri(name: str) -> Iri:
@@ -40,6 +41,9 @@ class StateReader:
         self._rows: tuple[tuple[BodyId, ...], dict[BodyId, int]] = ((), {})
         self._world: tuple[int, World | None, dict[BodyId, Body]] = (-1, None, {})
         self._lock = threading.Lock()
+        self.frame_names = FrameNames()
+        """The frame ids of bodies and joints."""
+        self._tree: tuple[int, float, FrameTree] | None = None
 
     def state(self) -> StateSnapshot:
         """Returns the last snapshot of the state.
@@ -103,17 +107,31 @@ class StateReader:
     def to_world_frame(self, pose: Pose, frame_id: str) -> Pose:
         """Transforms a pose from the frame of a body, or of the world, to the frame of the world.
 
+        The frame is the id of a body, or its frame id in tf.
+
         Raises:
             BodyNotFoundError: the frame is neither a body nor the world.
         """
         name = frame_id.lstrip("/")
-        return (
-            pose
-            if name in WORLD_FRAMES
-            else pose_from_array(
-                pose_multiply(normalized_pose_array(pose_from_array(self.pose(name))), normalized_pose_array(pose))
-            )
-        )
+        if name in WORLD_FRAMES:
+            return pose
+        if name not in self.row_by_id(self.state()):
+            self.frame_names.assign(self.state().ids)
+            name = self.frame_names.id_of(name) or name
+        world_from_frame = normalized_pose_array(pose_from_array(self.pose(name)))
+        return pose_from_array(pose_multiply(world_from_frame, normalized_pose_array(pose)))
+
+    def frame_tree(self, *, now_s: float | None = None) -> FrameTree:
+        """Returns the tree of the frames; after an edit it is up to 0.25 s old.
+
+        Args:
+            now_s: time of a monotonic clock [s]; None computes the tree of the current world in any case.
+        """
+        revision, tree = self.state().revision, self._tree
+        if tree is None or (tree[0] != revision and (now_s is None or now_s - tree[1] >= _TREE_INTERVAL_S)):
+            computed = FrameTree(self.world(), self.simulation.worlds, self.frame_names)
+            self._tree = tree = (revision, now_s or 0.0, computed)
+        return tree[2]
 
     def not_found_error(self, id: str, known: Iterable[str]) -> BodyNotFoundError:
         """Returns the error for an unknown id."""

@@ -1,4 +1,4 @@
-"""Kinematics: ranges and displacements of joints, and groups of bodies that attachments hold together rigidly."""
+"""Kinematics: ranges and displacements of joints, the front of jointed bodies, and rigid groups of attached bodies."""
 
 from __future__ import annotations
 
@@ -7,18 +7,36 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from mindstage.scene.model import AxisMotion, Body, BodyId, Joint, Mobility, World
+from mindstage.scene.display import short_name
+from mindstage.scene.model import (
+    AxisMotion,
+    Body,
+    BodyId,
+    Joint,
+    Mobility,
+    Pose,
+    Vector,
+    World,
+)
+from mindstage.scene.transforms import Array, normalized_pose_array, quat_rotate
 
 __all__ = [
+    "FrontSide",
     "JointAxisRange",
     "JointDisplacement",
+    "ObservedBox",
+    "OutwardJoint",
     "RigidGroups",
     "axis_ranges",
+    "front_side",
+    "is_handle_class",
     "joint_displacement",
     "joint_reach",
     "moving_body",
+    "outward_joints",
 ]
 
 
@@ -144,3 +162,212 @@ def _root_of(id: BodyId, parents: Mapping[BodyId, BodyId]) -> BodyId:
         visited.add(parent)
         id = parent
     return id
+
+
+# -- the front of jointed bodies ---------------------------------------------------------------------------------------
+
+_DEFAULT_EXTENT_M = 0.1
+"""Extent of a body without a size [m]."""
+_HANDLE_WORDS = ("Handle", "Knob", "Latch")
+"""Words in the names of classes of things by which doors and drawers are pulled."""
+_MIN_HANDLE_OFFSET_M = 0.005
+_HANDLE_OFFSET = 0.25
+"""Least offset of a handle from the center of its body, as a fraction of the half extent, that shows the front."""
+_CASING_OFFSET = 0.3
+"""Least offset of a body from the center of its casing, as a fraction of the half extent, that shows the front."""
+_OUTSIDE_OFFSET = 0.8
+"""Offset of a body from the center of its casing beyond which the casing outweighs a handle that shows otherwise."""
+_MAX_CASING_M = 2.5
+"""Extent towards the front beyond which a body is a room or a building rather than a casing [m]."""
+_PANEL_RATIO = 0.5
+"""A panel (a door) is thinner than this fraction of its shorter side."""
+_BEHIND_M = 0.03
+"""Depth behind a panel at which its casing is looked for [m]."""
+_RANGE_TOLERANCE = {True: 0.01, False: 0.03}
+"""Travel beyond the closed position that a prismatic [m] or a revolute joint [rad] may have, as play."""
+
+
+class ObservedBox(NamedTuple):
+    """Pose and size of a body in the world frame; the size is None if unknown."""
+
+    pose: Pose
+    size: Vector | None
+
+    @classmethod
+    def of(cls, body: Body) -> ObservedBox:
+        """Returns the box of a body at its pose."""
+        return cls(body.pose, body.size)
+
+    @property
+    def center(self) -> Array:
+        """Position in the world frame [m]."""
+        return np.array(self.pose.position)
+
+    @property
+    def half_extents(self) -> Array:
+        """Half the extents along the box's own axes [m], never 0."""
+        return np.maximum(self.size or (_DEFAULT_EXTENT_M,) * 3, 1e-3) / 2
+
+    def axis(self, number: int) -> Array:
+        """Returns the direction of one of the box's axes in the world frame."""
+        return quat_rotate(normalized_pose_array(self.pose)[3:], np.eye(3)[number])
+
+    @property
+    def axes(self) -> Array:
+        """The directions of the box's axes in the world frame, as rows."""
+        return quat_rotate(normalized_pose_array(self.pose)[3:], np.eye(3))
+
+    def half_extent_along(self, direction: Array) -> float:
+        """Returns half the extent of the box along a direction of the world frame [m]."""
+        return float(np.abs(self.axes @ direction) @ self.half_extents)
+
+    def local_center_of(self, other: ObservedBox) -> Array:
+        """Returns the center of another box relative to this one's, along this one's axes [m]."""
+        return np.asarray(self.axes @ (other.center - self.center))
+
+    def contains(self, point: Array, *, margin: float = 0.0) -> bool:
+        """Whether a point of the world frame is in the box, enlarged by a margin [m]."""
+        return bool(np.all(np.abs(self.axes @ (point - self.center)) <= self.half_extents + margin))
+
+
+class FrontSide(NamedTuple):
+    """The side of a door or drawer that faces outwards."""
+
+    sign: int
+    """1 if a given direction points outwards, otherwise -1."""
+    evidence: str
+
+
+def is_handle_class(name: str) -> bool:
+    """Whether the name of a class is that of something by which doors and drawers are pulled."""
+    return any(word in short_name(name) for word in _HANDLE_WORDS)
+
+
+def front_side(
+    moving: ObservedBox, casing: ObservedBox | None, handle: ObservedBox | None, direction: Array
+) -> FrontSide | None:
+    """Returns which way along a direction a door or drawer faces; None without evidence.
+
+    A handle protrudes from the front, and a door is in front of its casing. Where the two contradict each other, as
+    with a handle on the inside of a door, a body clearly outside its casing decides.
+
+    Args:
+        moving: the door or drawer.
+        casing: the body that it closes or that it slides out of.
+        handle: what it is pulled by.
+        direction: unit vector in the world frame, normal to a door or along the rails of a drawer.
+    """
+    half = moving.half_extent_along(direction)
+    handle_offset = 0.0 if handle is None else float((handle.center - moving.center) @ direction)
+    by_handle = abs(handle_offset) > max(_MIN_HANDLE_OFFSET_M, _HANDLE_OFFSET * half)
+    share = 0.0
+    if casing is not None and 2 * (depth := casing.half_extent_along(direction)) <= _MAX_CASING_M:
+        share = float((moving.center - casing.center) @ direction) / depth
+    by_casing = abs(share) > _CASING_OFFSET
+    if by_handle and by_casing and handle_offset * share < 0.0:
+        by_handle, by_casing = abs(share) < _OUTSIDE_OFFSET, abs(share) >= _OUTSIDE_OFFSET
+    if by_handle:
+        evidence = f"its handle is {100 * abs(handle_offset):.0f} cm from its center on that side"
+        return FrontSide(int(np.sign(handle_offset)), evidence)
+    if by_casing:
+        return FrontSide(int(np.sign(share)), "it is on that side of its casing")
+    return None
+
+
+class OutwardJoint(NamedTuple):
+    """A joint whose range is limited to the outward direction, and the reason."""
+
+    joint: Joint
+    text: str
+
+
+def outward_joints(
+    joints: Sequence[Joint], bodies: Mapping[BodyId, Body], handles: Mapping[BodyId, Body]
+) -> dict[BodyId, OutwardJoint]:
+    """Returns the joints that would let a door or drawer move into its casing, limited to the outward direction.
+
+    Many maps give a range on both sides of the closed position. It is limited where the front is known and the casing
+    is behind it; a door in a wall, a swing door and whatever has no casing keep their ranges.
+
+    Args:
+        joints: the joints, at the positions of the bodies' poses.
+        bodies: all bodies by id.
+        handles: the handle of each body that has one.
+    """
+    found: dict[BodyId, OutwardJoint] = {}
+    for joint in joints:
+        if joint.parent in bodies and joint.child in bodies:
+            moving, holder = moving_body(joint, bodies[joint.parent], bodies[joint.child])
+            limited = _outward_joint(joint, moving, holder, handles.get(moving.id))
+            if limited is not None:
+                found[joint.id] = limited
+    return found
+
+
+def _outward_joint(joint: Joint, moving: Body, holder: Body, handle: Body | None) -> OutwardJoint | None:
+    ranges = axis_ranges(joint)
+    axes = [number for number, each in enumerate(ranges) if each.motion is not AxisMotion.LOCKED]
+    if len(axes) != 1 or ranges[axes[0]].motion is not AxisMotion.LIMITED or moving.size is None or holder.size is None:
+        return None
+    number = axes[0]
+    _, limit, middle = ranges[number]
+    is_prismatic = number < 3
+    tolerance = _RANGE_TOLERANCE[is_prismatic]
+    if not (middle - limit < -tolerance and middle + limit > tolerance):
+        return None
+    axis = quat_rotate(normalized_pose_array(joint.pose)[3:], np.eye(3)[number % 3])
+    box, casing = ObservedBox.of(moving), ObservedBox.of(holder)
+    outward = (_slide_direction if is_prismatic else _swing_direction)(joint, axis, box, casing)
+    if outward is None:
+        return None
+    front = front_side(box, casing, None if handle is None else ObservedBox.of(handle), outward)
+    if front is None or not _closes(box, casing, front.sign * outward, is_prismatic=is_prismatic):
+        return None
+    sign = front.sign if moving.id == joint.child else -front.sign
+    end = middle + sign * limit
+    verb, unit = ("slide", "m") if is_prismatic else ("turn", "rad")
+    text = (
+        f"{joint.id} would let {moving.id} {verb} {abs(middle - sign * limit):.3g} {unit} into {holder.id}; "
+        f"{front.evidence}, so it only opens outwards, to {end:.3g} {unit}"
+    )
+    return OutwardJoint(_with_range(joint, number, sign * abs(end) / 2, abs(end) / 2), text)
+
+
+def _slide_direction(joint: Joint, axis: Array, moving: ObservedBox, casing: ObservedBox) -> Array | None:
+    """Returns the direction of a slide; None if the body is not in its casing."""
+    return axis if casing.contains(moving.center, margin=0.05) else None
+
+
+def _swing_direction(joint: Joint, axis: Array, moving: ObservedBox, casing: ObservedBox) -> Array | None:
+    """Returns the direction in which a panel moves away when its hinge turns on; None if it is not a panel."""
+    half = moving.half_extents
+    thin, short, _ = np.argsort(half)
+    arm = moving.center - np.array(joint.pose.position)
+    velocity = np.cross(axis, arm)
+    speed = float(np.linalg.norm(velocity))
+    if half[thin] > _PANEL_RATIO * half[short] or speed < half[short] / 4:
+        return None
+    normal = moving.axis(int(thin))
+    along = float(normal @ velocity) / speed
+    return None if abs(along) < 0.8 else np.asarray(np.sign(along) * normal)
+
+
+def _closes(moving: ObservedBox, casing: ObservedBox, outward: Array, *, is_prismatic: bool) -> bool:
+    """Whether the casing is behind a body, so that moving inwards would move it into the casing."""
+    if 2 * casing.half_extent_along(outward) > _MAX_CASING_M:
+        return False
+    depth = 0.0 if is_prismatic else moving.half_extent_along(outward) + _BEHIND_M
+    return casing.contains(moving.center - depth * outward, margin=0.05 if is_prismatic else 0.02)
+
+
+def _with_range(joint: Joint, axis: int, middle: float, limit: float) -> Joint:
+    """Returns a joint with another range of one axis."""
+    linear, angular = joint.linear, joint.angular
+    if axis < 3:
+        x, y, z = (middle if number == axis else 0.0 for number in range(3))
+        return replace(joint, linear=replace(linear, limit=limit, x_middle=x, y_middle=y, z_middle=z))
+    if axis == 3:
+        return replace(joint, angular=replace(angular, twist_limit=limit, twist_middle=middle))
+    if axis == 4:
+        return replace(joint, angular=replace(angular, swing2_limit=limit, swing2_middle=middle))
+    return replace(joint, angular=replace(angular, swing1_limit=limit, swing1_middle=middle))

@@ -50,7 +50,15 @@ from mindstage.scene.transforms import (
 )
 from mindstage.simulation.state import EngineSession
 
-__all__ = ["PlacementResult", "PlacementSampler", "PlacementSurface", "make_body", "place_body", "support_surfaces"]
+__all__ = [
+    "PlacementResult",
+    "PlacementSampler",
+    "PlacementSurface",
+    "enclosing_body_ids",
+    "make_body",
+    "place_body",
+    "support_surfaces",
+]
 
 
 _MIN_UP_COSINE = 0.985
@@ -153,9 +161,16 @@ class PlacementSampler:
         self._low, self._high = OrientedBoxes.from_poses(middles, high - low).bounds()
 
     def candidate_poses(
-        self, body: Body, geometry: BodyGeometry | None, surface: PlacementSurface
+        self, body: Body, geometry: BodyGeometry | None, surface: PlacementSurface, *, max_tested: int | None = None
     ) -> tuple[list[Pose], str]:
-        """The free poses of a body on a surface, nearest to the center first; if there are none, also the reason."""
+        """The free poses of a body on a surface, nearest to the center first; if there are none, also the reason.
+
+        Args:
+            body: the body.
+            geometry: its geometry.
+            surface: the surface.
+            max_tested: how many of the poses are tested, spread evenly over them; None for all.
+        """
         low, high = _compiled_geometry(body, geometry, {}).bounds
         if surface.surface.clearance is not None and high[2] - low[2] > surface.surface.clearance:
             return [], f"it is {high[2] - low[2]:.2f} m high, and the clearance is {surface.surface.clearance:.2f} m"
@@ -163,6 +178,8 @@ class PlacementSampler:
         if not len(candidates):
             return [], "it is larger than the support surface"
         order = np.argsort(np.linalg.norm(candidates[:, :3] - surface.pose[:3], axis=1), kind="stable")
+        if max_tested is not None:
+            order = order[np.unique(np.linspace(0, len(order) - 1, max_tested).astype(int))]
         candidates = candidates[order]
         free = self._is_free(_bounding_geometry(low, high), candidates)
         reason = "" if free.any() else "other bodies occupy the space"
@@ -300,7 +317,7 @@ def place_body(
     if not surfaces:
         reason = "it has no known support surface inside" if inside else "none of its sides is level and faces up"
         raise NoFreePlacementError(body.id, location, reason=reason)
-    sampler = PlacementSampler(bodies, existing, snapshot.ids, snapshot.poses, _enclosing_body_ids(simulation))
+    sampler = PlacementSampler(bodies, existing, snapshot.ids, snapshot.poses, enclosing_body_ids(simulation))
     reasons, attempts = list[str](), 0
     for surface in surfaces:
         candidates, reason = sampler.candidate_poses(body, geometry, surface)
@@ -359,7 +376,7 @@ def _attached_bodies(worlds: Iterable[World], id: BodyId) -> list[BodyId]:
     return [*list(attached)[1:], *moving]
 
 
-def _enclosing_body_ids(simulation: EngineSession) -> frozenset[str]:
+def enclosing_body_ids(simulation: EngineSession) -> frozenset[str]:
     """Bodies that enclose the scene, such as a building, which are not obstacles."""
     return frozenset(id for report in simulation.reports for id in report.ids_with_note(SpawnNoteKind.ENCLOSURE))
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from contextlib import ExitStack, suppress
 from functools import partial
 from threading import Lock
@@ -18,24 +18,37 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import msgspec
+import numpy as np
 from msgspec.structs import replace
 
+from mindstage.engines import is_remote
 from mindstage.engines.base import (
     Capability,
     Engine,
+    MovedBody,
     SavedState,
     SpawnFailure,
     SpawnNote,
     SpawnNoteKind,
+    SpawnOptions,
     SpawnReport,
 )
-from mindstage.errors import EngineClosedError, EngineError, InvalidArgumentError, SimulationError
+from mindstage.engines.place import REST_CHECK_S, PlaceBounds, find_moved_bodies
+from mindstage.errors import (
+    EngineClosedError,
+    EngineError,
+    InvalidArgumentError,
+    SimulationDivergedError,
+    SimulationError,
+)
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import AnswerRow, Answers, Question, get_question
 from mindstage.knowledge.questions import StateAccess, WorldState
 from mindstage.scene import NO_GEOMETRY, Body, BodyGeometry, BodyId, Color, GeometryMap, GeometrySource, Vector, World
+from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
+from mindstage.scene.transforms import Array
 from mindstage.simulation.engine_thread import EngineThread, RealTimeClock
 from mindstage.simulation.highlights import (
     HighlightResult,
@@ -52,6 +65,7 @@ from mindstage.simulation.undo import UndoStack
 
 if TYPE_CHECKING:
     from mindstage.geometry.fit import FittedGeometry, MeshProvider
+    from mindstage.geometry.immovable import ImmovableBodies
     from mindstage.saving import FileDialect, FileFormat
 
 __all__ = [
@@ -133,6 +147,7 @@ class GeometryProvider:
         self._knowledge = knowledge
         self._shapes, self._meshes = shapes, meshes
         self._geometry: dict[BodyId, BodyGeometry] = {}
+        self._immovable: frozenset[BodyId] = frozenset()
         self._cached: tuple[tuple[BodyId, ...], GeometryMap] = ((), NO_GEOMETRY)
         self._lock = Lock()
 
@@ -153,10 +168,27 @@ class GeometryProvider:
         found = self._meshes.geometry_for(world.bodies)
         return FittedGeometry(found.geometry, tuple(FitNote((), text) for text in found.notes))
 
-    def add(self, geometry: GeometryMap, *, failed: Iterable[SpawnFailure] = ()) -> None:
+    def find_immovable(self, world: World) -> ImmovableBodies:
+        """The dynamic bodies of a world that cannot be loose, by their class or size."""
+        from mindstage.geometry.immovable import find_immovable_bodies
+
+        return find_immovable_bodies(world, self._knowledge)
+
+    def options(self, *, immovable: frozenset[BodyId] | None = None, ground: bool = False) -> SpawnOptions:
+        """The options of a spawn; by default with the bodies that were immovable when they were spawned."""
+        return SpawnOptions(immovable=self._immovable if immovable is None else immovable, ground=ground)
+
+    def add(
+        self,
+        geometry: GeometryMap,
+        *,
+        failed: Iterable[SpawnFailure] = (),
+        immovable: frozenset[BodyId] = frozenset(),
+    ) -> None:
         """Keeps the geometry of spawned bodies; a failed body may have the id of one that exists."""
         failed_ids = {failure.id for failure in failed}
         with self._lock:
+            self._immovable |= immovable - failed_ids
             self._geometry |= {id: fitted for id, fitted in geometry.items() if id not in failed_ids}
             self._cached = ((), NO_GEOMETRY)
 
@@ -167,7 +199,7 @@ class GeometryProvider:
     def clear(self) -> None:
         """Removes all geometry."""
         with self._lock:
-            self._geometry, self._cached = {}, ((), NO_GEOMETRY)
+            self._geometry, self._cached, self._immovable = {}, ((), NO_GEOMETRY), frozenset()
 
     def for_ids(self, ids: tuple[BodyId, ...]) -> GeometryMap:
         """The geometry of bodies; the same object for the same tuple."""
@@ -190,8 +222,38 @@ def with_geometry_notes(report: SpawnReport, fitted: FittedGeometry, ids: Iterab
     return replace(report, notes=(*report.notes, *notes)) if notes else report
 
 
+def with_immovable_notes(report: SpawnReport, immovable: ImmovableBodies) -> SpawnReport:
+    """Adds notes on dynamic bodies that are simulated as static ones to a report."""
+    notes = [SpawnNote(SpawnNoteKind.IMMOVABLE, ids, text) for ids, text in immovable.notes]
+    return replace(report, notes=(*report.notes, *notes)) if notes else report
+
+
 T = TypeVar("T")
 R = TypeVar("R", bound=AnswerRow)
+
+
+def _with_bodies(world: World, ids: Container[BodyId], others: Container[BodyId]) -> World:
+    """The part of a world with only these bodies, and what connects them with one another and with others."""
+
+    def exists(id: BodyId) -> bool:
+        return id in ids or id in others
+
+    return replace(
+        world,
+        bodies=tuple(body for body in world.bodies if body.id in ids),
+        joints=tuple(each for each in world.joints if exists(each.parent) and exists(each.child)),
+        attachments=tuple(each for each in world.attachments if exists(each.parent) and exists(each.child)),
+    )
+
+
+class _StartState(msgspec.Struct, frozen=True, eq=False):
+    """What `Simulation.reset_to_start` restores."""
+
+    worlds: tuple[World, ...] = ()
+    temporary_worlds: tuple[World, ...] = ()
+    report_count: int = 0
+    state: SavedState | None = None
+    """None if the engine cannot save its state; the worlds are then spawned again."""
 
 
 _TICK_S = 1 / 60
@@ -231,7 +293,9 @@ class Simulation:
         self._worlds: tuple[World, ...] = ()
         self._temporary_worlds: tuple[World, ...] = ()
         self._reports: tuple[SpawnReport, ...] = ()
+        self._grounded = False
         self._initial_state: SavedState | None = None
+        self._start: _StartState | None = None
         self._clock: RealTimeClock | None = None
         self._perturbations = Perturbations()
         self._highlights = Highlights()
@@ -281,14 +345,22 @@ class Simulation:
         *,
         geometry: GeometryMap | None = None,
         persistent: bool = True,
+        ground: bool = True,
+        check_rest: bool = False,
         timeout_s: float | None = None,
     ) -> SpawnReport:
         """Spawns a world, or a map of the knowledge base.
+
+        Dynamic bodies that cannot be loose, such as walls, are simulated as static ones, and loose bodies are moved out
+        of what they overlap. The report says so; the snapshot has the statements of the map.
 
         Args:
             world: a world, or the name or IRI of a map; by default the only map.
             geometry: the geometry of its bodies, instead of fitting it.
             persistent: whether `reset` restores it; otherwise `reset` removes it.
+            ground: whether a ground plane is added where nothing is below loose bodies.
+            check_rest: whether the report names the bodies that move away in the first two simulated seconds, which
+                are simulated for that and undone; see `check_rest`. Worlds of remote engines are not checked.
             timeout_s: timeout of the engine call [s]; by default that of the simulation plus 20 ms for each body and
                 joint.
 
@@ -300,23 +372,77 @@ class Simulation:
             AmbiguousMapError: several maps are loaded, and no name is given.
         """
         description = world if isinstance(world, World) else self.knowledge.world(world)
-        fitted = self._geometry_provider.fit(description, geometry=geometry)
+        provider = self._geometry_provider
+        fitted = provider.fit(description, geometry=geometry)
+        immovable = provider.find_immovable(description)
 
         def spawn(engine: Engine) -> SpawnReport:
-            spawned = engine.spawn(description, geometry=fitted.geometry)
-            report = with_geometry_notes(spawned, fitted, engine.poses()[0])
-            self._geometry_provider.add(fitted.geometry, failed=spawned.failed_bodies)
+            options = provider.options(immovable=immovable.ids, ground=ground)
+            spawned = engine.spawn(description, geometry=fitted.geometry, options=options)
+            report = with_immovable_notes(spawned, immovable)
+            report = with_geometry_notes(report, fitted, engine.poses()[0])
+            provider.add(fitted.geometry, failed=spawned.failed_bodies, immovable=immovable.ids)
+            self._grounded |= ground
             self._reports = (*self._reports, report)
             if persistent:
                 self._worlds = (*self._worlds, description)
                 self._save_initial_state(engine)
+                if self._start is None:
+                    self._start = self._start_state()
             else:
                 self._temporary_worlds = (*self._temporary_worlds, description)
             return report
 
         default_timeout_s = self.timeout_s + 0.02 * (len(description.bodies) + len(description.joints))
         timeout_s = default_timeout_s if timeout_s is None else timeout_s
-        return self.run_on_engine(spawn, label="spawn", timeout_s=timeout_s, edits=True)
+        report = self.run_on_engine(spawn, label="spawn", timeout_s=timeout_s, edits=True)
+        if check_rest and not is_remote(self.engine_name):
+            report = replace(report, moved=self.check_rest(), rest_checked_s=REST_CHECK_S)
+            self._reports = (*self._reports[:-1], report)
+        return report
+
+    def check_rest(self) -> tuple[MovedBody, ...]:
+        """The bodies that move away in the next two simulated seconds, farthest first; the world is then as before.
+
+        The worlds of an engine that cannot save its state are spawned again instead.
+        """
+
+        def check(engine: Engine) -> tuple[MovedBody, ...]:
+            before = engine.save_state() if Capability.SAVE in engine.capabilities else None
+            ids, poses = engine.poses()
+            try:
+                with suppress(SimulationDivergedError):  # what diverged is far away
+                    for _ in range(round(REST_CHECK_S / _STEP_CHUNK_S)):
+                        engine.step(_STEP_CHUNK_S)
+                return self._moved_bodies(ids, poses, *engine.poses())
+            finally:
+                if before is not None:
+                    engine.restore_state(before)
+                else:
+                    engine.clear()
+                    self._respawn(engine, self._worlds)
+
+        return self.run_on_engine(check, label="check rest", timeout_s=self.timeout_s * 6 * (1 + REST_CHECK_S))
+
+    def _moved_bodies(
+        self, ids: tuple[BodyId, ...], poses: Array, later_ids: tuple[BodyId, ...], later_poses: Array
+    ) -> tuple[MovedBody, ...]:
+        """The bodies that did not stay, of those that still exist."""
+        if ids != later_ids:
+            rows = {id: row for row, id in enumerate(later_ids)}
+            kept = [row for row, id in enumerate(ids) if id in rows]
+            ids, poses = tuple(ids[row] for row in kept), poses[kept]
+            later_poses = later_poses[[rows[id] for id in ids]]
+        sizes = {body.id: body.size for world in self.worlds for body in world.bodies}
+        extents = np.array([sizes.get(id) or (0.0, 0.0, 0.0) for id in ids], dtype=float).reshape(-1, 3)
+        return find_moved_bodies(
+            ids, poses, later_poses, PlaceBounds.from_boxes(OrientedBoxes.from_poses(poses, extents))
+        )
+
+    @property
+    def notes(self) -> tuple[SpawnNote, ...]:
+        """Decisions and warnings of the engine that are in no report, since edits or the physics caused them."""
+        return self.run_on_engine(lambda engine: engine.notes, label="notes")
 
     def snapshot(self) -> World:
         """The current state as a world."""
@@ -341,11 +467,60 @@ class Simulation:
                 engine.restore_state(self._initial_state)
             else:
                 engine.clear()
-                for world in self._worlds:
-                    engine.spawn(world, geometry=self._geometry_provider.for_world(world))
+                self._respawn(engine, self._worlds)
             self._highlights.reapply(engine)
 
         self.run_on_engine(reset, label="reset", edits=True, timeout_s=self.timeout_s * 3)
+
+    def _respawn(self, engine: Engine, worlds: Iterable[World]) -> None:
+        """Spawns worlds that were spawned before."""
+        for world in worlds:
+            options = self._geometry_provider.options(ground=self._grounded)
+            engine.spawn(world, geometry=self._geometry_provider.for_world(world), options=options)
+
+    @property
+    def start_ids(self) -> frozenset[BodyId]:
+        """The bodies of the start, to which `reset_to_start` returns."""
+        start = self._start or _StartState()
+        return frozenset(body.id for world in (*start.worlds, *start.temporary_worlds) for body in world.bodies)
+
+    def mark_start(self) -> None:
+        """Makes the current state the start; without a call it is the state after the first persistent spawn."""
+
+        def mark(engine: Engine) -> None:
+            self._save_initial_state(engine)
+            self._start = self._start_state()
+
+        self.run_on_engine(mark, label="mark start")
+
+    def reset_to_start(self, *, keep_spawned: bool = False) -> None:
+        """Restores the start: what was spawned later is removed, and the undo history is cleared; highlights remain.
+
+        Args:
+            keep_spawned: whether bodies that were spawned later, and exist now, are spawned again at their first poses.
+        """
+
+        def reset(engine: Engine) -> None:
+            start, present = self._start or _StartState(), set(engine.poses()[0])
+            later = (*self._worlds[len(start.worlds) :], *self._temporary_worlds[len(start.temporary_worlds) :])
+            self._perturbations.clear()
+            self._error = ""
+            if start.state is not None:
+                engine.restore_state(start.state)
+            else:
+                engine.clear()
+                self._respawn(engine, (*start.worlds, *start.temporary_worlds))
+            self._initial_state = start.state
+            if keep_spawned:
+                added = present - self.start_ids
+                self._respawn(engine, (_with_bodies(world, added, self.start_ids) for world in later))
+            else:
+                self._worlds, self._temporary_worlds = start.worlds, start.temporary_worlds
+                self._reports = self._reports[: start.report_count]
+            self._highlights.reapply(engine)
+
+        self.run_on_engine(reset, label="reset", edits=True, timeout_s=self.timeout_s * 3)
+        self.undo_stack.clear()
 
     def clear(self) -> None:
         """Removes all worlds, and clears the undo history."""
@@ -353,6 +528,7 @@ class Simulation:
         def clear(engine: Engine) -> None:
             engine.clear()
             self._worlds, self._temporary_worlds, self._reports, self._initial_state = (), (), (), None
+            self._grounded, self._start = False, None
             self._geometry_provider.clear()
             self._perturbations.clear()
 
@@ -655,6 +831,9 @@ class Simulation:
 
     def _save_initial_state(self, engine: Engine) -> None:
         self._initial_state = engine.save_state() if Capability.SAVE in engine.capabilities else None
+
+    def _start_state(self) -> _StartState:
+        return _StartState(self._worlds, self._temporary_worlds, len(self._reports), self._initial_state)
 
     def _publish(self, *, edits: bool = False) -> None:
         self._revision += edits

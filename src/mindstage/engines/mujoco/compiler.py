@@ -223,6 +223,11 @@ GeomOptions = dict[str, Any]
 _FRICTION = (0.8, 0.005, 0.0001)
 _DEFAULT_CONTACT: GeomOptions = {}
 _NO_CONTACT: GeomOptions = {"contype": 0, "conaffinity": 0, "friction": (1.0, 0.005, 0.0001)}
+_MAX_FRICTION = 100.0
+"""Coefficient from which on friction is as good as glue."""
+_GROUND_CONTACT = 2
+"""Bit of `contype` for the ground."""
+_LOOSE_AFFINITY = 1 | _GROUND_CONTACT
 _MIN_INERTIA_SIZE_M = 0.005
 """Minimum size for inertia, so that a sheet of paper is not too easy to spin."""
 _MIN_RESTITUTION = 0.5
@@ -245,7 +250,7 @@ def contact_options(geometry: BodyGeometry | None, timestep_s: float, *, non_col
         return _NO_CONTACT
     if geometry is None or (geometry.friction is None and geometry.restitution is None):
         return _DEFAULT_CONTACT
-    sliding = _FRICTION[0] if geometry.friction is None else max(geometry.friction, 1e-5)
+    sliding = _FRICTION[0] if geometry.friction is None else min(max(geometry.friction, 1e-5), _MAX_FRICTION)
     priority = 0 if geometry.friction is None else 1 + round(1000 * exp(-sliding))
     restitution = min(geometry.restitution or 0.0, 0.98)
     if restitution < _MIN_RESTITUTION:
@@ -518,6 +523,8 @@ class _SpecBuilder:
         geom_options = contact_options(
             builder.geometry.get(id), self.model_input.timestep_s, non_colliding=non_colliding
         )
+        if builder.ground_height_m is not None and builder.collides_with_ground(id):
+            geom_options = {**geom_options, "conaffinity": _LOOSE_AFFINITY}
         for shape, pose in shapes:
             add_geom(body, shape, pose, geom_options=geom_options, mesh=self._hull_mesh_name(shape))
 
@@ -529,6 +536,15 @@ class _SpecBuilder:
             name = self.meshes[shape.points] = f"hull{len(self.meshes)}"
             self.spec.add_mesh(name=name, uservert=[number for point in shape.points for number in point])
         return self.meshes[shape.points]
+
+    def add_ground(self) -> None:
+        """Adds the ground plane, which only loose bodies collide with: a door must not rub on it."""
+        height_m = self.model_input.builder.ground_height_m
+        if height_m is not None:
+            self.spec.worldbody.add_geom(
+                name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], pos=[0.0, 0.0, height_m],
+                contype=_GROUND_CONTACT, conaffinity=0,
+            )  # fmt: skip
 
     def add_excludes(self) -> None:
         """Excludes contacts of pairs."""
@@ -637,6 +653,7 @@ def compile_model(model_input: ModelInput, *, scenery: bool = True) -> CompiledM
             builder.add_group(group)
     for tree_joint in model_input.forest.loop_joints:
         builder.add_loop_joint(tree_joint)
+    builder.add_ground()
     builder.add_excludes()
     compiled = builder.compile(scenery_bodies)
     set_soft_limits(compiled.model, compiled.joints.values())

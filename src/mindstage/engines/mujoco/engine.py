@@ -16,7 +16,17 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.engines.base import Capability, EngineStats, PoseArray, SavedState, SpawnNote, SpawnNoteKind, SpawnReport
+from mindstage.engines.base import (
+    DEFAULT_SPAWN_OPTIONS,
+    Capability,
+    EngineStats,
+    PoseArray,
+    SavedState,
+    SpawnNote,
+    SpawnNoteKind,
+    SpawnOptions,
+    SpawnReport,
+)
 from mindstage.engines.kinematic_tree import KinematicForest, joint_coordinates
 from mindstage.engines.mujoco.compiler import ModelInput, compile_model
 from mindstage.engines.mujoco.state import (
@@ -153,14 +163,18 @@ class ModelCache:
 
     # -- edits -------------------------------------------------------------------------------------------------
 
-    def add(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+    def add(
+        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+    ) -> SpawnReport:
         """See `Engine.spawn`."""
         before = self.poses()
-        report = self.builder.add(world, before, geometry=geometry)
+        report, moved = self.builder.add(world, before, geometry=geometry, options=options)
         new_ids = self.registry.ids[len(before) :]
         poses = pose_array(self.registry.bodies[id].pose for id in new_ids)
         poses[:, 3:] = normalize(poses[:, 3:])
         self._pending_poses.update(zip(new_ids, poses, strict=True))
+        self._pending_poses.update(moved)
+        self._at_rest.update(moved)
         self.stale = True
         return report
 
@@ -207,6 +221,18 @@ class ModelCache:
         self._at_rest.update(moving)
         self._changed_boxes.append(self.bounds(moving))
         self.stale = True
+
+    def stop_fallen(self) -> None:
+        """Makes bodies static that fell far below the place."""
+        compiled = self._compiled
+        if compiled is None or not compiled.free_joint_addresses or self.builder.bounds is None:
+            return
+        heights = compiled.data.qpos[compiled.free_heights]
+        if heights.min() < self.builder.bounds.fall_limit_m:
+            of_roots = dict(zip(compiled.free_joint_addresses, heights.tolist(), strict=True))
+            if fallen := self.builder.stop_fallen(of_roots):
+                self._at_rest.update(fallen)
+                self.stale = True
 
     def enable_kinematic_motion(self, id: BodyId) -> None:
         """Makes kinematic bodies movable in place, when the first of them is moved."""
@@ -260,8 +286,10 @@ class MujocoEngine:
         """See `Engine`; the same holds for the methods below."""
         return self._require_open().time_s
 
-    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
-        return self._require_open().add(world, geometry=geometry)
+    def spawn(
+        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+    ) -> SpawnReport:
+        return self._require_open().add(world, geometry=geometry, options=options)
 
     def delete(self, ids: Iterable[BodyId]) -> None:
         self._require_open().remove(tuple(ids))
@@ -316,6 +344,7 @@ class MujocoEngine:
             return
         self._pending_s = max(0.0, self._pending_s - steps * self._timestep_s)
         compiled = cache.model()
+        cache.builder.mark_simulated()
         if self._forces:
             self._apply_forces(compiled)
         mujoco.mj_step(compiled.model, compiled.data, nstep=steps)
@@ -324,6 +353,7 @@ class MujocoEngine:
             compiled.data.xfrc_applied[:] = 0.0
             self._forces.clear()
         cache.late_notes.extend(_check_warnings(compiled))
+        cache.stop_fallen()
 
     def poses(self) -> tuple[tuple[BodyId, ...], PoseArray]:
         cache = self._require_open()
@@ -356,7 +386,8 @@ class MujocoEngine:
     def snapshot(self) -> World:
         cache = self._require_open()
         cache.model()  # a snapshot has the poses of the physics after pending edits
-        return cache.registry.to_world(cache.poses(), tolerance_m=_POSE_TOLERANCE, tolerance_rad=_POSE_TOLERANCE)
+        poses = cache.builder.described_if_settled(cache.poses())
+        return cache.registry.to_world(poses, tolerance_m=_POSE_TOLERANCE, tolerance_rad=_POSE_TOLERANCE)
 
     def save_state(self) -> SavedState:
         return SavedState(self._require_open().copy())

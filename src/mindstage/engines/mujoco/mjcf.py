@@ -75,7 +75,7 @@ def world_to_mjcf(
     )
     document.write()
     notes = [f"{failure.id} is left out: {failure.reason}" for failure in failures]
-    notes += [note.text for note in report.notes if note.kind is SpawnNoteKind.JOINT]
+    notes += [note.text for note in report.notes if note.kind in (SpawnNoteKind.JOINT, SpawnNoteKind.SETTLED)]
     return MjcfExport(document.text(), (*notes, *document.notes))
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Collection, Container, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -67,6 +67,11 @@ class CompiledModel:
     """Addresses in `qpos` and `qvel` of each rigid group with a free joint."""
     mocap_ids: dict[BodyId, int]
     """MuJoCo's mocap id of each kinematic group."""
+    free_heights: NDArray[np.intp] = field(init=False)
+    """Addresses in `qpos` of the heights of the free joints, in the order of `free_joint_addresses`."""
+
+    def __post_init__(self) -> None:
+        self.free_heights = np.array([qpos + 2 for qpos, _ in self.free_joint_addresses.values()], dtype=np.intp)
 
     def without(self, removed: Collection[BodyId], *, remaining_joints: Container[BodyId]) -> CompiledModel:
         """The same model without some bodies and joints, so that their state is not transferred.

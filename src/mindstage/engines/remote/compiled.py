@@ -17,6 +17,7 @@ import numpy as np
 
 from mindstage.bridge.conversions import (
     BodyModelDelta,
+    GroundDelta,
     JointModelDelta,
     PhysicsModelDelta,
     geometry_to_json,
@@ -26,7 +27,14 @@ from mindstage.bridge.conversions import (
     to_json,
     vector_message,
 )
-from mindstage.engines.base import Capability, PoseArray, SpawnReport
+from mindstage.engines.base import (
+    DEFAULT_SPAWN_OPTIONS,
+    Capability,
+    PoseArray,
+    SpawnNote,
+    SpawnOptions,
+    SpawnReport,
+)
 from mindstage.engines.physics_model import (
     BodyModel,
     JointModel,
@@ -58,6 +66,7 @@ from mindstage.scene.transforms import (
     Array,
     normalize,
     normalized_pose_array,
+    pose_array,
     pose_from_array,
     pose_inverse,
     pose_multiply,
@@ -73,6 +82,7 @@ class ModelState:
     bodies: Mapping[BodyId, BodyModelDelta] = field(default_factory=dict)
     excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset()
     joints: Mapping[BodyId, JointModelDelta] = field(default_factory=dict)
+    ground_height_m: float | None = None
 
     @classmethod
     def from_builder(cls, builder: PhysicsModelBuilder) -> ModelState:
@@ -82,6 +92,7 @@ class ModelState:
             bodies={id: _body_change(each) for id, each in model.bodies.items()},
             excluded_pairs=model.excluded_pairs,
             joints={id: _joint_change(each) for id, each in model.joints.items()},
+            ground_height_m=model.ground_height_m,
         )
 
     def diff_to(self, target: ModelState, *, poses: Mapping[BodyId, Pose] | None = None) -> PhysicsModelDelta:
@@ -102,6 +113,9 @@ class ModelState:
             ),
             joints=joints,
             poses=dict(poses or {}),
+            ground=None
+            if self.ground_height_m == target.ground_height_m
+            else GroundDelta(height_m=target.ground_height_m),
         )
 
 
@@ -117,6 +131,7 @@ def _body_change(model: BodyModel) -> BodyModelDelta:
         solids=model.collision_shapes,
         friction=model.friction,
         restitution=model.restitution,
+        on_ground=model.on_ground,
     )
 
 
@@ -166,11 +181,13 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
 
     # -- the world -----------------------------------------------------------------------------------------------------
 
-    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+    def spawn(
+        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+    ) -> SpawnReport:
         self.ping()  # detects a world that was reset
         poses = np.zeros((0, 7)) if self._world_lost else self._current_poses()
         trial = self._builder.copy()
-        report = trial.add(world, poses, geometry=geometry)
+        report, moved = trial.add(world, poses, geometry=geometry, options=options)
         text, unsent = encode_world(_accepted_part(world, self._builder.registry, trial.registry))
         sent = ModelState.from_builder(trial)
         new = trial.registry.bodies.keys() - self._builder.registry.bodies.keys()
@@ -180,13 +197,32 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
         request = wire.SpawnWorld.Request(
             world=text,
             forms=geometry_to_json(usable, mesh=self._export_mesh),
-            plan=model_delta_to_json(self._sent_state.diff_to(sent)),
+            plan=model_delta_to_json(self._sent_state.diff_to(sent, poses=_poses_from_arrays(moved))),
         )
         remote = self._spawn(request, entity_count=len(world.bodies) + len(world.joints))
         failed = [failure.id for each in (unsent, remote) for failure in each.failed_bodies]
         trial.remove(id for id in trial.registry.ids if id in set(failed))
         self._commit(trial, sent if not failed else ModelState.from_builder(trial))
         return _merge_reports(report, unsent, remote)
+
+    def snapshot(self) -> World:
+        world = super().snapshot()
+        settled = self._builder.settled
+        if not settled:
+            return world
+        self._current_poses()  # the registry is that of the snapshot
+        ids = self._builder.registry.ids
+        row_of = {body.id: row for row, body in enumerate(world.bodies)}
+        poses = pose_array(world.bodies[row_of[id]].pose for id in ids)
+        poses[:, 3:] = normalize(poses[:, 3:])
+        described = self._builder.described_if_settled(poses)
+        is_kept = np.any(described != poses, axis=1).tolist()
+        given = self._builder.registry.bodies
+        kept = {id: given[id].pose for id, keeps in zip(ids, is_kept, strict=True) if keeps}
+        bodies = (
+            msgspec.structs.replace(body, pose=kept[body.id]) if body.id in kept else body for body in world.bodies
+        )
+        return msgspec.structs.replace(world, bodies=tuple(bodies))
 
     def clear(self) -> None:
         super().clear()
@@ -252,6 +288,7 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
     # -- time ----------------------------------------------------------------------------------------------------------
 
     def step(self, duration_s: float) -> None:
+        self._builder.mark_simulated()
         self._step_returns_poses &= self._pose_rows is None
         read_poses, self._pose_rows = self._step_returns_poses, None
         forces = tuple(force for force in self._forces if force.id in self._builder.registry.bodies)
@@ -259,6 +296,7 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
         reply = self._step(wire.Step.Request(duration_s=duration_s, forces=forces, packed=read_poses))
         if read_poses and reply.revision == self._revision:
             self._pose_rows = self._in_registry_order(self._unpack_poses("step", reply.rows))
+        self._stop_fallen()
 
     def poses(self) -> tuple[tuple[BodyId, ...], PoseArray]:
         self._require_open().wait_ready()
@@ -269,6 +307,29 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
     def joint_positions(self) -> Mapping[BodyId, tuple[float, ...]]:
         self._require_open()
         return joint_positions_from_poses(self._builder, self._poses_by_id())
+
+    @property
+    def notes(self) -> tuple[SpawnNote, ...]:
+        return tuple(self._builder.late_notes)
+
+    def _stop_fallen(self) -> None:
+        """Makes bodies static that fell far below the place, as far as the last step returned poses."""
+        bounds, rows = self._builder.bounds, self._pose_rows
+        if bounds is None or rows is None or not len(rows) or rows[:, 2].min() >= bounds.fall_limit_m:
+            return
+        ids, loose_roots = self._builder.registry.ids, self._builder.loose_roots
+        heights = {id: float(row[2]) for id, row in zip(ids, rows, strict=True) if id in loose_roots}
+        if not any(height < bounds.fall_limit_m for height in heights.values()):
+            return
+        trial = self._builder.copy()
+        fallen = trial.stop_fallen(heights)
+        if not fallen:
+            return
+        sent = ModelState.from_builder(trial)
+        poses = {id: pose_from_array(rows[ids.index(id)]) for id in fallen}
+        request = wire.SetPose.Request(id=fallen[0], pose=pose_message(poses[fallen[0]]))
+        self._send_edit(wire.SetPose, request, self._sent_state.diff_to(sent, poses=poses))
+        self._commit(trial, sent)
 
     # -- edits ---------------------------------------------------------------------------------------------------------
 
@@ -338,9 +399,12 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
 
     def _resync(self) -> None:
         """Takes over a world that was edited remotely; the next edit sends the whole model again."""
-        geometry, builder = self._builder.geometry, PhysicsModelBuilder()
-        builder.add(self.snapshot(), np.zeros((0, 7)), geometry=geometry)
-        self._commit(builder, ModelState())
+        before, builder = self._builder, PhysicsModelBuilder()
+        world = super().snapshot()
+        options = SpawnOptions(immovable=frozenset(before.registry.immovable), settle=False)
+        builder.add(world, np.zeros((0, 7)), geometry=before.geometry, options=options)
+        builder.ground_height_m, builder.late_notes = before.ground_height_m, before.late_notes
+        self._commit(builder, ModelState(ground_height_m=before.ground_height_m))
 
     def _reset(self) -> None:
         self._commit(PhysicsModelBuilder(), ModelState())
@@ -354,6 +418,10 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
 
 
 P = TypeVar("P", Body, Joint, Light)
+
+
+def _poses_from_arrays(poses: Mapping[BodyId, Array]) -> dict[BodyId, Pose]:
+    return {id: pose_from_array(pose) for id, pose in poses.items()}
 
 
 def _accepted_part(world: World, before: EntityRegistry, after: EntityRegistry) -> World:

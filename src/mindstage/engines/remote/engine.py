@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 
-from mindstage.engines.base import Engine, EngineStats
+from mindstage.engines.base import Engine, EngineStats, SpawnNote
 from mindstage.engines.remote.client import RemoteProfile, ServiceClient
 from mindstage.errors import EngineClosedError, UnsupportedByEngineError
 
@@ -29,6 +29,11 @@ class RemoteEngine(Engine):
     def name(self) -> str:
         """The address, without the token."""
         return self._client.name
+
+    @property
+    def notes(self) -> tuple[SpawnNote, ...]:
+        """None: the wire has no messages for them."""
+        return ()
 
     @abstractmethod
     def ping(self) -> float:

@@ -30,12 +30,14 @@ from mindstage.bridge.conversions import (
     world_to_json,
 )
 from mindstage.engines.base import (
+    DEFAULT_SPAWN_OPTIONS,
     Capability,
     PoseArray,
     SavedState,
     SpawnFailure,
     SpawnNote,
     SpawnNoteKind,
+    SpawnOptions,
     SpawnReport,
 )
 from mindstage.engines.collision_shapes import compile_geometry
@@ -200,7 +202,9 @@ class MindstageRemoteEngine(RemoteEngine):
 
     # -- the world -----------------------------------------------------------------------------------------------------
 
-    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+    def spawn(
+        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+    ) -> SpawnReport:
         text, unsent = encode_world(world)
         usable, notes = encode_geometry(geometry if "forms" in self._remote_info.takes else NO_GEOMETRY)
         request = wire.SpawnWorld.Request(world=text, forms=geometry_to_json(usable, mesh=self._export_mesh))

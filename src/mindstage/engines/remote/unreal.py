@@ -28,12 +28,14 @@ from mindstage.bridge.conversions_unreal import (
     untranslatable_fields,
 )
 from mindstage.engines.base import (
+    DEFAULT_SPAWN_OPTIONS,
     Capability,
     PoseArray,
     SavedState,
     SpawnFailure,
     SpawnNote,
     SpawnNoteKind,
+    SpawnOptions,
     SpawnReport,
 )
 from mindstage.engines.registry import AddResult, EntityRegistry, pose_error
@@ -279,7 +281,9 @@ class UnrealEngine(RemoteEngine):
 
     # -- the world -----------------------------------------------------------------------------------------------------
 
-    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+    def spawn(
+        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+    ) -> SpawnReport:
         self._require_open()
         if self._world_lost:
             self._reset()

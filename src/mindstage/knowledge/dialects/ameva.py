@@ -7,19 +7,21 @@ A joint in these maps is an individual of the class LinearJoint or RevoluteJoint
 that it moves, which is a child of the body that it moves relative to. Axis and range are inferred from the poses and
 sizes of these bodies: a drawer slides along the joint's x axis, at most by its own depth; a door turns about the edge
 at which the joint is located, at most by a right angle; a body with the joint at its center is a knob and turns about
-its thinnest axis without limits; every other body turns about the vertical.
+its thinnest axis without limits; every other body turns about the vertical. Drawers and doors only open outwards where
+their handle, their casing, or the other doors and drawers of that casing show the front; otherwise both ways.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from mindstage.knowledge.dialects.body_boxes import with_body_boxes
 from mindstage.knowledge.dialects.conventions import Handedness, LengthUnit, QuaternionOrder, UnitConventions
+from mindstage.knowledge.dialects.joints import OPEN_ANGLE_RAD, HingeEvidence, InferredAxis, infer_hinge_axis
 from mindstage.knowledge.dialects.membership import types_of
 from mindstage.knowledge.dialects.semlog import read_semlog, with_tag_properties
 from mindstage.knowledge.dialects.source_map import SourceMap, ignore_finding
@@ -55,18 +57,21 @@ from mindstage.scene import (
     LinearLimits,
     Pose,
     PropertyAssertion,
+    Vector,
     World,
 )
-from mindstage.scene.transforms import Array, normalized_pose_array, rotation_matrix
+from mindstage.scene.kinematics import FrontSide, ObservedBox, front_side, is_handle_class
+from mindstage.scene.transforms import Array
 
 __all__ = ["AMEVA_DIALECT", "add_joint_definitions", "is_ameva", "read_ameva"]
 
 
 _CENTER_TOLERANCE = 0.1
 """Offset from the center, as a fraction of the half extent, below which a joint counts as centered."""
+_MIN_FURNITURE_M = 0.2
+"""Largest extent from which a body without a handle counts as a door, a drawer or a rack [m]."""
 _PANEL_RATIO = 0.4
 """A panel (a door) is thinner than this fraction of its shorter side."""
-_RIGHT_ANGLE = math.pi / 2
 
 
 AMEVA_DIALECT = "AMEVA"
@@ -74,19 +79,6 @@ AMEVA_DEFAULTS = UnitConventions(units=LengthUnit.CENTIMETERS, frame=Handedness.
 _DISTINCTIVE_PROPERTIES = frozenset({knowrob("maskColor"), knowrob("levelName")})
 _CLASS_VALUED = (MASS.property, MESH.property)
 """Properties whose value a class may give for all its members."""
-
-
-@dataclass(frozen=True, slots=True)
-class _ObservedBody:
-    """Pose and size of an individual; the size is None if the map does not give it."""
-
-    pose: Array
-    size: Array | None
-
-    @property
-    def axes(self) -> Array:
-        """The axes of its frame in the world, as columns."""
-        return rotation_matrix(self.pose[3:])
 
 
 def add_joint_definitions(source_map: SourceMap) -> SourceMap:
@@ -108,6 +100,10 @@ class _AmevaJointReader:
         self.graph: dict[Iri, Sequence[PropertyAssertion]] = dict(source_map.graph)
         self.sizes = ClassSizes([source_map.graph, *source_map.ontologies], source_map.hierarchy, ignore_finding)
         self.parents = _parents(source_map)
+        self.children: dict[Iri, list[Iri]] = {}
+        for each, parent in self.parents.items():
+            if each in source_map.graph:
+                self.children.setdefault(parent, []).append(each)
         self.joined_pairs: set[tuple[Iri, Iri]] = set()
         """Pairs (parent, child) that already have a joint."""
 
@@ -153,22 +149,91 @@ class _AmevaJointReader:
         frame, body = self._observe(joint), self._observe(child)
         if LINEAR_JOINT in types_of(self.graph[joint]):
             limit = _slide_limit(body, frame)
-            note = f"slides along the joint's x axis by at most {limit:.3g} m either way"
-            return LinearLimits(x=AxisMotion.LIMITED, limit=limit), AngularLimits(), note
-        axis, limited = _hinge_axis(body, frame)
-        number = 2 if frame is None else int(np.argmax(np.abs(frame.axes.T @ axis)))
-        motion, limit = (AxisMotion.LIMITED, _RIGHT_ANGLE) if limited else (free, 0.0)
+            rail = np.array([1.0, 0.0, 0.0]) if frame is None else frame.axis(0)
+            front = self._front_along(parent, child, rail)
+            if front is None:
+                note = f"slides along the joint's x axis by at most {limit:.3g} m either way"
+                return LinearLimits(x=AxisMotion.LIMITED, limit=limit), AngularLimits(), note
+            note = f"slides out along the joint's x axis by at most {limit:.3g} m: {front.evidence}"
+            middle = front.sign * limit / 2
+            return LinearLimits(x=AxisMotion.LIMITED, limit=limit / 2, x_middle=middle), AngularLimits(), note
+        inferred, limited = self._infer_hinge(parent, child, frame, body)
+        number = 2 if frame is None else int(np.argmax(np.abs(frame.axes @ inferred.axis)))
+        motion, limit, middle, how = free, 0.0, 0.0, "without limits"
+        if limited and inferred.opens:
+            reverse = frame is not None and float(frame.axis(number) @ inferred.axis) < 0.0
+            middle, limit = (-1 if reverse else 1) * inferred.opens * OPEN_ANGLE_RAD / 2, OPEN_ANGLE_RAD / 2
+            motion, how = AxisMotion.LIMITED, f"outwards by at most a right angle: {inferred.evidence}"
+        elif limited:
+            motion, limit, how = AxisMotion.LIMITED, OPEN_ANGLE_RAD, "by at most a right angle either way"
         angular = (
-            AngularLimits(twist=motion, twist_limit=limit),
-            AngularLimits(swing2=motion, swing2_limit=limit),
-            AngularLimits(swing1=motion, swing1_limit=limit),
+            AngularLimits(twist=motion, twist_limit=limit, twist_middle=middle),
+            AngularLimits(swing2=motion, swing2_limit=limit, swing2_middle=middle),
+            AngularLimits(swing1=motion, swing1_limit=limit, swing1_middle=middle),
         )[number]
-        how = "by at most a right angle either way" if limited else "without limits"
         return LinearLimits(), angular, f"turns about the joint's {'xyz'[number]} axis {how}"
+
+    def _infer_hinge(
+        self, parent: Iri, child: Iri, frame: ObservedBox | None, body: ObservedBox | None
+    ) -> tuple[InferredAxis, bool]:
+        """Returns the axis that a body turns about, and whether its range is limited."""
+        up = InferredAxis(np.zeros(3), np.array([0.0, 0.0, 1.0]), "")
+        if body is None or body.size is None or frame is None:
+            return up, True
+        half = body.half_extents
+        thin, short, _ = (int(number) for number in np.argsort(half))
+        if np.abs(body.local_center_of(frame) / half).max() < _CENTER_TOLERANCE:
+            return up._replace(axis=body.axis(thin)), False
+        if half[thin] >= _PANEL_RATIO * half[short]:
+            return up, True
+        inferred, _ = infer_hinge_axis(
+            HingeEvidence(
+                parent=self._observe(parent) or body,
+                child=body,
+                handle=self._handle(child),
+                origin=frame.center,
+                class_names=[local_name(cls) for each in (parent, child) for cls in types_of(self.graph[each])],
+            )
+        )
+        if not inferred.opens and (front := self._front_along(parent, child, body.axis(thin))) is not None:
+            opening = np.cross(inferred.axis, body.center - frame.center) @ body.axis(thin)
+            inferred = inferred._replace(opens=int(np.sign(opening)) * front.sign, evidence=front.evidence)
+        return inferred, True
+
+    def _front_along(self, parent: Iri, child: Iri, direction: Array) -> FrontSide | None:
+        """Returns which way along a direction a body faces: by itself, otherwise as its neighbors in the casing do."""
+        casing = self._observe(parent)
+        body = self._observe(child)
+        handle = self._handle(child)
+        if body is None or (handle is None and body.half_extents.max() < _MIN_FURNITURE_M / 2):
+            return None  # a slider or a switch within its casing has no front
+        if front := front_side(body, casing, handle, direction):
+            return front
+        votes = [
+            found.sign
+            for sibling in self.children.get(parent, ())
+            if sibling != child and (box := self._observe(sibling)) is not None and self._is_moved(sibling)
+            if (found := front_side(box, casing, self._handle(sibling), direction)) is not None
+        ]
+        if not votes or abs(sum(votes)) <= len(votes) / 2:
+            return None
+        evidence = f"{len(votes)} other doors and drawers of {local_name(parent)} face that side"
+        return FrontSide(int(np.sign(sum(votes))), evidence)
+
+    def _is_moved(self, body: Iri) -> bool:
+        """Whether a joint belongs to a body."""
+        return any(JOINT_CLASSES.intersection(types_of(self.graph[each])) for each in self.children.get(body, ()))
+
+    def _handle(self, body: Iri) -> ObservedBox | None:
+        """Returns the handle of a body, if it has one."""
+        for child in self.children.get(body, ()):
+            if any(is_handle_class(cls) for cls in types_of(self.graph[child])):
+                return self._observe(child)
+        return None
 
     # -- reading -------------------------------------------------------------------------------------------------------
 
-    def _observe(self, iri: Iri) -> _ObservedBody | None:
+    def _observe(self, iri: Iri) -> ObservedBox | None:
         facts = self.graph.get(iri, ())
         for fact in facts:
             if fact.property != HAS_POSE:
@@ -181,14 +246,16 @@ class _AmevaJointReader:
             position, quaternion = TRANSLATION.first_value(inner), QUATERNION.first_value(inner)
             if position and quaternion:
                 (x, y, z), (w, i, j, k) = position, quaternion
-                return _ObservedBody(normalized_pose_array(Pose((x, y, z), (w, i, j, k))), self._size(facts))
+                return ObservedBox(Pose((x, y, z), (w, i, j, k)), self._size(facts))
         return None
 
-    def _size(self, facts: Sequence[PropertyAssertion]) -> Array | None:
+    def _size(self, facts: Sequence[PropertyAssertion]) -> Vector | None:
         inherited = self.sizes.get(types_of(facts))
         own = [codec.first_value(facts) for codec in SIZE]
-        size = [of_class if value is None else value for value, of_class in zip(own, inherited, strict=True)]
-        return None if None in size else np.array(size, dtype=np.float64)
+        depth, width, height = (
+            of_class if value is None else value for value, of_class in zip(own, inherited, strict=True)
+        )
+        return None if depth is None or width is None or height is None else (depth, width, height)
 
     # -- writing -------------------------------------------------------------------------------------------------------
 
@@ -215,29 +282,11 @@ class _AmevaJointReader:
         self._add(owner, PropertyAssertion(nested_resource.property, IriRef(name)))
 
 
-def _slide_limit(body: _ObservedBody | None, frame: _ObservedBody | None) -> float:
+def _slide_limit(body: ObservedBox | None, frame: ObservedBox | None) -> float:
     """Returns the distance that a body can slide [m]: its extent along the joint's x axis."""
     if body is None or body.size is None:
         return 0.0
-    direction = np.array([1.0, 0.0, 0.0]) if frame is None else frame.axes[:, 0]
-    return float(np.abs(body.axes.T @ direction) @ body.size)
-
-
-def _hinge_axis(body: _ObservedBody | None, frame: _ObservedBody | None) -> tuple[Array, bool]:
-    """Returns the axis that a body turns about, in the world frame, and whether its range is limited."""
-    up = np.array([0.0, 0.0, 1.0])
-    if body is None or body.size is None or frame is None:
-        return up, True
-    half = np.maximum(body.size, 1e-6) / 2
-    off = np.abs(body.axes.T @ (frame.pose[:3] - body.pose[:3])) / half
-    thin, short, _ = np.argsort(half)
-    if off.max() < _CENTER_TOLERANCE:
-        return body.axes[:, thin], False
-    if half[thin] < _PANEL_RATIO * half[short]:
-        plane = [number for number in range(3) if number != thin]
-        side = max(plane, key=lambda number: float(off[number]))
-        return body.axes[:, next(number for number in plane if number != side)], True
-    return up, True
+    return 2 * body.half_extent_along(np.array([1.0, 0.0, 0.0]) if frame is None else frame.axis(0))
 
 
 def _parents(source_map: SourceMap) -> Mapping[Iri, Iri]:
@@ -276,7 +325,7 @@ def is_ameva(source_map: SourceMap) -> bool:
 def read_ameva(source_map: SourceMap) -> World:
     """Reads an AMEVA map."""
     conventions = infer_conventions(source_map, AMEVA_DEFAULTS)
-    source_map = convert_source_map(source_map, conventions, dialect=AMEVA_DIALECT)
+    source_map = with_body_boxes(convert_source_map(source_map, conventions, dialect=AMEVA_DIALECT))
     return read_semlog(add_joint_definitions(with_tag_properties(_with_class_values(source_map))))
 
 

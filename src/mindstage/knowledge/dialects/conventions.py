@@ -1,4 +1,4 @@
-"""Conventions of a map's numbers (units, axes, quaternion order), and the assumptions that its reader makes.
+"""Conventions of a map's numbers (units, axes, quaternion order, sizes), and the assumptions that its reader makes.
 
 Few maps declare their conventions. A reader infers them (see `mindstage.knowledge.dialects.units`) unless the user
 chooses them, and records each decision as an `Assumption`.
@@ -13,7 +13,16 @@ import msgspec
 
 from mindstage.scene import Iri
 
-__all__ = ["SI", "Assumption", "AssumptionSink", "Handedness", "LengthUnit", "QuaternionOrder", "UnitConventions"]
+__all__ = [
+    "SI",
+    "Assumption",
+    "AssumptionSink",
+    "Handedness",
+    "LengthUnit",
+    "QuaternionOrder",
+    "SizeFrame",
+    "UnitConventions",
+]
 
 
 class Assumption(msgspec.Struct, frozen=True, rename={"topic": "about"}):
@@ -69,12 +78,22 @@ class QuaternionOrder(StrEnum):
     XYZW = "xyzw"
 
 
+class SizeFrame(StrEnum):
+    """Frame in which the sizes of classes were measured."""
+
+    BODY = "body"
+    """Along the axes of the body."""
+    WORLD = "world"
+    """Along the axes of the world, of one individual of the class (Unreal's loggers until June 2021)."""
+
+
 class UnitConventions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Conventions of one map's numbers; None in a field leaves the decision to the reader."""
 
     units: LengthUnit | None = None
     frame: Handedness | None = None
     quaternion: QuaternionOrder | None = None
+    sizes: SizeFrame | None = None
 
 
 SI = UnitConventions(units=LengthUnit.METERS, frame=Handedness.ROS, quaternion=QuaternionOrder.WXYZ)

@@ -14,28 +14,32 @@ so the exact pose is written in the vocabulary of dialect 1 and the perception o
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from math import floor, isfinite
 from typing import NamedTuple
 
 import numpy as np
 
+from mindstage.knowledge.dialects.conventions import QuaternionOrder
 from mindstage.knowledge.dialects.joints import (
+    HingeEvidence,
+    InferredAxis,
     JointLimits,
     JointRange,
     JointType,
-    ObservedBox,
     infer_hinge_axis,
     infer_prismatic_axis,
     joint_from_axis,
+    opening_range,
 )
 from mindstage.knowledge.dialects.membership import types_of
-from mindstage.knowledge.dialects.normalize import DialectNormalizer, abbreviated_names
+from mindstage.knowledge.dialects.normalize import DialectNormalizer, abbreviated_names, abbreviated_texts
 from mindstage.knowledge.dialects.poses import MatrixPose, NumberReader, pose_from_matrix, resolve_pose_frames
 from mindstage.knowledge.dialects.semlog import read_semlog
 from mindstage.knowledge.dialects.soma import is_soma, read_soma
 from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.dialects.units import decide_quaternion_order, guess_units
 from mindstage.knowledge.rdf import Graph, local_name, part_name
 from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.rdf_mapping.serialize import SubjectBlock
@@ -62,6 +66,7 @@ from mindstage.knowledge.vocabulary import (
     xsd,
 )
 from mindstage.scene import BlankNode, Body, FactValue, Iri, IriRef, Literal, Pose, PropertyAssertion, World
+from mindstage.scene.kinematics import ObservedBox
 from mindstage.scene.transforms import Array, normalized_pose_array, rotation_matrix
 
 __all__ = [
@@ -110,8 +115,9 @@ class _Perception(NamedTuple):
 class PerceivedPoses:
     """The poses of individuals by perceptions and by their `orientation`."""
 
-    def __init__(self, graph: Graph) -> None:
+    def __init__(self, graph: Graph, *, quaternion_order: QuaternionOrder = QuaternionOrder.WXYZ) -> None:
         self._graph = graph
+        self._quaternion_order = quaternion_order
         self._by_individual: dict[Iri, list[_Perception]] = {}
         for facts in graph.values():
             self._collect(facts)
@@ -135,6 +141,16 @@ class PerceivedPoses:
         )
         return [*perceptions, *own]
 
+    def quaternions(self, individuals: Iterable[Iri]) -> list[tuple[float, ...]]:
+        """Returns the quaternions of individuals whose latest pose is not a matrix, as given."""
+        found: list[tuple[float, ...]] = []
+        for individual in individuals:
+            for perception in self.perceptions_of(individual)[:1]:
+                pose = _pose_from_facts(self._facts(perception.pose_node), QuaternionOrder.WXYZ)
+                if pose is not None:
+                    found.append(pose.quaternion)
+        return found
+
     def latest_pose(self, normalizer: DialectNormalizer, individual: Iri) -> MatrixPose | None:
         """Returns the latest valid pose of an individual, or None; repairs and invalid poses are reported."""
         for perception in self.perceptions_of(individual):
@@ -152,7 +168,7 @@ class PerceivedPoses:
         name = local_name(node.iri) if isinstance(node, IriRef) else "its matrix"
         if not facts:
             return f"{name} is not described anywhere"
-        if pose := _pose_from_facts(facts):
+        if pose := _pose_from_facts(facts, self._quaternion_order):
             return MatrixPose(pose)
         return self._parse_matrix(name, facts)
 
@@ -194,7 +210,7 @@ def _time_of(value: FactValue) -> float:
     return float(seconds[1]) if seconds else -np.inf
 
 
-def _pose_from_facts(facts: list[PropertyAssertion]) -> Pose | None:
+def _pose_from_facts(facts: list[PropertyAssertion], order: QuaternionOrder) -> Pose | None:
     """Reads a pose given by translation and quaternion, as in the latest maps of this dialect; None if incomplete."""
     found: dict[Iri, Array] = {}
     for codec in (codecs.TRANSLATION, codecs.QUATERNION):
@@ -204,7 +220,8 @@ def _pose_from_facts(facts: list[PropertyAssertion]) -> Pose | None:
             return None
         found[codec.property] = np.array(value)
     x, y, z = found[codecs.TRANSLATION.property].tolist()
-    w, i, j, k = found[codecs.QUATERNION.property].tolist()
+    a, b, c, d = found[codecs.QUATERNION.property].tolist()
+    w, i, j, k = (d, a, b, c) if order is QuaternionOrder.XYZW else (a, b, c, d)
     return Pose((x, y, z), (w, i, j, k))
 
 
@@ -225,19 +242,23 @@ def find_joints(normalizer: DialectNormalizer) -> Mapping[Iri, JointType | None]
     return joints
 
 
-def add_joints(normalizer: DialectNormalizer, joints: Mapping[Iri, JointType | None]) -> None:
+def add_joints(
+    normalizer: DialectNormalizer, joints: Mapping[Iri, JointType | None], number_reader: NumberReader
+) -> None:
     """Adds every joint of a map to the normalizer, with the bodies that it connects and its motion."""
-    _Knowrob1JointReader(normalizer, joints).run()
+    _Knowrob1JointReader(normalizer, joints, number_reader).run()
 
 
 class _Knowrob1JointReader:
     """Reads the joints of a map."""
 
-    def __init__(self, normalizer: DialectNormalizer, joints: Mapping[Iri, JointType | None]) -> None:
-        self.normalizer, self.joints = normalizer, joints
-        self.perceived_poses = PerceivedPoses(normalizer.source_map.graph)
-        self.number_reader = NumberReader(normalizer.source_map.conventions)
+    def __init__(
+        self, normalizer: DialectNormalizer, joints: Mapping[Iri, JointType | None], number_reader: NumberReader
+    ) -> None:
+        self.normalizer, self.joints, self.number_reader = normalizer, joints, number_reader
+        self.perceived_poses = PerceivedPoses(normalizer.source_map.graph, quaternion_order=number_reader.order)
         self.inferred: dict[str, list[Iri]] = {}
+        self.evidence: list[str] = []
         self.parts = {
             member: [part for part in normalizer.references(member, *TO_PARTS) if part in normalizer.poses]
             for member in normalizer.members
@@ -264,6 +285,8 @@ class _Knowrob1JointReader:
             )
         for attribute, joints in self.inferred.items():
             evidence = f"{len(joints)} joints do not give it, such as {abbreviated_names(joints)}"
+            if self.evidence:
+                evidence += f"; {abbreviated_texts(self.evidence)}"
             self.normalizer.source_map.record_assumption(
                 f"joints: {attribute}", "inferred from poses and sizes", evidence
             )
@@ -318,29 +341,75 @@ class _Knowrob1JointReader:
 
     def _joint_limits(self, joint: Iri, joint_type: JointType, parent: Iri, child: Iri) -> JointLimits:
         range = self._range(joint, joint_type)
-        origin, axis = self._origin(joint), self._axis(joint)
-        if origin is None or (axis is None and joint_type is not JointType.FIXED):
+        pose, axis = self._pose(joint), self._axis(joint)
+        origin = None if pose is None else pose[:3]
+        if joint_type is not JointType.FIXED:
             for attribute, given in (("position", origin), ("axis", axis)):
-                if given is None and joint_type is not JointType.FIXED:
+                if given is None:
                     self.inferred.setdefault(attribute, []).append(joint)
-            boxes = self._box(parent), self._box(child), self._find_handle(child)
-            if joint_type is JointType.REVOLUTE:
-                radius = next(iter(self._numbers(joint, _TURN_RADIUS)), None)
-                inferred = infer_hinge_axis(*boxes, range, origin=origin, radius=radius)
-            else:
-                inferred = infer_prismatic_axis(*boxes)
+        boxes = self._box(parent), self._box(child), self._find_handle(child)
+        if joint_type is JointType.REVOLUTE:
+            inferred, conflicts = infer_hinge_axis(
+                HingeEvidence(
+                    parent=boxes[0],
+                    child=boxes[1],
+                    handle=boxes[2],
+                    range=range,
+                    origin=origin,
+                    axis=axis,
+                    frame=None if pose is None else rotation_matrix(pose[3:]).T,
+                    radius=next(iter(self._numbers(joint, _TURN_RADIUS)), None),
+                    class_names=self._class_names(parent, child),
+                )
+            )
+            for conflict in conflicts:
+                self.normalizer.warn(joint, _DIRECTION if axis is not None else "", conflict, "it is inferred instead")
+            origin, axis = inferred.origin, inferred.axis
+            self.evidence.append(f"{local_name(joint)}: {inferred.evidence}")
+        elif origin is None or axis is None:
+            inferred = infer_prismatic_axis(*boxes)
             origin = inferred.origin if origin is None else origin
+            inferred = inferred if axis is None else inferred._replace(opens=int(np.sign(inferred.axis @ axis)))
             axis = inferred.axis if axis is None else axis
+        else:
+            inferred = InferredAxis(origin, axis, "it is given")
+        if range is None:
+            range = self._missing_range(joint, joint_type, boxes[1], inferred)
         return joint_from_axis(joint_type, origin, np.array([1.0, 0.0, 0.0]) if axis is None else axis, range)
 
-    def _range(self, joint: Iri, joint_type: JointType) -> JointRange:
+    def _missing_range(
+        self, joint: Iri, joint_type: JointType, child: ObservedBox, inferred: InferredAxis
+    ) -> JointRange:
+        """Returns an assumed range of a joint that gives none or half of one; None if it may move without limits."""
         if joint_type not in (JointType.REVOLUTE, JointType.PRISMATIC):
             return None
-        values = [next(iter(self._numbers(joint, property)), None) for property in JOINT_VALUES]
-        lower, upper = values
+        assumed = opening_range(child, inferred, joint_type)
+        given = [next(iter(self._numbers(joint, property)), None) for property in JOINT_VALUES]
+        if joint_type is JointType.PRISMATIC:
+            given = [None if value is None else self.number_reader.length(value) for value in given]
+        if assumed is None:
+            action = "it may move without limits"
+        else:
+            # A limit that is given is kept.
+            lower, upper = (own if value is None else value for value, own in zip(given, assumed, strict=True))
+            assumed = (lower, upper) if lower < upper else assumed
+            unit = "m" if joint_type is JointType.PRISMATIC else "rad"
+            action = f"it opens outwards, by {max(map(abs, assumed)):.3g} {unit}"
+        self.normalizer.warn(joint, JOINT_VALUES[given.index(None)], "it has no valid limit", action)
+        return assumed
+
+    def _class_names(self, *bodies: Iri) -> list[str]:
+        """Returns the local names of the classes of some bodies and of the superclasses of these."""
+        types = [cls for body in bodies for cls in types_of(self.normalizer.graph.get(body, ()))]
+        above = [upper for cls in types for upper in self.normalizer.source_map.hierarchy.ancestors(cls)]
+        return [local_name(cls) for cls in (*types, *above)]
+
+    def _range(self, joint: Iri, joint_type: JointType) -> JointRange:
+        """Returns the range that a joint gives, or None."""
+        if joint_type not in (JointType.REVOLUTE, JointType.PRISMATIC):
+            return None
+        lower, upper = (next(iter(self._numbers(joint, property)), None) for property in JOINT_VALUES)
         if lower is None or upper is None:
-            missing = [property for property, value in zip(JOINT_VALUES, values, strict=True) if value is None]
-            self.normalizer.warn(joint, missing[0], "it has no valid limit", "it may move without limits")
             return None
         if lower > upper:
             problem = f"its lower limit {lower:g} is above its upper limit {upper:g}"
@@ -350,11 +419,12 @@ class _Knowrob1JointReader:
             lower, upper = self.number_reader.lengths((lower, upper))
         return lower, upper
 
-    def _origin(self, joint: Iri) -> Array | None:
+    def _pose(self, joint: Iri) -> Array | None:
+        """Returns the pose of a joint, seven numbers, or None."""
         if not self.perceived_poses.perceptions_of(joint):
             return None
         matrix_pose = self.perceived_poses.latest_pose(self.normalizer, joint)
-        return None if matrix_pose is None else np.array(self.number_reader.pose(matrix_pose.pose).position)
+        return None if matrix_pose is None else normalized_pose_array(self.number_reader.pose(matrix_pose.pose))
 
     def _axis(self, joint: Iri) -> Array | None:
         for value in self.normalizer.values(joint, _DIRECTION):
@@ -385,10 +455,18 @@ class _Knowrob1JointReader:
         return ObservedBox(self.normalizer.poses[body], self.normalizer.sizes.get(body))
 
     def _find_handle(self, child: Iri) -> ObservedBox | None:
-        """Returns the part of a child that it is most likely pulled by: a handle, or for a drawer possibly its door."""
+        """Returns what a child is most likely pulled by: a handle, its knobs, or for a drawer possibly its door."""
         parts = [part for part in self.parts[child] if part not in self.joints]
-        parts.sort(key=lambda part: not self.normalizer.class_name_contains(part, "Handle"))
+        for word in ("Handle", "Knob"):
+            if named := [part for part in parts if self.normalizer.class_name_contains(part, word)]:
+                return _mean_box([self._box(part) for part in named])
         return self._box(parts[0]) if parts else None
+
+
+def _mean_box(boxes: Sequence[ObservedBox]) -> ObservedBox:
+    """Returns the first of some boxes, at the mean of their positions."""
+    x, y, z = np.mean([box.center for box in boxes], axis=0).tolist()
+    return ObservedBox(Pose((x, y, z), boxes[0].pose.quaternion), boxes[0].size)
 
 
 def perception_blocks(body: Body, graph: Graph, used_names: Container[str]) -> Iterator[SubjectBlock]:
@@ -444,14 +522,12 @@ def _normalize(normalizer: DialectNormalizer) -> SourceMap:
     source_map = normalizer.source_map
     joints = find_joints(normalizer)
     numbers = NumberReader(source_map.conventions)
-    _set_poses(
-        normalizer,
-        [each for each in source_map.members if each not in joints and not _has_pose(source_map, each)],
-        numbers,
-    )
+    unplaced = [each for each in source_map.members if each not in joints and not _has_pose(source_map, each)]
+    _decide_conventions(normalizer, unplaced, numbers)
+    _set_poses(normalizer, unplaced, numbers)
     _set_sizes(normalizer, numbers)
     numbers.report_assumptions(normalizer)
-    add_joints(normalizer, joints)
+    add_joints(normalizer, joints, numbers)
     _attach_parts(normalizer)
     normalizer.make_jointed_dynamic()
     return normalizer.normalized()
@@ -461,10 +537,21 @@ def _has_pose(source_map: SourceMap, individual: Iri) -> bool:
     return any(fact.property == HAS_POSE for fact in source_map.graph.get(individual, ()))
 
 
+def _decide_conventions(normalizer: DialectNormalizer, individuals: list[Iri], number_reader: NumberReader) -> None:
+    """Decides units and quaternion order by the numbers of individuals: m and w x y z unless ruled out."""
+    lengths = {each: [_read_length(normalizer, each, axis) for axis in range(3)] for each in individuals}
+    sizes = {each: [x for x in row if x is not None] for each, row in lengths.items() if None not in row}
+    number_reader.consider_units(guess_units(normalizer.source_map, sizes))
+    if quaternions := PerceivedPoses(normalizer.source_map.graph).quaternions(individuals):
+        number_reader.order = decide_quaternion_order(
+            normalizer.source_map, quaternions, number_reader.order, dialect=KNOWROB1_DIALECT
+        )
+
+
 def _set_poses(normalizer: DialectNormalizer, individuals: list[Iri], number_reader: NumberReader) -> None:
     """Adds the poses of individuals."""
     source_map = normalizer.source_map
-    perceptions = PerceivedPoses(source_map.graph)
+    perceptions = PerceivedPoses(source_map.graph, quaternion_order=number_reader.order)
     matrix_poses = {}
     for individual in individuals:
         matrix_pose = perceptions.latest_pose(normalizer, individual)

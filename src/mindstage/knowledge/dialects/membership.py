@@ -35,6 +35,7 @@ __all__ = [
     "MapMembers",
     "individuals_by_map",
     "inferred_membership",
+    "is_membership",
     "types_of",
     "with_inferred_membership",
     "without_other_maps",
@@ -121,6 +122,13 @@ def _nested_resources(graph: Graph, individuals: Iterable[Iri]) -> Iterator[Iri]
 def _is_nested_resource(facts: Sequence[PropertyAssertion]) -> bool:
     types = types_of(facts)
     return bool(types) and _PART_CLASSES.issuperset(types)
+
+
+def is_membership(fact: PropertyAssertion, map: Iri) -> bool:
+    """Whether a statement makes its subject a map, or a member of one map."""
+    if fact.property == DESCRIBED_IN_MAP:
+        return fact.value == IriRef(map)
+    return fact.property == TYPE and fact.value == IriRef(SEMANTIC_MAP)
 
 
 def with_inferred_membership(graph: Graph) -> Graph:

@@ -41,7 +41,7 @@ from mindstage.scene import (
     World,
 )
 
-__all__ = ["DialectNormalizer", "abbreviated_names"]
+__all__ = ["DialectNormalizer", "abbreviated_names", "abbreviated_texts"]
 
 T = TypeVar("T")
 
@@ -224,3 +224,9 @@ def abbreviated_names(individuals: Iterable[Iri]) -> str:
     names = [local_name(individual) for individual in individuals]
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
     return ", ".join(names[:3]) + more
+
+
+def abbreviated_texts(texts: Sequence[str]) -> str:
+    """Joins up to twenty texts, with the number of the others."""
+    more = [f"and {len(texts) - 20} more"] if len(texts) > 20 else []
+    return "; ".join([*texts[:20], *more])

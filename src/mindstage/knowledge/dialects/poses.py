@@ -16,6 +16,7 @@ import numpy as np
 
 from mindstage.knowledge.dialects.conventions import Handedness, LengthUnit, QuaternionOrder, UnitConventions
 from mindstage.knowledge.dialects.normalize import DialectNormalizer
+from mindstage.knowledge.dialects.units import ConventionGuess
 from mindstage.knowledge.rdf import local_name
 from mindstage.scene import Iri, Pose
 from mindstage.scene.transforms import (
@@ -149,6 +150,14 @@ class NumberReader:
         self.frame = conventions.frame or Handedness.ROS
         self.order = conventions.quaternion or order
         self._per_meter = self.units.per_meter
+        self._chosen_units = conventions.units
+        self._units_evidence = ""
+
+    def consider_units(self, guess: ConventionGuess) -> None:
+        """Takes the units that a map's sizes indicate if their evidence is overwhelming and the user chose none."""
+        if guess.is_overwhelming and self._chosen_units is None and isinstance(guess.value, LengthUnit):
+            self.units, self._per_meter = guess.value, guess.value.per_meter
+            self._units_evidence = f"; {guess.evidence}"
 
     def pose(self, pose: Pose) -> Pose:
         """Converts a pose whose quaternion is w x y z."""
@@ -174,7 +183,7 @@ class NumberReader:
         x, y, z = direction
         return (x, -y, z) if self.frame is Handedness.UNREAL else (x, y, z)
 
-    def report_assumptions(self, normalizer: DialectNormalizer, *, quaternions: bool = False) -> None:
+    def report_assumptions(self, normalizer: DialectNormalizer) -> None:
         """Records the conventions used as assumptions, with the heights that result."""
         if not normalizer.poses:
             return
@@ -182,14 +191,11 @@ class NumberReader:
         number = int(np.argmax(high - low))
         tallest, tall = local_name([*normalizer.poses][number]), high[number] - low[number]
         evidence = f"in m, heights range from {low.min():.2f} to {high.max():.2f} m, and {tallest} is {tall:.2f} m tall"
+        evidence += self._units_evidence
         normalizer.source_map.record_assumption("units", self.units.value, evidence)
         normalizer.source_map.record_assumption(
             "frame", self.frame.value, "maps of this dialect are right-handed, with z up"
         )
-        if quaternions:
-            upright = sum(abs(pose.quaternion[0]) == 1.0 for pose in normalizer.poses.values())
-            evidence = f"{upright} of {len(normalizer.poses)} bodies have no rotation in this order"
-            normalizer.source_map.record_assumption("quaternion", self.order.value, evidence)
 
 
 def _height_range(normalizer: DialectNormalizer) -> tuple[Array, Array]:

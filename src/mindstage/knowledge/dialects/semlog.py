@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
+from mindstage.knowledge.dialects.body_boxes import with_body_boxes
 from mindstage.knowledge.dialects.conventions import SI
 from mindstage.knowledge.dialects.membership import types_of
 from mindstage.knowledge.dialects.source_map import SourceMap
@@ -135,9 +136,8 @@ def read_semlog(source_map: SourceMap) -> World:
 
 def read_semlog_map(source_map: SourceMap) -> World:
     """Reads a map of dialect 1, in SI units and ROS axes unless the map or the user declares others."""
-    return read_semlog(
-        convert_source_map(source_map, default_conventions(source_map, SI, dialect="SemLog"), dialect="SemLog")
-    )
+    conventions = default_conventions(source_map, SI, dialect="SemLog")
+    return read_semlog(with_body_boxes(convert_source_map(source_map, conventions, dialect="SemLog")))
 
 
 class _SemlogReader:

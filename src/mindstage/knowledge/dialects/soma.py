@@ -12,19 +12,22 @@ import numpy as np
 
 from mindstage.knowledge.dialects.conventions import QuaternionOrder
 from mindstage.knowledge.dialects.joints import (
+    HingeEvidence,
+    InferredAxis,
     JointLimits,
     JointRange,
     JointType,
-    ObservedBox,
     infer_hinge_axis,
     infer_prismatic_axis,
     joint_from_axis,
+    opening_range,
 )
 from mindstage.knowledge.dialects.membership import types_of
-from mindstage.knowledge.dialects.normalize import DialectNormalizer, abbreviated_names
+from mindstage.knowledge.dialects.normalize import DialectNormalizer, abbreviated_names, abbreviated_texts
 from mindstage.knowledge.dialects.poses import NumberReader
 from mindstage.knowledge.dialects.soma_nodes import RdfNode, RdfNodes
 from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.dialects.units import decide_quaternion_order, guess_units
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.vocabulary import (
@@ -47,6 +50,7 @@ from mindstage.knowledge.vocabulary import (
     urdf,
 )
 from mindstage.scene import Iri, IriRef, Material, Pose, PrimitiveType, World
+from mindstage.scene.kinematics import ObservedBox
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_multiply, quat_rotate
 
 __all__ = ["add_joints", "is_soma", "read_soma"]
@@ -104,6 +108,7 @@ class _SomaJointReader:
         self.normalizer, self.nodes, self.number_reader = normalizer, nodes, number_reader
         self.existing_pairs = frozenset(normalizer.joined_pairs)
         self.inferred: dict[str, list[Iri]] = {}
+        self.evidence: list[str] = []
         self._ancestor_cache: dict[tuple[Iri, ...], Sequence[Iri]] = {}
 
     def add_joint(self, owner: Iri, node: RdfNode) -> None:
@@ -143,6 +148,8 @@ class _SomaJointReader:
         """Reports as assumptions what the joints do not give."""
         for attribute, children in self.inferred.items():
             evidence = f"{len(children)} joints do not give it, such as those of {abbreviated_names(children)}"
+            if self.evidence:
+                evidence += f"; {abbreviated_texts(self.evidence)}"
             self.normalizer.source_map.record_assumption(
                 f"joints: {attribute}", "inferred from poses and sizes", evidence
             )
@@ -177,7 +184,6 @@ class _SomaJointReader:
             if JointType.PRISMATIC in (_JOINT_TYPES.get(name) for name in self._class_names(node)):
                 lower, upper = self.number_reader.lengths((lower, upper))
             return lower, upper
-        self.normalizer.warn(owner, _LIMITS[0], "its joint has no limits", "it may move without limits")
         return None
 
     def _limits(self, node: RdfNode) -> list[RdfNode]:
@@ -192,22 +198,56 @@ class _SomaJointReader:
     def _joint_limits(
         self, node: RdfNode, joint_type: JointType, range: JointRange, parent: Iri, child: Iri
     ) -> JointLimits:
-        base = self._box(parent)
+        base, moving, handle = self._box(parent), self._box(child), self._find_handle(child)
         origin, axis = self._origin(node, base), self._axis(node, base)
-        is_single_axis = joint_type in (JointType.REVOLUTE, JointType.PRISMATIC)
-        if is_single_axis and (axis is None or (origin is None and joint_type is JointType.REVOLUTE)):
-            handle = self._find_handle(child)
-            if joint_type is JointType.REVOLUTE:
-                inferred = infer_hinge_axis(base, self._box(child), handle, range, origin=origin)
-            else:
-                inferred = infer_prismatic_axis(base, self._box(child), handle)
+        if joint_type in (JointType.REVOLUTE, JointType.PRISMATIC):
             for attribute, given in (("position", origin), ("axis", axis)):
-                if given is None:
+                if given is None and (axis is None or joint_type is JointType.REVOLUTE):
                     self.inferred.setdefault(attribute, []).append(child)
-            origin = inferred.origin if origin is None else origin
-            axis = inferred.axis if axis is None else axis
-        origin = self._box(child).center if origin is None else origin
+            if joint_type is JointType.REVOLUTE:
+                evidence = HingeEvidence(
+                    parent=base,
+                    child=moving,
+                    handle=handle,
+                    range=range,
+                    origin=origin,
+                    axis=axis,
+                    class_names=self._class_names_of(parent, child),
+                )
+                inferred, conflicts = infer_hinge_axis(evidence)
+                for conflict in conflicts:
+                    self.normalizer.warn(
+                        parent, HAS_JOINT, f"{local_name(child)}: {conflict}", "it is inferred instead"
+                    )
+                origin, axis = inferred.origin, inferred.axis
+                self.evidence.append(f"{local_name(child)}: {inferred.evidence}")
+            else:
+                inferred = infer_prismatic_axis(base, moving, handle)
+                inferred = inferred if axis is None else inferred._replace(opens=int(np.sign(inferred.axis @ axis)))
+                origin = inferred.origin if origin is None else origin
+                axis = inferred.axis if axis is None else axis
+            if range is None and _CONTINUOUS not in self._class_names(node):
+                range = self._missing_range(parent, joint_type, moving, inferred)
+        origin = moving.center if origin is None else origin
         return joint_from_axis(joint_type, origin, np.array([1.0, 0.0, 0.0]) if axis is None else axis, range)
+
+    def _missing_range(
+        self, owner: Iri, joint_type: JointType, child: ObservedBox, inferred: InferredAxis
+    ) -> JointRange:
+        """Returns an assumed range of a joint without limits; None if it may move without limits."""
+        assumed = opening_range(child, inferred, joint_type)
+        action = "it may move without limits"
+        if assumed is not None:
+            unit = "m" if joint_type is JointType.PRISMATIC else "rad"
+            action = f"it opens outwards, by {max(map(abs, assumed)):.3g} {unit}"
+        self.normalizer.warn(owner, _LIMITS[0], "its joint has no limits", action)
+        return assumed
+
+    def _class_names_of(self, *bodies: Iri) -> list[str]:
+        """Returns the local names of the classes of some bodies and of the superclasses of these."""
+        types = [cls for body in bodies for cls in types_of(self.normalizer.graph.get(body, ()))]
+        above = [upper for cls in types for upper in self.normalizer.source_map.hierarchy.ancestors(cls)]
+        return [local_name(cls) for cls in (*types, *above)]
 
     def _axis(self, node: RdfNode, base: ObservedBox) -> Array | None:
         """Returns the joint axis in the world frame; as in URDF, the map gives it in the frame of the parent link."""
@@ -250,11 +290,12 @@ def read_soma(source_map: SourceMap) -> World:
 def _read_normalized(normalizer: DialectNormalizer) -> World:
     reader, source_map = _SomaReader(normalizer), normalizer.source_map
     unplaced = [member for member in source_map.members if _lacks_pose(source_map, member)]
+    reader.decide_conventions(unplaced)
     reader.set_poses(unplaced)
     for individual in normalizer.poses:
         reader.set_size(individual)
         reader.set_color(individual)
-    reader.number_reader.report_assumptions(normalizer, quaternions=True)
+    reader.number_reader.report_assumptions(normalizer)
     reader.add_existing_poses()
     add_joints(normalizer, reader.nodes, reader.number_reader)
     reader.attach_parts()
@@ -276,6 +317,26 @@ class _SomaReader:
         self.number_reader = NumberReader(normalizer.source_map.conventions, order=QuaternionOrder.XYZW)
 
     # -- poses ---------------------------------------------------------------------------------------------------------
+
+    def decide_conventions(self, individuals: Sequence[Iri]) -> None:
+        """Decides units and quaternion order by the numbers of some individuals: m and x y z w unless ruled out."""
+        extents = {
+            individual: found
+            for individual in individuals
+            if (found := next(filter(any, map(self._extents, self._nodes_of(individual, HAS_SHAPE))), ()))
+        }
+        self.number_reader.consider_units(guess_units(self.normalizer.source_map, extents))
+        given: list[tuple[float, ...]] = []
+        for individual in individuals:
+            for node in self.nodes.descendants(self.nodes.node_named(individual), HAS_LOCALIZATION):
+                rotation = node.numbers(*_ROTATION)
+                if len(rotation) == 4 and any(rotation):
+                    given.append(tuple(rotation))
+                    break
+        if given:
+            self.number_reader.order = decide_quaternion_order(
+                self.normalizer.source_map, given, QuaternionOrder.XYZW, dialect="SOMA"
+            )
 
     def set_poses(self, individuals: list[Iri]) -> None:
         """Adds the poses of individuals, converted to the map frame."""

@@ -30,6 +30,8 @@ class SourceMap:
     add_assumption: AssumptionSink
     conventions: UnitConventions = field(default_factory=UnitConventions)
     """Conventions chosen by the user; None in a field leaves the decision to the reader."""
+    implied_members: frozenset[Iri] = frozenset()
+    """The individuals, and the map, whose membership statements are not in the sources but follow from them."""
 
     def record_assumption(self, topic: str, value: str, evidence: str) -> None:
         """Records a decision about the whole map; a field of `conventions` that is set counts as chosen by the user.

@@ -31,8 +31,20 @@ from mindstage.knowledge.rdf_mapping.properties import (
     PropertyCodec,
     literal_text,
 )
-from mindstage.knowledge.vocabulary import FRAME, HAS_VALUE, ON_PROPERTY, QUATERNION_ORDER, UNITS, ms
-from mindstage.scene import BlankNode, Iri, IriRef, Literal, PropertyAssertion
+from mindstage.knowledge.vocabulary import (
+    FRAME,
+    GIVEN_PIVOT,
+    GIVEN_SIZES,
+    HAS_POSE,
+    HAS_VALUE,
+    ON_PROPERTY,
+    QUATERNION_ORDER,
+    SIZES,
+    UNITS,
+    ms,
+)
+from mindstage.scene import IDENTITY, BlankNode, Iri, IriRef, Literal, PropertyAssertion
+from mindstage.scene.transforms import normalize, quat_rotate
 
 __all__ = [
     "CONVERTED_PROPERTIES",
@@ -43,6 +55,7 @@ __all__ = [
     "original_property",
     "restore_declarations",
     "restore_facts",
+    "shift_to_center",
 ]
 
 Decimals = tuple[Decimal, ...]
@@ -59,6 +72,7 @@ _CODECS: dict[Iri, PropertyCodec[Any]] = (
 )
 CONVERTED_PROPERTIES = frozenset({HAS_VALUE, *_CODECS})
 """Properties whose values may be converted."""
+_GIVEN_TRANSLATION = ms("givenTranslation")
 _MIRRORED_PROPERTIES = frozenset({Y_MIDDLE.property, *_ANGLE_CODECS})
 
 
@@ -112,11 +126,22 @@ def original_conventions(facts: Iterable[PropertyAssertion]) -> UnitConventions 
 def restore_declarations(facts: Iterable[PropertyAssertion], conventions: UnitConventions) -> list[PropertyAssertion]:
     """Returns the statements of a converted map about itself as they were before the conversion."""
     added = {ms("givenDialect"), *map(original_property, _DECLARATIONS)}
-    kept = [fact for fact in facts if fact.property not in added]
-    return [
-        *kept,
-        *(PropertyAssertion(property, Literal(value.value)) for property, value in _declaration_values(conventions)),
+    kept = [
+        PropertyAssertion(SIZES, fact.value) if fact.property == GIVEN_SIZES else fact
+        for fact in facts
+        if fact.property not in added
     ]
+    return (
+        kept
+        if conventions == SI
+        else [
+            *kept,
+            *(
+                PropertyAssertion(property, Literal(value.value))
+                for property, value in _declaration_values(conventions)
+            ),
+        ]
+    )
 
 
 def _declaration_values(
@@ -152,8 +177,18 @@ def convert_facts(facts: Sequence[PropertyAssertion], conventions: UnitConventio
     return list(dict.fromkeys(result))  # two values may become equal
 
 
-def restore_facts(facts: Sequence[PropertyAssertion], conventions: UnitConventions) -> list[PropertyAssertion]:
-    """Restores the values given; values that have changed since the conversion are converted back."""
+def restore_facts(
+    facts: Sequence[PropertyAssertion], conventions: UnitConventions, *, with_pivots: bool = True
+) -> list[PropertyAssertion]:
+    """Restores the values given; values that have changed since the conversion are converted back.
+
+    Args:
+        facts: the statements of one resource.
+        conventions: the conventions of the map.
+        with_pivots: whether poses of centers of boxes become those of mesh pivots again.
+    """
+    if with_pivots:
+        facts = _with_pivot(facts, conventions)
     measures = _measured_length(facts)
     kept: dict[Iri, list[Literal]] = {}
     for fact in facts:
@@ -164,7 +199,10 @@ def restore_facts(facts: Sequence[PropertyAssertion], conventions: UnitConventio
     for fact in facts:
         if isinstance(fact.value, BlankNode):
             result.append(
-                PropertyAssertion(fact.property, BlankNode(sorted_facts(restore_facts(fact.value.facts, conventions))))
+                PropertyAssertion(
+                    fact.property,
+                    BlankNode(sorted_facts(restore_facts(fact.value.facts, conventions, with_pivots=with_pivots))),
+                )
             )
             continue
         codec = _codec_for(fact, measures)
@@ -216,6 +254,91 @@ def _changed_literal(fact: PropertyAssertion, measured_length: Iri | None, chang
     encoded = codec.encode(numbers if isinstance(value, tuple) else numbers[0])
     assert isinstance(encoded, Literal)
     return encoded
+
+
+# -- pivots ------------------------------------------------------------------------------------------------------------
+
+_PIVOT = PropertyCodec(GIVEN_PIVOT, TRANSLATION.expected, TRANSLATION.decode, TRANSLATION.encode)
+
+
+def shift_to_center(
+    graph: dict[Iri, Sequence[PropertyAssertion]], map: Iri, offsets: Iterable[tuple[Iri, Sequence[float]]]
+) -> None:
+    """Replaces poses, which are those of mesh pivots, by those of the centers of boxes.
+
+    The sums are computed in decimal arithmetic from the digits given, so that `restore_facts` inverts them exactly.
+
+    Args:
+        graph: the statements of a converted map, which are changed.
+        map: the map.
+        offsets: individuals, and the center of the box in the frame of the pivot [m].
+    """
+    conventions = original_conventions(graph.get(map, ())) or SI
+    shifted: set[Iri] = set()
+    for member, offset in offsets:
+        facts = list(graph[member])
+        at, value = next((at, fact.value) for at, fact in enumerate(facts) if fact.property == HAS_POSE)
+        if isinstance(value, BlankNode):
+            facts[at] = PropertyAssertion(
+                HAS_POSE, BlankNode(sorted_facts(_with_center(value.facts, offset, conventions)))
+            )
+            graph[member] = facts
+        elif isinstance(value, IriRef) and value.iri not in shifted:
+            graph[value.iri] = _with_center(graph[value.iri], offset, conventions)
+            shifted.add(value.iri)
+
+
+def _with_center(
+    facts: Sequence[PropertyAssertion], offset: Sequence[float], conventions: UnitConventions
+) -> list[PropertyAssertion]:
+    """Returns the statements about the pose of a pivot with the position of the center in its place."""
+    at = next(at for at, fact in enumerate(facts) if TRANSLATION.first_value([fact]) is not None)
+    given = _given_translation(facts) or facts[at].value
+    assert isinstance(given, Literal)
+    pivot = _exact_position(given, conventions)
+    center = tuple(float(part + step) for part, step in zip(pivot, _turned(facts, offset), strict=True))
+    return [
+        *(fact for fact in facts[:at] if fact.property != _GIVEN_TRANSLATION),
+        PropertyAssertion(TRANSLATION.property, TRANSLATION.encode(center)),
+        *(fact for fact in facts[at + 1 :] if fact.property != _GIVEN_TRANSLATION),
+        PropertyAssertion(_GIVEN_TRANSLATION, given),
+        PropertyAssertion(GIVEN_PIVOT, _PIVOT.encode(tuple(0.0 - float(part) for part in offset))),
+    ]
+
+
+def _with_pivot(facts: Sequence[PropertyAssertion], conventions: UnitConventions) -> Sequence[PropertyAssertion]:
+    """Inverts `_with_center`; the position is still in SI units, but has all digits that reading it again needs."""
+    pivot, center = _PIVOT.first_value(facts), TRANSLATION.first_value(facts)
+    if pivot is None or center is None:
+        return facts
+    steps = _turned(facts, [-part for part in pivot])
+    given = _given_translation(facts)
+    row: Decimals = tuple(Decimal(part) - step for part, step in zip(center, steps, strict=True))
+    if given is not None:
+        before = _exact_position(given, conventions)
+        if tuple(float(part + step) for part, step in zip(before, steps, strict=True)) == center:
+            row = tuple(Decimal(repr(float(part))) for part in before)
+    position = Literal(" ".join(map(_format_decimal, row)), TRANSLATION.datatype)
+    return [
+        PropertyAssertion(TRANSLATION.property, position) if fact.property == TRANSLATION.property else fact
+        for fact in facts
+        if fact.property != GIVEN_PIVOT
+    ]
+
+
+def _given_translation(facts: Iterable[PropertyAssertion]) -> Literal | None:
+    values = (fact.value for fact in facts if fact.property == _GIVEN_TRANSLATION)
+    return next((value for value in values if isinstance(value, Literal) and TRANSLATION.decode(value)), None)
+
+
+def _exact_position(given: Literal, conventions: UnitConventions) -> Decimals:
+    return _UnitChange(conventions).row(TRANSLATION, tuple(map(_parse_decimal, (literal_text(given) or "").split())))
+
+
+def _turned(facts: Iterable[PropertyAssertion], offset: Sequence[float]) -> Decimals:
+    """Returns an offset in the frame of a pose along the axes of the world [m]."""
+    quaternion = normalize(QUATERNION.first_value(facts) or IDENTITY.quaternion)
+    return tuple(map(Decimal, quat_rotate(quaternion, offset).tolist()))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,15 @@
 """Units, handedness and quaternion order of a map, decided once for each map and recorded as assumptions.
 
 The choice of the user takes precedence, then the declaration in the map, then the evidence in its numbers where a
-dialect leaves the convention open, then the default of the dialect. Evidence rests on two observations: furniture has
+dialect leaves the convention open, then the default of the dialect. The default of a dialect yields where the evidence
+rules it out: loggers of one dialect were configured differently. Evidence rests on two observations: furniture has
 similar sizes everywhere, and most bodies are upright and aligned with the walls.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from statistics import median
@@ -23,7 +24,16 @@ from mindstage.knowledge.rdf_mapping.properties import QUATERNION, SIZE, TRANSLA
 from mindstage.knowledge.vocabulary import FRAME, HAS_POSE, QUATERNION_ORDER, UNITS
 from mindstage.scene import BlankNode, Iri, IriRef, PropertyAssertion
 
-__all__ = ["ConventionEvidence", "ConventionGuess", "collect_evidence", "default_conventions", "infer_conventions"]
+__all__ = [
+    "ConventionEvidence",
+    "ConventionGuess",
+    "collect_evidence",
+    "decide_quaternion_order",
+    "default_conventions",
+    "guess_quaternion_order",
+    "guess_units",
+    "infer_conventions",
+]
 
 
 _SAMPLE_SIZE = 500
@@ -35,6 +45,16 @@ _TYPICAL_SPREAD_M = 2.0
 _SIZE_TOLERANCE = 2.0
 """Maximum factor between the size of a class in a map and in an ontology."""
 _UPRIGHT_COSINE = 0.999
+_MIN_DECISIVE_BODIES = 5
+"""Number of bodies that must be upright in only one order to rule out the other one."""
+_MIN_UNROTATED_BODIES = 10
+"""Number of bodies that must all be unrotated in one order, and none in the other, to rule the other one out."""
+_DECISIVE_RATIO = 4
+"""Least ratio of the bodies that are upright in one order only to those that are in the other one only."""
+_UPRIGHT_SHARE = 0.75
+"""Least share of the bodies that must be upright in an order for it to rule out the other one."""
+_MIN_AGREEING_CLASSES = 3
+"""Number of classes whose sizes must agree with those in ontologies to rule out units in which none does."""
 
 
 ConventionT = TypeVar("ConventionT", bound=Enum)
@@ -49,6 +69,8 @@ class ConventionGuess:
     evidence: str
     is_conclusive: bool = False
     """Whether any other value would give an implausible world."""
+    is_overwhelming: bool = False
+    """Whether it takes precedence over the default of a dialect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +92,13 @@ class ConventionEvidence:
         best = max(fits, key=lambda unit: fits[unit])
         if fits[best]:
             known = len(self.known_sizes.keys() & self.sizes.keys())
+            others = sum(fits.values()) - fits[best]
+            counts = ", ".join(f"{fits[unit]} in {unit.value}" for unit in LengthUnit if unit is not best)
             return ConventionGuess(
-                best, f"the sizes of {fits[best]} of {known} classes agree with those in ontologies", True
+                best,
+                f"the sizes of {fits[best]} of {known} classes agree with those in ontologies ({counts})",
+                is_conclusive=True,
+                is_overwhelming=fits[best] >= _MIN_AGREEING_CLASSES and not others and 2 * fits[best] >= known,
             )
         if self.largest_extents:
             typical = median(self.largest_extents)
@@ -85,24 +112,6 @@ class ConventionEvidence:
             text = f"without sizes; the median distance of {len(self.positions)} bodies from their center is {distance}"
             return ConventionGuess(unit if spread else None, text)
         return ConventionGuess(None, "there are too few numbers to decide")
-
-    def guess_quaternion_order(self) -> ConventionGuess:
-        """Guesses the position of the scalar in quaternions."""
-        if not self.quaternions:
-            return ConventionGuess(None, "no rotation is given")
-        upright = {order: sum(map(_is_upright, self._rotations(order))) for order in QuaternionOrder}
-        square = {order: sum(map(_is_unrotated, self._rotations(order))) for order in QuaternionOrder}
-        score = {order: upright[order] + square[order] for order in QuaternionOrder}
-        best = max(score, key=lambda order: score[order])
-        number = len(self.quaternions)
-        text = "; ".join(
-            f"as {order.value} {upright[order]} of {number} are upright and {square[order]} are not rotated"
-            for order in sorted(QuaternionOrder, key=lambda order: order is not best)
-        )
-        worst = min(score.values())
-        if score[best] == worst:
-            return ConventionGuess(None, text)
-        return ConventionGuess(best, text, number >= 5 and score[best] >= number and worst <= score[best] / 2)
 
     def height_range(self, unit: LengthUnit) -> str:
         """Describes the range of heights [m], which should contain the ground."""
@@ -119,13 +128,66 @@ class ConventionEvidence:
             if self.known_sizes.get(cls) and max(size)
         )
 
-    def _rotations(self, order: QuaternionOrder) -> Iterator[tuple[float, ...]]:
-        for a, b, c, d in self.quaternions:
-            yield (d, a, b, c) if order is QuaternionOrder.XYZW else (a, b, c, d)
-
     def _distances(self) -> list[float]:
         middle = [median(axis) for axis in zip(*self.positions, strict=True)]
         return [math.dist(position, middle) for position in self.positions]
+
+
+def guess_quaternion_order(quaternions: Sequence[tuple[float, ...]]) -> ConventionGuess:
+    """Guesses the position of the scalar in the quaternions of a map's bodies.
+
+    A rotation about the vertical, read in the wrong order, is one about another axis. Bodies that are upright in only
+    one order therefore decide; without such bodies, an order in which none is rotated.
+
+    Args:
+        quaternions: four numbers each, as given.
+    """
+    if not quaternions:
+        return ConventionGuess(None, "no rotation is given")
+    rows = {
+        order: [(d, a, b, c) if order is QuaternionOrder.XYZW else (a, b, c, d) for a, b, c, d in quaternions]
+        for order in QuaternionOrder
+    }
+    is_upright = {order: [_is_upright(row) for row in rows[order]] for order in QuaternionOrder}
+    upright = {order: sum(is_upright[order]) for order in QuaternionOrder}
+    unrotated = {order: sum(map(_is_unrotated, rows[order])) for order in QuaternionOrder}
+    score = {order: upright[order] + unrotated[order] for order in QuaternionOrder}
+    best = max(score, key=lambda order: score[order])
+    other = next(order for order in QuaternionOrder if order is not best)
+    only = {
+        order: sum(a and not b for a, b in zip(is_upright[order], is_upright[against], strict=True))
+        for order, against in ((best, other), (other, best))
+    }
+    number = len(quaternions)
+    text = "; ".join(
+        f"as {order.value} {upright[order]} of {number} are upright and {unrotated[order]} are not rotated"
+        for order in (best, other)
+    )
+    if score[best] == score[other]:
+        return ConventionGuess(None, text)
+    stands = only[best] >= max(_MIN_DECISIVE_BODIES, _DECISIVE_RATIO * only[other])
+    aligned = unrotated[best] == number >= _MIN_UNROTATED_BODIES and unrotated[other] == 0
+    return ConventionGuess(
+        best,
+        text,
+        is_conclusive=number >= 5 and score[best] >= number and score[other] <= score[best] / 2,
+        is_overwhelming=upright[best] >= _UPRIGHT_SHARE * number and (stands or aligned),
+    )
+
+
+def decide_quaternion_order(
+    source_map: SourceMap, quaternions: Sequence[tuple[float, ...]], default: QuaternionOrder, *, dialect: str
+) -> QuaternionOrder:
+    """Decides the quaternion order of a map whose dialect fixes it, and records the decision as an assumption.
+
+    Args:
+        source_map: the map.
+        quaternions: those of its bodies, as given.
+        default: the order of the dialect, which only overwhelming evidence replaces.
+        dialect: name of the dialect.
+    """
+    guess = guess_quaternion_order(quaternions[:: max(1, len(quaternions) // _SAMPLE_SIZE)])
+    return _decide_default(source_map, "quaternion", QUATERNION_ORDER, QuaternionOrder, default, guess, dialect)
 
 
 def collect_evidence(source_map: SourceMap) -> ConventionEvidence:
@@ -143,7 +205,7 @@ def collect_evidence(source_map: SourceMap) -> ConventionEvidence:
         size = [
             extent if extent is not None else of_class for extent, of_class in zip(extents, own.get(types), strict=True)
         ]
-        whole = tuple(extent for extent in size if extent is not None)
+        whole = tuple(abs(extent) for extent in size if extent is not None)
         if types and len(whole) == len(SIZE) and any(whole):
             largest.append(max(whole))
             sizes[types[0]] = whole
@@ -152,8 +214,35 @@ def collect_evidence(source_map: SourceMap) -> ConventionEvidence:
         quaternions=[rotation for facts in poses if (rotation := QUATERNION.first_value(facts)) is not None],
         sizes=sizes,
         largest_extents=largest,
-        known_sizes={cls: max(of_cls) for cls in sizes if (of_cls := [x for x in known.get((cls,)) if x is not None])},
+        known_sizes=_largest_known(known, sizes),
     )
+
+
+def guess_units(source_map: SourceMap, sizes: Mapping[Iri, Sequence[float]]) -> ConventionGuess:
+    """Guesses the unit of lengths of a map whose sizes a reader has found.
+
+    Args:
+        source_map: the map.
+        sizes: the three extents of individuals, in the units of the map.
+    """
+    by_class = {
+        types[0]: tuple(map(abs, size))
+        for member, size in sizes.items()
+        if any(size) and (types := types_of(source_map.graph.get(member, ())))
+    }
+    known = ClassSizes(source_map.ontologies, source_map.hierarchy, ignore_finding)
+    return ConventionEvidence(
+        positions=(),
+        quaternions=(),
+        sizes=by_class,
+        largest_extents=[max(map(abs, size)) for size in sizes.values() if any(size)],
+        known_sizes=_largest_known(known, by_class),
+    ).guess_units()
+
+
+def _largest_known(known: ClassSizes, classes: Iterable[Iri]) -> dict[Iri, float]:
+    """Returns the largest extent that ontologies give, by class [m]."""
+    return {cls: max(sizes) for cls in classes if (sizes := [x for x in known.get((cls,)) if x is not None])}
 
 
 def _class_graph(source_map: SourceMap, members: Sequence[Iri]) -> Graph:
@@ -207,7 +296,7 @@ def infer_conventions(source_map: SourceMap, defaults: UnitConventions) -> UnitC
     evidence = collect_evidence(source_map)
     units = _decide(source_map, "units", UNITS, LengthUnit, defaults.units, evidence.guess_units())
     frame = _decide(source_map, "frame", FRAME, Handedness, defaults.frame, _guess_handedness(units, evidence))
-    order = evidence.guess_quaternion_order()
+    order = guess_quaternion_order(evidence.quaternions)
     quaternion = _decide(source_map, "quaternion", QUATERNION_ORDER, QuaternionOrder, defaults.quaternion, order)
     return UnitConventions(units=units, frame=frame, quaternion=quaternion)
 
@@ -221,27 +310,38 @@ def default_conventions(source_map: SourceMap, defaults: UnitConventions, *, dia
         dialect: name of the dialect.
     """
     evidence = collect_evidence(source_map)
-    guesses: dict[str, ConventionGuess] = {
-        "units": evidence.guess_units(),
-        "quaternion": evidence.guess_quaternion_order(),
-    }
-    settled: dict[str, Any] = {}
-    for topic, property, enum_type in (
-        ("units", UNITS, LengthUnit),
-        ("frame", FRAME, Handedness),
-        ("quaternion", QUATERNION_ORDER, QuaternionOrder),
-    ):
-        value = getattr(defaults, topic)
-        guess = guesses.get(topic) or ConventionGuess(None, evidence.height_range(settled["units"]))
-        defaulted = ConventionGuess(value, f"the default of {dialect} maps; {guess.evidence}")
-        settled[topic] = _decide(source_map, topic, property, enum_type, value, defaulted)
-        if (
-            guess.is_conclusive
-            and guess.value not in (None, settled[topic])
-            and getattr(source_map.conventions, topic) is None
-        ):
-            _report_contradiction(source_map, topic, property, settled[topic], guess)
-    return UnitConventions(**settled)
+    units = _decide_default(source_map, "units", UNITS, LengthUnit, defaults.units, evidence.guess_units(), dialect)
+    frame_guess = ConventionGuess(None, evidence.height_range(units))
+    if units is LengthUnit.CENTIMETERS is not defaults.units:
+        handedness = _guess_handedness(units, evidence)
+        frame_guess = ConventionGuess(handedness.value, handedness.evidence, is_overwhelming=True)
+    frame = _decide_default(source_map, "frame", FRAME, Handedness, defaults.frame, frame_guess, dialect)
+    order = guess_quaternion_order(evidence.quaternions)
+    quaternion = _decide_default(
+        source_map, "quaternion", QUATERNION_ORDER, QuaternionOrder, defaults.quaternion, order, dialect
+    )
+    return UnitConventions(units=units, frame=frame, quaternion=quaternion)
+
+
+def _decide_default(
+    source_map: SourceMap,
+    topic: str,
+    property: Iri,
+    enum_type: type[ConventionT],
+    default: ConventionT | None,
+    guess: ConventionGuess,
+    dialect: str,
+) -> ConventionT:
+    """Decides a convention that a dialect fixes; evidence against it replaces it if overwhelming, or is reported."""
+    assert default is not None
+    evidence = f"the default of {dialect} maps; {guess.evidence}"
+    value: Any = default
+    if guess.is_overwhelming and guess.value not in (None, default):
+        value, evidence = guess.value, f"not {default.value}, the default of {dialect} maps: {guess.evidence}"
+    settled = _decide(source_map, topic, property, enum_type, default, ConventionGuess(value, evidence))
+    if guess.is_conclusive and guess.value not in (None, settled) and getattr(source_map.conventions, topic) is None:
+        _report_contradiction(source_map, topic, property, settled, guess)
+    return settled
 
 
 def _decide(

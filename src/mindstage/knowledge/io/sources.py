@@ -25,7 +25,9 @@ from mindstage.knowledge.dialects.membership import (
     MapMembers,
     individuals_by_map,
     inferred_membership,
+    is_membership,
     with_inferred_membership,
+    without_other_maps,
 )
 from mindstage.knowledge.endpoint import SparqlEndpoint, SparqlEndpointStore
 from mindstage.knowledge.io.files import SUFFIXES, Source, SourceFile, bundled_ontology, read_file
@@ -52,6 +54,9 @@ __all__ = ["LoadTransaction", "SourceRegistry", "StrPath", "preprocess", "read_m
 
 
 _END_TAG = re.compile(rb"</([\w.-]+:)?RDF\s*>")
+_BEGIN_IMPLIED, _END_IMPLIED = "The statements below are implied:", "The statements above are implied."
+_IMPLIED = re.compile(rf"(?:<!--|#) {_BEGIN_IMPLIED}(?: -->)?\n(.*?)(?:<!--|#) {_END_IMPLIED}".encode(), re.DOTALL)
+"""The statements that `preprocess` has appended to a text, between two comments."""
 _POSE_MARKERS = tuple(local_name(property).encode() for property in POSE_PROPERTIES)
 
 
@@ -91,11 +96,24 @@ def preprocess(file: SourceFile, urdf_sources: UrdfSources) -> SourceFile:
 
 
 def _append_statements(file: SourceFile, added: Graph) -> SourceFile:
-    """Appends statements to a file."""
+    """Appends statements to a file, between comments by which `_implied_subjects` finds them."""
+    if not added:
+        return file
     if file.format != ox.RdfFormat.RDF_XML:
-        return replace(file, data=file.data + b"\n" + "".join(_to_n_triples(added)).encode())
+        lines = [f"\n# {_BEGIN_IMPLIED}\n", *_to_n_triples(added), f"# {_END_IMPLIED}\n"]
+        return replace(file, data=file.data + "".join(lines).encode())
     end = max((tag.start() for tag in _END_TAG.finditer(file.data)), default=len(file.data))
-    return replace(file, data=file.data[:end] + "".join(_to_rdf_xml(added)).encode() + file.data[end:])
+    lines = [f"<!-- {_BEGIN_IMPLIED} -->\n", *_to_rdf_xml(added), f"<!-- {_END_IMPLIED} -->\n"]
+    return replace(file, data=file.data[:end] + "".join(lines).encode() + file.data[end:])
+
+
+def _implied_subjects(file: SourceFile) -> Iterator[Iri]:
+    """Yields the subjects of the statements that `preprocess` has appended to a text."""
+    for found in _IMPLIED.finditer(file.data):
+        data = found[1]
+        if file.format == ox.RdfFormat.RDF_XML:
+            data = f'<rdf:RDF xmlns:rdf="{RDF}">'.encode() + data + b"</rdf:RDF>"
+        yield from graph_from_quads(ox.parse(data, file.format), set())
 
 
 def _as_n_triples(file: SourceFile, quads: Sequence[ox.Quad], added: Graph) -> tuple[SourceFile, Graph]:
@@ -543,6 +561,26 @@ class SourceRegistry:
             return graphs[0]
         graph = merge_graphs([graph for graph, _ in graphs])
         return graph, individuals_by_map(graph)
+
+    def implied_members(self, map: Iri) -> frozenset[Iri]:
+        """Returns the individuals whose membership follows from the other statements about a map, and is not stated.
+
+        The map itself is among them if its class is not stated. The result is empty if a single file with the
+        statements about this map would imply something else, as it may if several sources describe the map.
+        """
+        graph, _ = self.map_graph(map)
+        files = (source.load_text() for source in self.sources.values() if map in self.maps_in(source))
+        implied = frozenset(subject for file in files for subject in _implied_subjects(file))
+        if not implied:
+            return implied
+        members = without_other_maps(graph, map, individuals_by_map(graph))
+        stated = {
+            subject: [fact for fact in facts if not is_membership(fact, map)] if subject in implied else facts
+            for subject, facts in members.items()
+        }
+        again = with_inferred_membership({subject: facts for subject, facts in stated.items() if facts})
+        same = again.keys() == members.keys() and all(set(again[each]) == set(members[each]) for each in members)
+        return implied if same else frozenset()
 
     def source_graph(self, source: Source) -> tuple[Graph, MapMembers]:
         """Returns the exact statements of a source and the members of its maps; the result is cached.

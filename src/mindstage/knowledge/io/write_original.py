@@ -1,23 +1,24 @@
 """Writing of a world in the dialect of the map that it was read from.
 
-Statements of the source map are written unchanged, and nothing is added, as long as reading them gives the same world.
-For what has changed, as many statements are added as reading requires, which is found by trial. If no such statements
-exist, as after a part was detached that the map states to be attached, the world is written in the vocabulary of
-dialect 1.
+Statements of the source map are written unchanged, to the spelling of each number, and nothing is added, as long as
+reading them gives the same world. For what has changed, as many statements are added as reading requires, which is
+found by trial. If no such statements exist, as after a part was detached that the map states to be attached, the world
+is written in the vocabulary of dialect 1.
 """
 
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from itertools import chain
 
 import msgspec
 
 from mindstage.knowledge.dialects import read_world
-from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
+from mindstage.knowledge.dialects.conventions import SI, Assumption, UnitConventions
 from mindstage.knowledge.dialects.knowrob1 import KNOWROB1_DIALECT, perception_blocks
-from mindstage.knowledge.dialects.membership import individuals_by_map
+from mindstage.knowledge.dialects.membership import individuals_by_map, is_membership
 from mindstage.knowledge.dialects.soma_export import SOMA_DIALECT, SomaPoseWriter, write_as_soma
 from mindstage.knowledge.dialects.soma_nodes import SAME_DIALECT, dual_dialect_info, without_restatements
 from mindstage.knowledge.dialects.source_map import SourceMap, ignore_finding
@@ -32,7 +33,18 @@ from mindstage.knowledge.dialects.unit_conversion import (
 from mindstage.knowledge.graph_diff import SourceMapView, canonical_statement
 from mindstage.knowledge.rdf_mapping.nested import NESTED_RESOURCES, nest_blank_nodes
 from mindstage.knowledge.rdf_mapping.serialize import DocumentSection, SubjectBlock
-from mindstage.knowledge.vocabulary import CHILD, DIALECT, FRAME, HAS_POSE, PARENT, QUATERNION_ORDER, UNITS
+from mindstage.knowledge.vocabulary import (
+    CHILD,
+    DIALECT,
+    FRAME,
+    GIVEN_PIVOT,
+    GIVEN_SIZES,
+    HAS_POSE,
+    PARENT,
+    QUATERNION_ORDER,
+    SIZES,
+    UNITS,
+)
 from mindstage.scene import (
     Body,
     Iri,
@@ -54,7 +66,7 @@ _DEFINITION_SECTIONS = 3
 """Number of leading sections: ontologies, properties and classes."""
 _PART_PROPERTIES = frozenset(part.property for part in NESTED_RESOURCES)
 _ORIGINAL_PROPERTIES = frozenset(map(original_property, CONVERTED_PROPERTIES))
-_DECLARATIONS = frozenset({UNITS, FRAME, QUATERNION_ORDER})
+_DECLARATIONS = frozenset({UNITS, FRAME, QUATERNION_ORDER, SIZES, GIVEN_SIZES})
 
 
 def write_in_source_dialect(
@@ -77,48 +89,80 @@ def write_in_source_dialect(
 class _SourceDialectWriter:
     def __init__(self, world: World, all_sections: Sequence[DocumentSection], source_view: SourceMapView) -> None:
         self.world, self.all_sections, self.dialect = world, all_sections, source_view.dialect
-        self.source_map = without_restatements(source_view.source_map)
-        self.dual_dialect = dual_dialect_info(source_view.source_map)
+        self.original_map = source_view.source_map
+        self.source_map = without_restatements(self.original_map)
+        self.dual_dialect = dual_dialect_info(self.original_map)
         self.notes: list[str] = []
         self.target = _without_original_numbers(world)
         self.conventions = None if is_converted(self.source_map) else original_conventions(world.facts)
-        source_graph = self.source_map.graph
-        self.source_facts = {
-            subject: {canonical_statement(fact): at for at, fact in enumerate(facts)}
-            for subject, facts in source_graph.items()
-        }
-        self.source_order = {subject: at for at, subject in enumerate(source_graph)}
+        self.has_boxes = _has_inferred_boxes(all_sections)
+        self.source_order = {subject: at for at, subject in enumerate(self.source_map.graph)}
+        self._statements: dict[Iri, dict[PropertyAssertion, list[PropertyAssertion]]] = {}
 
     def sections(self) -> Sequence[DocumentSection]:
-        full = self._in_source_order(
-            [self._in_source_dialect(block) for section in self.all_sections for block in section.blocks]
-        )
-        for excluded in (_DECLARATIONS, frozenset[Iri]()) if self.conventions else (frozenset[Iri](),):
-            changed: set[Iri] = set()
+        source = [SubjectBlock(subject, list(facts)) for subject, facts in self.source_map.graph.items()]
+        difference = self._difference(source)
+        if difference.identical():
+            return self._sections(self._unchanged_blocks())
+        all_blocks = [block for section in self.all_sections for block in section.blocks]
+        # First without declarations, then with them, then with the boxes that were inferred instead of their evidence.
+        attempts = [(_DECLARATIONS, True), (frozenset[Iri](), True), (frozenset[Iri](), False)]
+        for excluded, as_given in attempts if self.conventions or self.has_boxes else attempts[1:2]:
+            full = self._in_source_order([self._in_source_dialect(block, as_given=as_given) for block in all_blocks])
+            # Values of a touched subject are replaced. If that is not enough, everything about it is stated.
+            replaced, restated = set[Iri](), set[Iri]()
+            touched = set[Iri]()
             while True:
-                blocks = list(self._only_changes(full, changed, excluded))
-                difference = diff(self.target, _without_original_numbers(read_world(self._source_map_of(blocks))))
+                restated |= touched & replaced
+                replaced |= touched
+                blocks = list(self._only_changes(full, replaced, restated, excluded))
+                difference = self._difference(blocks)
                 if difference.identical():
-                    self._add_note(changed)
-                    return self._with_moved_poses(self._sections(blocks), changed)
+                    self._add_note(restated)
+                    return self._with_moved_poses(self._sections(blocks), restated)
                 touched = self._changed_subjects(difference, full)
-                if touched <= changed:
+                if touched <= restated:
                     break
-                changed |= touched
         if self.dialect != SEMLOG_DIALECT or self.conventions:
             self.notes.append(f"{self.dialect} cannot express the changes; SemLog's vocabulary is used")
         return self.all_sections
 
     # -- writing -------------------------------------------------------------------------------------------------------
 
-    def _in_source_dialect(self, block: SubjectBlock) -> SubjectBlock:
-        """Restores the original numbers and properties of a block."""
+    def _unchanged_blocks(self) -> Iterator[SubjectBlock]:
+        """Yields the statements of the source as they are, without those that reading them implies."""
+        implied = self.original_map.implied_members
+        for subject, facts in self.original_map.graph.items():
+            if subject in implied:
+                facts = [fact for fact in facts if not is_membership(fact, self.original_map.map)]
+            if facts:
+                yield SubjectBlock(subject, list(facts), self._comments.get(subject, ""))
+
+    @cached_property
+    def _comments(self) -> Mapping[Iri, str]:
+        return {block.subject: block.comment for section in self.all_sections for block in section.blocks}
+
+    def _source_facts(self, subject: Iri) -> Mapping[PropertyAssertion, Sequence[PropertyAssertion]]:
+        """The statements of the source about a subject, by their canonical form."""
+        found = self._statements.get(subject)
+        if found is None:
+            found = self._statements[subject] = {}
+            for fact in self.source_map.graph.get(subject, ()):
+                found.setdefault(canonical_statement(fact), []).append(fact)
+        return found
+
+    def _in_source_dialect(self, block: SubjectBlock, *, as_given: bool) -> SubjectBlock:
+        """Restores the original numbers and properties of a block; without `as_given`, poses stay those of centers."""
         facts: Sequence[PropertyAssertion] = block.facts
-        if self.conventions:
-            facts = restore_facts(facts, self.conventions)
+        if self.conventions or self.has_boxes:
+            conventions = self.conventions or SI
+            facts = restore_facts(facts, conventions, with_pivots=as_given)
             if block.subject == self.world.iri:
-                facts = restore_declarations(facts, self.conventions)
-        source_facts = self.source_facts.get(block.subject, {})
+                boxes = [fact for fact in facts if fact.property == GIVEN_SIZES]
+                facts = restore_declarations(facts, conventions)
+                if not as_given:
+                    facts = [*(fact for fact in facts if fact.property != SIZES), *boxes]
+        source_facts = self._source_facts(block.subject)
         return replace(block, facts=[_restore_role(fact, source_facts) for fact in facts])
 
     def _in_source_order(self, blocks: Iterable[SubjectBlock]) -> list[SubjectBlock]:
@@ -127,27 +171,43 @@ class _SourceDialectWriter:
         return sorted(blocks, key=lambda block: self.source_order.get(block.subject, last))
 
     def _only_changes(
-        self, blocks: Iterable[SubjectBlock], changed: Container[Iri], excluded: Container[Iri]
+        self,
+        blocks: Iterable[SubjectBlock],
+        replaced: Container[Iri],
+        restated: Container[Iri],
+        excluded: Container[Iri],
     ) -> Iterator[SubjectBlock]:
-        """Yields the statements of the source map, and all statements about the subjects that have changed."""
+        """Yields the statements of the source as they are, and those that have changed.
+
+        Args:
+            blocks: the complete description of the world.
+            replaced: subjects of which some properties have other values than in the source.
+            restated: subjects of which everything is stated.
+            excluded: properties of which only statements of the source are written.
+        """
         for block in blocks:
-            source_facts = self.source_facts.get(block.subject, {})
+            spelled = self._source_facts(block.subject)
             statements = [(fact, canonical_statement(fact)) for fact in block.facts]
-            if block.subject not in changed:
+            if block.subject not in restated:
                 written = {each for _, each in statements}
-                replaced = {fact.property for fact in source_facts if fact not in written} | _DECLARATIONS
+                changed = set(_DECLARATIONS)
+                if block.subject in replaced:
+                    changed |= {each.property for each in spelled if each not in written}
                 statements = [
-                    (fact, each) for fact, each in statements if each in source_facts or fact.property in replaced
-                ]
-            statements = [
-                (fact, each) for fact, each in statements if fact.property not in excluded or each in source_facts
+                    (fact, each) for fact, each in statements if each not in spelled and fact.property in changed
+                ]  # changed values first, to take precedence
+                if block.subject in replaced:
+                    statements += [(fact, fact) for fact in spelled if fact in written]
+                else:
+                    statements += [(fact, fact) for fact in spelled]
+            facts = [
+                each
+                for fact, canonical in statements
+                if fact.property not in excluded or canonical in spelled
+                for each in spelled.get(canonical, (fact,))
             ]
-            if block.subject not in changed:
-                statements.sort(
-                    key=lambda pair: source_facts.get(pair[1], -1)
-                )  # changed values first, to take precedence
-            if statements:
-                yield replace(block, facts=[fact for fact, _ in statements])
+            if facts:
+                yield replace(block, facts=list(dict.fromkeys(facts)))
 
     def _sections(self, blocks: Iterable[SubjectBlock]) -> Sequence[DocumentSection]:
         """Groups blocks under the headings of their definitions; all other blocks become individuals."""
@@ -213,6 +273,10 @@ class _SourceDialectWriter:
             conventions=UnitConventions(),
         )
 
+    def _difference(self, blocks: Iterable[SubjectBlock]) -> WorldDiff:
+        """Returns the difference between the world and the one that is read from some blocks."""
+        return diff(self.target, _without_original_numbers(read_world(self._source_map_of(blocks))))
+
     def _changed_subjects(self, diff: WorldDiff, blocks: Iterable[SubjectBlock]) -> set[Iri]:
         """Returns the individuals that differ, and their nested resources."""
         individuals: Iterable[Body | Joint | Light] = chain(self.world.bodies, self.world.joints, self.world.lights)
@@ -227,6 +291,16 @@ class _SourceDialectWriter:
             if fact.property in _PART_PROPERTIES and isinstance(fact.value, IriRef)
         }
         return touched | parts
+
+
+def _has_inferred_boxes(sections: Iterable[DocumentSection]) -> bool:
+    """Whether a reader infers boxes of bodies from the statements of the source."""
+    return any(
+        fact.property in (GIVEN_SIZES, GIVEN_PIVOT)
+        for section in sections
+        for block in section.blocks
+        for fact in block.facts
+    )
 
 
 def _without_original_numbers(world: World) -> World:

@@ -270,6 +270,10 @@ class ClassSizes:
                     if fact.property in (SUBCLASS_OF, EQUIVALENT_CLASS):
                         self._add_restriction(cls, fact, source)
 
+    def __len__(self) -> int:
+        """The number of classes that give an extent."""
+        return len(self._sizes_by_class)
+
     def get(self, classes: tuple[Iri, ...]) -> PartialSize:
         """The extents of an individual of these classes; each axis is looked up separately."""
         size = self._cache.get(classes)

@@ -32,6 +32,7 @@ from mindstage.knowledge.vocabulary import (
     CHILD,
     CONSTRAINT,
     DESCRIBED_IN_MAP,
+    GIVEN_SIZES,
     KNOWROB,
     LIGHT_CLASSES,
     MS,
@@ -192,6 +193,9 @@ class _WorldSerializer:
         name = local_name(world.iri)
         has_label = world.name != name or writer.first_value(codecs.LABEL_CODEC) == name
         writer.write(codecs.LABEL_CODEC, world.name if has_label else None)
+        if len(self.sizes) and not any(fact.property == GIVEN_SIZES for fact in world.facts):
+            # The sizes of classes would be interpreted again, and their frame may be inferred differently.
+            writer.add_fact(PropertyAssertion(GIVEN_SIZES, Literal("body")))
         return SubjectBlock(world.iri, writer.all_facts(), f"Semantic Map {world.name}")
 
     def _start_entity(self, entity: Body | Joint | Light, cls: Iri | None) -> SubjectWriter:

@@ -59,7 +59,10 @@ _HEAD = 64 * 1024
 _PROLOG = rb"(?>\s+|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>\[]*(?:\[[^\]]*\]\s*)?>)*+"
 """What may precede the root element; possessive quantifiers keep matching linear in the number of comments."""
 _ROBOT = re.compile(rb"\A(?:\xef\xbb\xbf)?" + _PROLOG + rb"<robot[\s/>]", re.DOTALL)
-_XACRO = re.compile(rb"xmlns:xacro\s*=|<xacro:")
+_XACRO_NAMESPACE = re.compile(r"https?://[\w.]*ros\.org/(?:\w+/)*xacro/?")
+"""Namespaces that files bind to the prefix of xacro's elements; `xacro` itself looks at the prefix only."""
+_XACRO_EXPRESSION = re.compile(r"\$[{(]")
+"""The beginning of `${expression}` or `$(substitution)`, or of an escaped one, which xacro unescapes."""
 
 
 def expand_xacro(path: Path, packages: RosPackagePath, *, timeout_s: float = _TIMEOUT_S) -> bytes:
@@ -417,9 +420,33 @@ def read_urdf(path: Path, packages: RosPackagePath) -> UrdfRobot:
     root = _parse_xml(path, data)
     if root.tag != "robot":
         raise SourceParseError(str(path), cause=f"its root element is <{root.tag}>, not <robot>")
-    if _XACRO.search(data):
+    if _needs_xacro(root):
         root = _parse_xml(path, expand_xacro(path, packages))
     return parse_robot(root, path, packages)
+
+
+def _needs_xacro(root: Element) -> bool:
+    """Whether a file must be expanded: whether any of its elements, attributes or texts is written in xacro.
+
+    A declaration of the namespace alone, which expanded files keep, needs no expansion. Texts count only beside such a
+    declaration, since the parameters of a simulator's plugins may contain `$` for other reasons.
+    """
+    prefixes = {"xacro"}
+    declares_namespace = False
+    for element in root.iter():
+        for name, value in element.attrib.items():
+            if name.startswith("xmlns:") and (name == "xmlns:xacro" or _XACRO_NAMESPACE.fullmatch(value.strip())):
+                declares_namespace = True
+                prefixes.add(name.removeprefix("xmlns:"))
+    for element in root.iter():
+        if any(name.partition(":")[0] in prefixes for name in (element.tag, *element.attrib) if ":" in name):
+            return True
+        if any(map(_XACRO_EXPRESSION.search, element.attrib.values())):
+            return True
+        texts = (element.text, element.tail) if declares_namespace else ()
+        if any(_XACRO_EXPRESSION.search(text) for text in texts if text):
+            return True
+    return False
 
 
 def _parse_xml(path: Path, data: bytes) -> ElementTree.Element:

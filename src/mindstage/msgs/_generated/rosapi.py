@@ -16,6 +16,7 @@ __all__ = [
     "ActionGoalDetails",
     "ActionResultDetails",
     "ActionType",
+    "DeleteParam",
     "GetActionServers",
     "GetParam",
     "GetParamNames",
@@ -27,6 +28,7 @@ __all__ = [
     "NodeDetails",
     "Nodes",
     "Publishers",
+    "SearchParam",
     "ServiceNode",
     "ServiceProviders",
     "ServiceRequestDetails",
@@ -34,6 +36,7 @@ __all__ = [
     "ServiceType",
     "Services",
     "ServicesForType",
+    "SetParam",
     "Subscribers",
     "TopicType",
     "Topics",
@@ -94,6 +97,19 @@ class ActionType(base.Service):
 
     class Response(base.Message, frozen=True):
         type: base.String = ""
+
+
+class DeleteParam(base.Service):
+    """Deletes a parameter."""
+
+    class Request(base.Message, frozen=True):
+        name: base.String = ""
+
+    class Response(base.Message, frozen=True):
+        only_in: ClassVar = {"successful": base.RosVersion.TWO, "reason": base.RosVersion.TWO}
+
+        successful: base.Bool = False
+        reason: base.String = ""
 
 
 class GetActionServers(base.Service):
@@ -218,6 +234,17 @@ class Publishers(base.Service):
         publishers: tuple[base.String, ...] = ()
 
 
+class SearchParam(base.Service):
+    """Finds a parameter in a namespace or in one above it; ROS 2 has no such service."""
+
+    class Request(base.Message, frozen=True):
+        name: base.String = ""
+
+    class Response(base.Message, frozen=True):
+        global_name: base.String = ""
+        """The absolute name; empty if there is none."""
+
+
 class ServiceNode(base.Service):
     """Returns the node that provides a service."""
 
@@ -286,6 +313,21 @@ class ServicesForType(base.Service):
 
     class Response(base.Message, frozen=True):
         services: tuple[base.String, ...] = ()
+
+
+class SetParam(base.Service):
+    """Sets the value of a parameter."""
+
+    class Request(base.Message, frozen=True):
+        name: base.String = ""
+        value: base.String = ""
+        """JSON."""
+
+    class Response(base.Message, frozen=True):
+        only_in: ClassVar = {"successful": base.RosVersion.TWO, "reason": base.RosVersion.TWO}
+
+        successful: base.Bool = False
+        reason: base.String = ""
 
 
 class Subscribers(base.Service):

@@ -17,6 +17,7 @@ __all__ = [
     "Bounds",
     "BoundsType",
     "Category",
+    "CurrentWorldCode",
     "DeleteEntity",
     "EntityCategory",
     "EntityFilters",
@@ -174,6 +175,12 @@ class AvailableWorldsCode(base.Uint8Enum):
     """Additional result codes."""
 
     DEFAULT_SOURCES_FAILED = 101
+
+
+class CurrentWorldCode(base.Uint8Enum):
+    """Additional result codes."""
+
+    NO_WORLD_LOADED = 101
 
 
 class LoadWorldCode(base.Uint8Enum):
@@ -383,6 +390,8 @@ class GetCurrentWorld(base.Service):
         pass
 
     class Response(base.Message, frozen=True):
+        constants: ClassVar = (CurrentWorldCode,)
+
         result: Result = Result()
         world: WorldResource = WorldResource()
 

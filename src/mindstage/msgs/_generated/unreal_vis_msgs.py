@@ -27,7 +27,7 @@ class DisplayBasicMarker(base.Service):
         marker_type: BasicMarkerType = BasicMarkerType.POINT
         pose: geometry_msgs.Pose = geometry_msgs.Pose()
         color: std_msgs.ColorRGBA = std_msgs.ColorRGBA()
-        scale: base.Float64 = 0.0
+        scale: base.Float32 = 0.0
         marker_id: base.String = ""
 
     class Response(base.Message, frozen=True):

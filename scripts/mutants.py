@@ -1,0 +1,386 @@
+"""Mutation testing of the core: changes one expression at a time and checks that a test fails (`make mutants`).
+
+1. The tests run once with coverage, which records for each line the tests that execute it, and their durations.
+2. A random sample of mutants is drawn, with the operators of mutmut, a negated `if`, and no prose: a string is mutated
+   only if it is one word (a key, a name, an enumeration's value), since tests do not repeat sentences.
+3. Each mutant runs the fastest tests of its line in a forked process, in a copy of `src`, until one fails.
+
+A mutant is killed by a failed test, an error, or a time limit. The score is killed / all; a line without tests counts
+as survived. Results are in build/mutants: results.json, and survivors.txt with the changed line of each survivor.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import difflib
+import json
+import multiprocessing
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from queue import Queue
+from typing import NamedTuple
+
+import coverage
+import libcst as cst
+import pytest
+from libcst.metadata import MetadataWrapper, PositionProvider
+from mutmut.mutation.mutators import mutation_operators
+
+__all__ = ["Mutant", "main"]
+
+ROOT = Path(__file__).resolve().parent.parent
+SOURCE = ROOT / "src" / "mindstage"
+OUTPUT = ROOT / "build" / "mutants"
+PACKAGES = {
+    "scene": ["scene"],
+    "engines": ["engines/*.py", "engines/mujoco"],
+    "dialects and readers": ["knowledge/dialects", "knowledge/rdf_mapping", "knowledge/urdf", "knowledge/io"],
+    "reasoner and questions": ["knowledge/*.py", "knowledge/queries"],
+    "protocol": ["bridge", "msgs/*.py"],
+    "ROS interface": ["ros"],
+    "simulation": ["simulation"],
+    "gate": ["viewer/http.py", "viewer/handlers.py"],
+    "geometry and assets": ["geometry/*.py", "assets"],
+}
+"""The core by name, as folders or patterns below `SOURCE`."""
+TEST_FOLDERS = ["scene", "engines", "knowledge", "bridge", "msgs", "ros", "simulation", "geometry", "assets", "viewer"]
+SLOW_TESTS = ["godot", "chromium", "browser", "page_tab", "fuzz_files", "fuzz_structure", "test_shot", "roslibjs"]
+"""Words of test ids that are not run: they need other programs and take seconds each."""
+BUDGET_S = 30.0
+"""Maximum total duration of the tests of one mutant [s], as measured without coverage's cost."""
+WORD = re.compile(r"[A-Za-z][\w:/.#-]*")
+PLAIN_TEST_ID = re.compile(r"[\w./:-]+(\[[\w.-]+\])?")
+"""Ids that pytest accepts as arguments; others name all parameters of their test."""
+PRELOADED = ["pytest", "hypothesis", "numpy", "scipy.spatial", "mujoco", "pyoxigraph", "trimesh", "msgspec", "typer"]
+"""Libraries that every run uses, imported once."""
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One changed expression."""
+
+    package: str
+    file: str
+    """Path below src/mindstage."""
+    number: int
+    """Index among the mutants of the file."""
+    line: int
+    function: tuple[int, int]
+    """First and last line of the function."""
+    before: str
+    after: str
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line} #{self.number}\n    - {self.before}\n    + {self.after}"
+
+
+class Mutation(NamedTuple):
+    """An expression and what replaces it."""
+
+    original: cst.CSTNode
+    changed: cst.CSTNode
+    line: int
+    function: tuple[int, int]
+
+
+class MutationVisitor(cst.CSTVisitor):
+    """Collects the possible mutations inside of functions; prose, annotations and decorators stay."""
+
+    METADATA_DEPENDENCIES = (PositionProvider,)
+
+    def __init__(self) -> None:
+        self.mutations: list[Mutation] = []
+        self._functions: list[tuple[int, int]] = []
+
+    def on_visit(self, node: cst.CSTNode) -> bool:
+        if isinstance(node, cst.Annotation | cst.Decorator | cst.FormattedString | cst.Assert | cst.Raise):
+            return False
+        if isinstance(node, cst.FunctionDef):
+            position = self.get_metadata(PositionProvider, node)
+            self._functions.append((position.start.line, position.end.line))
+        elif self._functions:
+            line = self.get_metadata(PositionProvider, node).start.line
+            self.mutations += [Mutation(node, new, line, self._functions[-1]) for new in _replacements(node)]
+        return True
+
+    def on_leave(self, original_node: cst.CSTNode) -> None:
+        if isinstance(original_node, cst.FunctionDef):
+            self._functions.pop()
+
+
+def _replacements(node: cst.CSTNode) -> Iterator[cst.CSTNode]:
+    if isinstance(node, cst.If) and not isinstance(node.test, cst.Comparison | cst.BooleanOperation):
+        yield node.with_changes(test=_negated(node.test))
+    for kind, operator in mutation_operators:
+        if not isinstance(node, kind):
+            continue
+        if kind is not cst.BaseString:
+            yield from operator(node)
+        elif isinstance(node, cst.SimpleString) and WORD.fullmatch(str(node.evaluated_value)):
+            yield node.with_changes(value=f'"XX{node.evaluated_value}"')
+
+
+def _negated(test: cst.BaseExpression) -> cst.BaseExpression:
+    if isinstance(test, cst.UnaryOperation) and isinstance(test.operator, cst.Not):
+        return test.expression
+    parenthesized = test.with_changes(lpar=[cst.LeftParen()], rpar=[cst.RightParen()])
+    return cst.UnaryOperation(operator=cst.Not(), expression=parenthesized)
+
+
+def draw_sample(count: int, seed: int, packages: Sequence[str]) -> list[tuple[Mutant, str]]:
+    """Draws mutants and their source texts: files by their size, then mutations of each, none twice."""
+    chooser = random.Random(seed)
+    files = [(name, path) for name in packages for path in _files_of(PACKAGES[name])]
+    wanted = Counter(chooser.choices(files, weights=[path.stat().st_size for _, path in files], k=count))
+    return [
+        pair
+        for (name, path), number in sorted(wanted.items(), key=lambda item: str(item[0][1]))
+        for pair in _draw_from_file(name, path, number, chooser)
+    ]
+
+
+def _files_of(patterns: Iterable[str]) -> Iterator[Path]:
+    for pattern in patterns:
+        folder = SOURCE / pattern
+        found = sorted(folder.rglob("*.py")) if folder.is_dir() else sorted(SOURCE.glob(pattern))
+        yield from (path for path in found if path.name != "__init__.py")
+
+
+def _draw_from_file(package: str, path: Path, count: int, chooser: random.Random) -> Iterator[tuple[Mutant, str]]:
+    text = path.read_text(encoding="utf-8")
+    wrapper = MetadataWrapper(cst.parse_module(text))
+    visitor = MutationVisitor()
+    wrapper.visit(visitor)
+    numbers = list(range(len(visitor.mutations)))
+    chooser.shuffle(numbers)
+    for number in numbers:
+        if count == 0:
+            return
+        mutation = visitor.mutations[number]
+        mutated = wrapper.module.deep_replace(mutation.original, mutation.changed).code
+        try:
+            compile(mutated, str(path), "exec")
+        except SyntaxError:
+            continue
+        count -= 1
+        rows = list(difflib.unified_diff(text.splitlines(), mutated.splitlines(), n=0, lineterm=""))[3:]
+        before = " ".join(row[1:].strip() for row in rows if row.startswith("-"))
+        after = " ".join(row[1:].strip() for row in rows if row.startswith("+")) or "(removed)"
+        place = str(path.relative_to(SOURCE))
+        yield Mutant(package, place, number, mutation.line, mutation.function, before[:200], after[:200]), mutated
+
+
+class CoverageRecorder:
+    """A pytest plugin that attributes the executed lines to tests, and records how long each test takes."""
+
+    def __init__(self, measurement: coverage.Coverage) -> None:
+        self.durations: dict[str, float] = defaultdict(float)
+        """Duration of each passed test with its fixtures [s], by node id."""
+        self._measurement = measurement
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_setup(self, item: pytest.Item) -> Iterator[None]:
+        self._measurement.switch_context(f"{item.nodeid}|setup")
+        return (yield)  # type: ignore[return-value]
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
+        self._measurement.switch_context(f"{item.nodeid}|call")
+        return (yield)  # type: ignore[return-value]
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        items[:] = [item for item in items if not any(word in _described(item) for word in SLOW_TESTS)]
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self.durations[report.nodeid] += report.duration
+        if not report.passed:
+            self.durations[report.nodeid] = float("inf")  # skipped or failed: cannot kill a mutant
+
+
+def _described(item: pytest.Item) -> str:
+    return " ".join((item.nodeid, *getattr(item, "fixturenames", ())))
+
+
+def record_coverage() -> None:
+    """Runs the tests with coverage, in this process."""
+    OUTPUT.mkdir(parents=True, exist_ok=True)
+    measurement = coverage.Coverage(data_file=str(OUTPUT / "coverage"), source=[str(SOURCE)], config_file=False)
+    measurement.erase()
+    recorder = CoverageRecorder(measurement)
+    measurement.start()
+    folders = [str(ROOT / "tests" / folder) for folder in TEST_FOLDERS]
+    pytest.main(["-q", "-p", "no:cacheprovider", "--tb=short", *folders], plugins=[recorder])
+    measurement.stop()
+    measurement.save()
+    durations = {test: seconds for test, seconds in recorder.durations.items() if seconds != float("inf")}
+    (OUTPUT / "durations.json").write_text(json.dumps(durations), encoding="utf-8")
+
+
+class TestSelector:
+    """Selects the tests of a mutant from the recorded coverage."""
+
+    def __init__(self) -> None:
+        self._durations: dict[str, float] = json.loads((OUTPUT / "durations.json").read_text(encoding="utf-8"))
+        self._data = coverage.CoverageData(str(OUTPUT / "coverage"))
+        self._data.read()
+        self._by_file: dict[str, list[str]] = defaultdict(list)
+        for test in self._durations:
+            self._by_file[test.partition("::")[0]].append(test)
+        self._contexts: dict[str, dict[int, list[str]]] = {}
+
+    def select(self, mutant: Mutant) -> tuple[list[str], float]:
+        """Returns the ids of tests that execute the mutated line, nearest and fastest first, and their duration [s]."""
+        contexts = self._contexts.get(mutant.file)
+        if contexts is None:
+            contexts = self._contexts[mutant.file] = self._data.contexts_by_lineno(str(SOURCE / mutant.file))
+        first, last = mutant.function
+        found = self._tests_of(contexts.get(mutant.line, ()))
+        if not found:  # a continued line, or one that is executed at import
+            found = self._tests_of(context for line in range(first, last + 1) for context in contexts.get(line, ()))
+        near = f"tests/{mutant.file.partition('/')[0]}/"
+        ordered = sorted(found, key=lambda test: (not test.startswith(near), self._durations[test]))
+        selected: dict[str, None] = {}
+        total = 0.0
+        for test in ordered:
+            total += self._durations[test]
+            if total > BUDGET_S and selected:
+                break
+            selected[test if PLAIN_TEST_ID.fullmatch(test) else test.partition("[")[0]] = None
+        return list(selected), min(total, BUDGET_S)
+
+    def _tests_of(self, contexts: Iterable[str]) -> set[str]:
+        tests = set()
+        for context in contexts:
+            test, _, phase = context.partition("|")
+            # A shared fixture runs in the setup of its first test only, but all tests of the file may depend on it.
+            tests |= set(self._by_file[test.partition("::")[0]]) if phase == "setup" else {test}
+        return tests & self._durations.keys()
+
+
+def run_mutant(tree: Path, tests: Sequence[str], log: Path) -> None:
+    """Runs tests on a copy of the source, in a process of its own; exits with pytest's code."""
+    os.setsid()
+    for descriptor in (1, 2):
+        os.dup2(os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), descriptor)
+    os.chdir(ROOT)
+    os.environ["PYTHONPATH"] = f"{tree}{os.pathsep}{ROOT}"
+    sys.path[:0] = [str(tree), str(ROOT)]
+    sys.exit(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--tb=line", *tests]))
+
+
+class MutantRunner:
+    """Runs mutants on several copies of the source at once."""
+
+    def __init__(self, selector: TestSelector, workers: int) -> None:
+        self._selector = selector
+        self._workers = workers
+        self._context = multiprocessing.get_context("forkserver")
+        self._context.set_forkserver_preload(PRELOADED)
+        self._trees: Queue[Path] = Queue()
+        for number in range(workers):
+            tree = OUTPUT / f"tree-{number}"
+            shutil.rmtree(tree, ignore_errors=True)
+            shutil.copytree(SOURCE, tree / "mindstage", ignore=shutil.ignore_patterns("__pycache__"))
+            self._trees.put(tree)
+
+    def run(self, sample: Sequence[tuple[Mutant, str]]) -> Iterator[tuple[Mutant, str]]:
+        """Yields each mutant with its outcome: killed, survived, timeout (killed) or untested."""
+        with ThreadPoolExecutor(self._workers) as pool:
+            for number, (mutant, outcome) in enumerate(pool.map(self._run_one, sample), 1):
+                print(f"{number:4}/{len(sample)} {outcome:9} {mutant.file}:{mutant.line}", flush=True)
+                yield mutant, outcome
+
+    def _run_one(self, pair: tuple[Mutant, str]) -> tuple[Mutant, str]:
+        mutant, text = pair
+        tests, duration = self._selector.select(mutant)
+        if not tests:
+            return mutant, "untested"
+        tree = self._trees.get()
+        file = tree / "mindstage" / mutant.file
+        compiled = file.parent / "__pycache__" / f"{file.stem}.{sys.implementation.cache_tag}.pyc"
+        original = file.read_text(encoding="utf-8")
+        try:
+            compiled.unlink(missing_ok=True)  # its time stamp may equal that of the mutated file
+            file.write_text(text, encoding="utf-8")
+            return mutant, self._outcome(tree, tests, 40.0 + 4.0 * duration)
+        finally:
+            file.write_text(original, encoding="utf-8")
+            compiled.unlink(missing_ok=True)
+            self._trees.put(tree)
+
+    def _outcome(self, tree: Path, tests: Sequence[str], limit_s: float) -> str:
+        process = self._context.Process(target=run_mutant, args=(tree, tests, tree / "log.txt"))
+        process.start()
+        process.join(limit_s)
+        code = process.exitcode
+        if process.pid is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)  # also what its tests started
+        process.join()
+        return "timeout" if code is None else "survived" if code == 0 else "killed"
+
+
+def report(results: Sequence[tuple[Mutant, str]]) -> None:
+    """Writes the results and prints the score by package."""
+    rows = [asdict(mutant) | {"outcome": outcome} for mutant, outcome in results]
+    (OUTPUT / "results.json").write_text(json.dumps(rows, indent=1), encoding="utf-8")
+    alive = [(mutant, outcome) for mutant, outcome in results if outcome in ("survived", "untested")]
+    text = "\n".join(f"{outcome} {mutant}" for mutant, outcome in alive)
+    (OUTPUT / "survivors.txt").write_text(text + "\n", encoding="utf-8")
+    print(f"\n{'package':24}{'mutants':>8}{'killed':>8}{'untested':>9}{'score':>7}")
+    for name in (*PACKAGES, None):
+        outcomes = [outcome for mutant, outcome in results if name in (None, mutant.package)]
+        if outcomes:
+            killed = sum(outcome in ("killed", "timeout") for outcome in outcomes)
+            untested = outcomes.count("untested")
+            print(f"{name or 'all':24}{len(outcomes):8}{killed:8}{untested:9}{killed / len(outcomes):7.0%}")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Draws a sample, runs it, and prints the score."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=400, help="number of mutants")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the sample")
+    parser.add_argument("--package", action="append", choices=list(PACKAGES), help="only this part; repeatable")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--keep-coverage", action="store_true", help="reuse the recorded coverage")
+    parser.add_argument("--survivors", action="store_true", help="run the survivors of the last results again")
+    parser.add_argument("--record", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    if options.record:
+        record_coverage()
+        return
+    begin = time.monotonic()
+    sample = draw_sample(options.count, options.seed, options.package or list(PACKAGES))
+    known: list[tuple[Mutant, str]] = []
+    if options.survivors:
+        rows = json.loads((OUTPUT / "results.json").read_text(encoding="utf-8"))
+        outcomes = {(row["file"], row["before"], row["after"]): row["outcome"] for row in rows}
+        known = [
+            (mutant, outcome)
+            for mutant, _ in sample
+            if (outcome := outcomes.get((mutant.file, mutant.before, mutant.after))) in ("killed", "timeout")
+        ]
+        dead = {mutant for mutant, _ in known}
+        sample = [pair for pair in sample if pair[0] not in dead]
+    if not options.keep_coverage:
+        subprocess.run([sys.executable, __file__, "--record"], check=True, cwd=ROOT)
+    results = [*known, *MutantRunner(TestSelector(), options.workers).run(sample)]
+    report(results)
+    print(f"{time.monotonic() - begin:.0f} s; survivors are listed in {OUTPUT / 'survivors.txt'}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,163 @@
+"""The place that a world occupies: its bounds, the ground below it, and bodies that leave it.
+
+Maps of episodes often have no floor, and loose bodies would fall into nothing. Where there is nothing below one, a
+ground plane is added at the height of the lowest of them. Bodies that fall far below the place are stopped there, since
+their poses would grow without limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mindstage.engines.base import MovedBody
+from mindstage.scene import BodyId
+from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene.transforms import Array
+
+__all__ = [
+    "MAX_FALL_M",
+    "MOVED_DISTANCE_M",
+    "REST_CHECK_S",
+    "PlaceBounds",
+    "belongs_to_place",
+    "find_ground_height",
+    "find_moved_bodies",
+    "find_unsupported",
+]
+
+MAX_FALL_M = 10.0
+"""Bodies that are farther below the place are stopped [m]."""
+MOVED_DISTANCE_M = 0.1
+"""Bodies that move farther right after the spawn are reported [m]."""
+REST_CHECK_S = 2.0
+"""Simulated time for which bodies are observed after a spawn [s]."""
+
+_MAX_PLACE_EXTENT_M = 30.0
+"""Larger bodies are scenery, such as a panorama, and do not belong to the place."""
+_MAX_PLACE_RADIUS_M = 1e3
+"""Bodies that are farther from the median position are errors of the map, and do not belong to the place either."""
+_LEFT_MARGIN_M = 0.5
+"""A body whose center is farther outside of the bounds has left the place [m]."""
+_MAX_OUTLIER_FRACTION = 0.1
+_MIN_OUTLIER_GAP_M = 1.0
+"""The lowest bodies are ignored for the ground if they are few, and farther below all others."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceBounds:
+    """The axis-aligned bounds of a place."""
+
+    low: Array
+    """Lower corner [m]."""
+    high: Array
+    """Upper corner [m]."""
+
+    @classmethod
+    def from_boxes(cls, boxes: OrientedBoxes) -> PlaceBounds | None:
+        """The bounds of all bodies that belong to the place; None without bodies."""
+        if not len(boxes.center):
+            return None
+        low, high = boxes.bounds()
+        belongs = belongs_to_place(boxes)
+        return cls(low[belongs].min(axis=0), high[belongs].max(axis=0))
+
+    @property
+    def fall_limit_m(self) -> float:
+        """The height below which bodies are stopped [m]."""
+        return float(self.low[2]) - MAX_FALL_M
+
+    def is_left(self, positions: Array) -> NDArray[np.bool_]:
+        """Whether positions, n x 3, are outside of the place."""
+        is_outside = (positions < self.low - _LEFT_MARGIN_M) | (positions > self.high + _LEFT_MARGIN_M)
+        return np.asarray(is_outside.any(axis=1))
+
+
+def belongs_to_place(boxes: OrientedBoxes) -> NDArray[np.bool_]:
+    """For each body, whether it belongs to the place: neither scenery nor far away from most others."""
+    is_scenery = (2 * boxes.half_extents).max(axis=1, initial=0.0) > _MAX_PLACE_EXTENT_M
+    if is_scenery.all():
+        is_scenery[:] = False
+    if not len(is_scenery):
+        return is_scenery
+    middle = np.median(boxes.center[~is_scenery], axis=0)
+    is_far = np.abs(boxes.center - middle).max(axis=1) > _MAX_PLACE_RADIUS_M
+    belongs = ~is_scenery & ~is_far
+    return np.asarray(belongs if belongs.any() else ~is_scenery)
+
+
+def find_unsupported(centers: Array, supports: OrientedBoxes) -> NDArray[np.bool_]:
+    """Whether nothing is below each of some points.
+
+    Args:
+        centers: centers of loose bodies, n x 3 [m].
+        supports: boxes of fixed collision shapes.
+    """
+    unsupported = np.ones(len(centers), dtype=bool)
+    low, high = supports.bounds()
+    areas = np.prod(high[:, :2] - low[:, :2], axis=1)
+    for index in np.argsort(-areas, kind="stable").tolist():
+        rows = np.flatnonzero(unsupported)
+        if not len(rows):
+            break
+        is_over = np.all((centers[rows, :2] >= low[index, :2]) & (centers[rows, :2] <= high[index, :2]), axis=1)
+        rows = rows[is_over & (centers[rows, 2] >= low[index, 2])]
+        if len(rows):
+            unsupported[rows[_ray_hits(centers[rows], supports, index)]] = False
+    return unsupported
+
+
+def _ray_hits(points: Array, boxes: OrientedBoxes, index: int) -> NDArray[np.bool_]:
+    """Whether vertical rays downward from points hit a box (slab method)."""
+    rotation, half = boxes.rotation[index], boxes.half_extents[index]
+    start, direction = (points - boxes.center[index]) @ rotation, -rotation[2]
+    parallel = np.abs(direction) < 1e-12
+    inverse = np.where(parallel, 1.0, 1.0 / np.where(parallel, 1.0, direction))
+    first, second = (-half - start) * inverse, (half - start) * inverse
+    near, far = np.minimum(first, second), np.maximum(first, second)
+    is_inside = np.abs(start) <= half
+    near = np.where(parallel, np.where(is_inside, -np.inf, np.inf), near)
+    far = np.where(parallel, np.where(is_inside, np.inf, -np.inf), far)
+    return np.asarray((near.max(axis=1) <= far.min(axis=1)) & (far.min(axis=1) >= 0.0))
+
+
+def find_ground_height(bottoms: Array) -> float:
+    """The height of the ground for loose bodies with nothing below them: that of the lowest one [m].
+
+    A few bodies that are far below all others do not count: they had fallen when the map was recorded.
+
+    Args:
+        bottoms: heights of their lower sides, at least one [m].
+    """
+    heights = np.sort(bottoms)
+    gaps = np.diff(heights[: int(len(heights) * _MAX_OUTLIER_FRACTION) + 1])
+    outliers = np.flatnonzero(gaps > _MIN_OUTLIER_GAP_M)
+    return float(heights[outliers[-1] + 1 if len(outliers) else 0])
+
+
+def find_moved_bodies(
+    ids: Sequence[BodyId], before: Array, after: Array, bounds: PlaceBounds | None
+) -> tuple[MovedBody, ...]:
+    """The bodies that did not stay, farthest first.
+
+    Args:
+        ids: the bodies.
+        before: their first poses, n x 7.
+        after: their later poses, n x 7.
+        bounds: the bounds of the place.
+    """
+    distance = np.linalg.norm(after[:, :3] - before[:, :3], axis=1)
+    distance = np.where(np.isfinite(distance), distance, np.inf)
+    has_left = (
+        np.zeros(len(ids), dtype=bool)
+        if bounds is None
+        else bounds.is_left(after[:, :3]) & ~bounds.is_left(before[:, :3]) & (distance > 0.0)
+    )
+    rows = np.flatnonzero((distance > MOVED_DISTANCE_M) | has_left)
+    return tuple(
+        MovedBody(id=ids[row], distance_m=float(distance[row]), left_place=bool(has_left[row]))
+        for row in rows[np.argsort(-distance[rows], kind="stable")].tolist()
+    )

@@ -1,0 +1,156 @@
+"""A real ROS 1 with rosbridge_suite on the loopback, as `../shared/rosbridge/start.sh` starts it.
+
+The packages of `ros/` are built with genpy beside the original packages, so that the rosbridge can load their types.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from pathlib import Path
+
+from tests.bridge.raw_client import eventually
+
+__all__ = ["ROS_PYTHON", "RealRosbridge", "build_ros1_packages"]
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+ROS_PYTHON = "/usr/bin/python3"
+GENPY = Path("/usr/lib/genpy")
+GENACTION = Path("/usr/lib/actionlib_msgs/genaction.py")
+PREPARE_TIMEOUT_S = 400.0
+"""Time for the installation of Debian's packages of ROS [s]."""
+START_TIMEOUT_S = 60.0
+SHIPPED = {path.name: path for path in sorted((ROOT / "ros").glob("*")) + sorted((ROOT / "ros" / "ros1").glob("*"))}
+SHIPPED = {name: path for name, path in SHIPPED.items() if (path / "package.xml").is_file()}
+
+
+def build_ros1_packages(names: list[str], generated: Path, sources: Path) -> None:
+    """Builds packages of `ros/` with genpy, as catkin does, and copies their sources to where ROS looks for them."""
+    for name in names:
+        source = sources / name
+        shutil.copytree(SHIPPED[name], source, dirs_exist_ok=True)
+        for action in sorted(source.glob("action/*.action")):
+            _run(ROS_PYTHON, GENACTION, action, "-o", source / "msg")
+    for name in names:
+        source, target = sources / name, generated / name
+        target.mkdir(parents=True, exist_ok=True)
+        (target / "__init__.py").touch()
+        includes = [f"-I{each}:/usr/share/{each}/msg" for each in ("std_msgs", "geometry_msgs", "actionlib_msgs")]
+        includes += [f"-I{each}:{sources / each}/msg" for each in SHIPPED]
+        for kind in ("msg", "srv"):
+            files = sorted(source.glob(f"{kind}/*.{kind}"))
+            if files:
+                (target / kind).mkdir(exist_ok=True)
+                _run(ROS_PYTHON, GENPY / f"gen{kind}_py.py", "-p", name, "-o", target / kind, *includes, *files)
+                _run(ROS_PYTHON, GENPY / "genmsg_py.py", "--initpy", "-p", name, "-o", target / kind)
+
+
+def _run(*command: str | Path) -> None:
+    done = subprocess.run([str(each) for each in command], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{command[1]} failed: {done.stdout}\n{done.stderr}"
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+class RealRosbridge:
+    """The running rosbridge, its master and rosapi."""
+
+    def __init__(self, script: Path, folder: Path) -> None:
+        self.script = script
+        self.folder = folder
+        self.port, self.master_port = free_port(), free_port()
+        self.url = f"ws://127.0.0.1:{self.port}"
+        self._process: subprocess.Popen[str] | None = None
+        self._starts = 0
+
+    @property
+    def log(self) -> str:
+        """What the rosbridge has logged since its last start."""
+        return (self.folder / "rosbridge.log").read_text(encoding="utf-8", errors="replace")
+
+    @property
+    def log_errors(self) -> list[str]:
+        """Lines of the log that are errors or tracebacks."""
+        return [line for line in self.log.splitlines() if "[ERROR]" in line or "Traceback" in line]
+
+    def prepare(self) -> None:
+        """Installs ROS from Debian, and generates all messages."""
+        command = ["bash", str(self.script), str(self.folder), "--prepare"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PREPARE_TIMEOUT_S, check=False)
+        assert done.returncode == 0, done.stderr
+        names = [name for name in SHIPPED if not (self.folder / "src" / name).exists()]
+        build_ros1_packages(names, self.folder / "generated", self.folder / "src")
+
+    def start(self) -> None:
+        """Starts it, and waits until it accepts connections."""
+        command = ["bash", str(self.script), str(self.folder), str(self.port), str(self.master_port)]
+        output = self.folder / "start.log"
+        with output.open("w") as file:
+            self._process = subprocess.Popen(command, stdout=file, stderr=file, text=True, start_new_session=True)
+        process = self._process
+        eventually(lambda: "ready" in output.read_text() or process.poll() is not None, timeout_s=START_TIMEOUT_S)
+        assert process.poll() is None, output.read_text()
+
+    def kill(self) -> None:
+        """Kills the rosbridge, the master and rosapi, without any goodbye."""
+        assert self._process is not None
+        os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait(10.0)
+        self._process = None
+
+    def stop(self) -> None:
+        """Ends all."""
+        if self._process is not None:
+            os.killpg(self._process.pid, signal.SIGTERM)
+            try:
+                self._process.wait(5.0)
+            except subprocess.TimeoutExpired:
+                self.kill()
+
+    def run(self, script: str, *arguments: str, timeout_s: float = 60.0) -> str:
+        """Runs a Python script with rospy, and returns what it prints."""
+        done = subprocess.run(
+            [ROS_PYTHON, "-", *arguments],
+            input=script,
+            env=self.environment(),
+            capture_output=True,
+            text=True,
+            timeout=timeout_s,
+            check=False,
+        )
+        assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+        return done.stdout
+
+    def start_script(self, script: str) -> subprocess.Popen[str]:
+        """Starts a Python script with rospy, which reads standard input after the script's own text is given."""
+        path = self.folder / f"script_{time.monotonic_ns()}.py"
+        path.write_text(script, encoding="utf-8")
+        return subprocess.Popen(
+            [ROS_PYTHON, str(path)],
+            env=self.environment(),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+    def environment(self) -> dict[str, str]:
+        """The environment of `env.sh`."""
+        return {
+            "PATH": "/usr/bin:/bin",
+            "ROS_MASTER_URI": f"http://127.0.0.1:{self.master_port}",
+            "ROS_IP": "127.0.0.1",
+            "ROS_HOME": str(self.folder / "home"),
+            "ROS_LOG_DIR": str(self.folder / "log"),
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "PYTHONPATH": f"{self.folder}/generated:/usr/lib/python3/dist-packages",
+            "ROS_PACKAGE_PATH": f"{self.folder}/src:/usr/share",
+        }
