@@ -58,6 +58,7 @@
     ├── BrowserError                    failure of the browser that renders pictures (exit code 2)
     │   ├── BrowserNotFoundError        not installed, or it does not start
     │   └── BrowserCrashedError         it exited, returned an error or did not reply in time
+    ├── CacheError                      the cache directory cannot be written (exit code 2)
     ├── InvalidRequestError             invalid request from the page (exit code 2)
     └── ViewerUnavailableError          the page's server cannot listen at that address (exit code 2)
 
@@ -86,6 +87,7 @@ __all__ = [
     "BrowserCrashedError",
     "BrowserError",
     "BrowserNotFoundError",
+    "CacheError",
     "CertificateError",
     "ConnectionLostError",
     "EndpointError",
@@ -944,6 +946,17 @@ class BrowserCrashedError(BrowserError):
 
     code = "BrowserBroken"
     template = "the browser failed: {cause}; try again, or increase the timeout"
+    cause: str
+
+
+@dataclass(eq=False)
+class CacheError(MindstageError):
+    """The cache directory cannot be written."""
+
+    code = "CacheUnavailable"
+    template = "the cache {folder} cannot be written: {cause}; free space, or set MINDSTAGE_CACHE to another folder"
+    folder: str
+    _: KW_ONLY
     cause: str
 
 

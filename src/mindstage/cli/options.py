@@ -6,11 +6,12 @@ one line on stderr and, with `--json`, also an object on stdout.
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, fields
 from enum import IntEnum
@@ -58,6 +59,7 @@ __all__ = [
     "WithViewport",
     "close_at_end",
     "command",
+    "discard_output",
     "exit_code",
     "finite",
     "options_given",
@@ -147,12 +149,14 @@ def command(function: Callable[P, ExitCode]) -> Callable[P, None]:
             _print_error(error, _error_text(error), as_json=as_json)
         except BrokenPipeError:
             code = ExitCode.PIPE_CLOSED
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            discard_output()
         except OSError as error:
             code = ExitCode.ERROR
-            _print_error(
-                error, f"{error.filename}: {error.strerror}" if error.filename else str(error), as_json=as_json
-            )
+            message = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+            if error.filename is None and error.errno in _OUTPUT_ERRORS:
+                message = f"standard output cannot be written: {error.strerror}"
+                discard_output()
+            _print_error(error, message, as_json=as_json)
         except KeyboardInterrupt:
             code = ExitCode.INTERRUPTED
         raise typer.Exit(code)
@@ -182,10 +186,25 @@ def _error_text(error: MindstageError) -> str:
     return f"{error}{hint}"
 
 
+_OUTPUT_ERRORS = frozenset(
+    getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EIO", "EBADF") if hasattr(errno, name)
+)
+"""Errors of writing; those of a file have its name, those of standard output have none."""
+
+
+def discard_output() -> None:
+    """Discards what is printed from now on: writing to standard output failed, and would fail again at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def _print_error(error: Exception, message: str, *, as_json: bool) -> None:
-    if as_json:
-        print_json({"error": {"kind": getattr(error, "code", type(error).__name__), "message": message}})
-    typer.echo(f"mindstage: error: {one_line(message)}", err=True)
+    try:
+        if as_json:
+            print_json({"error": {"kind": getattr(error, "code", type(error).__name__), "message": message}})
+    except OSError:
+        discard_output()
+    with suppress(OSError):  # nothing more can be reported
+        typer.echo(f"mindstage: error: {one_line(message)}", err=True)
 
 
 def finite(value: float | None) -> float | None:
