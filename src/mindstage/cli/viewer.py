@@ -67,10 +67,10 @@ LOCAL_ACCESS = ServerAccess()
 def server_access(
     host: str,
     token: str | None,
-    *,
     certificate: Path | None,
     key: Path | None,
     limits: Sequence[str] | None,
+    *,
     origins: Collection[str] = (),
 ) -> ServerAccess:
     """Checks the options before a map is read.
@@ -233,7 +233,7 @@ def demo(
     ] = None,
 ) -> ExitCode:
     """Show the bundled kitchen in the browser."""
-    access = server_access(host, token, certificate=tls_cert, key=tls_key, limits=limits)
+    access = server_access(host, token, tls_cert, tls_key, limits)
     with progress_spinner("loading the kitchen"):
         knowledge = knowledge_base(["bundled:kitchen"])
         world = knowledge.world()
