@@ -20,6 +20,7 @@ from mindstage.scene import (
     BodyPhysics,
     Iri,
     Joint,
+    JointMimic,
     Light,
     LightType,
     LinearLimits,
@@ -68,6 +69,7 @@ JOINT = Joint(
         swing1_limit=0.1, swing2_limit=0.2, twist_limit=0.3, swing_soft_limit=SOFT, twist_soft_limit=SOFT
     ),
     disable_collision=True,
+    mimic=JointMimic(joint=BodyId("master"), multiplier=2.0, offset=0.1),
     **STATEMENTS,
 )
 LIGHT = Light(
@@ -90,7 +92,7 @@ PARTS = (
     ("lights", LIGHT, LIGHT_FIELDS),
 )
 OPTIONAL = {
-    *("label", "size", "mesh", "shape", "disable_collision"),
+    *("label", "size", "mesh", "shape", "disable_collision", "mimic"),
     *("physics.mobility", "physics.gravity", "physics.overlap_events", "physics.mass_kg"),
 }
 NOT_IN_A_COLUMN = {"id", "tags", "facts", "materials", "bodies", "joints", "attachments", "lights", "resources"}
@@ -99,7 +101,7 @@ NOT_IN_A_COLUMN = {"id", "tags", "facts", "materials", "bodies", "joints", "atta
 def leaves(value: msgspec.Struct, prefix: str = "") -> Iterator[str]:
     for field in msgspec.structs.fields(value):
         inner = getattr(value, field.name)
-        if isinstance(inner, msgspec.Struct) and not isinstance(inner, PrimitiveShape):
+        if isinstance(inner, msgspec.Struct) and not isinstance(inner, PrimitiveShape | JointMimic):
             yield from leaves(inner, f"{prefix}{field.name}.")
         else:
             yield prefix + field.name
@@ -113,6 +115,8 @@ def other_than(value: Any) -> Any:
             return next(member for member in type(value) if member is not value)
         case PrimitiveShape():
             return PrimitiveShape(type=PrimitiveType.SPHERE)
+        case JointMimic():
+            return JointMimic(joint=BodyId("another"))
         case bool():
             return not value
         case float() | int():
