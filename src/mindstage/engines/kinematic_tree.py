@@ -12,8 +12,8 @@ angles of the rotation. Three free angles are a ball joint, which has no singula
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -185,6 +185,39 @@ class KinematicForest:
     loop_joints: list[TreeJoint] = field(default_factory=list)
     """Joints that close a loop."""
     notes: list[SpawnNote] = field(default_factory=list)
+    is_ordered: bool = True
+    """Whether groups are in the order of `build_kinematic_forest`, in which models are compiled."""
+
+    def with_single_bodies(
+        self, mobilities: Mapping[BodyId, Mobility], masses: Mapping[BodyId, float]
+    ) -> KinematicForest:
+        """The forest with more bodies that are neither attached nor on joints; their groups come last.
+
+        Args:
+            mobilities: the new bodies with their mobilities.
+            masses: their masses, estimated ones included [kg].
+        """
+        groups = {id: RigidGroup(id, mobility, masses[id], [id]) for id, mobility in mobilities.items()}
+        return replace(
+            self,
+            groups=self.groups | groups,
+            root_of=self.root_of | dict(zip(groups, groups, strict=True)),
+            is_ordered=False,
+        )
+
+    def without_single_bodies(self, ids: Collection[BodyId]) -> KinematicForest:
+        """The forest without some bodies that are neither attached nor on joints."""
+        return replace(
+            self,
+            groups={root: group for root, group in self.groups.items() if root not in ids},
+            root_of={id: root for id, root in self.root_of.items() if id not in ids},
+        )
+
+    def unit_of(self, root: BodyId) -> BodyId:
+        """The root group of the tree of one group."""
+        while (tree_joint := self.tree_joints.get(root)) is not None:
+            root = self.root_of[tree_joint.parent]
+        return root
 
     def units(self) -> dict[BodyId, BodyId]:
         """The root group of the tree of each group, by their roots; groups of one tree move together."""

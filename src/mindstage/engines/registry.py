@@ -298,13 +298,15 @@ class EntityRegistry:
             return joint
         return msgspec.structs.replace(joint, mimic=None)
 
-    def _moved_bodies(self, poses: Array, tolerance_m: float, tolerance_rad: float) -> Iterator[Body]:
-        described = pose_array(body.pose for body in self.bodies.values())
+    def _moved_bodies(self, poses: Array, tolerance_m: float, tolerance_rad: float) -> list[Body]:
+        bodies = list(self.bodies.values())
+        described = pose_array(body.pose for body in bodies)
         distance = np.abs(poses[:, :3] - described[:, :3]).max(axis=1, initial=0.0)
         scale = np.maximum(1.0, np.abs(described[:, :3]).max(axis=1, initial=1.0))
         is_unmoved = (distance <= tolerance_m * scale) & (quat_angle(described[:, 3:], poses[:, 3:]) <= tolerance_rad)
-        for body, pose, unmoved in zip(self.bodies.values(), poses, is_unmoved.tolist(), strict=True):
-            yield body if unmoved else msgspec.structs.replace(body, pose=pose_from_array(pose))
+        for row in np.flatnonzero(~is_unmoved).tolist():
+            bodies[row] = msgspec.structs.replace(bodies[row], pose=pose_from_array(poses[row]))
+        return bodies
 
 
 def pose_error(pose: Pose) -> str:

@@ -305,7 +305,9 @@ class UndeleteBodies(msgspec.Struct, frozen=True):
         self, links: Iterable[_Link], present: Mapping[BodyId, Pose]
     ) -> tuple[Mapping[BodyId, Array], Mapping[BodyId, Array]]:
         """The poses to spawn at, with joints at zero, and the final poses, both relative to the bodies that exist."""
-        previous = {body.id: normalized_pose_array(body.pose) for body in self.previous_world.bodies}
+        involved = {*self.ids, *(end for link in links for end in (link.parent, link.child))}
+        bodies = (body for body in self.previous_world.bodies if body.id in involved)
+        previous = {body.id: normalized_pose_array(body.pose) for body in bodies}
         link_of_child = {link.child: link for link in links}
         spawn_poses: dict[BodyId, Array] = {}
         final_poses: dict[BodyId, Array] = {}

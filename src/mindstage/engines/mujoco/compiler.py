@@ -90,6 +90,7 @@ class ModelInput:
         cls, builder: PhysicsModelBuilder, poses: Array, timestep_s: float, *, kinematics_driven: bool = False
     ) -> ModelInput:
         """The input for the current world of a builder."""
+        builder.order_forest()
         ids = builder.registry.ids
         rows = {id: row for row, id in enumerate(ids)}
         sizes, masses, bodies = builder.mass_properties.sizes(ids), builder.masses(), builder.registry.bodies

@@ -77,6 +77,8 @@ class ModelCache:
         self._compiled: CompiledModel | None = None
         self._pending_poses: dict[BodyId, Array] = {}
         """Poses that the compiled model does not have yet."""
+        self._stale_poses: Array | None = None
+        """The result of `poses` while the model is stale."""
         self._at_rest: set[BodyId] = set()
         self._kinematics_driven = False
         self._changed_boxes: list[Array] = []
@@ -89,6 +91,7 @@ class ModelCache:
             result._compiled = copy.copy(self._compiled)
             result._compiled.data = copy.copy(self._compiled.data)
         result._pending_poses, result._at_rest = dict(self._pending_poses), set(self._at_rest)
+        result._stale_poses = self._stale_poses
         result._changed_boxes, result._kinematics_driven = list(self._changed_boxes), self._kinematics_driven
         return result
 
@@ -130,16 +133,21 @@ class ModelCache:
         """Current poses, n x 7, in the order of `registry.ids`."""
         if not self.stale and self._compiled is not None:
             return self._compiled.poses()
+        if self._stale_poses is None:
+            self._stale_poses = self._compute_stale_poses()
+        return self._stale_poses.copy()
+
+    def _compute_stale_poses(self) -> Array:
+        """The poses in the last model, and those that it does not have yet."""
         ids = self.registry.ids
         poses = np.zeros((len(ids), 7))
-        known: Mapping[BodyId, int] = {}
         if self._compiled is not None:
             known, before = self._compiled.rows, self._compiled.poses()
             old = np.fromiter((known.get(id, -1) for id in ids), dtype=np.intp, count=len(ids))
             poses[old >= 0] = before[old[old >= 0]]
-        for row, id in enumerate(ids):
-            if id in self._pending_poses:
-                poses[row] = self._pending_poses[id]
+        rows = [row for row, id in enumerate(ids) if id in self._pending_poses]
+        if rows:
+            poses[rows] = [self._pending_poses[ids[row]] for row in rows]
         return poses
 
     def poses_by_id(self) -> dict[BodyId, Array]:
@@ -177,7 +185,7 @@ class ModelCache:
         self._pending_poses.update(zip(new_ids, poses, strict=True))
         self._pending_poses.update(moved)
         self._at_rest.update(moved)
-        self.stale = True
+        self.stale, self._stale_poses = True, None if moved else np.concatenate([before, poses])
         return report
 
     def remove(self, ids: tuple[BodyId, ...]) -> None:
@@ -190,7 +198,7 @@ class ModelCache:
         for id in removed:
             self._pending_poses.pop(id, None)
         self._at_rest -= removed
-        self.stale = True
+        self.stale, self._stale_poses = True, None
         if self._compiled is not None:  # a body spawned later with the same id is another body
             self._compiled = self._compiled.without(removed, remaining_joints=self.registry.joints)
 
@@ -220,9 +228,9 @@ class ModelCache:
         moved[:, 3:] = normalize(moved[:, 3:])
         self._pending_poses.update(zip(moving, moved, strict=True))
         self._pending_poses[id] = target
+        self.stale, self._stale_poses = True, None
         self._at_rest.update(moving)
         self._changed_boxes.append(self.bounds(moving))
-        self.stale = True
 
     def stop_fallen(self) -> None:
         """Makes bodies static that fell far below the place."""
@@ -257,7 +265,7 @@ class ModelCache:
             self._at_rest,
             changed_boxes,
         )
-        self._compiled, self.stale = compiled, False
+        self._compiled, self.stale, self._stale_poses = compiled, False, None
         self._pending_poses, self._at_rest, self._changed_boxes = {}, set(), []
 
 
@@ -287,6 +295,11 @@ class MujocoEngine:
     def time_s(self) -> float:
         """See `Engine`; the same holds for the methods below."""
         return self._require_open().time_s
+
+    @property
+    def rebuild_pending(self) -> bool:
+        """See `RebuildingEngine`."""
+        return self._cache.stale and not self._closed
 
     def spawn(
         self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
@@ -387,7 +400,6 @@ class MujocoEngine:
 
     def snapshot(self) -> World:
         cache = self._require_open()
-        cache.model()  # a snapshot has the poses of the physics after pending edits
         poses = cache.builder.described_if_settled(cache.poses())
         return cache.registry.to_world(poses, tolerance_m=_POSE_TOLERANCE, tolerance_rad=_POSE_TOLERANCE)
 

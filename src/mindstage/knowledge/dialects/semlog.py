@@ -138,7 +138,7 @@ def read_semlog(source_map: SourceMap) -> World:
 def read_semlog_map(source_map: SourceMap) -> World:
     """Reads a map of dialect 1, in SI units and ROS axes unless the map or the user declares others."""
     conventions = default_conventions(source_map, SI, dialect="SemLog")
-    return read_semlog(with_body_boxes(convert_source_map(source_map, conventions, dialect="SemLog")))
+    return read_semlog(with_body_boxes(convert_source_map(source_map, conventions, dialect="SemLog"), conventions))
 
 
 class _SemlogReader:
