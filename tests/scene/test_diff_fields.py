@@ -161,7 +161,7 @@ def test_a_changed_field_is_named_and_measured(collection: str, part: Any, field
     assert change.error == (expected if expected is None else pytest.approx(expected))
 
 
-@pytest.mark.parametrize("field", sorted(OPTIONAL - {"disable_collision"}))
+@pytest.mark.parametrize("field", sorted(OPTIONAL - {"disable_collision", "mimic"}))
 def test_a_field_against_none_is_a_change_without_a_number(field: str) -> None:
     without = in_world("bodies", with_field(BODY, field, None))
     for found in (diff(WORLD, without), diff(without, WORLD)):
@@ -169,9 +169,10 @@ def test_a_field_against_none_is_a_change_without_a_number(field: str) -> None:
     assert diff(without, without).identical()
 
 
-def test_an_unstated_collision_flag_is_a_change() -> None:
-    without = in_world("joints", replace(JOINT, disable_collision=None))
-    assert [change.field for change in diff(WORLD, without).changed] == ["disable_collision"]
+@pytest.mark.parametrize("field", ["disable_collision", "mimic"])
+def test_an_unstated_field_of_a_joint_is_a_change(field: str) -> None:
+    without = in_world("joints", replace(JOINT, **{field: None}))
+    assert [change.field for change in diff(WORLD, without).changed] == [field]
 
 
 @pytest.mark.parametrize("field", WORLD_FIELDS)
