@@ -65,6 +65,7 @@ from mindstage.cli.output import (
     step_with_progress,
 )
 from mindstage.cli.setup import (
+    asset_folders,
     exclusive,
     findings_about,
     is_remote_engine,
@@ -151,6 +152,10 @@ def spawned_map(
     timings = Timings()
     with progress_spinner("reading"), timings.measure("load"):
         knowledge = knowledge_base(maps, reading)
+        if not plain_boxes:
+            from mindstage.saving import mesh_assets
+
+            knowledge.use_meshes(mesh_assets(asset_folders(assets), knowledge).bounds)
         world = knowledge.world(map_name)
     findings = findings_about(world, knowledge, strict=strict, assets=assets)
     with ExitStack() as stack:

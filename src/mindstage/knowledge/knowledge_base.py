@@ -21,7 +21,7 @@ from mindstage.errors import AmbiguousMapError, InvalidArgumentError, MapNotFoun
 from mindstage.knowledge.dialects import read_world
 from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
 from mindstage.knowledge.dialects.membership import individuals_by_map, without_other_maps
-from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.dialects.source_map import MeshBounds, SourceMap
 from mindstage.knowledge.endpoint import SparqlEndpoint
 from mindstage.knowledge.graph_diff import SourceMapView
 from mindstage.knowledge.io.files import map_path
@@ -89,6 +89,7 @@ class KnowledgeBase:
         self._store = self._registry.store
         self._worlds: dict[Iri, World] = {}
         self._assumptions: dict[tuple[Iri, str], Assumption] = {}
+        self._mesh_bounds: MeshBounds | None = None
         try:
             self._registry.open(bundled=bundled_ontology)
         except BaseException:
@@ -208,6 +209,17 @@ class KnowledgeBase:
     def find_file(self, name: str) -> Path | None:
         """The file that a mesh name refers to (`package://…`, or a path relative to its map); None if there is none."""
         return self._registry.find_file(name)
+
+    def use_meshes(self, bounds: MeshBounds) -> None:
+        """Takes the boxes of bodies from their meshes, where a map gives only world-aligned sizes or mesh pivots.
+
+        Worlds that have been read already stay as they are.
+
+        Args:
+            bounds: reads the bounds of meshes (`MeshLibrary.bounds`).
+        """
+        with self.lock:
+            self._mesh_bounds = bounds
 
     def stated_classes(self, individual: str) -> tuple[Iri, ...]:
         """The classes that an individual is stated to have, without those of OWL; empty for anything else."""
@@ -510,6 +522,7 @@ class KnowledgeBase:
             report=self._add_finding,
             add_assumption=self._add_assumption,
             conventions=self._conventions_of(map),
+            mesh_bounds=self._mesh_bounds,
         )
 
     def _conventions_of(self, map: Iri) -> UnitConventions:
