@@ -7,6 +7,7 @@ PYTHON ?=
 export PYTHON
 
 python := .venv/bin/python
+corpus_options ?=
 # Generators of ROS messages and what they need; /PATH:PACKAGE is installed if the path does not exist.
 ros_packages := rosidl:rosidl-tools gcc:gcc /usr/include/stdio.h:libc6-dev \
 	/usr/include/rosidl_runtime_c:rosidl-generator-c-cpp \
@@ -64,6 +65,10 @@ mutants: .venv/dev.stamp  ## mutation testing: a score by package; `make mutants
 
 fuzz: .venv/dev.stamp  ## fuzzing of every reader and port for FUZZ_S seconds (600)
 	@$(python) scripts/fuzz.py --seconds $(or $(FUZZ_S),600)
+
+corpus: .venv/run.stamp  ## try all maps of a folder and print a table: make corpus MAPS=folder
+	@test -n "$(MAPS)" || { echo "give a folder of maps: make corpus MAPS=folder" >&2; exit 2; }
+	@$(python) scripts/try_maps.py $(MAPS) $(corpus_options)
 
 kitchen: .venv/dev.stamp  ## regenerate the bundled kitchen
 	@$(python) scripts/make_kitchen.py

@@ -570,12 +570,18 @@ class MessageDecoder:
 class MessageEncoder:
     """An operation to be sent; each of its encodings is computed when it is first needed, and cached."""
 
-    __slots__ = ("_frames", "_text", "operation")
+    __slots__ = ("_data", "_frames", "operation")
 
     def __init__(self, operation: Operation) -> None:
         self.operation = operation
-        self._text = ""
+        self._data = b""
         self._frames: dict[tuple[Compression, int | None], tuple[Frame, ...]] = {}
+
+    @property
+    def data(self) -> bytes:
+        """The operation as JSON in UTF-8."""
+        self._data = self._data or _encoder.encode(self.operation)
+        return self._data
 
     def frames(
         self,
@@ -597,7 +603,7 @@ class MessageEncoder:
         return self._frames[key]
 
     def _encode(self, compression: Compression, fragment_size: int | None, max_fragments: int) -> tuple[Frame, ...]:
-        text = self._text = self._text or _encoder.encode(self.operation).decode()
+        text = self.data.decode()
         if compression is Compression.CBOR:
             return (write_cbor(text),)
         if compression is Compression.PNG:

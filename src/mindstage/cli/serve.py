@@ -25,14 +25,15 @@ from mindstage.cli.options import (
     options_given,
 )
 from mindstage.cli.output import (
+    class_lookup,
     findings_json,
-    is_complete,
     print_findings,
     print_json,
     print_line,
     print_report,
     progress_spinner,
     report_json,
+    shortcomings,
     warn,
 )
 from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
@@ -177,7 +178,7 @@ def serve(
         )
         refused: list[Refusal] = []  # appended on the bridge's thread
         node = _connect(resources, connect, token, refused) if connect else resources.enter_context(LocalNode())
-        spawned = _spawn(simulation, world, as_json=as_json)
+        spawned = _spawn(simulation, world, assets=None if plain_boxes else assets, as_json=as_json)
         ros = RosVersion.ONE if ros1 else RosVersion.TWO
         interface = RosInterface(simulation, node, namespace=namespace, ros=ros, folder=worlds, on_quit=quitting.set)
         resources.callback(interface.close)
@@ -249,17 +250,20 @@ def _connect(resources: ExitStack, url: str, token: str | None, refused: list[Re
         return client.wait_connected(_CONNECT_TIMEOUT_S)
 
 
-def _spawn(simulation: Simulation, world: World | None, *, as_json: bool) -> dict[str, object]:
+def _spawn(
+    simulation: Simulation, world: World | None, *, assets: list[Path] | None, as_json: bool
+) -> dict[str, object]:
     if world is None:
         return {"map": None}
-    findings = findings_about(world, simulation.knowledge)
+    findings = findings_about(world, simulation.knowledge, assets=assets)
     with progress_spinner("spawning"):
         report = simulation.spawn(world)
     if not as_json:
-        print_findings(findings)
+        print_findings(findings, classes=class_lookup(simulation.knowledge))
         print_report(report, title=world.name, verbose=False)
-    if not is_complete(report, findings):
-        warn("the map was not spawned completely; the simulation is served nevertheless")
+    if reasons := shortcomings(report, findings):
+        causes = "; ".join(reason.text for reason in reasons)
+        warn(f"the map was not spawned completely, the simulation is served nevertheless: {causes}")
     return {"map": world.iri, "spawn": report_json(report), "findings": findings_json(findings)}
 
 

@@ -189,6 +189,7 @@ class RosInterface:
             node, "/mindstage/diagnostics", diagnostic_msgs.DiagnosticArray, ros=ros
         )
         self._diagnostics = diagnostics = DiagnosticsPublisher(self._diagnostics_publisher, simulation)
+        self._remove_late_end = simulation.on_late_end(diagnostics.report_late_end)
         self._remove_refusal_listener: Callable[[], None] = lambda: None
         if isinstance(node, RosbridgeClient):
             self._remove_refusal_listener = node.add_refusal_listener(diagnostics.report_server_refusal)
@@ -220,6 +221,7 @@ class RosInterface:
             return
         self._closed = True
         self._remove_client_source()
+        self._remove_late_end()
         self._remove_refusal_listener()
         if self._state_publisher is not None:
             self._state_publisher.close()
