@@ -6,6 +6,7 @@ way.
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,7 +17,16 @@ import msgspec
 from mindstage.bridge import GraphInfo, LocalNode, Node, RosbridgeClient, Subscription
 from mindstage.errors import MessageValidationError, MindstageError
 from mindstage.knowledge.queries import answers_to_builtins, list_questions
-from mindstage.msgs import Message, RosVersion, decode, diagnostic_msgs, mindstage_msgs, type_name, visualization_msgs
+from mindstage.msgs import (
+    Message,
+    RosVersion,
+    decode,
+    diagnostic_msgs,
+    message_types,
+    mindstage_msgs,
+    type_name,
+    visualization_msgs,
+)
 from mindstage.ros.actionlib import ActionlibServer
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.engine_services import EngineServices
@@ -38,6 +48,7 @@ __all__ = ["QuestionServices", "RosInterface", "connected_clients"]
 _TRANSPORT = "ROS"
 _QUESTION_NAMESPACE = "/mindstage"
 _QUESTION_TIMEOUT_S = 60.0
+_log = logging.getLogger("mindstage.ros")
 M = TypeVar("M", bound=Message)
 
 
@@ -256,7 +267,7 @@ class RosInterface:
             names = [service.full_name(self.namespace) for service in services]
             elsewhere = names_elsewhere(self._node, names, namespace=self.namespace, ros=self._ros)
         for service in services:
-            if service.full_name(self.namespace) not in elsewhere:
+            if service.full_name(self.namespace) not in elsewhere and self._has_type(service):
                 self._create_service(service)
         for action in (*self._engine_services.actions(), *self._control_services.actions()):
             self._create_action(action)
@@ -264,6 +275,14 @@ class RosInterface:
         self._subscribe("highlight", mindstage_msgs.LitBodies, highlights.on_highlight)
         self._subscribe("markers", visualization_msgs.MarkerArray, self._unreal_vis.on_markers)
         self._subscribe("marker", visualization_msgs.Marker, self._unreal_vis.on_marker)
+
+    def _has_type(self, spec: ServiceSpec) -> bool:
+        """Whether the server can have the type; in ROS 1, catkin cannot build a service with the name of a message."""
+        needs_catkin = isinstance(self._node, RosbridgeClient) and self._node.is_rosbridge_suite
+        if self._ros is RosVersion.TWO or not needs_catkin or type_name(spec.type) not in message_types():
+            return True
+        _log.info("%s is not offered: ROS 1 has no service %s", spec.full_name(self.namespace), type_name(spec.type))
+        return False
 
     def _create_service(self, spec: ServiceSpec) -> None:
         name = spec.full_name(self.namespace)
