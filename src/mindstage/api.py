@@ -411,7 +411,9 @@ def make_simulation(
 
     if plain_shapes:
         return Simulation(knowledge, engine, timeout_s=timeout_s, shapes=False)
-    return Simulation(knowledge, engine, timeout_s=timeout_s, meshes=mesh_assets(assets, knowledge))
+    meshes = mesh_assets(assets, knowledge)
+    knowledge.use_meshes(meshes.bounds)
+    return Simulation(knowledge, engine, timeout_s=timeout_s, meshes=meshes)
 
 
 def _play(sim: Simulation, duration_s: float | None) -> None:

@@ -45,7 +45,8 @@ from mindstage.bridge.protocol import (
     Unsubscribe,
     content,
 )
-from mindstage.errors import AdvertiseError, MessageValidationError, ServiceNotFoundError
+from mindstage.errors import AdvertiseError, MessageValidationError, ServiceNotFoundError, TypeNotFoundError
+from mindstage.msgs import Message, decode, message_type
 
 __all__ = [
     "PLAIN_FORMAT",
@@ -655,6 +656,23 @@ class Topic:
         """Publishers, each with whether its last message is latched."""
         self.latched: dict[Peer, Publish] = {}
         self.queues: dict[Peer, ThrottledQueue] = {}
+        self._checked_type = ""
+        self._message_class: type[Message] | None = None
+
+    def check(self, message: msgspec.Raw) -> None:
+        """Checks a message against the type of the topic, if that is a type that Mindstage has.
+
+        Raises:
+            MessageValidationError: it has a wrong type, a number out of range or an unknown field.
+        """
+        if self.type != self._checked_type:
+            self._checked_type = self.type
+            try:
+                self._message_class = message_type(self.type)
+            except TypeNotFoundError:
+                self._message_class = None
+        if self._message_class is not None:
+            decode(self._message_class, msgspec.json.decode(message))
 
 
 class TopicRouter:
@@ -707,13 +725,15 @@ class TopicRouter:
         """Sends a message to all subscribers.
 
         Raises:
-            MessageValidationError: the topic was not advertised.
+            MessageValidationError: the topic was not advertised, or the message of a client is not of its type.
         """
         topic = self._topics.get(resolve_name(message.topic))
         if topic is None or not (topic.type or topic.publishers):
             raise MessageValidationError(
                 "publish", path="topic", cause=f"{message.topic} is not advertised", remedy="advertise it first"
             )
+        if not peer.is_local:
+            topic.check(message.msg)
         if message.latch or topic.publishers.get(peer):
             topic.publishers.setdefault(peer, True)
             topic.latched[peer] = message

@@ -21,7 +21,7 @@ from typing import Annotated
 import msgspec
 from msgspec import UNSET, Meta, Raw, Struct, UnsetType
 
-from mindstage.bridge.encodings import json_depth, read_cbor, read_png, write_cbor, write_png
+from mindstage.bridge.encodings import json_depth, json_id, read_cbor, read_png, write_cbor, write_png
 from mindstage.errors import MessageValidationError
 
 __all__ = [
@@ -538,7 +538,9 @@ class MessageDecoder:
         except msgspec.ValidationError as error:
             raise _decode_error(text, error) from None
         except (msgspec.DecodeError, UnicodeEncodeError, RecursionError) as error:
-            raise MessageValidationError("message", cause=str(error)) from None
+            id = json_id(text)
+            remedy = "" if id is None else "JSON has no NaN and no Infinity; send null"
+            raise MessageValidationError("message", cause=str(error), remedy=remedy, id=id) from None
 
     def _unwrap(self, text: str, now_s: float, allowed: tuple[type[Fragment | Png], ...]) -> Operation | None:
         """Returns the operation itself; a PNG may be fragmented, other nesting of wrappers is an error."""

@@ -10,7 +10,7 @@ a remote engine.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -60,6 +60,7 @@ from mindstage.scene import (
     Vector,
     World,
 )
+from mindstage.scene.kinematics import handles_by_body, outward_joints
 from mindstage.scene.transforms import (
     Array,
     normalize,
@@ -120,6 +121,8 @@ class JointModel:
     child_from_joint: Pose
     closes_loop: bool
     """Whether it closes a kinematic loop."""
+    is_limited: bool = False
+    """Whether its limits are narrower than those of the world."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +184,14 @@ def _body_model(
 def _joint_model(builder: PhysicsModelBuilder, tree_joint: TreeJoint, closes_loop: bool) -> JointModel:
     parent_from_joint, child_from_joint = tree_joint.order_ends(builder.joint_frames[tree_joint.joint.id])
     frames = pose_from_array(parent_from_joint), pose_from_array(child_from_joint)
-    return JointModel(tree_joint.joint, tree_joint.parent, tree_joint.child, *frames, closes_loop=closes_loop)
+    return JointModel(
+        tree_joint.joint,
+        tree_joint.parent,
+        tree_joint.child,
+        *frames,
+        closes_loop=closes_loop,
+        is_limited=tree_joint.joint.id in builder.simulated_joints,
+    )
 
 
 class PhysicsModelBuilder:
@@ -198,6 +208,8 @@ class PhysicsModelBuilder:
         """Pose of each attached child in its parent's frame."""
         self.joint_frames: dict[BodyId, tuple[Array, Array]] = {}
         """Each joint's frame in the map's parent and in its child."""
+        self.simulated_joints: dict[BodyId, Joint] = {}
+        """Joints whose limits are narrower than those of the world, so that doors do not turn into their casing."""
         self.late_notes: list[SpawnNote] = []
         """Notes on decisions caused by edits; those of a spawn are in its report."""
         self.settled: dict[BodyId, SettledPose] = {}
@@ -223,6 +235,7 @@ class PhysicsModelBuilder:
             dict(self.joint_frames),
             list(self.late_notes),
         )
+        result.simulated_joints = dict(self.simulated_joints)
         result._forest, result._changed_bodies, result._collision_state = (
             self._forest,
             set(self._changed_bodies),
@@ -236,7 +249,9 @@ class PhysicsModelBuilder:
     def forest(self) -> KinematicForest:
         """The current rigid groups and joint trees; see also `order_forest`."""
         if self._forest is None:
-            self._forest = build_kinematic_forest(self.registry, self.mass_properties.approximate_masses())
+            self._forest = build_kinematic_forest(
+                self.registry, self.mass_properties.approximate_masses(), simulated_joints=self.simulated_joints
+            )
             self._loose_roots = None
         return self._forest
 
@@ -333,11 +348,12 @@ class PhysicsModelBuilder:
         new_poses[:, 3:] = normalize(new_poses[:, 3:])
         poses = np.concatenate([poses, new_poses])
         self._record_frames(added, poses)
+        outward_notes = [*self._limit_outwards(added), *self._mimic_notes(added)]
         if added.joints or added.attachments:
             self._forest = None
         else:
             self._extend_forest(added.bodies)
-        notes = [*self.mass_properties.assumption_notes(added.bodies, self._is_dynamic), *invalid_notes]
+        notes = [*outward_notes, *self.mass_properties.assumption_notes(added.bodies, self._is_dynamic), *invalid_notes]
         new = {*added.bodies, *added.joints}
         notes += [note for note in self.forest.notes if new.intersection(note.ids)]
         collision_notes, loose = self._decide_collisions(set(added.bodies), poses, settles=options.settle)
@@ -371,6 +387,7 @@ class PhysicsModelBuilder:
         for id in [*removed, *orphans]:
             self.attachment_poses.pop(id, None)
         self.joint_frames = {id: ends for id, ends in self.joint_frames.items() if id in self.registry.joints}
+        self.simulated_joints = {id: each for id, each in self.simulated_joints.items() if id in self.registry.joints}
         self._changed_bodies -= removed
         self.collision_filter.remove(removed)
         self._below_ground -= removed
@@ -490,6 +507,28 @@ class PhysicsModelBuilder:
         parent_from_joint = pose_multiply(pose_inverse(poses[[rows[joint.parent] for joint in joints]]), frames)
         child_from_joint = pose_multiply(pose_inverse(poses[[rows[joint.child] for joint in joints]]), frames)
         self.joint_frames.update(zip(added.joints, zip(parent_from_joint, child_from_joint, strict=True), strict=True))
+
+    def _limit_outwards(self, added: AddResult) -> list[SpawnNote]:
+        """Limits new joints that would let a door or drawer move into its casing; the world keeps their limits."""
+        if not added.joints:
+            return []
+        bodies = self.registry.bodies
+        handles = handles_by_body(bodies, self.registry.parents)
+        limited = outward_joints([self.registry.joints[id] for id in added.joints], bodies, handles)
+        self.simulated_joints.update({id: each.joint for id, each in limited.items()})
+        if len(limited) <= _MAX_LISTED:
+            return [SpawnNote(SpawnNoteKind.JOINT, (id,), each.text) for id, each in limited.items()]
+        example = next(iter(limited.values())).text
+        text = f"{len(limited)} joints would let doors and drawers move into their casings, and only open outwards"
+        return [SpawnNote(SpawnNoteKind.JOINT, tuple(limited), f"{text}; {example}")]
+
+    def _mimic_notes(self, added: AddResult) -> Iterator[SpawnNote]:
+        """Yields notes about joints that mimic a joint which is not there."""
+        for id in added.joints:
+            mimic = self.registry.joints[id].mimic
+            if mimic is not None and (mimic.joint not in self.registry.joints or mimic.joint == id):
+                text = f"{id} mimics {mimic.joint!r}, which is not another joint here; it moves independently"
+                yield SpawnNote(SpawnNoteKind.JOINT, (id,), text)
 
     def _decide_collisions(
         self, new_ids: set[BodyId], poses: Array, *, settles: bool
@@ -802,6 +841,8 @@ class _CollisionState:
         return groups[a].is_dynamic or groups[b].is_dynamic
 
 
+_MAX_LISTED = 3
+"""Number of joints with a common note from which the note is given once, with an example."""
 _REACH_TOLERANCE_M, _REACH_TOLERANCE_RAD = 1e-6, 1e-6
 
 

@@ -336,6 +336,8 @@ def _limits_error(joint: Joint) -> str:
     linear = joint.linear
     slides = (linear.x_middle, linear.y_middle, linear.z_middle)
     middles = (*slides, angular.swing1_middle, angular.swing2_middle, angular.twist_middle)
+    if joint.mimic is not None and not (isfinite(joint.mimic.multiplier) and isfinite(joint.mimic.offset)):
+        return f"the multiplier and offset by which it mimics {joint.mimic.joint!r} are not finite"
     if not all(map(isfinite, middles)):
         return f"the middle positions {middles} of its ranges are not all finite"
     if max(map(abs, (*limits, *middles))) > MAX_COORDINATE_M:

@@ -199,6 +199,11 @@ class RosInterface:
             self.close()
             raise
 
+    @property
+    def service_names(self) -> tuple[str, ...]:
+        """Absolute names of the services that it offers."""
+        return tuple(self._services)
+
     def close(self) -> None:
         """Withdraws everything; calling it again is harmless."""
         if self._closed:
@@ -273,12 +278,12 @@ class RosInterface:
         handler = action_handler(
             name, spec, diagnostics=self._diagnostics, ros=self._ros, timeout_s=self._goal_timeout_s
         )
-        # Of other servers, one of ROS 1 has only topics for actions, and one of ROS 2 has no types for these topics.
-        is_local = isinstance(self._node, LocalNode)
-        if is_local or self._ros is RosVersion.TWO:
+        # rosbridge_suite has only topics for actions in ROS 1, and no types for these topics in ROS 2.
+        has_both = not (isinstance(self._node, RosbridgeClient) and self._node.is_rosbridge_suite)
+        if has_both or self._ros is RosVersion.TWO:
             self._node.create_action_server(name, type_name(spec.type, self._ros), handler)
             self._actions.append(name)
-        if is_local or self._ros is RosVersion.ONE:
+        if has_both or self._ros is RosVersion.ONE:
             self._action_servers.append(
                 ActionlibServer(self._node, name, spec.type, handler, diagnostics=self._diagnostics, ros=self._ros)
             )

@@ -25,7 +25,8 @@ from mindstage.errors import (
     RestoreError,
     WorldError,
 )
-from mindstage.scene import Attachment, BodyId, BodyPhysics, GeometryMap, Joint, Material, Pose, World
+from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, GeometryMap, Joint, Material, Pose, World
+from mindstage.scene.kinematics import handles_by_body, outward_joints
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_inverse, pose_multiply
 from mindstage.simulation.state import EngineSession
 
@@ -211,16 +212,23 @@ class SpawnRecord(msgspec.Struct, frozen=True):
     """By body."""
     joints: Mapping[BodyId, Joint]
     """By id."""
+    outward_joints: Mapping[BodyId, Joint] = {}
+    """The joints that engines limit to the outward direction, with these limits, by id."""
 
     @classmethod
     def from_worlds(cls, worlds: Iterable[World]) -> SpawnRecord:
         """The record of several worlds."""
         poses: dict[BodyId, Pose] = {}
         joints: dict[BodyId, Joint] = {}
+        bodies: dict[BodyId, Body] = {}
+        parents: dict[BodyId, BodyId] = {}
         for world in worlds:
+            bodies |= {body.id: body for body in world.bodies}
             poses |= {body.id: body.pose for body in world.bodies}
             joints |= {joint.id: joint for joint in world.joints}
-        return cls(poses, joints)
+            parents |= {attachment.child: attachment.parent for attachment in world.attachments}
+        limited = outward_joints(tuple(joints.values()), bodies, handles_by_body(bodies, parents))
+        return cls(poses, joints, {id: each.joint for id, each in limited.items()})
 
 
 class DeleteBodies(msgspec.Struct, frozen=True):

@@ -31,6 +31,7 @@ from mindstage.engines.kinematic_tree import KinematicForest, joint_coordinates
 from mindstage.engines.mujoco.compiler import ModelInput, compile_model
 from mindstage.engines.mujoco.state import (
     CompiledModel,
+    ModelJoint,
     current_joint_coordinates,
     set_joint_coordinates,
     transfer_state,
@@ -52,6 +53,7 @@ from mindstage.scene import (
     World,
 )
 from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene.kinematics import coupled_positions, first_movable_axis
 from mindstage.scene.transforms import (
     Array,
     normalize,
@@ -466,9 +468,42 @@ class MujocoEngine:
         joint = compiled.joints[joint_id]
         child_from_body = pose_multiply(pose_inverse(poses[id]), poses[joint.tree_joint.child])
         requested = {**poses, joint.tree_joint.child: pose_multiply(target, child_from_body)}
-        set_joint_coordinates(
-            compiled, joint, current_joint_coordinates(joint, requested, cache.builder.joint_frames[joint_id])
-        )
+        coordinates = current_joint_coordinates(joint, requested, cache.builder.joint_frames[joint_id])
+        coupled = self._coupled_coordinates(cache, id, joint, coordinates)
+        set_joint_coordinates(compiled, joint, coordinates)
+        for other, other_coordinates in coupled:
+            set_joint_coordinates(compiled, other, other_coordinates)
+
+    @staticmethod
+    def _coupled_coordinates(
+        cache: ModelCache, id: BodyId, joint: ModelJoint, coordinates: Array
+    ) -> list[tuple[ModelJoint, Array]]:
+        """Joints that are coupled to the one that holds a body, and their coordinates.
+
+        Raises:
+            PoseUnreachableError: a coupled joint does not allow its position.
+        """
+        joints = cache.model().joints
+        described = {each: model_joint.tree_joint.joint for each, model_joint in joints.items()}
+        axis = first_movable_axis(joint.tree_joint.joint)
+        if axis is None:
+            return []
+        sign = -1.0 if joint.tree_joint.is_reversed else 1.0
+        positions = coupled_positions(described, joint.tree_joint.joint.id, sign * float(coordinates[axis]))
+        found = []
+        for other_id, position in positions.items():
+            other, other_axis = joints[other_id], first_movable_axis(described[other_id])
+            if other.is_ball or other_axis is None:
+                continue
+            value = -position if other.tree_joint.is_reversed else position
+            for each in other.axes:
+                if each.index == other_axis and each.limit is not None and abs(value - each.middle) > each.limit + 1e-6:
+                    reason = f"{other_id!r}, which is coupled to its joint, does not reach {position:.4g}"
+                    raise PoseUnreachableError(id, reason=reason)
+            row = np.zeros(6)
+            row[other_axis] = value
+            found.append((other, row))
+        return found
 
 
 _DIVERGENCE_WARNINGS = (
