@@ -61,6 +61,8 @@ _PANE_RATIO = 0.35
 _PANE_WORD = re.compile(r"door|drawer|front|panel|pane|window|poster|picture|frame|glass|mirror|wall|board|shel", re.I)
 _MAX_CANDIDATES = 8
 """Number of different boxes of a class that are compared."""
+_MAX_ORIENTATIONS = 64
+"""Number of different orientations of a class that are tried."""
 _SAME_PLACE = 0.3
 """Distance of centers, relative to the smaller of the largest extents, up to which two bodies are at one place."""
 _SIMILAR_SIZE = 4.0
@@ -632,12 +634,14 @@ def _choice(group: _Group, absolute: Array) -> _Choice:
     boxes: list[Array] = []
     priors: list[float] = []
     _, first = np.unique(np.round(absolute[group.rows], 6), axis=0, return_index=True)
-    for rank, at in enumerate(np.sort(first).tolist()):
+    for rank, at in enumerate(np.sort(first)[:_MAX_ORIENTATIONS].tolist()):
+        if len(boxes) >= _MAX_CANDIDATES:
+            break
         proportions = None if group.mesh is None else group.mesh[0]
         solutions = boxes_with_bounds(absolute[group.rows[at]], group.stated, proportions=proportions)
         for number, box in enumerate(solutions):
             limit = _SAME_BOX * max(float(group.stated.max()), 1e-9)
-            if len(boxes) < _MAX_CANDIDATES and all(np.abs(box - other).max() > limit for other in boxes):
+            if all(np.abs(box - other).max() > limit for other in boxes):
                 boxes.append(box)
                 unlikely = len(solutions) > 1 and (number > 0) != flat
                 unlike_mesh = 0.0 if proportions is None else _unevenness(box, proportions)
