@@ -41,6 +41,7 @@
     │   ├── BridgeUnavailableError      the server cannot listen at that address
     │   ├── FoxgloveUnavailableError    the Foxglove SDK is not installed, or its server cannot listen
     │   ├── AuthenticationError         missing or invalid token
+    │   ├── CertificateError            a file with a certificate or a key cannot be used
     │   ├── ConnectionLostError         no connection, or a closed one
     │   ├── ServiceNotFoundError        no service or action of that name is advertised
     │   ├── ServiceTimeoutError         a service or action did not return in time
@@ -57,6 +58,7 @@
     ├── BrowserError                    failure of the browser that renders pictures (exit code 2)
     │   ├── BrowserNotFoundError        not installed, or it does not start
     │   └── BrowserCrashedError         it exited, returned an error or did not reply in time
+    ├── CacheError                      the cache directory cannot be written (exit code 2)
     ├── InvalidRequestError             invalid request from the page (exit code 2)
     └── ViewerUnavailableError          the page's server cannot listen at that address (exit code 2)
 
@@ -85,6 +87,8 @@ __all__ = [
     "BrowserCrashedError",
     "BrowserError",
     "BrowserNotFoundError",
+    "CacheError",
+    "CertificateError",
     "ConnectionLostError",
     "EndpointError",
     "EndpointUnreachableError",
@@ -663,13 +667,22 @@ class SimulationError(MindstageError):
 
 @dataclass(eq=False)
 class SimulationTimeoutError(SimulationError):
-    """The thread that owns the engine did not finish the call in time."""
+    """The thread that owns the engine did not finish the call in time.
+
+    A call that has not begun is withdrawn and never executed; one that has begun (`begun`) is not interrupted.
+    """
 
     code = "StageTimedOut"
-    template = "{call} did not finish within {timeout_s:g} s; the simulation may be busy or stopped"
+    template = "{call} did not finish within {timeout_s:g} s{outcome}; the simulation may be busy or stopped"
     call: str
     _: KW_ONLY
     timeout_s: float
+    begun: bool = False
+
+    @property
+    def outcome(self) -> str:
+        """What happens to the call, for the message."""
+        return ", but it has begun: it is not interrupted, and its end is reported" if self.begun else ""
 
 
 # -- bridge ------------------------------------------------------------------------------------------------------------
@@ -711,6 +724,18 @@ class AuthenticationError(BridgeError):
     address: str
     _: KW_ONLY
     cause: str
+
+
+@dataclass(eq=False)
+class CertificateError(BridgeError):
+    """A file with a certificate, a private key or authorities for TLS cannot be used."""
+
+    code = "CertificateRefused"
+    template = "the TLS file {path} cannot be used: {cause}; {remedy}"
+    path: str
+    _: KW_ONLY
+    cause: str
+    remedy: str
 
 
 @dataclass(eq=False)
@@ -930,6 +955,17 @@ class BrowserCrashedError(BrowserError):
 
     code = "BrowserBroken"
     template = "the browser failed: {cause}; try again, or increase the timeout"
+    cause: str
+
+
+@dataclass(eq=False)
+class CacheError(MindstageError):
+    """The cache directory cannot be written."""
+
+    code = "CacheUnavailable"
+    template = "the cache {folder} cannot be written: {cause}; free space, or set MINDSTAGE_CACHE to another folder"
+    folder: str
+    _: KW_ONLY
     cause: str
 
 

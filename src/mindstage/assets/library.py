@@ -19,12 +19,14 @@ import numpy as np
 
 from mindstage.assets.mesh_import import ImportedMesh, import_meshes
 from mindstage.scene import (
+    IDENTITY,
     Body,
     BodyGeometry,
     BodyId,
     CollisionShape,
     CollisionShapeType,
     GeometrySource,
+    Iri,
     Pose,
     SupportSurface,
     Vector,
@@ -251,6 +253,18 @@ class MeshLibrary:
         notes += [f"the mesh {path} is left out: {reason}" for path, reason in rejected.items()]
         notes += [f"{_join_ids(ids)}: {change}" for change, ids in changes.items()]
         return MeshLibraryResult(geometry, tuple(notes))
+
+    def bounds(self, meshes: Sequence[tuple[str | None, Iri]]) -> list[tuple[Vector, Vector] | None]:
+        """Lower and upper corners of mesh files in their own frames; None without a readable file.
+
+        Args:
+            meshes: the name of the mesh in the map, if it has one, and the class of a body.
+        """
+        bodies = (Body(id=BodyId(cls), iri=cls, cls=cls, pose=IDENTITY, mesh=mesh) for mesh, cls in meshes)
+        found = [self._index.find(body) for body in bodies]
+        imported, _ = import_meshes((match.path for match in found if match is not None), folder=self._cache)
+        known = (None if match is None else imported.get(match.path) for match in found)
+        return [None if mesh is None else (_vector(mesh.low), _vector(mesh.high)) for mesh in known]
 
     def _fit(self, mesh: ImportedMesh, match: MeshMatch, size: Vector | None) -> tuple[BodyGeometry, str]:
         key = (mesh.digest, size)

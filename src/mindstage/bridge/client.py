@@ -17,15 +17,18 @@ import random
 import re
 import secrets
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
+from ssl import SSLCertVerificationError, SSLError
 
 import msgspec
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus, InvalidURI, WebSocketException
 
+from mindstage.bridge.access import client_tls_context
 from mindstage.bridge.broker import resolve_name
 from mindstage.bridge.node import MessageSender, Node
 from mindstage.bridge.protocol import (
@@ -48,7 +51,13 @@ from mindstage.bridge.protocol import (
     content,
 )
 from mindstage.bridge.server import Connection
-from mindstage.errors import AuthenticationError, BridgeError, ConnectionLostError, ServiceCallError
+from mindstage.errors import (
+    AuthenticationError,
+    BridgeError,
+    CertificateError,
+    ConnectionLostError,
+    ServiceCallError,
+)
 
 __all__ = ["ConnectionState", "Refusal", "RosbridgeClient"]
 
@@ -121,6 +130,7 @@ class RosbridgeClient(Node):
         url: str,
         *,
         token: str | None = None,
+        tls_authorities: Path | None = None,
         limits: BridgeLimits = DEFAULT_LIMITS,
         max_reconnect_delay_s: float = _MAX_RECONNECT_DELAY_S,
         on_state: Callable[[ConnectionState], object] | None = None,
@@ -130,21 +140,29 @@ class RosbridgeClient(Node):
         """Starts to connect, without waiting.
 
         Args:
-            url: such as `ws://127.0.0.1:9090`.
+            url: such as `ws://127.0.0.1:9090`, or `wss://robot.example:9090`, whose certificate is checked.
             token: sent to the server, if it requires one.
+            tls_authorities: certificates of authorities that are trusted for `wss://` besides those of the system.
             limits: limits for what the server sends.
             max_reconnect_delay_s: longest time between two attempts to reconnect; each delay is twice the one before
                 [s].
             on_state: called with every change of `state`, on the bridge's thread; must not block.
             on_status: called with status messages of the server, likewise; by default, they are logged.
-            on_refusal: called with each operation that the server refuses, likewise; see `refusals`.
+            on_refusal: called with each operation that the server refuses, likewise; by default, a warning is logged.
 
         Raises:
             ConnectionLostError: the URL is invalid.
+            CertificateError: the file of authorities cannot be used, or the URL needs none.
         """
         if not url.startswith(("ws://", "wss://")):
             raise ConnectionLostError(url, cause="the URL must begin with ws:// or wss://")
+        is_secure = url.startswith("wss://")
+        if tls_authorities is not None and not is_secure:
+            cause, remedy = f"{url} is not encrypted", "connect to wss://, or give no authorities"
+            raise CertificateError(str(tls_authorities), cause=cause, remedy=remedy)
+        tls = client_tls_context(tls_authorities) if is_secure else None
         super().__init__(name="mindstage-client")
+        self._tls = tls
         self.url = url
         self.state: ConnectionState = ConnectionState.CONNECTING
         self._token = token
@@ -152,12 +170,15 @@ class RosbridgeClient(Node):
         self._max_reconnect_delay_s = max_reconnect_delay_s
         self._on_state = on_state
         self._status_callback = on_status
+        self._refusal_callback = on_refusal
         self._refusal_listeners = [] if on_refusal is None else [on_refusal]
         self._refusals: dict[tuple[str, str], Refusal] = {}
         self._session = secrets.token_hex(4)
         """A part of the ids, since the log of the server also has the ids of its other clients."""
         self._answered_again: set[Id] = set()
         self._log_opened: asyncio.Event | None = None
+        self.is_rosbridge_suite = False
+        """Whether the server is rosbridge_suite's, which needs ROS and its types; known once it is connected."""
         self._connection: Connection | None = None
         self._first_attempt_done = threading.Event()
         self._cause: BridgeError = ConnectionLostError(url, cause="not connected yet")
@@ -245,7 +266,7 @@ class RosbridgeClient(Node):
                     delay_s = _MIN_RECONNECT_DELAY_S
             except (OSError, WebSocketException, TimeoutError) as error:
                 self._cause = _connection_error(self.url, error)
-                if isinstance(self._cause, AuthenticationError) or isinstance(error, InvalidURI):
+                if isinstance(self._cause, AuthenticationError) or isinstance(error, InvalidURI | SSLError):
                     self._first_attempt_done.set()  # retries continue, but the caller need not wait for them
             except Exception as error:  # an unexpected error must not end the retries silently
                 _log.exception("the connection to %s failed", self.url)
@@ -265,6 +286,7 @@ class RosbridgeClient(Node):
             additional_headers=headers,
             compression=None,
             max_size=self._limits.message_bytes,
+            ssl=self._tls,
             open_timeout=_OPEN_TIMEOUT_S,
             ping_interval=_PING_INTERVAL_S,
             ping_timeout=_PING_INTERVAL_S,
@@ -276,7 +298,10 @@ class RosbridgeClient(Node):
         self._answered_again.clear()
         running = asyncio.ensure_future(connection.run())
         try:
-            await self._open_log(connection, running, server=socket.response.headers if socket.response else {})
+            server = socket.response.headers.get("Server", "") if socket.response else ""
+            self.is_rosbridge_suite = server.startswith(_LOGGING_SERVERS)
+            if self.is_rosbridge_suite:
+                await self._open_log(connection, running)
             self._connection = connection
             for operation in self._advertise_operations():
                 connection.send(MessageEncoder(self._prepared(operation)))
@@ -293,16 +318,12 @@ class RosbridgeClient(Node):
             self._pending_calls.fail_all(self._cause)
             self._dispatcher.cancel_all()
 
-    async def _open_log(
-        self, connection: Connection, running: asyncio.Future[None], *, server: Mapping[str, str]
-    ) -> None:
-        """Subscribes to the log of a rosbridge of ROS, and waits until it is received or the time is over.
+    async def _open_log(self, connection: Connection, running: asyncio.Future[None]) -> None:
+        """Subscribes to the log of the server, and waits until it is received or the time is over.
 
         What the server logs before its own subscription exists is lost. Each request is logged itself ("Subscribed to
         /rosout"), so it is repeated until the first log message arrives.
         """
-        if not server.get("Server", "").startswith(_LOGGING_SERVERS):
-            return
         self._log_opened = opened = asyncio.Event()
         request = Subscribe(id=f"subscribe:{_LOG_TOPIC}:{self._session}", topic=_LOG_TOPIC)
         waiting = asyncio.ensure_future(opened.wait())
@@ -406,7 +427,8 @@ class RosbridgeClient(Node):
         if key in self._refusals or len(self._refusals) >= _MAX_REFUSALS:
             return
         self._refusals[key] = refusal
-        _log.warning("%s refused an operation: %s", self.url, refusal)
+        level = logging.WARNING if self._refusal_callback is None else logging.INFO
+        _log.log(level, "%s refused an operation: %s", self.url, refusal)
         for listener in tuple(self._refusal_listeners):
             self._notify(listener, refusal)
 
@@ -468,6 +490,11 @@ def _connection_error(url: str, error: Exception) -> BridgeError:
     if isinstance(error, InvalidStatus) and error.response.status_code in _AUTH_ERROR_CODES:
         body = (error.response.body or b"").decode("utf-8", "replace").strip()
         return AuthenticationError(url, cause=body or f"the server answered {error.response.status_code}")
+    if isinstance(error, SSLCertVerificationError):
+        cause = f"its certificate is not accepted: {error.verify_message}"
+        return ConnectionLostError(url, cause=f"{cause}; an authority of your own is trusted with --tls-ca")
+    if isinstance(error, SSLError):
+        return ConnectionLostError(url, cause=f"no TLS connection ({error.reason or error}); is it a ws:// server?")
     if isinstance(error, TimeoutError):
         return ConnectionLostError(url, cause=f"no reply within {_OPEN_TIMEOUT_S:g} s")
     cause = error.strerror if isinstance(error, OSError) and error.strerror else str(error)

@@ -12,7 +12,6 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import hmac
-import ipaddress
 import logging
 import time
 from collections import deque
@@ -27,7 +26,17 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
+from websockets.protocol import State
 
+from mindstage.bridge.access import (
+    DEFAULT_VISITOR_LIMITS,
+    HANDSHAKE_TIMEOUT_S,
+    TlsCertificate,
+    Visitor,
+    VisitorLimits,
+    VisitorRegistry,
+    is_loopback,
+)
 from mindstage.bridge.broker import PLAIN_FORMAT, Peer, ReplyFormat
 from mindstage.bridge.node import LocalNode
 from mindstage.bridge.protocol import (
@@ -42,7 +51,7 @@ from mindstage.bridge.protocol import (
 )
 from mindstage.errors import AuthenticationError, BridgeError, BridgeUnavailableError
 
-__all__ = ["Connection", "RosbridgeServer", "TokenAuth", "is_loopback"]
+__all__ = ["Connection", "RosbridgeServer", "TokenAuth"]
 
 
 _MAX_CLOCK_SKEW_S = 5.0
@@ -56,16 +65,6 @@ _log = logging.getLogger("mindstage.bridge")
 _PING_INTERVAL_S = 20.0
 _MAX_UNAUTHENTICATED_BYTES = 16 * 1024
 """Largest message of a client that is not authenticated yet; enough for a token."""
-
-
-def is_loopback(host: str) -> bool:
-    """Whether a host can be reached from this machine only."""
-    if host.strip("[]").lower() == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host.strip("[]")).is_loopback
-    except ValueError:
-        return False
 
 
 class TokenAuth:
@@ -144,6 +143,7 @@ class Connection:
         *,
         receive: Callable[[Operation], None],
         send_error: Callable[[str, Id | None], None],
+        receive_delay: Callable[[int, float], float] | None = None,
     ) -> None:
         """Creates the connection on an open websocket.
 
@@ -152,17 +152,25 @@ class Connection:
             limits: limits for what the peer sends.
             receive: called with every operation; may raise a `BridgeError`.
             send_error: called with the error message and the id of a message that was rejected.
+            receive_delay: called with the size and the time of each frame; returns how long to wait before the next
+                one is received [s].
         """
         self._socket = socket
         self._limits = limits
         self._receive = receive
         self._send_error = send_error
+        self._receive_delay = receive_delay
         self._decoder = MessageDecoder(limits)
         self._outbox: deque[Frame] = deque()
         self._outbox_bytes = 0
         self._has_output = asyncio.Event()
         self._flushed = asyncio.Event()
         self._closing: asyncio.Task[None] | None = None
+        self._may_read = asyncio.Event()
+        self._may_read.set()
+        self._was_paused = False
+        """Whether reading was paused since the last check."""
+        self._ping_timeout_s = socket.ping_timeout
         self.close_reason = ""
         """Why the connection ended; empty while it is open."""
 
@@ -176,13 +184,19 @@ class Connection:
         writer = asyncio.create_task(self._write())
         watch = asyncio.create_task(self._expire_fragments())
         loop = asyncio.get_running_loop()
-        slice_end_s = 0.0
+        handling_s = 0.0
         try:
             async for frame in self._socket:  # does not yield while frames are buffered
-                self._handle_frame(frame)
-                if loop.time() > slice_end_s:
+                start_s = loop.time()
+                self._handle_frame(frame, start_s)
+                handling_s += loop.time() - start_s
+                if self._receive_delay is not None and (delay_s := self._receive_delay(len(frame), start_s)) > 0.0:
+                    await asyncio.sleep(delay_s)
+                if not self._may_read.is_set():
+                    await self._wait_until_readable()
+                if handling_s > _MAX_READ_SLICE_S:
                     await asyncio.sleep(0)
-                    slice_end_s = loop.time() + _MAX_READ_SLICE_S
+                    handling_s = 0.0
         except ConnectionClosed as error:
             self._set_close_reason(_reason(error))
         finally:
@@ -195,8 +209,12 @@ class Connection:
         self._set_close_reason(_close_message(self._socket.close_code, self._socket.close_reason))
 
     def send(self, outgoing: MessageEncoder, reply_format: ReplyFormat = PLAIN_FORMAT) -> None:
-        """Queues an operation, without waiting."""
+        """Writes an operation, or queues it if the peer does not read fast enough; does not wait."""
         if self._closing is not None:
+            return
+        if reply_format is PLAIN_FORMAT and self._can_write():
+            self._socket.protocol.send_text(outgoing.data)
+            self._socket.send_data()
             return
         for frame in outgoing.frames(
             reply_format.compression, reply_format.fragment_size, max_fragments=self._limits.fragments
@@ -207,6 +225,15 @@ class Connection:
         self._has_output.set()
         if len(self._outbox) > self._limits.waiting_messages or self._outbox_bytes > self._limits.waiting_bytes:
             self._abort_slow_reader()
+
+    def set_paused(self, paused: bool) -> None:
+        """Stops to receive, or continues; the peer is held up when its messages fill the buffers on the way."""
+        if not paused:
+            self._may_read.set()
+        elif self._may_read.is_set():
+            self._may_read.clear()
+            self._was_paused = True
+            self._socket.ping_timeout = None  # the reply to a ping waits behind the messages that are not read
 
     def close(self, reason: str, code: int = CloseCode.NORMAL_CLOSURE) -> None:
         """Starts to close the connection with a reason; returns at once."""
@@ -221,12 +248,12 @@ class Connection:
             self._closing = asyncio.get_running_loop().create_task(asyncio.sleep(0))
         self._socket.transport.abort()
 
-    def _handle_frame(self, frame: Frame) -> None:
+    def _handle_frame(self, frame: Frame, now_s: float) -> None:
         if self._closing is not None:
             return
         operation = None
         try:
-            operation = self._decoder.decode(frame, asyncio.get_running_loop().time())
+            operation = self._decoder.decode(frame, now_s)
             if operation is not None:
                 self._receive(operation)
         except BridgeError as error:
@@ -235,6 +262,15 @@ class Connection:
         except Exception as error:  # an unexpected error must not end the connection
             _log.exception("a message of %s could not be handled", self._peer_name())
             self._send_error(f"internal error: {type(error).__name__}", operation.id if operation else None)
+
+    def _can_write(self) -> bool:
+        """Whether everything before is written, so that a message need not be queued."""
+        return (
+            not self._outbox
+            and self._flushed.is_set()
+            and self._socket.protocol.state is State.OPEN
+            and not self._socket.transport.get_write_buffer_size()
+        )
 
     async def _write(self) -> None:
         try:
@@ -254,6 +290,18 @@ class Connection:
             await asyncio.sleep(self._limits.fragment_timeout_s / 2)
             for id in self._decoder.expire(asyncio.get_running_loop().time()):
                 self._send_error(f"the other fragments of {id!r} did not arrive in time", id)
+            if not self._was_paused:
+                self._socket.ping_timeout = self._ping_timeout_s
+            self._was_paused = not self._may_read.is_set()
+
+    async def _wait_until_readable(self) -> None:
+        """Waits until reading continues, or the connection is lost."""
+        waits = [asyncio.ensure_future(each) for each in (self._may_read.wait(), self._socket.wait_closed())]
+        try:
+            await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for each in waits:
+                each.cancel()
 
     async def _close(self, code: int, reason: str) -> None:
         try:
@@ -295,6 +343,7 @@ def _close_message(code: int | None, reason: str | None) -> str:
     )
 
 
+_TOO_MANY_TOKENS = "too many invalid tokens were sent from this address; wait a minute"
 _handshake_log = logging.getLogger("mindstage.bridge.handshakes")
 _handshake_log.addHandler(logging.NullHandler())  # failed handshakes are logged only if logging is configured
 _client_numbers = count(1)
@@ -303,11 +352,16 @@ _client_numbers = count(1)
 class _ServerPeer(Peer):
     """A client of the server."""
 
-    def __init__(self, socket: ServerConnection, server: RosbridgeServer) -> None:
+    def __init__(self, socket: ServerConnection, server: RosbridgeServer, visitor: Visitor) -> None:
         super().__init__(f"/client_{next(_client_numbers)}")
         self.socket = socket
+        self.visitor = visitor
         self.connection = Connection(
-            socket, server.node.limits, receive=self._receive, send_error=self._send_error_status
+            socket,
+            server.node.limits,
+            receive=self._receive,
+            send_error=self._send_error_status,
+            receive_delay=visitor.receive_delay,
         )
         self.authenticated = False
         """Whether the client is authenticated; it is added to the broker only then."""
@@ -321,6 +375,10 @@ class _ServerPeer(Peer):
         self, outgoing: MessageEncoder, reply_format: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
     ) -> None:
         self.connection.send(outgoing, reply_format)
+
+    def set_paused(self, paused: bool) -> None:
+        super().set_paused(paused)
+        self.connection.set_paused(paused)
 
     def _receive(self, operation: Operation) -> None:
         if isinstance(operation, Auth):
@@ -350,6 +408,8 @@ class RosbridgeServer:
         port: int = 9090,
         token: str | None = None,
         origins: Collection[str] = (),
+        tls: TlsCertificate | None = None,
+        visitor_limits: VisitorLimits = DEFAULT_VISITOR_LIMITS,
         ping_interval_s: float | None = _PING_INTERVAL_S,
     ) -> None:
         """Creates the server; `start` opens its socket.
@@ -360,11 +420,14 @@ class RosbridgeServer:
             port: port on which to listen; 0 selects a free one.
             token: token that clients must send: in rosbridge's `auth`, as `?token=`, or as `Authorization: Bearer`.
             origins: additional origins of web pages; pages of this machine are always allowed.
+            tls: the certificate for wss://; None serves ws://.
+            visitor_limits: limits of each client address.
             ping_interval_s: time between pings, and timeout for the reply [s]; None disables pings, for clients that
                 may be blocked for long and whose end is detected otherwise.
 
         Raises:
             AuthenticationError: the host is not this machine, and there is no token.
+            CertificateError: the certificate cannot be used.
         """
         if not token and not is_loopback(host):
             cause = "every host but this machine requires a token; give a token, or serve at 127.0.0.1"
@@ -374,6 +437,8 @@ class RosbridgeServer:
         self.port = port
         self._ping_interval_s = ping_interval_s
         self._auth = TokenAuth(host=host, token=token or None, origins=origins)
+        self._tls = None if tls is None else tls.server_context()
+        self._visitors = VisitorRegistry(visitor_limits)
         self._sockets: Sockets | None = None
         self._clients: set[_ServerPeer] = set()
 
@@ -381,7 +446,7 @@ class RosbridgeServer:
     def url(self) -> str:
         """URL for a client on this machine."""
         host = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}.get(self.host, self.host)
-        return f"ws://{f'[{host}]' if ':' in host else host}:{self.port}"
+        return f"{'ws' if self._tls is None else 'wss'}://{f'[{host}]' if ':' in host else host}:{self.port}"
 
     @property
     def client_count(self) -> int:
@@ -412,9 +477,15 @@ class RosbridgeServer:
 
     def authenticate(self, client: _ServerPeer, auth: Auth) -> None:
         """Handles the `auth` operation of a client."""
-        if not self._auth.needs_token or self._auth.check_auth(auth, time.time()):
+        now_s = asyncio.get_running_loop().time()
+        if not self._auth.needs_token or client.authenticated:
+            self._accept(client)
+        elif not client.visitor.may_try_token(now_s):
+            client.reject(_TOO_MANY_TOKENS)
+        elif self._auth.check_auth(auth, time.time()):
             self._accept(client)
         else:
+            client.visitor.add_failed_token(now_s)
             client.reject("invalid token")
 
     # -- on the loop ---------------------------------------------------------------------------------------------------
@@ -426,6 +497,8 @@ class RosbridgeServer:
                 self.host,
                 self.port,
                 process_request=self._process_request,
+                ssl=self._tls,
+                ssl_handshake_timeout=None if self._tls is None else HANDSHAKE_TIMEOUT_S,
                 compression=None,
                 max_size=_MAX_UNAUTHENTICATED_BYTES,
                 ping_interval=self._ping_interval_s,
@@ -449,8 +522,14 @@ class RosbridgeServer:
         headers = request.headers
         if not self._auth.allows_origin(headers.get("Origin"), headers.get("Host")):
             return socket.respond(HTTPStatus.FORBIDDEN, "this origin is not allowed\n")
+        visitor, now_s = self._visitors.visitor(socket.remote_address), asyncio.get_running_loop().time()
+        if not visitor.may_connect:
+            return socket.respond(HTTPStatus.TOO_MANY_REQUESTS, "too many connections from this address\n")
         bearer = headers.get("Authorization")
+        if self._auth.needs_token and not visitor.may_try_token(now_s):
+            return socket.respond(HTTPStatus.TOO_MANY_REQUESTS, f"{_TOO_MANY_TOKENS}\n")
         if self._auth.needs_token and self._auth.check_handshake(request.path, bearer) is False:
+            visitor.add_failed_token(now_s)
             why = "a token is required" if bearer is not None and not bearer.split()[1:] else "invalid token"
             return socket.respond(HTTPStatus.UNAUTHORIZED, f"{why}\n")
         if len(self._clients) >= self.node.limits.connections:
@@ -461,7 +540,9 @@ class RosbridgeServer:
         request = socket.request
         path, bearer = (request.path, request.headers.get("Authorization")) if request else ("", None)
         authenticated = not self._auth.needs_token or self._auth.check_handshake(path, bearer) is True
-        client = _ServerPeer(socket, self)
+        visitor = self._visitors.visitor(socket.remote_address)
+        visitor.connections += 1
+        client = _ServerPeer(socket, self, visitor)
         self._clients.add(client)
         if authenticated:
             self._accept(client)
@@ -470,6 +551,7 @@ class RosbridgeServer:
             await client.connection.run()
         finally:
             auth_timer.cancel()
+            visitor.connections -= 1
             self._clients.discard(client)
             self.node.broker.remove_peer(client)
 

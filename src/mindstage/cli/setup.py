@@ -6,8 +6,12 @@ Only this package reads environment variables: `GODOT` and `ROS_PACKAGE_PATH`.
 from __future__ import annotations
 
 import os
+import shutil
+import sys
+import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -149,7 +153,7 @@ def knowledge_base(
         cause = "it would write derived statements into a store that is shared"
         raise InvalidArgumentError("--closure", cause=cause, remedy="load the files without --store")
     knowledge = load_knowledge(
-        maps,
+        [_as_file(map) for map in maps],
         ontologies=[*(reading.ontologies or ()), *_ros_packages()],
         bundled_ontology=reading.bundled,
         robots=reading.robots or (),
@@ -162,21 +166,80 @@ def knowledge_base(
     return knowledge
 
 
-def findings_about(world: World, knowledge: KnowledgeBase, *, strict: bool = False) -> tuple[Finding, ...]:
-    """The findings of the knowledge base, and one if the world is empty.
+_STANDARD_INPUT = "-"
+
+
+@cache
+def _as_file(name: str) -> str:
+    """The path of a map; what can be read only once, such as standard input (`-`) or a pipe, is copied to a file.
+
+    Raises:
+        SourceParseError: it cannot be read.
+    """
+    path = Path(name)
+    if name != _STANDARD_INPUT and (not path.exists() or path.is_file() or path.is_dir()):
+        return name
+    try:
+        content = sys.stdin.buffer.read() if name == _STANDARD_INPUT else path.read_bytes()
+    except (OSError, AttributeError) as error:  # a closed standard input is None
+        cause = getattr(error, "strerror", None) or "standard input is closed"
+        raise SourceParseError(name, cause=cause) from error
+    if not content.strip():
+        raise SourceParseError(name, cause="nothing was written to it; pipe a map into it")
+    folder = Path(tempfile.mkdtemp(prefix="mindstage-input-"))
+    close_at_end(partial(shutil.rmtree, folder, ignore_errors=True))
+    close_at_end(_as_file.cache_clear)
+    file = folder / "standard-input"
+    file.write_bytes(content)
+    return str(file)
+
+
+def findings_about(
+    world: World, knowledge: KnowledgeBase, *, strict: bool = False, assets: list[Path] | None = None
+) -> tuple[Finding, ...]:
+    """The findings of the knowledge base, one if mesh files are missing, and one if the world is empty.
+
+    Args:
+        world: the world.
+        knowledge: the knowledge base that it was read from.
+        strict: whether findings are errors.
+        assets: the folders of `--assets`, in which mesh files are looked up.
 
     Raises:
         MapRejectedError: with `strict`, if there are findings.
+        SourceParseError: one of the folders does not exist.
     """
     from mindstage.knowledge import Finding, Severity
 
     findings = knowledge.findings()
+    if (missing := _missing_meshes(world, knowledge, asset_folders(assets))) is not None:
+        findings = (*findings, missing)
     if not world.bodies:
         cause = "no bodies were found in it; is it a semantic map?"
         findings = (*findings, Finding(Severity.WARNING, world.iri, "", cause, "the world is empty"))
     if strict and findings:
         raise MapRejectedError(world.iri, findings=[str(finding) for finding in findings])
     return findings
+
+
+def _missing_meshes(world: World, knowledge: KnowledgeBase, folders: Sequence[Path]) -> Finding | None:
+    """One finding about all mesh files that a map names and that were not found; None if there is none."""
+    from mindstage.assets.library import MeshIndex
+    from mindstage.knowledge import Finding, Severity
+    from mindstage.knowledge.rdf_mapping.properties import MESH
+
+    named = [body for body in world.bodies if body.mesh]
+    if not named:
+        return None
+    index = MeshIndex(folders, find_file=knowledge.find_file)
+    missing = [body for body in named if index.find(body) is None]
+    if not missing:
+        return None
+    files = dict.fromkeys(body.mesh for body in missing)
+    count = "1 mesh file is" if len(files) == 1 else f"{len(files):,} mesh files are"
+    problem = f"{count} missing, of {len(missing):,} of {len(world.bodies):,} bodies, such as {next(iter(files))}"
+    action = "the shapes follow from classes and sizes; give the folder of the files with --assets DIR"
+    return Finding(Severity.WARNING, world.iri, MESH.property, problem, action)
 
 
 def _ros_packages() -> list[str]:

@@ -137,6 +137,13 @@ class LooseOverlaps:
     nested: frozenset[tuple[int, int]] = frozenset()
     """Pairs of a hollow body and its contents, in both orders, whose overlap is intended."""
 
+    def with_rows(self, rows: Sequence[int]) -> LooseOverlaps:
+        """The same overlaps with other indices: `rows` has the new one for each."""
+        return LooseOverlaps(
+            tuple((rows[a], rows[b], depth) for a, b, depth in self.pairs),
+            frozenset((rows[a], rows[b]) for a, b in self.nested),
+        )
+
 
 def compute_collision_filter(
     filter_input: CollisionFilterInput, previous: CollisionFilter
@@ -192,7 +199,9 @@ def _is_settled(
     """
     if filter_input.is_loose is None or filter_input.unit is None or not len(a):
         return np.zeros(len(a), dtype=bool)
-    is_settled = (filter_input.is_loose[a] | filter_input.is_loose[b]) & (filter_input.unit[a] != filter_input.unit[b])
+    is_settled: NDArray[np.bool_] = (filter_input.is_loose[a] | filter_input.is_loose[b]) & (
+        filter_input.unit[a] != filter_input.unit[b]
+    )
     if result.non_colliding and is_settled.any():
         collides = np.array([id not in result.non_colliding for id in filter_input.ids], dtype=bool)
         is_settled &= collides[a] & collides[b]

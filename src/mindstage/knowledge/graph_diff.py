@@ -10,7 +10,6 @@ from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mindstage.knowledge.dialects import detect_dialect
-from mindstage.knowledge.dialects.conventions import SI
 from mindstage.knowledge.dialects.membership import types_of
 from mindstage.knowledge.dialects.soma_nodes import POSE_6D, without_restatements
 from mindstage.knowledge.dialects.source_map import SourceMap
@@ -19,6 +18,7 @@ from mindstage.knowledge.dialects.unit_conversion import (
     original_property,
     restore_declarations,
     restore_facts,
+    restore_size_declaration,
 )
 from mindstage.knowledge.rdf import Graph, gc_paused, is_part_name, merge_graphs
 from mindstage.knowledge.rdf_mapping import properties as codecs
@@ -44,7 +44,8 @@ class SourceMapView:
         if conventions is None:
             if not any(fact.property == GIVEN_SIZES for fact in graph.get(map, ())):
                 return None
-            conventions = SI
+            restored = {**graph, map: restore_size_declaration(graph[map])}
+            return SourceMapView(replace(self.source_map, graph=restored))
         before = {subject: restore_facts(facts, conventions) for subject, facts in graph.items()}
         before[map] = restore_declarations(before[map], conventions)
         return SourceMapView(replace(self.source_map, graph=before))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -20,7 +21,7 @@ from mindstage.errors import AmbiguousMapError, InvalidArgumentError, MapNotFoun
 from mindstage.knowledge.dialects import read_world
 from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
 from mindstage.knowledge.dialects.membership import individuals_by_map, without_other_maps
-from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.dialects.source_map import MeshBounds, SourceMap
 from mindstage.knowledge.endpoint import SparqlEndpoint
 from mindstage.knowledge.graph_diff import SourceMapView
 from mindstage.knowledge.io.files import map_path
@@ -37,7 +38,7 @@ from mindstage.knowledge.reasoner_properties import node_from_label
 from mindstage.knowledge.shape_rules import ShapeRule, ShapeRuleResolver
 from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.knowledge.tell import RUNTIME_GRAPH, AssertableValue, AssertionStore
-from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, SUBCLASS_OF, TYPE, xsd
+from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, SUBCLASS_OF, TYPE, xsd
 from mindstage.scene import Body, FactValue, Iri, IriRef, Joint, Light, Literal, PropertyAssertion, World
 from mindstage.scene.display import counted
 
@@ -88,6 +89,7 @@ class KnowledgeBase:
         self._store = self._registry.store
         self._worlds: dict[Iri, World] = {}
         self._assumptions: dict[tuple[Iri, str], Assumption] = {}
+        self._mesh_bounds: MeshBounds | None = None
         try:
             self._registry.open(bundled=bundled_ontology)
         except BaseException:
@@ -200,11 +202,34 @@ class KnowledgeBase:
             AmbiguousMapError: several maps are loaded and no name was given, or several have that local name.
         """
         with self.lock:
-            return SourceMapView(self._source_map(self._resolve_map(map)))
+            source_map = self._source_map(self._resolve_map(map))
+            implied = self._registry.implied_members(source_map.map)
+            return SourceMapView(replace(source_map, implied_members=implied))
 
     def find_file(self, name: str) -> Path | None:
         """The file that a mesh name refers to (`package://…`, or a path relative to its map); None if there is none."""
         return self._registry.find_file(name)
+
+    def use_meshes(self, bounds: MeshBounds) -> None:
+        """Takes the boxes of bodies from their meshes, where a map gives only world-aligned sizes or mesh pivots.
+
+        Worlds that have been read already stay as they are.
+
+        Args:
+            bounds: reads the bounds of meshes (`MeshLibrary.bounds`).
+        """
+        with self.lock:
+            self._mesh_bounds = bounds
+
+    def stated_classes(self, individual: str) -> tuple[Iri, ...]:
+        """The classes that an individual is stated to have, without those of OWL; empty for anything else."""
+        try:
+            node = node_from_label(Iri(individual)) if individual.startswith("_:") else ox.NamedNode(individual)
+        except ValueError:  # a path
+            return ()
+        quads = self._store.quads_for_pattern(node, ox.NamedNode(TYPE), None)
+        names = (Iri(quad.object.value) for quad in quads if isinstance(quad.object, ox.NamedNode))
+        return tuple(sorted({name for name in names if not name.startswith(OWL)}))
 
     def map_statistics(self, map: str | None = None) -> MapStatistics:
         """Counts of the classes, individuals, objects, joints and relations of one map.
@@ -497,7 +522,7 @@ class KnowledgeBase:
             report=self._add_finding,
             add_assumption=self._add_assumption,
             conventions=self._conventions_of(map),
-            implied_members=self._registry.implied_members(map),
+            mesh_bounds=self._mesh_bounds,
         )
 
     def _conventions_of(self, map: Iri) -> UnitConventions:

@@ -18,7 +18,7 @@
 | `ms:frame`, `ms:quaternionOrder` | map | the direction of its axes, `ros` or `unreal`; `wxyz` or `xyzw` |
 | `ms:sizes` | map | what the sizes of its classes are measured along: the axes of the `body`, or of the `world` |
 | `ms:givenSizes` | map | the same of the source: the boxes of bodies have been derived, none is to be inferred again |
-| `ms:givenPivot` | pose | the mesh pivot, which is the pose in the source, relative to the center of the box [m] |
+| `ms:pivot` | pose | the pose is that of a mesh pivot, which is here relative to the center of the box [m] |
 | `ms:given…` | all | the original value of the property after `given`, which was converted |
 | `ms:dialect` | map | the dialect that it was written in, if not dialect 1: `SOMA`, or `same` for its own |
 | `ms:restates` | node | the property of dialect 1 that the node expresses in the terms of another dialect |
@@ -49,7 +49,6 @@ __all__ = [
     "EQUIVALENT_CLASS",
     "EVENT_OCCURS_AT",
     "FRAME",
-    "GIVEN_PIVOT",
     "GIVEN_SIZES",
     "HAS_ANGULAR",
     "HAS_COLOR",
@@ -79,6 +78,7 @@ __all__ = [
     "OWL",
     "OWL_CLASS",
     "PARENT",
+    "PIVOT",
     "POSE",
     "POSE_PROPERTIES",
     "PRISMATICALLY_CONNECTED_TO",
@@ -175,8 +175,8 @@ UNITS = ms("units")
 FRAME = ms("frame")
 QUATERNION_ORDER = ms("quaternionOrder")
 SIZES = ms("sizes")
+PIVOT = ms("pivot")
 GIVEN_SIZES = ms("givenSizes")
-GIVEN_PIVOT = ms("givenPivot")
 DIALECT = ms("dialect")
 RESTATES = ms("restates")
 UNTOLD = ms("untold")

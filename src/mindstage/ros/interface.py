@@ -6,6 +6,7 @@ way.
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,7 +17,16 @@ import msgspec
 from mindstage.bridge import GraphInfo, LocalNode, Node, RosbridgeClient, Subscription
 from mindstage.errors import MessageValidationError, MindstageError
 from mindstage.knowledge.queries import answers_to_builtins, list_questions
-from mindstage.msgs import Message, RosVersion, decode, diagnostic_msgs, mindstage_msgs, type_name, visualization_msgs
+from mindstage.msgs import (
+    Message,
+    RosVersion,
+    decode,
+    diagnostic_msgs,
+    message_types,
+    mindstage_msgs,
+    type_name,
+    visualization_msgs,
+)
 from mindstage.ros.actionlib import ActionlibServer
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.engine_services import EngineServices
@@ -39,6 +49,7 @@ __all__ = ["QuestionServices", "RosInterface", "connected_clients"]
 _TRANSPORT = "ROS"
 _QUESTION_NAMESPACE = "/mindstage"
 _QUESTION_TIMEOUT_S = 60.0
+_log = logging.getLogger("mindstage.ros")
 M = TypeVar("M", bound=Message)
 
 
@@ -184,6 +195,7 @@ class RosInterface:
             node, "/mindstage/diagnostics", diagnostic_msgs.DiagnosticArray, ros=ros
         )
         self._diagnostics = diagnostics = DiagnosticsPublisher(self._diagnostics_publisher, simulation)
+        self._remove_late_end = simulation.on_late_end(diagnostics.report_late_end)
         self._remove_refusal_listener: Callable[[], None] = lambda: None
         if isinstance(node, RosbridgeClient):
             self._remove_refusal_listener = node.add_refusal_listener(diagnostics.report_server_refusal)
@@ -206,12 +218,18 @@ class RosInterface:
             self.close()
             raise
 
+    @property
+    def service_names(self) -> tuple[str, ...]:
+        """Absolute names of the services that it offers."""
+        return tuple(self._services)
+
     def close(self) -> None:
         """Withdraws everything; calling it again is harmless."""
         if self._closed:
             return
         self._closed = True
         self._remove_client_source()
+        self._remove_late_end()
         self._remove_refusal_listener()
         if self._state_publisher is not None:
             self._state_publisher.close()
@@ -261,7 +279,7 @@ class RosInterface:
             names = [service.full_name(self.namespace) for service in services]
             elsewhere = names_elsewhere(self._node, names, namespace=self.namespace, ros=self._ros)
         for service in services:
-            if service.full_name(self.namespace) not in elsewhere:
+            if service.full_name(self.namespace) not in elsewhere and self._has_type(service):
                 self._create_service(service)
         for action in (*self._engine_services.actions(), *self._control_services.actions()):
             self._create_action(action)
@@ -269,6 +287,14 @@ class RosInterface:
         self._subscribe("highlight", mindstage_msgs.LitBodies, highlights.on_highlight)
         self._subscribe("markers", visualization_msgs.MarkerArray, self._unreal_vis.on_markers)
         self._subscribe("marker", visualization_msgs.Marker, self._unreal_vis.on_marker)
+
+    def _has_type(self, spec: ServiceSpec) -> bool:
+        """Whether the server can have the type; in ROS 1, catkin cannot build a service with the name of a message."""
+        needs_catkin = isinstance(self._node, RosbridgeClient) and self._node.is_rosbridge_suite
+        if self._ros is RosVersion.TWO or not needs_catkin or type_name(spec.type) not in message_types():
+            return True
+        _log.info("%s is not offered: ROS 1 has no service %s", spec.full_name(self.namespace), type_name(spec.type))
+        return False
 
     def _create_service(self, spec: ServiceSpec) -> None:
         name = spec.full_name(self.namespace)
@@ -283,12 +309,12 @@ class RosInterface:
         handler = action_handler(
             name, spec, diagnostics=self._diagnostics, ros=self._ros, timeout_s=self._goal_timeout_s
         )
-        # Of other servers, one of ROS 1 has only topics for actions, and one of ROS 2 has no types for these topics.
-        is_local = isinstance(self._node, LocalNode)
-        if is_local or self._ros is RosVersion.TWO:
+        # rosbridge_suite has only topics for actions in ROS 1, and no types for these topics in ROS 2.
+        has_both = not (isinstance(self._node, RosbridgeClient) and self._node.is_rosbridge_suite)
+        if has_both or self._ros is RosVersion.TWO:
             self._node.create_action_server(name, type_name(spec.type, self._ros), handler)
             self._actions.append(name)
-        if is_local or self._ros is RosVersion.ONE:
+        if has_both or self._ros is RosVersion.ONE:
             self._action_servers.append(
                 ActionlibServer(self._node, name, spec.type, handler, diagnostics=self._diagnostics, ros=self._ros)
             )

@@ -16,7 +16,7 @@ from typing import Protocol
 
 import msgspec
 
-from mindstage.engines.base import Capability, Engine, SavedState
+from mindstage.engines.base import Capability, Engine, SavedState, SpawnOptions
 from mindstage.errors import (
     BodyExistsError,
     BodyNotFoundError,
@@ -25,7 +25,8 @@ from mindstage.errors import (
     RestoreError,
     WorldError,
 )
-from mindstage.scene import Attachment, BodyId, BodyPhysics, GeometryMap, Joint, Material, Pose, World
+from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, GeometryMap, Joint, Material, Pose, World
+from mindstage.scene.kinematics import handles_by_body, outward_joints
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_inverse, pose_multiply
 from mindstage.simulation.state import EngineSession
 
@@ -211,16 +212,23 @@ class SpawnRecord(msgspec.Struct, frozen=True):
     """By body."""
     joints: Mapping[BodyId, Joint]
     """By id."""
+    outward_joints: Mapping[BodyId, Joint] = {}
+    """The joints that engines limit to the outward direction, with these limits, by id."""
 
     @classmethod
     def from_worlds(cls, worlds: Iterable[World]) -> SpawnRecord:
         """The record of several worlds."""
         poses: dict[BodyId, Pose] = {}
         joints: dict[BodyId, Joint] = {}
+        bodies: dict[BodyId, Body] = {}
+        parents: dict[BodyId, BodyId] = {}
         for world in worlds:
+            bodies |= {body.id: body for body in world.bodies}
             poses |= {body.id: body.pose for body in world.bodies}
             joints |= {joint.id: joint for joint in world.joints}
-        return cls(poses, joints)
+            parents |= {attachment.child: attachment.parent for attachment in world.attachments}
+        limited = outward_joints(tuple(joints.values()), bodies, handles_by_body(bodies, parents))
+        return cls(poses, joints, {id: each.joint for id, each in limited.items()})
 
 
 class DeleteBodies(msgspec.Struct, frozen=True):
@@ -230,12 +238,15 @@ class DeleteBodies(msgspec.Struct, frozen=True):
     spawn_record: SpawnRecord
     geometry: GeometryMap
     label: str
+    immovable: frozenset[BodyId] = frozenset()
+    """Bodies that were spawned as static ones, whatever their mobility."""
 
     def apply(self, engine: Engine) -> EditCommand:
         """See `EditCommand`."""
         before = engine.snapshot()
         engine.delete(self.ids)
-        return UndeleteBodies(before, tuple(sorted(set(self.ids))), self.spawn_record, self.geometry, self.label)
+        ids = tuple(sorted(set(self.ids)))
+        return UndeleteBodies(before, ids, self.spawn_record, self.geometry, self.label, self.immovable)
 
 
 class UndeleteBodies(msgspec.Struct, frozen=True):
@@ -248,6 +259,8 @@ class UndeleteBodies(msgspec.Struct, frozen=True):
     spawn_record: SpawnRecord
     geometry: GeometryMap
     label: str
+    immovable: frozenset[BodyId] = frozenset()
+    """Bodies that were spawned as static ones, whatever their mobility."""
 
     def apply(self, engine: Engine) -> EditCommand:
         """See `EditCommand`."""
@@ -270,7 +283,7 @@ class UndeleteBodies(msgspec.Struct, frozen=True):
             if isinstance(link, Joint) and not _same_pose(spawn_poses[link.child], final_poses[link.child]):
                 with suppress(PoseUnreachableError):  # the body then stays at the joint's zero position
                     engine.set_pose(link.child, pose_from_array(final_poses[link.child]))
-        return DeleteBodies(self.ids, self.spawn_record, self.geometry, self.label)
+        return DeleteBodies(self.ids, self.spawn_record, self.geometry, self.label, self.immovable)
 
     def _spawn(self, engine: Engine, world: World) -> None:
         """Spawns the whole world or nothing.
@@ -278,7 +291,7 @@ class UndeleteBodies(msgspec.Struct, frozen=True):
         Raises:
             RestoreError: a part of it cannot be spawned.
         """
-        report = engine.spawn(world, geometry=self.geometry)
+        report = engine.spawn(world, geometry=self.geometry, options=SpawnOptions(immovable=self.immovable))
         for failure in (*report.failed_bodies, *report.failed_joints, *report.failed_attachments):
             present = set(engine.poses()[0])
             engine.delete([id for id in self.ids if id in present])
@@ -297,7 +310,9 @@ class UndeleteBodies(msgspec.Struct, frozen=True):
         self, links: Iterable[_Link], present: Mapping[BodyId, Pose]
     ) -> tuple[Mapping[BodyId, Array], Mapping[BodyId, Array]]:
         """The poses to spawn at, with joints at zero, and the final poses, both relative to the bodies that exist."""
-        previous = {body.id: normalized_pose_array(body.pose) for body in self.previous_world.bodies}
+        involved = {*self.ids, *(end for link in links for end in (link.parent, link.child))}
+        bodies = (body for body in self.previous_world.bodies if body.id in involved)
+        previous = {body.id: normalized_pose_array(body.pose) for body in bodies}
         link_of_child = {link.child: link for link in links}
         spawn_poses: dict[BodyId, Array] = {}
         final_poses: dict[BodyId, Array] = {}
@@ -453,13 +468,13 @@ class UndoStack:
         """
         deleted = tuple(dict.fromkeys(ids))
         name = deleted[0] if len(deleted) == 1 else f"{len(deleted)} bodies"
-        self.apply(DeleteBodies(deleted, self._spawn_record(), self._geometry(deleted), f"{name} deleted"))
+        self.apply(self._deletion(deleted, f"{name} deleted"))
 
     def record_spawn(self, ids: Iterable[BodyId]) -> None:
         """Records the spawn of bodies as an edit, so that it can be undone."""
         spawned = tuple(ids)
         name = spawned[0] if len(spawned) == 1 else f"{len(spawned)} bodies"
-        self.record(DeleteBodies(spawned, self._spawn_record(), self._geometry(spawned), f"{name} added"))
+        self.record(self._deletion(spawned, f"{name} added"))
 
     def reset(self) -> None:
         """Resets the simulation; can be undone if the engine can save its state, otherwise clears the history."""
@@ -532,6 +547,7 @@ class UndoStack:
     def _spawn_record(self) -> SpawnRecord:
         return SpawnRecord.from_worlds(self._simulation.worlds)
 
-    def _geometry(self, ids: Iterable[BodyId]) -> GeometryMap:
-        known = self._simulation.geometry
-        return {id: known[id] for id in ids if id in known}
+    def _deletion(self, ids: tuple[BodyId, ...], label: str) -> DeleteBodies:
+        known, immovable = self._simulation.geometry, self._simulation.immovable
+        geometry = {id: known[id] for id in ids if id in known}
+        return DeleteBodies(ids, self._spawn_record(), geometry, label, immovable.intersection(ids))

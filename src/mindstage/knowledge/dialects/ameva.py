@@ -325,7 +325,7 @@ def is_ameva(source_map: SourceMap) -> bool:
 def read_ameva(source_map: SourceMap) -> World:
     """Reads an AMEVA map."""
     conventions = infer_conventions(source_map, AMEVA_DEFAULTS)
-    source_map = with_body_boxes(convert_source_map(source_map, conventions, dialect=AMEVA_DIALECT))
+    source_map = with_body_boxes(convert_source_map(source_map, conventions, dialect=AMEVA_DIALECT), conventions)
     return read_semlog(add_joint_definitions(with_tag_properties(_with_class_values(source_map))))
 
 

@@ -21,14 +21,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mindstage.knowledge.dialects.conventions import SizeFrame
+from mindstage.knowledge.dialects.conventions import SizeFrame, UnitConventions
 from mindstage.knowledge.dialects.membership import types_of
 from mindstage.knowledge.dialects.source_map import SourceMap, ignore_finding
-from mindstage.knowledge.dialects.unit_conversion import shift_to_center
+from mindstage.knowledge.dialects.unit_conversion import center_poses, pivot_of
 from mindstage.knowledge.map_statistics import is_constraint
 from mindstage.knowledge.rdf import Severity, local_name
 from mindstage.knowledge.rdf_mapping.fields import ClassSizes, parse_tags
-from mindstage.knowledge.rdf_mapping.properties import QUATERNION, SIZE, TRANSLATION, literal_text
+from mindstage.knowledge.rdf_mapping.properties import MESH, QUATERNION, SIZE, TRANSLATION, literal_text
 from mindstage.knowledge.vocabulary import (
     CHILD,
     GIVEN_SIZES,
@@ -61,14 +61,22 @@ _PANE_RATIO = 0.35
 _PANE_WORD = re.compile(r"door|drawer|front|panel|pane|window|poster|picture|frame|glass|mirror|wall|board|shel", re.I)
 _MAX_CANDIDATES = 8
 """Number of different boxes of a class that are compared."""
+_MAX_ORIENTATIONS = 64
+"""Number of different orientations of a class that are tried."""
 _SAME_PLACE = 0.3
 """Distance of centers, relative to the smaller of the largest extents, up to which two bodies are at one place."""
 _SIMILAR_SIZE = 4.0
 """Factor of largest extents up to which bodies at one place are compared."""
 _SAME_PLANE_M = 0.05
+_MESH_CENTER_TOLERANCE = 0.01
+"""Distance of a mesh's center from its origin, relative to its extent, up to which the origin counts as the center."""
+_MESH_TOLERANCE = 0.05
+"""Relative difference of scale factors up to which a mesh has the proportions of a box."""
 _CLEAR_DIFFERENCE = 0.05
 """Difference of two protrusions, relative to the extent of a body, that counts as evidence."""
 _MAX_EVIDENCE = 10.0
+_LOGGER_ODDS, _OTHER_ODDS = 0.8, 3.0
+"""Logarithm of the odds from which sizes are along the world's axes, in maps of loggers and of others."""
 _LEVEL_M = 0.03
 """Difference of heights up to which a body stands on a level [m]."""
 _CONTACT_M = 0.005
@@ -86,19 +94,25 @@ _LOGGER_ID = re.compile(r"[\w-]{22}", re.ASCII)
 _DATE = re.compile(r"(?<!\d)(20[12]\d)[-._/]?(0[1-9]|1[0-2])[-._/]?([0-2]\d|3[01])(?!\d)")
 
 
-def with_body_boxes(source_map: SourceMap) -> SourceMap:
+def with_body_boxes(source_map: SourceMap, conventions: UnitConventions) -> SourceMap:
     """Returns the map with the boxes of its bodies: sizes along their own axes, poses of their centers.
 
     The time is linear in the number of bodies and of pairs of bodies at one place.
 
     Args:
         source_map: a map of an Unreal logger, in the vocabulary of dialect 1, in SI units and ROS axes.
+        conventions: the conventions that it was converted from.
     """
+    stated = list(_stated_pivots(source_map))
+    if stated:
+        source_map = replace(source_map, graph=dict(source_map.graph))
+        center_poses(source_map.graph, conventions, stated)  # type: ignore[arg-type]
     if any(fact.property == GIVEN_SIZES for fact in source_map.graph.get(source_map.map, ())):
         return _without_marker(source_map)
     bodies = _observe(source_map)
     if not bodies.groups:
         return source_map
+    _add_meshes(source_map, bodies)
     graph = dict(source_map.graph)
     solver = _SizeSolver(source_map, bodies)
     if solver.frame() is SizeFrame.WORLD:
@@ -113,8 +127,19 @@ def with_body_boxes(source_map: SourceMap) -> SourceMap:
     if any(fact.property == SIZES for fact in graph.get(source_map.map, ())):
         graph[source_map.map] = [fact for fact in graph[source_map.map] if fact.property != SIZES]
     if solver.is_logged:
-        shift_to_center(graph, source_map.map, _PivotFinder(source_map, bodies).offsets())
+        known = {member for member, _ in stated}
+        offsets = _PivotFinder(source_map, bodies).offsets()
+        center_poses(graph, conventions, [each for each in offsets if each[0] not in known])
     return replace(source_map, graph=graph)
+
+
+def _stated_pivots(source_map: SourceMap) -> Iterator[tuple[Iri, list[float]]]:
+    """Yields the individuals whose pose states a pivot, and the center in the frame of the pivot [m]."""
+    for member in source_map.members:
+        pose = _pose_facts(source_map, source_map.graph.get(member, ()))
+        pivot = None if pose is None else pivot_of(pose)
+        if pivot is not None:
+            yield member, [-part for part in pivot]
 
 
 def _without_marker(source_map: SourceMap) -> SourceMap:
@@ -143,6 +168,8 @@ class _Group:
     rows: Indices
     stated: Array
     """The extents that the map gives for the class."""
+    mesh: tuple[Array, Array] | None = None
+    """Extents and center of the bounds of its mesh, in the units and the frame of the mesh."""
 
 
 @dataclass(slots=True)
@@ -186,15 +213,15 @@ def _observe(source_map: SourceMap) -> _Bodies:
         inherited = own.get(types)
         extents = [codec.first_value(facts) for codec in SIZE]
         size = [of_class if extent is None else extent for extent, of_class in zip(extents, inherited, strict=True)]
-        pose = _pose_of(source_map, facts)
+        pose = _pose_facts(source_map, facts)
         complete = [extent for extent in size if extent is not None]
         if pose is None or len(complete) < len(SIZE) or is_constraint(types, source_map.hierarchy):
             continue
         if extents == [None] * len(SIZE) and any(complete):
             groups.setdefault(types, []).append(len(rows))
         rows[member] = len(rows)
-        positions.append(pose[0])
-        quaternions.append(pose[1])
+        positions.append(TRANSLATION.first_value(pose) or ())
+        quaternions.append(QUATERNION.first_value(pose) or ())
         sizes.append(tuple(complete))
     stated = np.array(sizes, dtype=np.float64).reshape(-1, 3)
     specific = {types: source_map.hierarchy.most_specific(types) for types in groups}
@@ -209,9 +236,8 @@ def _observe(source_map: SourceMap) -> _Bodies:
     )
 
 
-def _pose_of(
-    source_map: SourceMap, facts: Sequence[PropertyAssertion]
-) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+def _pose_facts(source_map: SourceMap, facts: Sequence[PropertyAssertion]) -> Sequence[PropertyAssertion] | None:
+    """Returns the statements about the pose of an individual; None if it has none."""
     for value in (fact.value for fact in facts if fact.property == HAS_POSE):
         inner: Sequence[PropertyAssertion] = ()
         if isinstance(value, IriRef):
@@ -220,8 +246,24 @@ def _pose_of(
             inner = value.facts
         position, quaternion = TRANSLATION.first_value(inner), QUATERNION.first_value(inner)
         if position is not None and quaternion is not None:
-            return position, quaternion
+            return inner
     return None
+
+
+def _add_meshes(source_map: SourceMap, bodies: _Bodies) -> None:
+    """Adds the bounds of the meshes of classes, as far as files are at hand."""
+    if source_map.mesh_bounds is None:
+        return
+    graph = source_map.graph
+    names = [
+        MESH.first_value([*graph.get(bodies.members[group.rows[0]], ()), *graph.get(group.cls, ())])
+        for group in bodies.groups
+    ]
+    found = source_map.mesh_bounds([(name, group.cls) for name, group in zip(names, bodies.groups, strict=True)])
+    for group, bounds in zip(bodies.groups, found, strict=True):
+        if bounds is not None:
+            low, high = np.array(bounds)
+            group.mesh = high - low, (low + high) / 2
 
 
 def _links(source_map: SourceMap, rows: Mapping[Iri, int]) -> Indices:
@@ -246,28 +288,35 @@ def _links(source_map: SourceMap, rows: Mapping[Iri, int]) -> Indices:
 # -- boxes with given bounds -------------------------------------------------------------------------------------------
 
 
-def boxes_with_bounds(absolute: Array, extents: Array) -> Array:
+def boxes_with_bounds(absolute: Array, extents: Array, *, proportions: Array | None = None) -> Array:
     """Returns the boxes that have given world-aligned bounds, n x 3 [m].
 
     There is one, none if every solution of |R| b = s has a negative extent, and three if |R| is singular (a turn by 45
-    degrees gives only the sum of two extents): the one with equal extents, then the two that are panes.
+    degrees gives only the sum of two extents): the one with equal extents, then the two that are panes. With
+    proportions, the one that is closest to them comes instead.
 
     Args:
         absolute: |R|, 3 x 3: the absolute values of the rotation from the body to the world.
         extents: the extents s of the bounds along the axes of the world [m].
+        proportions: the extents of the body's mesh, in any unit.
     """
     if np.array_equal(absolute, np.rint(absolute)):
         return np.asarray(extents[np.argmax(absolute, axis=0)][None])
     left, singular, right = np.linalg.svd(absolute)
     largest = float(extents.max())
     if singular[2] > _SINGULAR:
-        box = np.linalg.solve(absolute, extents)
+        box = np.asarray(np.linalg.solve(absolute, extents), dtype=np.float64)
         return _nonnegative(box[None], 5e-6 * largest / float(singular[2]))
     rank = int(np.sum(singular > _SINGULAR))
     box = right[:rank].T @ ((left[:, :rank].T @ extents) / singular[:rank])
     if np.abs(absolute @ box - extents).max() > 5e-3 * largest:
         return np.zeros((0, 3))
-    return _nonnegative(np.stack([box]) if rank < 2 else _family(box, right[2]), 1e-4 * largest)
+    if proportions is not None and proportions.any():
+        bounds = absolute @ proportions
+        like = proportions * (bounds @ extents / (bounds @ bounds))
+        box = box + right[rank:].T @ (right[rank:] @ (like - box))
+        return _nonnegative(np.asarray(box)[None], 1e-2 * largest)
+    return _nonnegative(np.asarray(box)[None] if rank < 2 else _family(box, right[2]), 1e-4 * largest)
 
 
 def _family(box: Array, direction: Array) -> Array:
@@ -362,7 +411,9 @@ class _SizeSolver:
             return SizeFrame.BODY
         self._settle()
         evidence = self._evidence()
-        inferred = SizeFrame.WORLD if evidence.total > (1.0 if self.is_logged else 3.0) else SizeFrame.BODY
+        inferred = (
+            SizeFrame.WORLD if evidence.total > (_LOGGER_ODDS if self.is_logged else _OTHER_ODDS) else SizeFrame.BODY
+        )
         why = "; ".join(evidence.reasons) or "no body is turned"
         if chosen is not None:
             frame, text = chosen, f"chosen by the user; the evidence indicates {inferred.value} ({why})"
@@ -389,33 +440,22 @@ class _SizeSolver:
             for choice in self.choices:
                 if len(choice.boxes) > 1:
                     costs = choice.priors + [
-                        self._protrusion(choice.group, box, self._world_halves)
+                        self._protrusion(choice.group, box, self._chosen_sizes)
                         - 0.04 * self._coplanar(choice.group, box)
                         for box in choice.boxes
                     ]
                     choice.chosen = int(np.argmin(costs))
-                    self._set_halves(choice)
+                    self._chosen_sizes[choice.group.rows] = choice.box
 
     # -- neighbors -----------------------------------------------------------------------------------------------------
 
     @cached_property
-    def _stated_halves(self) -> Array:
-        """Half extents of the world-aligned bounds, n x 3, if sizes are along the axes of bodies."""
-        return np.einsum("nij,nj->ni", self.absolute, self.bodies.stated) / 2
-
-    @cached_property
-    def _world_halves(self) -> Array:
-        """The same for the chosen boxes."""
-        halves = self._stated_halves.copy()
+    def _chosen_sizes(self) -> Array:
+        """The boxes of all bodies, n x 3 [m], with those that have been chosen so far."""
+        sizes = self.bodies.stated.copy()
         for choice in self.choices:
-            rows = choice.group.rows
-            halves[rows] = self.absolute[rows] @ choice.box / 2
-        return halves
-
-    def _set_halves(self, choice: _Choice) -> None:
-        rows = choice.group.rows
-        self._world_halves[rows] = self.absolute[rows] @ choice.box / 2
-        self.__dict__.pop("_planes", None)
+            sizes[choice.group.rows] = choice.box
+        return sizes
 
     @cached_property
     def _neighbors(self) -> tuple[Indices, Indices]:
@@ -438,11 +478,17 @@ class _SizeSolver:
         both = np.unique(np.concatenate([*pairs, *(pair[:, ::-1] for pair in pairs)]), axis=0)
         return np.searchsorted(both[:, 0], np.arange(count + 1)), both[:, 1]
 
-    def _protrusion(self, group: _Group, box: Array, halves: Array) -> float:
+    def _protrusion(self, group: _Group, box: Array, sizes: Array) -> float:
         """Returns how far the bodies of a class, with this box, stick out of their neighbors, relative to their size.
 
         Parts of one thing and things at one place lie along each other: a handle along its door, a poster in its frame.
-        The measure is the sum of the extents of the common bounds less that of the larger one's bounds.
+        The measure is the sum of the extents of the common bounds, along the axes of the neighbor, less that of the
+        larger one's bounds.
+
+        Args:
+            group: the class.
+            box: its box [m].
+            sizes: the boxes of all bodies, n x 3 [m].
         """
         starts, others = self._neighbors
         first, last = starts[group.rows], starts[group.rows + 1]
@@ -451,10 +497,11 @@ class _SizeSolver:
             return 0.0
         row = np.repeat(group.rows, number)
         other = others[np.repeat(first - np.cumsum(number) + number, number) + np.arange(number.sum())]
-        mine = self.absolute[row] @ box / 2
-        its = np.where(np.isin(other, group.rows)[:, None], self.absolute[other] @ box / 2, halves[other])
-        at, there = self.bodies.positions[row], self.bodies.positions[other]
-        common = np.maximum(at + mine, there + its) - np.minimum(at - mine, there - its)
+        to_other = np.swapaxes(self.bodies.rotations[other], 1, 2)
+        mine = np.abs(to_other @ self.bodies.rotations[row]) @ box / 2
+        its = np.where(np.isin(other, group.rows)[:, None], box, sizes[other]) / 2
+        at = np.einsum("nij,nj->ni", to_other, self.bodies.positions[row] - self.bodies.positions[other])
+        common = np.maximum(at + mine, its) - np.minimum(at - mine, -its)
         excess = common.sum(axis=1) - 2 * np.maximum(mine.sum(axis=1), its.sum(axis=1))
         size = np.minimum(mine.max(axis=1), its.max(axis=1)) * 2
         return float(np.mean(np.divide(excess, size, out=np.zeros_like(excess), where=size > 0.0)))
@@ -498,25 +545,42 @@ class _SizeSolver:
         evidence = _Evidence(weight, [*reasons])
         self._add_tilted(evidence)
         self._add_protruding(evidence)
+        self._add_meshes(evidence)
         return evidence
 
+    def _add_meshes(self, evidence: _Evidence) -> None:
+        """Adds which reading gives boxes the proportions of their meshes."""
+        fits: dict[SizeFrame, int] = dict.fromkeys(SizeFrame, 0)
+        for choice in self.choices:
+            if choice.group.mesh is not None and choice.differs:
+                as_body = _unevenness(choice.group.stated, choice.group.mesh[0]) < _MESH_TOLERANCE
+                as_world = _unevenness(choice.box, choice.group.mesh[0]) < _MESH_TOLERANCE
+                if as_body != as_world:
+                    fits[SizeFrame.BODY if as_body else SizeFrame.WORLD] += 1
+        if any(fits.values()):
+            world, body = fits[SizeFrame.WORLD], fits[SizeFrame.BODY]
+            text = f"boxes of {world} classes have the proportions of their meshes with sizes along the world's axes"
+            text = f"{text}, of {body} with sizes along their own"
+            evidence.add(4.0 * (world - body), text)
+
     def _add_tilted(self, evidence: _Evidence) -> None:
-        """Adds whether numbers of classes whose bodies are all tilted are bounds of a box at all."""
+        """Adds whether numbers of classes whose bodies are all tilted are bounds of a box at all.
+
+        The loggers took the bounds of the first individual; that of random boxes may have them by chance.
+        """
         possible: list[str] = []
         impossible: list[str] = []
         weight = 0.0
         for choice in self.choices:
-            absolute = self.absolute[choice.group.rows]
-            stated = choice.group.stated
+            absolute, stated = self.absolute[choice.group.rows], choice.group.stated
             if (absolute == np.rint(absolute)).all(axis=(1, 2)).any() or _is_square(stated):
                 continue
-            distinct = np.unique(np.round(absolute, 4), axis=0)[:_MAX_CANDIDATES]
-            chance = 1.0 - math.prod(1.0 - _chance_of_solution(each) for each in distinct)
             (possible if len(choice.boxes) else impossible).append(local_name(choice.group.cls))
-            if len(choice.boxes):
-                weight += math.log(0.95 / max(chance, 0.02))
+            chance = float(np.clip(_chance_of_solution(absolute[0]), 0.02, 0.95))
+            if len(boxes_with_bounds(absolute[0], stated)):
+                weight += math.log(0.9 / chance)
             else:
-                weight += math.log(0.05 / max(1.0 - chance, 0.05))
+                weight += math.log((0.1 if len(choice.boxes) else 0.02) / (1.0 - chance))
         if possible or impossible:
             text = f"the sizes of {len(possible)} of {len(possible) + len(impossible)} classes of tilted bodies"
             evidence.add(weight, f"{text} are world-aligned bounds of a box{_examples(impossible, ' (not {})')}")
@@ -527,8 +591,8 @@ class _SizeSolver:
         weight = 0.0
         for choice in self.choices:
             if choice.differs:
-                as_body = self._protrusion(choice.group, choice.group.stated, self._stated_halves)
-                difference = as_body - self._protrusion(choice.group, choice.box, self._world_halves)
+                as_body = self._protrusion(choice.group, choice.group.stated, self.bodies.stated)
+                difference = as_body - self._protrusion(choice.group, choice.box, self._chosen_sizes)
                 if abs(difference) > _CLEAR_DIFFERENCE:
                     weight += float(np.clip(4.0 * difference, -2.0, 2.0))
                     votes[SizeFrame.WORLD if difference > 0.0 else SizeFrame.BODY].append(local_name(choice.group.cls))
@@ -570,15 +634,27 @@ def _choice(group: _Group, absolute: Array) -> _Choice:
     boxes: list[Array] = []
     priors: list[float] = []
     _, first = np.unique(np.round(absolute[group.rows], 6), axis=0, return_index=True)
-    for rank, at in enumerate(np.sort(first).tolist()):
-        solutions = boxes_with_bounds(absolute[group.rows[at]], group.stated)
+    for rank, at in enumerate(np.sort(first)[:_MAX_ORIENTATIONS].tolist()):
+        if len(boxes) >= _MAX_CANDIDATES:
+            break
+        proportions = None if group.mesh is None else group.mesh[0]
+        solutions = boxes_with_bounds(absolute[group.rows[at]], group.stated, proportions=proportions)
         for number, box in enumerate(solutions):
             limit = _SAME_BOX * max(float(group.stated.max()), 1e-9)
-            if len(boxes) < _MAX_CANDIDATES and all(np.abs(box - other).max() > limit for other in boxes):
+            if all(np.abs(box - other).max() > limit for other in boxes):
                 boxes.append(box)
                 unlikely = len(solutions) > 1 and (number > 0) != flat
-                priors.append((0.02 if rank else 0.0) + (0.05 if unlikely else 0.0))
+                unlike_mesh = 0.0 if proportions is None else _unevenness(box, proportions)
+                priors.append((0.02 if rank else 0.0) + (0.05 if unlikely else 0.0) + 5.0 * unlike_mesh)
     return _Choice(group, np.array(boxes).reshape(-1, 3), np.array(priors))
+
+
+def _unevenness(extents: Array, proportions: Array) -> float:
+    """Returns the relative difference of the scale factors between a mesh and a box; 0 if they have the same shape."""
+    if not proportions.all():
+        return 0.0
+    scale = extents / proportions
+    return float(np.ptp(scale) / max(scale.max(), 1e-12))
 
 
 def _is_square(extents: Array) -> bool:
@@ -671,10 +747,13 @@ class _PivotFinder:
         self.upright = bodies.rotations[:, 2, 2] > _UPRIGHT_COSINE
         self.attached = np.zeros(len(bodies.members), dtype=bool)
         self.attached[bodies.links[:, 1]] = True
+        self.known = np.zeros(len(bodies.members), dtype=bool)
+        """Whether the pivot is that of a mesh."""
         self.pivots: list[_Pivot] = []
 
     def offsets(self) -> Iterator[tuple[Iri, list[float]]]:
         """Yields the individuals with another pivot, and the center of their box in the frame of the mesh [m]."""
+        self._find_by_meshes()
         floor = self._floor_level()
         if floor is not None:
             self._find_at_floor(floor)
@@ -682,9 +761,7 @@ class _PivotFinder:
         if not self.pivots:
             return
         evidence = "; ".join(f"{_group_text(pivot.group)}: {pivot.reason}" for pivot in self.pivots)
-        sides = [
-            f"{'bottom' if pivot.offset[2] > 0.0 else 'top'} of {local_name(pivot.group.cls)}" for pivot in self.pivots
-        ]
+        sides = [f"{_side_text(pivot.offset)} of {local_name(pivot.group.cls)}" for pivot in self.pivots]
         value = f"{', '.join(sides)}; center of all others"
         self.source_map.record_assumption("pivots", value, evidence)
         for pivot in self.pivots:
@@ -702,8 +779,20 @@ class _PivotFinder:
         standing = np.sort(standing[standing <= limit])
         first = np.searchsorted(standing, standing - _LEVEL_M)
         last = np.searchsorted(standing, standing + _LEVEL_M, side="right")
-        best = int(np.argmax(last - first))
-        return float(np.median(standing[first[best] : last[best]])) if last[best] - first[best] > 1 else None
+        best = int(np.argmax(last - first)) if len(standing) else 0
+        at_level = standing[first[best] : last[best]] if len(standing) else standing
+        return float(np.median(at_level)) if len(at_level) > 1 else None
+
+    def _find_by_meshes(self) -> None:
+        for group in self.bodies.groups:
+            size = self.bodies.sizes[group.rows[0]]
+            if group.mesh is None or _unevenness(size, group.mesh[0]) > _MESH_TOLERANCE or not group.mesh[0].any():
+                continue
+            extents, center = group.mesh
+            offset = center * float(size.max() / extents.max())
+            self.known[group.rows] = True
+            if np.abs(offset).max() > _MESH_CENTER_TOLERANCE * size.max():
+                self._add(group, offset, "its mesh has the origin there")
 
     def _find_at_floor(self, floor: float) -> None:
         heights, halves = self.bodies.positions[:, 2], self.halves[:, 2]
@@ -712,13 +801,15 @@ class _PivotFinder:
             rows = group.rows
             share = at_floor[rows].mean()
             half = float(halves[rows[0]])
-            if share < _MIN_SHARE or not self.upright[rows].all():
+            if share < _MIN_SHARE or not self.upright[rows].all() or self.known[rows[0]]:
                 continue
             if self._is_slab(rows):
                 if half > _LEVEL_M:
-                    self._add(group, -1.0, f"it is at the level {floor:.2f} m that bodies stand on")
+                    reason = f"it is at the level {floor:.2f} m that bodies stand on"
+                    self._add(group, self._half_height(group, -1.0), reason)
             elif half > _MIN_SUNK_M:
-                self._add(group, 1.0, f"it is at the floor's level {floor:.2f} m, where half of the box would be below")
+                reason = f"it is at the floor's level {floor:.2f} m, where half of the box would be below"
+                self._add(group, self._half_height(group, 1.0), reason)
 
     def _is_slab(self, rows: Indices) -> bool:
         """Whether bodies are flat and large, as floors are."""
@@ -728,7 +819,7 @@ class _PivotFinder:
     def _find_on_supports(self) -> None:
         """Finds classes of loose things whose pivot is exactly at the top of what they stand on."""
         count = len(self.bodies.members)
-        shifted = np.zeros(count, dtype=bool)
+        shifted = self.known.copy()
         for pivot in self.pivots:
             shifted[pivot.group.rows] = True
         loose = self.upright & ~self.attached & ~shifted & (self.halves[:, 2] > _MIN_SUNK_IN_SUPPORT_M)
@@ -743,14 +834,21 @@ class _PivotFinder:
         for group in self.bodies.groups:
             rows = group.rows
             if stands[rows].mean() >= _MIN_SHARE and self.upright[rows].all():
-                self._add(
-                    group, 1.0, "it is at the top of what the bodies stand on, where half of the box would be inside"
-                )
+                reason = "it is at the top of what they stand on, where half of the box would be inside"
+                self._add(group, self._half_height(group, 1.0), reason)
 
-    def _add(self, group: _Group, direction: float, reason: str) -> None:
-        offset = np.array([0.0, 0.0, direction * self.bodies.sizes[group.rows[0], 2] / 2])
+    def _half_height(self, group: _Group, direction: float) -> Array:
+        return np.array([0.0, 0.0, direction * self.bodies.sizes[group.rows[0], 2] / 2])
+
+    def _add(self, group: _Group, offset: Array, reason: str) -> None:
         self.centers[group.rows] += self.bodies.rotations[group.rows] @ offset
         self.pivots.append(_Pivot(group, offset, reason))
+
+
+def _side_text(offset: Array) -> str:
+    """Returns the side of a box that is opposite to the direction of its center."""
+    axis = int(np.argmax(np.abs(offset)))
+    return (("back", "front"), ("right", "left"), ("bottom", "top"))[axis][int(offset[axis] < 0.0)]
 
 
 def _group_text(group: _Group) -> str:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from mindstage.knowledge.dialects.conventions import Assumption, AssumptionSink, UnitConventions
 from mindstage.knowledge.rdf import FindingSink, Graph, Severity
 from mindstage.knowledge.taxonomy import ClassHierarchy
-from mindstage.scene import Iri
+from mindstage.scene import Iri, Vector
 
-__all__ = ["SourceMap", "ignore_finding"]
+__all__ = ["MeshBounds", "SourceMap", "ignore_finding"]
+
+MeshBounds = Callable[[Sequence[tuple[str | None, Iri]]], Sequence[tuple[Vector, Vector] | None]]
+"""Returns the lower and upper corners of meshes in their own frames, by mesh name and class; None for missing files."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,6 +33,8 @@ class SourceMap:
     add_assumption: AssumptionSink
     conventions: UnitConventions = field(default_factory=UnitConventions)
     """Conventions chosen by the user; None in a field leaves the decision to the reader."""
+    mesh_bounds: MeshBounds | None = None
+    """Reads the bounds of mesh files; None without any."""
     implied_members: frozenset[Iri] = frozenset()
     """The individuals, and the map, whose membership statements are not in the sources but follow from them."""
 

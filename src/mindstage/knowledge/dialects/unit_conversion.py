@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from decimal import Decimal
+from decimal import Context, Decimal
 from enum import Enum
 from functools import lru_cache
 from typing import Any
@@ -33,11 +33,11 @@ from mindstage.knowledge.rdf_mapping.properties import (
 )
 from mindstage.knowledge.vocabulary import (
     FRAME,
-    GIVEN_PIVOT,
     GIVEN_SIZES,
     HAS_POSE,
     HAS_VALUE,
     ON_PROPERTY,
+    PIVOT,
     QUATERNION_ORDER,
     SIZES,
     UNITS,
@@ -48,14 +48,17 @@ from mindstage.scene.transforms import normalize, quat_rotate
 
 __all__ = [
     "CONVERTED_PROPERTIES",
+    "center_poses",
     "convert_facts",
     "convert_source_map",
     "is_converted",
     "original_conventions",
     "original_property",
+    "pivot_of",
     "restore_declarations",
     "restore_facts",
-    "shift_to_center",
+    "restore_size_declaration",
+    "with_pivot",
 ]
 
 Decimals = tuple[Decimal, ...]
@@ -72,6 +75,9 @@ _CODECS: dict[Iri, PropertyCodec[Any]] = (
 )
 CONVERTED_PROPERTIES = frozenset({HAS_VALUE, *_CODECS})
 """Properties whose values may be converted."""
+_EXACT = Context(prec=2000)
+"""Precision of sums of binary numbers, which have up to 1075 decimal places."""
+_PIVOT_CODEC = PropertyCodec(PIVOT, TRANSLATION.expected, TRANSLATION.decode, TRANSLATION.encode)
 _GIVEN_TRANSLATION = ms("givenTranslation")
 _MIRRORED_PROPERTIES = frozenset({Y_MIDDLE.property, *_ANGLE_CODECS})
 
@@ -126,22 +132,16 @@ def original_conventions(facts: Iterable[PropertyAssertion]) -> UnitConventions 
 def restore_declarations(facts: Iterable[PropertyAssertion], conventions: UnitConventions) -> list[PropertyAssertion]:
     """Returns the statements of a converted map about itself as they were before the conversion."""
     added = {ms("givenDialect"), *map(original_property, _DECLARATIONS)}
-    kept = [
-        PropertyAssertion(SIZES, fact.value) if fact.property == GIVEN_SIZES else fact
-        for fact in facts
-        if fact.property not in added
+    kept = restore_size_declaration(fact for fact in facts if fact.property not in added)
+    return [
+        *kept,
+        *(PropertyAssertion(property, Literal(value.value)) for property, value in _declaration_values(conventions)),
     ]
-    return (
-        kept
-        if conventions == SI
-        else [
-            *kept,
-            *(
-                PropertyAssertion(property, Literal(value.value))
-                for property, value in _declaration_values(conventions)
-            ),
-        ]
-    )
+
+
+def restore_size_declaration(facts: Iterable[PropertyAssertion]) -> list[PropertyAssertion]:
+    """Returns the statements of a map about itself with the frame of its sizes as a declaration."""
+    return [PropertyAssertion(SIZES, fact.value) if fact.property == GIVEN_SIZES else fact for fact in facts]
 
 
 def _declaration_values(
@@ -177,18 +177,8 @@ def convert_facts(facts: Sequence[PropertyAssertion], conventions: UnitConventio
     return list(dict.fromkeys(result))  # two values may become equal
 
 
-def restore_facts(
-    facts: Sequence[PropertyAssertion], conventions: UnitConventions, *, with_pivots: bool = True
-) -> list[PropertyAssertion]:
-    """Restores the values given; values that have changed since the conversion are converted back.
-
-    Args:
-        facts: the statements of one resource.
-        conventions: the conventions of the map.
-        with_pivots: whether poses of centers of boxes become those of mesh pivots again.
-    """
-    if with_pivots:
-        facts = _with_pivot(facts, conventions)
+def restore_facts(facts: Sequence[PropertyAssertion], conventions: UnitConventions) -> list[PropertyAssertion]:
+    """Restores the values given; values that have changed since the conversion are converted back."""
     measures = _measured_length(facts)
     kept: dict[Iri, list[Literal]] = {}
     for fact in facts:
@@ -201,7 +191,7 @@ def restore_facts(
             result.append(
                 PropertyAssertion(
                     fact.property,
-                    BlankNode(sorted_facts(restore_facts(fact.value.facts, conventions, with_pivots=with_pivots))),
+                    BlankNode(sorted_facts(restore_facts(fact.value.facts, conventions))),
                 )
             )
             continue
@@ -258,81 +248,82 @@ def _changed_literal(fact: PropertyAssertion, measured_length: Iri | None, chang
 
 # -- pivots ------------------------------------------------------------------------------------------------------------
 
-_PIVOT = PropertyCodec(GIVEN_PIVOT, TRANSLATION.expected, TRANSLATION.decode, TRANSLATION.encode)
 
-
-def shift_to_center(
-    graph: dict[Iri, Sequence[PropertyAssertion]], map: Iri, offsets: Iterable[tuple[Iri, Sequence[float]]]
+def center_poses(
+    graph: dict[Iri, Sequence[PropertyAssertion]],
+    conventions: UnitConventions,
+    offsets: Iterable[tuple[Iri, Sequence[float]]],
 ) -> None:
-    """Replaces poses, which are those of mesh pivots, by those of the centers of boxes.
+    """Replaces poses that are those of mesh pivots by those of the centers of boxes; `with_pivot` inverts it.
 
-    The sums are computed in decimal arithmetic from the digits given, so that `restore_facts` inverts them exactly.
+    The sums are computed in decimal arithmetic from the digits given.
 
     Args:
         graph: the statements of a converted map, which are changed.
-        map: the map.
+        conventions: the conventions that the map was converted from.
         offsets: individuals, and the center of the box in the frame of the pivot [m].
     """
-    conventions = original_conventions(graph.get(map, ())) or SI
     shifted: set[Iri] = set()
     for member, offset in offsets:
         facts = list(graph[member])
         at, value = next((at, fact.value) for at, fact in enumerate(facts) if fact.property == HAS_POSE)
         if isinstance(value, BlankNode):
-            facts[at] = PropertyAssertion(
-                HAS_POSE, BlankNode(sorted_facts(_with_center(value.facts, offset, conventions)))
-            )
+            node = BlankNode(sorted_facts(_with_center(value.facts, offset, conventions)))
+            facts[at] = PropertyAssertion(HAS_POSE, node)
             graph[member] = facts
         elif isinstance(value, IriRef) and value.iri not in shifted:
             graph[value.iri] = _with_center(graph[value.iri], offset, conventions)
             shifted.add(value.iri)
 
 
-def _with_center(
-    facts: Sequence[PropertyAssertion], offset: Sequence[float], conventions: UnitConventions
-) -> list[PropertyAssertion]:
-    """Returns the statements about the pose of a pivot with the position of the center in its place."""
-    at = next(at for at, fact in enumerate(facts) if TRANSLATION.first_value([fact]) is not None)
-    given = _given_translation(facts) or facts[at].value
-    assert isinstance(given, Literal)
-    pivot = _exact_position(given, conventions)
-    center = tuple(float(part + step) for part, step in zip(pivot, _turned(facts, offset), strict=True))
-    return [
-        *(fact for fact in facts[:at] if fact.property != _GIVEN_TRANSLATION),
-        PropertyAssertion(TRANSLATION.property, TRANSLATION.encode(center)),
-        *(fact for fact in facts[at + 1 :] if fact.property != _GIVEN_TRANSLATION),
-        PropertyAssertion(_GIVEN_TRANSLATION, given),
-        PropertyAssertion(GIVEN_PIVOT, _PIVOT.encode(tuple(0.0 - float(part) for part in offset))),
-    ]
+def pivot_of(facts: Iterable[PropertyAssertion]) -> tuple[float, ...] | None:
+    """Returns the pivot that the statements about a pose give, relative to the center of the box [m]."""
+    return _PIVOT_CODEC.first_value(facts)
 
 
-def _with_pivot(facts: Sequence[PropertyAssertion], conventions: UnitConventions) -> Sequence[PropertyAssertion]:
-    """Inverts `_with_center`; the position is still in SI units, but has all digits that reading it again needs."""
-    pivot, center = _PIVOT.first_value(facts), TRANSLATION.first_value(facts)
+def with_pivot(facts: Sequence[PropertyAssertion]) -> Sequence[PropertyAssertion]:
+    """Returns the statements about the pose of a box with a pivot as those about the pose of the pivot.
+
+    The position has as few digits as give the center when they are read: those of the source, unless it has moved.
+    """
+    pivot, center = pivot_of(facts), TRANSLATION.first_value(facts)
     if pivot is None or center is None:
         return facts
     steps = _turned(facts, [-part for part in pivot])
-    given = _given_translation(facts)
-    row: Decimals = tuple(Decimal(part) - step for part, step in zip(center, steps, strict=True))
-    if given is not None:
-        before = _exact_position(given, conventions)
-        if tuple(float(part + step) for part, step in zip(before, steps, strict=True)) == center:
-            row = tuple(Decimal(repr(float(part))) for part in before)
+    row = [_shortest_summand(part, step) for part, step in zip(center, steps, strict=True)]
     position = Literal(" ".join(map(_format_decimal, row)), TRANSLATION.datatype)
     return [
-        PropertyAssertion(TRANSLATION.property, position) if fact.property == TRANSLATION.property else fact
-        for fact in facts
-        if fact.property != GIVEN_PIVOT
+        PropertyAssertion(fact.property, position) if fact.property == TRANSLATION.property else fact for fact in facts
     ]
 
 
-def _given_translation(facts: Iterable[PropertyAssertion]) -> Literal | None:
-    values = (fact.value for fact in facts if fact.property == _GIVEN_TRANSLATION)
-    return next((value for value in values if isinstance(value, Literal) and TRANSLATION.decode(value)), None)
+def _with_center(
+    facts: Sequence[PropertyAssertion], offset: Sequence[float], conventions: UnitConventions
+) -> list[PropertyAssertion]:
+    """Returns the statements about the pose of a pivot as those about the pose of the center."""
+    at = next(at for at, fact in enumerate(facts) if TRANSLATION.first_value([fact]) is not None)
+    values = [fact.value for fact in facts if fact.property == _GIVEN_TRANSLATION and TRANSLATION.decode(fact.value)]
+    # Converted numbers are rounded to binary, those given are not.
+    given = values[0] if values and conventions != SI else facts[at].value
+    digits = tuple(map(_parse_decimal, (literal_text(given) or "").split()))
+    pivot = _UnitChange(conventions).row(TRANSLATION, digits) if values else digits
+    center = tuple(float(_EXACT.add(part, step)) for part, step in zip(pivot, _turned(facts, offset), strict=True))
+    return [
+        *facts[:at],
+        PropertyAssertion(TRANSLATION.property, TRANSLATION.encode(center)),
+        *(fact for fact in facts[at + 1 :] if fact.property != PIVOT),
+        PropertyAssertion(PIVOT, TRANSLATION.encode(tuple(0.0 - float(part) for part in offset))),
+    ]
 
 
-def _exact_position(given: Literal, conventions: UnitConventions) -> Decimals:
-    return _UnitChange(conventions).row(TRANSLATION, tuple(map(_parse_decimal, (literal_text(given) or "").split())))
+def _shortest_summand(total: float, step: Decimal) -> Decimal:
+    """Returns the number with the fewest decimal places whose sum with a step is rounded to a total."""
+    exact = _EXACT.subtract(Decimal(total), step)
+    for places in range(1, 26):
+        rounded = exact.quantize(Decimal(1).scaleb(-places), context=_EXACT)
+        if float(_EXACT.add(rounded, step)) == total:
+            return rounded.normalize(_EXACT) if rounded else Decimal(0)
+    return exact
 
 
 def _turned(facts: Iterable[PropertyAssertion], offset: Sequence[float]) -> Decimals:

@@ -16,7 +16,7 @@ from itertools import chain
 import msgspec
 
 from mindstage.knowledge.dialects import read_world
-from mindstage.knowledge.dialects.conventions import SI, Assumption, UnitConventions
+from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
 from mindstage.knowledge.dialects.knowrob1 import KNOWROB1_DIALECT, perception_blocks
 from mindstage.knowledge.dialects.membership import individuals_by_map, is_membership
 from mindstage.knowledge.dialects.soma_export import SOMA_DIALECT, SomaPoseWriter, write_as_soma
@@ -29,6 +29,7 @@ from mindstage.knowledge.dialects.unit_conversion import (
     original_property,
     restore_declarations,
     restore_facts,
+    restore_size_declaration,
 )
 from mindstage.knowledge.graph_diff import SourceMapView, canonical_statement
 from mindstage.knowledge.rdf_mapping.nested import NESTED_RESOURCES, nest_blank_nodes
@@ -37,10 +38,10 @@ from mindstage.knowledge.vocabulary import (
     CHILD,
     DIALECT,
     FRAME,
-    GIVEN_PIVOT,
     GIVEN_SIZES,
     HAS_POSE,
     PARENT,
+    PIVOT,
     QUATERNION_ORDER,
     SIZES,
     UNITS,
@@ -66,7 +67,7 @@ _DEFINITION_SECTIONS = 3
 """Number of leading sections: ontologies, properties and classes."""
 _PART_PROPERTIES = frozenset(part.property for part in NESTED_RESOURCES)
 _ORIGINAL_PROPERTIES = frozenset(map(original_property, CONVERTED_PROPERTIES))
-_DECLARATIONS = frozenset({UNITS, FRAME, QUATERNION_ORDER, SIZES, GIVEN_SIZES})
+_DECLARATIONS = frozenset({UNITS, FRAME, QUATERNION_ORDER, SIZES, GIVEN_SIZES, PIVOT})
 
 
 def write_in_source_dialect(
@@ -106,7 +107,7 @@ class _SourceDialectWriter:
             return self._sections(self._unchanged_blocks())
         all_blocks = [block for section in self.all_sections for block in section.blocks]
         # First without declarations, then with them, then with the boxes that were inferred instead of their evidence.
-        attempts = [(_DECLARATIONS, True), (frozenset[Iri](), True), (frozenset[Iri](), False)]
+        attempts = [(_DECLARATIONS, True), (frozenset({PIVOT}), True), (frozenset[Iri](), False)]
         for excluded, as_given in attempts if self.conventions or self.has_boxes else attempts[1:2]:
             full = self._in_source_order([self._in_source_dialect(block, as_given=as_given) for block in all_blocks])
             # Values of a touched subject are replaced. If that is not enough, everything about it is stated.
@@ -152,18 +153,19 @@ class _SourceDialectWriter:
         return found
 
     def _in_source_dialect(self, block: SubjectBlock, *, as_given: bool) -> SubjectBlock:
-        """Restores the original numbers and properties of a block; without `as_given`, poses stay those of centers."""
+        """Restores the original numbers and properties of a block; without `as_given`, sizes are not inferred again."""
         facts: Sequence[PropertyAssertion] = block.facts
-        if self.conventions or self.has_boxes:
-            conventions = self.conventions or SI
-            facts = restore_facts(facts, conventions, with_pivots=as_given)
-            if block.subject == self.world.iri:
-                boxes = [fact for fact in facts if fact.property == GIVEN_SIZES]
-                facts = restore_declarations(facts, conventions)
-                if not as_given:
-                    facts = [*(fact for fact in facts if fact.property != SIZES), *boxes]
         source_facts = self._source_facts(block.subject)
-        return replace(block, facts=[_restore_role(fact, source_facts) for fact in facts])
+        boxes = [fact for fact in facts if fact.property == GIVEN_SIZES and fact not in source_facts]
+        if self.conventions:
+            facts = restore_facts(facts, self.conventions)
+            if block.subject == self.world.iri:
+                facts = restore_declarations(facts, self.conventions)
+        if boxes:
+            facts = restore_size_declaration(facts)
+            if not as_given:
+                facts = [*(fact for fact in facts if fact.property != SIZES), *boxes]
+        return replace(block, facts=list(facts))
 
     def _in_source_order(self, blocks: Iterable[SubjectBlock]) -> list[SubjectBlock]:
         """Sorts blocks as in the source map, new ones last, since readers use the first of several values."""
@@ -187,7 +189,9 @@ class _SourceDialectWriter:
         """
         for block in blocks:
             spelled = self._source_facts(block.subject)
-            statements = [(fact, canonical_statement(fact)) for fact in block.facts]
+            # Where everything is stated, a reader renames nothing, so renamed properties stay as they are.
+            source: Container[PropertyAssertion] = () if block.subject in restated else spelled
+            statements = [(each, canonical_statement(each)) for each in (_restore_role(f, source) for f in block.facts)]
             if block.subject not in restated:
                 written = {each for _, each in statements}
                 changed = set(_DECLARATIONS)
@@ -271,6 +275,7 @@ class _SourceDialectWriter:
             report=ignore_finding,
             add_assumption=_ignore_assumption,
             conventions=UnitConventions(),
+            mesh_bounds=None,  # others may read the file without the meshes
         )
 
     def _difference(self, blocks: Iterable[SubjectBlock]) -> WorldDiff:
@@ -296,7 +301,7 @@ class _SourceDialectWriter:
 def _has_inferred_boxes(sections: Iterable[DocumentSection]) -> bool:
     """Whether a reader infers boxes of bodies from the statements of the source."""
     return any(
-        fact.property in (GIVEN_SIZES, GIVEN_PIVOT)
+        fact.property in (GIVEN_SIZES, PIVOT)
         for section in sections
         for block in section.blocks
         for fact in block.facts

@@ -17,6 +17,7 @@ import pyoxigraph as ox
 
 from mindstage.errors import MapWriteError
 from mindstage.knowledge.dialects.membership import types_of
+from mindstage.knowledge.dialects.unit_conversion import with_pivot
 from mindstage.knowledge.rdf import Severity, local_name, namespace_of, part_name, xml_local_name
 from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.rdf_mapping.fields import map_class_sizes, write_materials, write_size, write_tags
@@ -26,6 +27,7 @@ from mindstage.knowledge.rdf_mapping.nested import (
     NESTED_LINEAR_LIMITS,
     NESTED_POSE,
     NestedResource,
+    sorted_facts,
 )
 from mindstage.knowledge.rdf_mapping.properties import SubjectReader, SubjectWriter
 from mindstage.knowledge.vocabulary import (
@@ -33,6 +35,7 @@ from mindstage.knowledge.vocabulary import (
     CONSTRAINT,
     DESCRIBED_IN_MAP,
     GIVEN_SIZES,
+    HAS_POSE,
     KNOWROB,
     LIGHT_CLASSES,
     MS,
@@ -110,8 +113,14 @@ def to_sections(world: World) -> Sequence[DocumentSection]:
     flattener = _DeepNodeFlattener(serializer.used_names)
     for section in sections:
         for block in section.blocks:
-            block.facts = [flattener.flatten(fact) for fact in block.facts]
+            block.facts = [flattener.flatten(_with_nested_pivot(fact)) for fact in with_pivot(block.facts)]
     return (*sections, DocumentSection("Nodes Inside Nodes", list(flattener.blocks())))
+
+
+def _with_nested_pivot(fact: PropertyAssertion) -> PropertyAssertion:
+    if fact.property != HAS_POSE or not isinstance(fact.value, BlankNode):
+        return fact
+    return PropertyAssertion(HAS_POSE, BlankNode(sorted_facts(with_pivot(fact.value.facts))))
 
 
 class _DeepNodeFlattener:
@@ -235,6 +244,11 @@ class _WorldSerializer:
         writer.add_reference(CHILD, self._body_iri(joint.child, joint.id))
         write_tags(writer, joint.tags)
         writer.write(codecs.DISABLE_COLLISION, joint.disable_collision)
+        mimic = joint.mimic
+        writer.write(codecs.MIMICS, None if mimic is None else self._body_iri(mimic.joint, joint.id))
+        if mimic is not None:
+            writer.write(codecs.MIMIC_MULTIPLIER, mimic.multiplier)
+            writer.write(codecs.MIMIC_OFFSET, mimic.offset or None)
         parts = [
             *self._write_nested(writer, joint, NESTED_POSE, joint.pose),
             *self._write_nested(writer, joint, NESTED_LINEAR_LIMITS, joint.linear),
