@@ -969,17 +969,8 @@ class LocalNode(Node):
         self._loop.call(self.broker.services.timeouts_s.__setitem__, resolve_name(service), timeout_s)
 
     def set_ros(self, ros: RosVersion, now: Callable[[], float]) -> None:
-        """Sets the binary format and the clock of messages to subscribers with the compression `cbor-raw`.
-
-        Args:
-            ros: version of ROS in whose format messages are serialized.
-            now: returns the time [s]; called on the loop, and must not block.
-        """
-
-        def set() -> None:
-            self.broker.topics.ros, self.broker.topics.now = ros, now
-
-        self._loop.call(set)
+        """Sets the binary format and the clock [s] of messages to subscribers with the compression `cbor-raw`."""
+        self.broker.topics.ros, self.broker.topics.now = ros, now
 
     def has_subscribers(self, topic: str) -> bool:
         """Whether the topic has subscribers; does not block."""

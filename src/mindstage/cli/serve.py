@@ -186,9 +186,8 @@ def serve(
 
     _check_options(context, connect=connect, tls_authorities=tls_authorities, namespace=namespace, worlds=worlds)
     access = server_access(host, "" if connect else token, tls_cert, tls_key, limits, origins=origins or [])
-    running = make_engine(engine)
+    running, quitting = make_engine(engine), threading.Event()
     knowledge, world = _load_knowledge(maps, map_name, reading)
-    quitting = threading.Event()
     with ExitStack() as resources:
         simulation = resources.enter_context(
             simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes)

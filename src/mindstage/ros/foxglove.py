@@ -18,7 +18,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from enum import Enum
+from enum import StrEnum
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -464,7 +464,7 @@ class _EventLog:
         self._reports = len(reports)
 
 
-class _Level(Enum):
+class _Level(StrEnum):
     INFO = "Info"
     WARNING = "Warning"
     ERROR = "Error"
