@@ -78,7 +78,8 @@ def test_clients_of_another_server_are_served(elsewhere: Callable[..., Elsewhere
         received: list[Any] = []
         caller.subscribe("/tf", received.append)
         moving = {"DrawerSlide", "FridgeHinge", "Mug"}
-        eventually(lambda: received and {each["child_frame_id"] for each in received[-1]["transforms"]} == moving)
+        eventually(lambda: received)
+        assert {each["child_frame_id"] for each in received[-1]["transforms"]} == moving
         feedback_values: list[Any] = []
         goal = caller.send_goal(STEPS, STEPS_TYPE, {"steps": FOR_EVER}, on_feedback=feedback_values.append)
         eventually(lambda: len(feedback_values) >= 2)

@@ -155,6 +155,18 @@ def read_cbor(data: bytes, *, depth: int) -> bytes:
         ) from None
 
 
+def write_cbor_raw(topic: str, data: bytes, *, time_s: float) -> bytes:
+    """Returns the frame of a serialized message, as rosbridge_suite writes it for the compression `cbor-raw`.
+
+    Args:
+        topic: name of the topic.
+        data: the serialized message.
+        time_s: when it was received [s].
+    """
+    secs, nsecs = divmod(round(time_s * 1e9), 1_000_000_000)
+    return cbor2.dumps({"op": "publish", "topic": topic, "msg": {"secs": secs, "nsecs": nsecs, "bytes": data}})
+
+
 def _cbor_id(data: bytes, depth: int) -> str | int | None:
     """Returns the id of a message that has tags without a representation in JSON; None if it has no id."""
     try:
@@ -176,18 +188,6 @@ def _message_id(message: object) -> str | int | None:
     """Returns the id of a decoded message; None if it has no valid one."""
     id = message.get("id") if isinstance(message, dict) else None
     return id if isinstance(id, str | int) and not isinstance(id, bool) else None
-
-
-def write_cbor_raw(topic: str, data: bytes, *, time_s: float) -> bytes:
-    """Returns the frame of a serialized message, as rosbridge_suite writes it for the compression `cbor-raw`.
-
-    Args:
-        topic: name of the topic.
-        data: the serialized message.
-        time_s: when it was received [s].
-    """
-    secs, nsecs = divmod(round(time_s * 1e9), 1_000_000_000)
-    return cbor2.dumps({"op": "publish", "topic": topic, "msg": {"secs": secs, "nsecs": nsecs, "bytes": data}})
 
 
 def _encode_arrays(value: object) -> object:
