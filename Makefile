@@ -7,6 +7,14 @@ PYTHON ?=
 export PYTHON
 
 python := .venv/bin/python
+corpus_options ?=
+# Generators of ROS messages and what they need; /PATH:PACKAGE is installed if the path does not exist.
+ros_packages := rosidl:rosidl-tools gcc:gcc /usr/include/stdio.h:libc6-dev \
+	/usr/include/rosidl_runtime_c:rosidl-generator-c-cpp \
+	/usr/lib/python3/dist-packages/ament_index_python:python3-ament-index \
+	/usr/lib/genpy/genmsg_py.py:python3-genpy /usr/lib/actionlib_msgs/genaction.py:libactionlib-msgs-dev \
+	/usr/share/actionlib_msgs/msg:ros-actionlib-msgs /usr/share/geometry_msgs/msg:ros-geometry-msgs \
+	/usr/share/std_msgs/msg:ros-std-msgs
 pytest_options ?= -ra -n auto --dist worksteal
 random_tests ?= $(addprefix tests/,scene msgs bridge geometry simulation)
 
@@ -22,6 +30,7 @@ demo: .venv/run.stamp  ## the bundled kitchen in the browser
 
 test: .venv/dev.stamp  ## all tests; `make test pytest_options="-k word"` for some
 	@scripts/install_system.sh chromium:chromium swipl:swi-prolog-nox node:nodejs npm:npm Xvfb:xvfb xauth:xauth
+	@scripts/install_system.sh $(ros_packages)
 	@scripts/install_node.sh
 	@scripts/install_godot.sh || test -z "$$CI"
 	@$(python) -m pytest $(pytest_options)
@@ -39,6 +48,7 @@ check: .venv/dev.stamp  ## style, types, package structure, and that generated f
 	@$(python) scripts/make_kitchen.py --check
 	@$(python) scripts/make_shapes.py --check
 	@$(python) scripts/make_messages.py --check
+	@$(python) scripts/make_ros_packages.py --check
 	@$(python) scripts/make_command_line.py --check
 	@$(python) scripts/make_questions.py --check
 	@$(python) -m pytest -q tests/test_project.py
@@ -55,6 +65,10 @@ mutants: .venv/dev.stamp  ## mutation testing: a score by package; `make mutants
 
 fuzz: .venv/dev.stamp  ## fuzzing of every reader and port for FUZZ_S seconds (600)
 	@$(python) scripts/fuzz.py --seconds $(or $(FUZZ_S),600)
+
+corpus: .venv/run.stamp  ## try all maps of a folder and print a table: make corpus MAPS=folder
+	@test -n "$(MAPS)" || { echo "give a folder of maps: make corpus MAPS=folder" >&2; exit 2; }
+	@$(python) scripts/try_maps.py $(MAPS) $(corpus_options)
 
 kitchen: .venv/dev.stamp  ## regenerate the bundled kitchen
 	@$(python) scripts/make_kitchen.py

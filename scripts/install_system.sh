@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
-# install_system.sh [COMMAND:]PACKAGE...: installs those Debian packages whose command is missing (all without one).
+# install_system.sh [COMMAND:|/PATH:]PACKAGE...: installs those Debian packages whose command or path is missing (all
+# without one).
 #
 # Where that is not possible (no root, no apt-get) it names the missing packages and succeeds: the tests that need them
-# are skipped. It fails in CI, and for a package without a command, because the caller needs that one.
+# are skipped. It fails in CI, and for a package without either, because the caller needs that one.
 set -euo pipefail
 
 readonly tries=4
@@ -10,7 +11,7 @@ missing=()
 required=false
 for entry in "$@"; do
     if [[ $entry == *:* ]]; then
-        command -v "${entry%%:*}" >/dev/null || missing+=("${entry#*:}")
+        [[ $entry == /* && -e ${entry%%:*} ]] || command -v "${entry%%:*}" >/dev/null || missing+=("${entry#*:}")
     else
         missing+=("$entry")
         required=true

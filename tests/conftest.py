@@ -72,7 +72,7 @@ def godot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     try:
         program = find_godot(os.environ.get("GODOT")).path
     except EngineUnavailableError as error:
-        _missing(str(error))
+        missing(str(error))
     beside = "PYTEST_XDIST_WORKER" in os.environ
     folder = tmp_path_factory.getbasetemp().parent if beside else tmp_path_factory.getbasetemp()
     with pytest.MonkeyPatch.context() as patch:
@@ -90,15 +90,15 @@ def node() -> Path:
 def roslibjs() -> Path:
     """The module of roslib, the ROS client of web pages."""
     module = ROOT / "build" / "node" / "node_modules" / "roslib" / "dist" / "RosLib.js"
-    return module if module.is_file() else _missing("roslib is not installed (scripts/install_node.sh does it)")
+    return module if module.is_file() else missing("roslib is not installed (scripts/install_node.sh does it)")
 
 
 def _program(*names: str, package: str) -> Path:
     found = next(filter(None, map(shutil.which, names)), None)
-    return Path(found) if found else _missing(f"{names[0]} is not installed (Debian's package {package})")
+    return Path(found) if found else missing(f"{names[0]} is not installed (Debian's package {package})")
 
 
-def _missing(reason: str) -> NoReturn:
+def missing(reason: str) -> NoReturn:
     if os.environ.get("CI"):
         pytest.fail(reason)
     pytest.skip(reason)

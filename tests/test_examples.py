@@ -23,7 +23,7 @@ EXPECTED_OUTPUT = {
     "01_open_and_step.py": "254 bodies",
     "02_ask.py": "milk is stored in http://mindstage.org/maps/kitchen.owl#fridge",
     "03_highlight_and_view.py": "viewer at http://127.0.0.1:",
-    "04_open_a_door.py": "open by 45 degrees, 100% of its range",
+    "04_open_a_door.py": "open by 90 degrees, 100% of its range",
     "05_place_objects.py": "is in fridge",
     "06_save_and_diff.py": "nothing moved: identical",
     "07_ontology_rule.py": "crockery_cupboard is a Cupboard",

@@ -29,6 +29,7 @@ from mindstage.scene import (
     Iri,
     IriRef,
     Joint,
+    JointMimic,
     Light,
     LightType,
     LinearLimits,
@@ -344,7 +345,10 @@ def worlds(
             replace(body, id=id, iri=Iri(MAP + id), facts=(*body.facts, *draw(_neighbors(body_ids))))
             for id, body in zip(body_ids, things, strict=True)
         ),
-        joints=tuple(draw(_joints(id, body_ids, _joint_lists(wild_tags, blank_ids))) for id in joint_ids),
+        joints=tuple(
+            replace(draw(_joints(id, body_ids, _joint_lists(wild_tags, blank_ids))), mimic=draw(_mimics(id, joint_ids)))
+            for id in joint_ids
+        ),
         attachments=draw(_forests(body_ids)),
         lights=tuple(replace(draw(_lights(wild_tags, blank_ids)), id=id, iri=Iri(MAP + id)) for id in light_ids),
         facts=draw(facts(blank_ids)),
@@ -358,6 +362,16 @@ def _joints(draw: st.DrawFn, id: BodyId, body_ids: Sequence[BodyId], any_joint: 
     second = (first + draw(st.integers(1, len(body_ids) - 1))) % len(body_ids)
     parent, child = body_ids[first], body_ids[second]
     return replace(draw(any_joint), id=id, iri=Iri(MAP + id), parent=parent, child=child)
+
+
+def _mimics(id: BodyId, joint_ids: Sequence[BodyId]) -> SearchStrategy[JointMimic | None]:
+    """A joint that follows another one, or none."""
+    others = [other for other in joint_ids if other != id]
+    if not others:
+        return st.none()
+    return st.none() | st.builds(
+        JointMimic, joint=st.sampled_from(others), multiplier=numbers(-10.0, 10.0), offset=numbers(-1.0, 1.0)
+    )
 
 
 def _neighbors(body_ids: Sequence[BodyId]) -> SearchStrategy[tuple[PropertyAssertion, ...]]:

@@ -160,7 +160,9 @@ def linear_lines(joint: Joint) -> Iterator[str]:
     yield literal("xMotion", "integer", LIMITED if slides else LOCKED)
     yield literal("yMotion", "integer", LOCKED)
     yield literal("zMotion", "integer", LOCKED)
-    yield literal("limit", "float", joint.limit if slides else 0.0)
+    yield literal("limit", "float", half_range(joint) if slides else 0.0)
+    if slides:
+        yield middle("x", joint)
     yield from soft_lines("softConstraint", "stiffness", "damping")
 
 
@@ -170,9 +172,22 @@ def angular_lines(joint: Joint) -> Iterator[str]:
     for axis, motion in (("swing1", Motion.SWING), ("swing2", Motion.TILT), ("twist", None)):
         yield literal(f"{axis}Motion", "integer", LIMITED if joint.motion is motion else LOCKED)
     for axis, motion in (("swing1", Motion.SWING), ("swing2", Motion.TILT), ("twist", None)):
-        yield literal(f"{axis}Limit", "float", joint.limit if joint.motion is motion else 0.0)
+        yield literal(f"{axis}Limit", "float", half_range(joint) if joint.motion is motion else 0.0)
+        if joint.motion is motion:
+            yield middle(axis, joint)
     yield from soft_lines("softSwingConstraint", "swingStiffness", "swingDamping")
     yield from soft_lines("softTwistConstraint", "twistStiffness", "twistDamping")
+
+
+def half_range(joint: Joint) -> float:
+    """Returns half of the range from closed to open [m or rad]."""
+    return abs(joint.opening) / 2
+
+
+def middle(axis: str, joint: Joint) -> str:
+    """Returns the middle of the range, relative to the closed position; positions are of the child to the parent."""
+    value = joint.opening / 2 * (-1 if joint.swapped_roles else 1)
+    return f'\t\t<ms:{axis}Middle rdf:datatype="&xsd;float">{value}</ms:{axis}Middle>\n'
 
 
 def soft_lines(soft: str, stiffness: str, damping: str) -> Iterator[str]:

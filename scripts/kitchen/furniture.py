@@ -1,6 +1,7 @@
 """Cabinets and appliances: a case with doors and drawers.
 
-There is a gap of 2 mm between a front and its case, and of 3 mm between neighboring fronts. A swinging door turns about
+Doors and drawers open outwards only, from their closed position: drawers by 45 cm, doors by a right angle. There is a
+gap of 2 mm between a front and its case, and of 3 mm between neighboring fronts. A swinging door turns about
 its outer front edge, so that it does not collide with its neighbors. A tilting door turns about a line at its foot,
 below its center of mass, so that it is balanced.
 
@@ -80,7 +81,6 @@ class Cabinet:
         thickness: int = 20,
         handle: BodyType = DOOR_HANDLE,
         handle_height: int | None = None,
-        limit: float = QUARTER_TURN,
         swapped_roles: bool = False,
     ) -> Body:
         """Adds a door with a handle in front of a slot; `start` is the distance of the slot from the left end."""
@@ -97,7 +97,9 @@ class Cabinet:
         )
         line = hinge_line(body_type, handle, hinge)
         motion, z = (Motion.TILT, door.bottom) if hinge is Hinge.FOOT else (Motion.SWING, door.z)
-        self.join(f"{id}_hinge", door, line, z, motion, limit, swapped_roles=swapped_roles)
+        # A door on a left hinge turns clockwise, seen from above.
+        opening = -QUARTER_TURN if hinge is Hinge.LEFT else QUARTER_TURN
+        self.join(f"{id}_hinge", door, line, z, motion, opening, swapped_roles=swapped_roles)
         return door
 
     def join(
@@ -107,13 +109,13 @@ class Cabinet:
         at: tuple[float, float],
         height: float,
         motion: Motion,
-        limit: float,
+        opening: float,
         *,
         swapped_roles: bool = False,
     ) -> None:
         """Adds a joint between the case and a part, at a point given relative to the part's center."""
         x, y = part.frame.at(*at)
-        joint = Joint(id, self.case.id, part.id, x, y, height, part.turns, motion, limit, swapped_roles)
+        joint = Joint(id, self.case.id, part.id, x, y, height, part.turns, motion, opening, swapped_roles)
         self.scene.joints.append(joint)
 
 

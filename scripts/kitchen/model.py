@@ -100,8 +100,8 @@ class Joint:
     z: float
     turns: int
     motion: Motion
-    limit: float
-    """Limit in both directions [m or rad]."""
+    opening: float
+    """Position when fully open, relative to the closed one, negative in the negative direction [m or rad]."""
     swapped_roles: bool = False
     """Whether the part is the parent in the map, as in some real maps."""
 

@@ -22,8 +22,6 @@ COUNTER = 860
 """Height of the lower side of the counter tops [mm]."""
 WALL_UNITS = 1400
 
-FRIDGE_LIMIT = 0.785398
-
 
 def build_room(scene: Scene) -> None:
     """Adds everything except the movable items."""
@@ -73,7 +71,7 @@ def build_shell(scene: Scene) -> None:
     x, y = SOUTH.at(-20, -1550)
     door = scene.add(Body("room_door", body_type, x, y, 5 + 1020, SOUTH.turns))
     scene.fix("room_door_handle", BodyType("LatchW12", "ms:DoorLatch", (50, 120, 20), 0.3), door, 20, 350, 1050)
-    Cabinet(scene, beside_door).join("room_door_hinge", door, (20, -447), door.z, Motion.SWING, QUARTER_TURN)
+    Cabinet(scene, beside_door).join("room_door_hinge", door, (20, -447), door.z, Motion.SWING, -QUARTER_TURN)
 
 
 def build_tall_units(scene: Scene) -> None:
@@ -97,7 +95,6 @@ def build_tall_units(scene: Scene) -> None:
         thickness=30,
         handle=TALL_HANDLE,
         handle_height=1150,
-        limit=FRIDGE_LIMIT,
     )
 
 

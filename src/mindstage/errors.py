@@ -663,13 +663,22 @@ class SimulationError(MindstageError):
 
 @dataclass(eq=False)
 class SimulationTimeoutError(SimulationError):
-    """The thread that owns the engine did not finish the call in time."""
+    """The thread that owns the engine did not finish the call in time.
+
+    A call that has not begun is withdrawn and never executed; one that has begun (`begun`) is not interrupted.
+    """
 
     code = "StageTimedOut"
-    template = "{call} did not finish within {timeout_s:g} s; the simulation may be busy or stopped"
+    template = "{call} did not finish within {timeout_s:g} s{outcome}; the simulation may be busy or stopped"
     call: str
     _: KW_ONLY
     timeout_s: float
+    begun: bool = False
+
+    @property
+    def outcome(self) -> str:
+        """What happens to the call, for the message."""
+        return ", but it has begun: it is not interrupted, and its end is reported" if self.begun else ""
 
 
 # -- bridge ------------------------------------------------------------------------------------------------------------

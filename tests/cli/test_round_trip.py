@@ -98,7 +98,7 @@ def test_check_detects_a_lost_statement(run: Run, write_map: WriteMap, monkeypat
     assert "Ontology" in output["lost"][0]["said"]
     result = run("check", source, "--engine", "null")
     assert result.exit_code == 1
-    assert "1 statements of the map are lost." in result.stdout
+    assert "1 statement of the map is lost." in result.stdout
 
 
 def test_the_log_of_a_static_world_equals_its_map(run: Run, tmp_path: Path) -> None:

@@ -37,7 +37,7 @@ def test_findings_are_listed_and_exit_1(run: Run, write_map: WriteMap) -> None:
     assert output["counts"]["error"] == 2
     skipped = {finding["individual"].split("#")[1] for finding in output["findings"] if finding["severity"] == "error"}
     assert skipped == {"Mug1", "Mug3"}
-    assert {"severity", "individual", "property", "what", "did"} == set(output["findings"][0])
+    assert {"severity", "individual", "property", "what", "did", "group"} == set(output["findings"][0])
 
 
 @pytest.mark.parametrize("content", ["once upon a time", "<rdf:RDF xmlns:rdf='http://x#'>", ""])

@@ -26,7 +26,7 @@ import pytest
 
 from mindstage.engines import Capability, Engine, SpawnNoteKind, SpawnOptions, SpawnReport
 from mindstage.errors import AttachmentError, BodyNotFoundError, EngineClosedError, PoseUnreachableError
-from mindstage.scene import Body, BodyId, BodyPhysics, Joint, Material, Mobility, Pose, World, diff
+from mindstage.scene import Body, BodyId, BodyPhysics, Joint, JointMimic, Material, Mobility, Pose, World, diff
 from mindstage.scene.transforms import normalize, quat_angle, quat_rotate
 from tests.engines.geometries import box_shape, geometry
 from tests.engines.scenes import (
@@ -69,6 +69,20 @@ def notes_of(report: SpawnReport, kind: SpawnNoteKind) -> list[tuple[str, ...]]:
 def overlap_pairs(ids: tuple[str, ...]) -> list[frozenset[str]]:
     """The pairs of an overlap note: its first body with each of the others."""
     return [frozenset((ids[0], other)) for other in ids[1:]]
+
+
+def gripper(multiplier: float) -> World:
+    """Two fingers that slide along x; the right one, with a tip, mimics the left one."""
+    base = body("base", (0, 0, 0.5), (0.2, 0.2, 0.2))
+    left = body("left", (0.0, 0.2, 1.0), (0.05, 0.05, 0.1), "dynamic", 0.5)
+    right = body("right", (0.0, -0.2, 1.0), (0.05, 0.05, 0.1), "dynamic", 0.5)
+    tip = body("tip", (0.0, -0.2, 1.1), (0.02, 0.02, 0.02), "kinematic", 0.1)
+    follows = JointMimic(joint=BodyId("left_slide"), multiplier=multiplier)
+    return world(
+        base, left, right, tip, attachment("right", "tip"),
+        prismatic_joint("left_slide", "base", "left", (0, 0.2, 1.0)),
+        prismatic_joint("right_slide", "base", "right", (0, -0.2, 1.0), mimic=follows),
+    )  # fmt: skip
 
 
 class DescriptionContract:
@@ -133,6 +147,23 @@ class DescriptionContract:
         with pytest.raises(BodyNotFoundError, match=r"near: .*'drawer'"):
             engine.delete([BodyId("mug"), BodyId("drawr")])
         assert diff(room(), engine.snapshot()).identical(0.0)
+
+    @pytest.mark.parametrize("multiplier", [1.0, -0.5])
+    def test_a_joint_that_mimics_another_one_follows_poses_that_are_set(
+        self, engine: Engine, multiplier: float
+    ) -> None:
+        engine.spawn(gripper(multiplier))
+        start = current_pose(engine, "right")
+        engine.set_pose(BodyId("left"), Pose((0.1, 0.2, 1.0)))
+        moved = current_pose(engine, "right")
+        assert moved[0] - start[0] == pytest.approx(0.1 * multiplier, abs=self.placement_tolerance)
+        assert current_pose(engine, "tip")[0] == pytest.approx(moved[0], abs=self.placement_tolerance)
+        engine.set_pose(BodyId("right"), Pose((0.2 * multiplier, -0.2, 1.0)))
+        assert current_pose(engine, "left")[0] == pytest.approx(0.2, abs=self.placement_tolerance)
+        assert diff(gripper(multiplier), engine.snapshot()).only_in_b == ()
+        assert [joint.mimic for joint in engine.snapshot().joints] == [
+            joint.mimic for joint in gripper(multiplier).joints
+        ]
 
     def test_attached_bodies_move_with_their_parent(self, engine: Engine) -> None:
         engine.spawn(
@@ -237,6 +268,24 @@ class PhysicsContract(DescriptionContract):
     limit_tolerance_m = 0.001
     limit_tolerance_rad = np.radians(0.5)
     rest_tolerance_m = 0.002
+
+    # -- joints that mimic others
+
+    @pytest.mark.parametrize("multiplier", [1.0, -0.5])
+    def test_a_joint_that_mimics_another_one_moves_with_it(self, engine: Engine, multiplier: float) -> None:
+        engine.spawn(gripper(multiplier))
+        apply_force_for(engine, "left", (8.0, 0.0, 0.0), 0.6)
+        engine.step(0.5)
+        left, right = (float(current_pose(engine, id)[0]) for id in ("left", "right"))
+        assert left > 0.1
+        assert right == pytest.approx(multiplier * left, abs=0.005)
+        assert float(current_pose(engine, "tip")[0]) == pytest.approx(right, abs=self.attachment_tolerance)
+
+    def test_a_joint_that_mimics_none_that_exists_moves_independently_which_is_noted(self, engine: Engine) -> None:
+        lost = world(*(part for part in (*gripper(1.0).bodies, gripper(1.0).joints[1])))
+        report = engine.spawn(lost)
+        assert report.ok
+        assert any("moves independently" in note.text for note in report.notes if note.kind is SpawnNoteKind.JOINT)
 
     # -- bodies
 

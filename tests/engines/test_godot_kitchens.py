@@ -15,6 +15,7 @@ from mindstage.geometry import fit_geometry
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.knowledge.io.files import BUNDLED_KITCHEN
 from mindstage.scene import AxisMotion, BodyId, GeometryMap, Joint, World, diff
+from mindstage.scene.kinematics import joint_reach
 from mindstage.scene.transforms import normalize, pose_inverse, quat_angle, quat_rotate
 from tests.cli.conftest import run  # noqa: F401 - a fixture
 from tests.cli.runner import Run, json_output
@@ -162,8 +163,8 @@ def doors_and_drawers(kitchen: World, engine: Engine) -> Iterator[tuple[Joint, B
 
 
 def limit_of(joint: Joint) -> float:
-    angular = joint.angular
-    return joint.linear.limit or max(angular.swing1_limit, angular.swing2_limit)
+    """The displacement of the fully open position."""
+    return max(reach or 0.0 for reach in joint_reach(joint))
 
 
 def opened_either_way(engine: Engine, kitchen: Kitchen, joint: Joint, handle: BodyId) -> float:

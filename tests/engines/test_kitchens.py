@@ -11,6 +11,7 @@ import pytest
 from mindstage.engines import MujocoEngine, SpawnNoteKind
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.scene import AxisMotion, BodyId, Joint, World
+from mindstage.scene.kinematics import joint_reach
 from mindstage.scene.transforms import normalize, quat_angle, quat_conjugate, quat_rotate
 from tests.engines.contract import current_pose
 
@@ -99,25 +100,17 @@ def test_every_door_and_drawer_opens_to_its_limit_by_its_handle(kitchen: World) 
     tested = 0
     for joint, handle in doors_and_drawers(kitchen, engine):
         slides = joint.linear.x is not AxisMotion.LOCKED
-        limit = joint.linear.limit if slides else max(a for a in _limits(joint) if a)
+        limit = max(reach or 0.0 for reach in joint_reach(joint))
         tolerance = 0.001 if slides else np.radians(0.5)
         reached = []
         for sign in (1, -1):
             engine.restore_state(closed)
             reached.append(opened(engine, joint, handle, sign))
-            if abs(reached[-1] - limit) < tolerance:
-                break
         assert abs(max(reached) - limit) < tolerance, (handle, reached)
+        if handle not in (joint.parent, joint.child):
+            assert min(reached) < 5 * tolerance, f"{handle} is pushed into the furniture: {reached}"
         tested += 1
     assert tested >= 16
-
-
-def _limits(joint: Joint) -> tuple[float, float]:
-    angular = joint.angular
-    return (
-        angular.swing1_limit if angular.swing1 is AxisMotion.LIMITED else 0.0,
-        angular.swing2_limit if angular.swing2 is AxisMotion.LIMITED else 0.0,
-    )
 
 
 @pytest.mark.parametrize(
@@ -151,7 +144,7 @@ def test_the_milk_stays_in_the_fridge_when_its_door_is_opened(bundled: World) ->
     milk = next(body.id for body in bundled.bodies if "milk" in body.id)
     before = current_pose(engine, milk)
     joint, handle = next((c, h) for c, h in doors_and_drawers(bundled, engine) if "fridge" in h)
-    assert max(_tried(engine, joint, handle, sign) for sign in (1, -1)) > 0.7
+    assert max(_tried(engine, joint, handle, sign) for sign in (1, -1)) > 1.5
     assert np.linalg.norm(current_pose(engine, milk)[:3] - before[:3]) < 0.01
 
 

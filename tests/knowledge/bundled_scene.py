@@ -64,6 +64,8 @@ class Joint:
     rotation: Array
     motions: dict[str, int]
     limits: dict[str, float]
+    middles: dict[str, float]
+    """Middles of the ranges that are not symmetric about the closed position."""
     is_reversed: bool
 
 
@@ -154,7 +156,13 @@ class Scene:
         motions |= {axis: int(self.value(angular, f"{axis}Motion")) for axis in ("swing1", "swing2", "twist")}
         limits = {"linear": float(self.value(linear, "limit"))}
         limits |= {axis: float(self.value(angular, f"{axis}Limit")) for axis in ("swing1", "swing2", "twist")}
-        return Joint(id, case, part, at, rotation, motions, limits, upside_down)
+        middles: dict[str, float] = {}
+        for axis, node in (("x", linear), ("swing1", angular), ("swing2", angular)):
+            for quad in self.store.quads_for_pattern(
+                _individual(node), pyoxigraph.NamedNode(f"{MS}{axis}Middle"), None
+            ):
+                middles[axis] = float(str(quad.object.value))
+        return Joint(id, case, part, at, rotation, motions, limits, middles, upside_down)
 
 
 def separation(box: Box, others: list[Box]) -> Array:

@@ -199,7 +199,19 @@ def test_each_joint_has_one_degree_of_freedom(kitchen: Scene) -> None:
         assert joint.motions[moving] == 1
         assert moving in {"x", "swing1", "swing2"}
         limit = joint.limits["linear" if moving == "x" else moving]
-        assert limit in ({0.45} if moving == "x" else {1.570796, 0.785398}), joint.id
+        assert 2 * limit == (0.45 if moving == "x" else 1.570796), joint.id
+
+
+def test_each_joint_is_closed_at_one_end_of_its_range_and_opens_away_from_its_case(kitchen: Scene) -> None:
+    for part, joint in kitchen.fronts_with_joints.items():
+        (moving,) = [axis for axis, motion in joint.motions.items() if motion != 2]
+        limit, middle = joint.limits["linear" if moving == "x" else moving], joint.middles[moving]
+        assert abs(middle) == limit, joint.id
+        number = {"x": 0, "swing2": 1, "swing1": 2}[moving]
+        axis = joint.rotation[:, number] * math.copysign(1.0, middle) * (-1 if joint.is_reversed else 1)
+        arm = kitchen.boxes[part].center - joint.position
+        way = axis if moving == "x" else np.cross(axis, arm)
+        assert way @ joint.rotation[:, 0] > 0.1, f"{joint.id} moves {part} into its case"
 
 
 def test_hinges_are_at_the_edge_of_their_door(kitchen: Scene) -> None:

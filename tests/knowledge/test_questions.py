@@ -226,7 +226,7 @@ def test_the_description_of_a_joint_has_its_bodies_and_limits(kitchen: Knowledge
     assert (row.pose, row.tags, row.facts) == (hinge.pose, hinge.tags, hinge.facts)
     assert (row.joint.linear, row.joint.angular) == (hinge.linear, hinge.angular)
     assert [local_name(end) for end in (row.joint.parent, row.joint.child)] == ["fridge", "fridge_door"]
-    assert cell_text(row.joint) == "fridge to fridge_door, swing1 limited 0.785398 rad"
+    assert cell_text(row.joint) == "fridge to fridge_door, swing1 limited -1.5708 to 0 rad"
 
 
 # -- names and arguments -----------------------------------------------------------------------------------------------

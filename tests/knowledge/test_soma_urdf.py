@@ -8,7 +8,7 @@ import pyoxigraph as ox
 import pytest
 
 from mindstage.errors import SourceParseError
-from mindstage.knowledge import KnowledgeBase, save_map
+from mindstage.knowledge import KnowledgeBase, Severity, save_map
 from tests.knowledge.maps import assert_worlds_equal, knowledge_base_from
 from tests.knowledge.small_urdf import KITCHEN_URDF, box_urdf, link_urdf, robot_urdf
 
@@ -73,7 +73,9 @@ def test_rdf_xml_maps_can_use_a_description_too(linked: Path, file: Path, tmp_pa
 def test_a_missing_description_is_reported_with_the_links_needed(linked: Path) -> None:
     knowledge = knowledge_base_from(linked)
     assert knowledge.world().bodies == ()
-    assert "that of the link 'fridge'" in str(knowledge.findings())
+    (found,) = (finding for finding in knowledge.findings() if "robot description" in finding.problem)
+    assert found.severity is Severity.ERROR
+    assert "'fridge'" in found.problem
     assert "--urdf FILE" in str(knowledge.findings())
 
 

@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mindstage.engines import NullEngine
 from mindstage.engines.mujoco import MujocoEngine
-from mindstage.errors import SourceParseError
+from mindstage.errors import InvalidArgumentError, SourceParseError
 from mindstage.knowledge import save_map
 from mindstage.knowledge.urdf import is_urdf
-from mindstage.scene import AxisMotion, BodyId, Mobility, PrimitiveType
+from mindstage.scene import AxisMotion, BodyId, Joint, JointMimic, Mobility, PrimitiveType, World
 from mindstage.scene.transforms import rotation_matrix
+from mindstage.simulation import Simulation
 from tests.knowledge.dialect_maps import joint_range
 from tests.knowledge.maps import assert_worlds_equal, knowledge_base_from
 from tests.knowledge.small_urdf import (
@@ -212,6 +214,94 @@ def test_a_visual_mesh_takes_the_size_of_its_collision_geometry(file: Path) -> N
 
 
 # -- invalid descriptions ----------------------------------------------------------------------------------------------
+
+
+# -- joints that mimic others ------------------------------------------------------------------------------------------
+
+SLIDE = '<axis xyz="0 1 0"/><limit lower="0" upper="0.04" effort="20" velocity="1"/>'
+
+
+def gripper_urdf(mimic: str = '<mimic joint="left_joint"/>', *more: str, limit: str = SLIDE) -> str:
+    """A hand with two fingers, of which the right one mimics the left one, as in the description of the Panda."""
+    return robot_urdf(
+        link_urdf("hand", box_urdf("0.1 0.2 0.1")),
+        link_urdf("left", box_urdf("0.02 0.01 0.05"), '<inertial><mass value="0.05"/></inertial>'),
+        link_urdf("right", box_urdf("0.02 0.01 0.05"), '<inertial><mass value="0.05"/></inertial>'),
+        joint_urdf("left_joint", "prismatic", "hand", "left", limit, xyz="0 0.02 0.2"),
+        joint_urdf("right_joint", "prismatic", "hand", "right", limit, mimic, xyz="0 -0.02 0.2", rpy="0 0 3.141592654"),
+        *more,
+    )
+
+
+def joint_named(world: World, name: str) -> Joint:
+    return next(joint for joint in world.joints if joint.id == name)
+
+
+def test_a_joint_mimics_another_one_and_survives_a_round_trip(file: Path, tmp_path: Path) -> None:
+    world = load_robot(file, gripper_urdf('<mimic joint="left_joint" multiplier="-2.5"/>')).world
+    assert joint_named(world, "right_joint").mimic == JointMimic(joint=BodyId("left_joint"), multiplier=-2.5)
+    assert joint_named(world, "left_joint").mimic is None
+    for suffix in ("owl", "ttl"):
+        save_map(world, tmp_path / f"out.{suffix}")
+        assert_worlds_equal(world, knowledge_base_from(tmp_path / f"out.{suffix}").world(world.iri))
+
+
+def test_a_follower_rests_where_its_master_puts_it(file: Path) -> None:
+    limit = '<axis xyz="0 1 0"/><limit lower="0.01" upper="0.04"/>'
+    mimic = '<mimic joint="left_joint" multiplier="2" offset="0.005"/>'
+    world = load_robot(file, gripper_urdf(mimic, limit=limit)).world
+    assert world.body("left").pose.position == pytest.approx((0, 0.03, 0.2))
+    assert world.body("right").pose.position == pytest.approx((0, -0.02 - 0.025, 0.2), abs=1e-9)
+    follower = joint_named(world, "right_joint")
+    assert follower.mimic == JointMimic(joint=BodyId("left_joint"), multiplier=2.0)
+    assert follower.linear.x_middle - follower.linear.limit == pytest.approx(0.01 - 0.025)
+
+
+def test_a_rest_position_out_of_range_is_reported(file: Path) -> None:
+    loaded = load_robot(file, gripper_urdf('<mimic joint="left_joint" offset="0.1"/>'))
+    assert "whose rest position puts it at 0.1, out of its range" in loaded.findings_for("right_joint")
+    follower = joint_named(loaded.world, "right_joint")
+    assert follower.linear.x_middle + follower.linear.limit == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(
+    ("mimic", "found"),
+    [
+        ('<mimic joint="thumb"/>', "'thumb', which is not a joint with one axis"),
+        ('<mimic joint="right_joint"/>', "'right_joint', which mimics it in turn"),
+        ("<mimic/>", "which is not a joint with one axis"),
+        ('<mimic joint="left_joint" multiplier="many"/>', "multiplier='many' of <mimic> is not a finite number"),
+    ],
+)
+def test_an_invalid_mimic_is_reported(file: Path, mimic: str, found: str) -> None:
+    loaded = load_robot(file, gripper_urdf(mimic))
+    assert found in loaded.findings_for("right_joint")
+    assert len(loaded.world.joints) == 2
+
+
+def test_fingers_move_together_and_opening_either_moves_the_master(file: Path) -> None:
+    loaded = load_robot(file, gripper_urdf())
+    with Simulation(loaded.knowledge, MujocoEngine(), shapes=False) as sim:
+        sim.spawn(loaded.world)
+        for name in ("right_joint", "left_joint"):
+            assert sim.joint(name).open(), name
+            positions = [sim.joint(each).position for each in ("left_joint", "right_joint")]
+            assert min(positions) > 0.03
+            assert positions[0] == pytest.approx(positions[1], abs=0.001)
+            assert sim.joint(name).close()
+            assert sim.joint("left_joint").position == pytest.approx(0.0, abs=0.01)
+        snapshot = sim.snapshot()
+    assert [joint.mimic for joint in snapshot.joints] == [joint.mimic for joint in loaded.world.joints]
+
+
+def test_a_follower_moves_its_master_without_physics(file: Path) -> None:
+    loaded = load_robot(file, gripper_urdf('<mimic joint="left_joint" multiplier="0.5"/>'))
+    with Simulation(loaded.knowledge, NullEngine(), shapes=False) as sim:
+        sim.spawn(loaded.world)
+        assert sim.joint("right_joint").move_to(0.02)
+        assert sim.joint("left_joint").position == pytest.approx(0.04)
+        with pytest.raises(InvalidArgumentError, match="out of range"):
+            sim.joint("right_joint").move_to(0.03)
 
 
 BASE = link_urdf("base", box_urdf("1 1 1"))

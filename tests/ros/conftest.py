@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,7 +18,9 @@ from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.ros import RosInterface
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, RawClient
+from tests.conftest import ROOT, missing
 from tests.kitchenette import kitchenette
+from tests.ros.real_rosbridge import PrepareError, RealRosbridge
 from tests.ros.ros_messages import Ask, Call, question_caller
 
 
@@ -23,6 +29,32 @@ def knowledge() -> Iterator[KnowledgeBase]:
     with KnowledgeBase() as knowledge:
         knowledge.load(bundled_kitchen())
         yield knowledge
+
+
+@pytest.fixture(scope="session")
+def real_rosbridge(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealRosbridge]:
+    """A real ROS 1 with rosbridge_suite; one for each process of pytest-xdist, prepared once for all of them."""
+    script = Path(os.environ.get("MINDSTAGE_DATA") or ROOT.parent / "shared" / "data").parent / "rosbridge" / "start.sh"
+    if not script.is_file():
+        missing(f"no rosbridge for tests at {script}; name the folder beside it with MINDSTAGE_DATA")
+    base = tmp_path_factory.getbasetemp()
+    shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "rosbridge"
+    shared.mkdir(exist_ok=True)
+    with (shared / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        try:
+            RealRosbridge(script, shared).prepare()
+        except PrepareError as error:
+            missing(str(error))
+    folder = tmp_path_factory.mktemp("ros1")
+    for name in ("src", "generated"):
+        shutil.copytree(shared / name, folder / name, dirs_exist_ok=True)
+    rosbridge = RealRosbridge(script, folder)
+    try:
+        rosbridge.start()
+        yield rosbridge
+    finally:
+        rosbridge.stop()
 
 
 @pytest.fixture

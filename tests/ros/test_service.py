@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from queue import SimpleQueue
 from typing import Any
 
 import pytest
@@ -160,12 +161,33 @@ def test_a_call_without_a_timeout_has_the_default_timeout(knowledge: KnowledgeBa
         RosbridgeServer(local_node, port=0) as server,
     ):
         client = RawClient(server.url)
-        answer = client.call_service("/unreal/mindstage/log_world")
+        client.send_operation(op="call_service", id="begun", service="/unreal/mindstage/log_world")
+        answer = client.call_service("/unreal/mindstage/clear")
         assert answer["result"] is False
-        assert "did not answer within 0.2 s" in answer["values"]
+        assert "did not begin within 0.2 s" in answer["values"]
         engine.may_log.set()
+        assert client.receive("service_response", id="begun")["result"] is True
         assert client.call_service("/unreal/mindstage/describe", timeout=TIMEOUT_S)["result"] is True
         client.close()
+
+
+def test_the_end_of_a_call_that_takes_too_long_is_reported(knowledge: KnowledgeBase) -> None:
+    engine = SlowEngine()
+    with (
+        Simulation(knowledge, engine, timeout_s=0.1) as simulation,
+        LocalNode() as local_node,
+        RosInterface(simulation, local_node),
+    ):
+        reports: SimpleQueue[Any] = SimpleQueue()
+        local_node.subscribe("/mindstage/diagnostics", reports.put)
+        with pytest.raises(ServiceCallError, match="it has begun: it is not interrupted, and its end is reported"):
+            local_node.call_service("/unreal/mindstage/log_world", {}, timeout_s=TIMEOUT_S)
+        engine.may_log.set()
+        while True:
+            (status,) = reports.get(timeout=TIMEOUT_S)["status"]
+            if "has ended" in status["message"]:
+                break
+        assert "snapshot" in status["name"]
 
 
 def test_spawn_calls_have_a_longer_timeout(ros_interface: RosInterface, local_node: LocalNode) -> None:

@@ -312,6 +312,25 @@ def test_a_failed_load_keeps_the_current_world(
     assert simulation.state.ids == before
 
 
+CENTIMETERS = """
+@prefix : <http://example.org/room.owl#> . @prefix k: <http://knowrob.org/kb/knowrob.owl#> .
+:room a k:SemanticEnvironmentMap .
+:table a k:Table ; k:describedInMap :room ; k:mobility "static" ;
+    k:pose [ a k:Pose ; k:translation "100.0 200.0 40.0" ; k:quaternion "0.0 0.0 0.70710678 0.70710678" ] .
+"""
+
+
+def test_the_uri_of_a_world_gives_the_conventions_of_its_numbers(worlds: Call, simulation: Simulation) -> None:
+    resource = {"uri": "?units=cm&frame=ros&quaternion=xyzw", "resource_string": CENTIMETERS}
+    assert code(worlds("load_world", world_resource=resource)) == OK
+    (table,) = simulation.snapshot().bodies
+    assert table.pose.position == pytest.approx((1.0, 2.0, 0.4))
+    assert table.pose.quaternion == pytest.approx((0.70710678, 0.0, 0.0, 0.70710678))
+    reply = worlds("load_world", world_resource={"uri": "?units=ell", "resource_string": CENTIMETERS})
+    assert code(reply) == 103
+    assert "units, frame, quaternion" in reply["result"]["error_message"]
+
+
 def test_a_loaded_world_is_stopped_and_the_start_of_a_reset(worlds: Call, simulation: Simulation) -> None:
     assert code(worlds("set_simulation_state", state={"state": PLAYING})) == OK
     assert code(worlds("load_world", world_resource={"uri": "cart.urdf"})) == OK

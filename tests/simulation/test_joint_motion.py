@@ -147,4 +147,4 @@ def test_invalid_arguments_are_rejected(sim: Simulation) -> None:
 
 
 def test_the_repr_shows_the_position_and_the_range(sim: Simulation, tmp_path: Path) -> None:
-    assert repr(sim.joint("fridge_door")).endswith("fridge_door_hinge of fridge_door: 0.000 rad in [-0.785, 0.785]>")
+    assert repr(sim.joint("fridge_door")).endswith("fridge_door_hinge of fridge_door: 0.000 rad in [-1.571, 0.000]>")

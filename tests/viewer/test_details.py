@@ -78,7 +78,7 @@ def test_colors_of_materials_are_hexadecimal() -> None:
 def test_joints_have_the_other_body_and_their_limits() -> None:
     (joint,) = details("FridgeDoor").joints
     assert (joint.id, joint.other_body, joint.moving) == ("FridgeHinge", "Fridge", "FridgeDoor")
-    assert [(axis.name, axis.upper) for axis in joint.axes] == [("swing1", pytest.approx(np.pi / 4))]
+    assert [(axis.name, axis.lower) for axis in joint.axes] == [("swing1", pytest.approx(-np.pi / 4))]
 
 
 def test_storage_places_are_passed_on() -> None:

@@ -315,6 +315,25 @@ def test_a_running_simulation_keeps_running_when_a_map_is_loaded(
     assert (physics_simulation.state.playing, physics_simulation.state.speed) == (True, 0.5)
 
 
+CENTIMETERS = """
+@prefix : <http://example.org/room.owl#> . @prefix k: <http://knowrob.org/kb/knowrob.owl#> .
+:room a k:SemanticEnvironmentMap .
+:table a k:Table ; k:describedInMap :room ; k:mobility "static" ;
+    k:pose [ a k:Pose ; k:translation "100.0 200.0 40.0" ; k:quaternion "0.0 0.0 0.70710678 0.70710678" ] .
+"""
+
+
+def test_a_page_gives_the_conventions_of_a_map_that_it_loads(
+    physics_simulation: Simulation, client: PageClient
+) -> None:
+    client.ask(
+        "load", name="room.ttl", text=CENTIMETERS, conventions={"units": "cm", "frame": "ros", "quaternion": "xyzw"}
+    )
+    (table,) = physics_simulation.snapshot().bodies
+    assert table.pose.position == pytest.approx((1.0, 2.0, 0.4))
+    assert table.pose.quaternion == pytest.approx((0.70710678, 0.0, 0.0, 0.70710678))
+
+
 RDF = '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
 
 

@@ -15,6 +15,10 @@ const SLIDE_FRICTION: float = 1.0
 const HINGE_FRICTION: float = 2.0
 ## Factor of the weight that joint friction can hold.
 const WEIGHT_HELD: float = 1.25
+## Share of the error of a coupled joint that is removed in one tick.
+const MIMIC_GAIN: float = 0.3
+## Largest force [N] or torque [Nm] that moves a coupled joint.
+const MIMIC_FORCE: float = 1000.0
 
 ## The joint's frame relative to the nodes of its two groups.
 @export var frame_a: Transform3D
@@ -23,6 +27,11 @@ const WEIGHT_HELD: float = 1.25
 ## limit with stiffness 0 is hard.
 @export var axes: Array[PackedFloat64Array] = []
 @export var collide_connected: bool = false
+## The id of the joint that this one follows, or an empty string.
+@export var mimics: String = ""
+## The position is this factor times that of the followed joint, plus the offset.
+@export var mimic_multiplier: float = 1.0
+@export var mimic_offset: float = 0.0
 
 var group_a: MindstageRigidGroup
 var group_b: MindstageRigidGroup
@@ -89,6 +98,35 @@ func joint_position() -> PackedFloat64Array:
 	var angles: Vector3 = _angles(orientation)
 	var at: Vector3 = relative.origin
 	return [at.x, at.y, at.z, angles.x, angles.y, angles.z]
+
+
+## The first axis that is not locked, or -1.
+func first_axis() -> int:
+	for index: int in axes.size():
+		if axes[index][0] != LOCKED:
+			return index
+	return -1
+
+
+## Drives the motor of the first axis towards the position that the followed joint gives it, for one tick.
+func follow(master: MindstageJoint) -> void:
+	var axis: int = first_axis()
+	if master == null or axis < 0 or master.first_axis() < 0 or not get_rid().is_valid():
+		return
+	var target: float = mimic_multiplier * master.joint_position()[master.first_axis()] + mimic_offset
+	var error: float = target - joint_position()[axis]
+	var velocity: float = MIMIC_GAIN * error / MindstageClock.TICK_S
+	var param: Callable = PhysicsServer3D.generic_6dof_joint_set_param
+	if axis < 3:
+		param.call(get_rid(), axis, PhysicsServer3D.G6DOF_JOINT_LINEAR_MOTOR_TARGET_VELOCITY, velocity)
+		param.call(get_rid(), axis, PhysicsServer3D.G6DOF_JOINT_LINEAR_MOTOR_FORCE_LIMIT, MIMIC_FORCE)
+	else:
+		# Godot's angles are of the first body relative to the second.
+		param.call(get_rid(), axis - 3, PhysicsServer3D.G6DOF_JOINT_ANGULAR_MOTOR_TARGET_VELOCITY, -velocity)
+		param.call(get_rid(), axis - 3, PhysicsServer3D.G6DOF_JOINT_ANGULAR_MOTOR_FORCE_LIMIT, MIMIC_FORCE)
+	for end: MindstageRigidGroup in [group_a, group_b]:
+		if end.is_dynamic() and absf(error) > 1e-5:
+			(end.node as RigidBody3D).sleeping = false
 
 
 ## Applies the spring and damping forces of exceeded soft limits for one tick.

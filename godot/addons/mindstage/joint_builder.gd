@@ -89,13 +89,28 @@ func _new_joint(id: String, frames: Dictionary, parent: MindstageBody, child: Mi
 	joint.group_b = child.group
 	joint.frame_a = parent.transform_in_group() * MindstageFrames.joint_frame(frames.get("of_parent", {}))
 	joint.frame_b = child.transform_in_group() * MindstageFrames.joint_frame(frames.get("of_child", {}))
-	joint.axes = MindstageJoint.axes_of(joint_data)
+	joint.axes = MindstageJoint.axes_of(_simulated_limits(joint_data, frames))
+	var mimic: Variant = joint_data.get("mimic")
+	if mimic is Dictionary:
+		var follows: Dictionary = mimic
+		joint.mimics = follows.get("joint", "")
+		joint.mimic_multiplier = follows.get("multiplier", 1.0)
+		joint.mimic_offset = follows.get("offset", 0.0)
 	joint.collide_connected = joint_data.get("disable_collision") == false
 	joint.transform = child.last_transform * child.transform_in_group().affine_inverse() * joint.frame_b
 	physics_scene.simulation.add_child(joint)
 	joint.set_node_paths()
 	joint.create()
 	return joint
+
+
+## The limits to simulate: those of the physics model where it has some, otherwise those of the world.
+static func _simulated_limits(joint_data: Dictionary, frames: Dictionary) -> Dictionary:
+	var limits: Dictionary = {}
+	for key: String in ["linear", "angular"]:
+		var own: Variant = frames.get(key)
+		limits[key] = own if own is Dictionary else joint_data.get(key, {})
+	return limits
 
 
 func _disconnect_ends(joint: MindstageJoint, id: String) -> void:

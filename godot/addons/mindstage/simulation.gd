@@ -30,6 +30,7 @@ var _forced_bodies: Array[RID] = []
 func _init() -> void:
 	add_child(clock, false, INTERNAL_MODE_BACK)
 	clock.ticking.connect(_apply_soft_limits)
+	clock.ticking.connect(_move_coupled_joints)
 
 
 func _ready() -> void:
@@ -334,6 +335,14 @@ func _remove(ids: Array) -> void:
 			table.append_array(_rows.slice(at, at + MindstageFrames.ROW))
 	physics_scene.remove(removed, world_model.remove(removed_ids))
 	_rows = table
+
+
+## Moves each joint that mimics another one towards the position that its master gives it.
+func _move_coupled_joints() -> void:
+	for id: String in physics_scene.joints:
+		var joint: MindstageJoint = physics_scene.joints[id]
+		if joint.mimics != "":
+			joint.follow(physics_scene.joints.get(joint.mimics))
 
 
 func _apply_soft_limits() -> void:

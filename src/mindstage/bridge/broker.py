@@ -45,7 +45,8 @@ from mindstage.bridge.protocol import (
     Unsubscribe,
     content,
 )
-from mindstage.errors import AdvertiseError, MessageValidationError, ServiceNotFoundError
+from mindstage.errors import AdvertiseError, MessageValidationError, ServiceNotFoundError, TypeNotFoundError
+from mindstage.msgs import Message, decode, message_type
 
 __all__ = [
     "PLAIN_FORMAT",
@@ -110,6 +111,8 @@ class Peer(ABC):
         """Name of the node, such as `/client_3`, as introspection tools show it."""
         self.has_left = False
         """Whether it has disconnected."""
+        self.is_paused = False
+        """Whether no operations are received from it, since too many of its calls are pending."""
         self.level = StatusLevel.ERROR
         """Severity of the status messages that it receives."""
 
@@ -129,6 +132,22 @@ class Peer(ABC):
             reply_format: encoding.
             sender: the peer from which the operation comes.
         """
+
+    def answer(self, call: CallService, caller: Peer) -> ServiceResponse | None:
+        """Answers a call at once, if it can; otherwise returns None, and the call is to be delivered."""
+        return None
+
+    def withdraw(self, call: CallService) -> bool | None:
+        """Withdraws a call that was delivered, unless it has begun.
+
+        Returns:
+            Whether it was withdrawn, and is never carried out; None if the provider is another program.
+        """
+        return None
+
+    def set_paused(self, paused: bool) -> None:
+        """Stops to receive operations, since too many calls are pending, or continues."""
+        self.is_paused = paused
 
     def send_status(self, level: StatusLevel, message: str, id: Id | None = None) -> None:
         """Sends a status message, if its level is high enough."""
@@ -485,10 +504,19 @@ class ThrottledQueue:
 
 class _Call(PendingRequest):
     timer: asyncio.TimerHandle
+    forwarded: CallService
+    """The call as the provider received it."""
+    is_extended = False
+    """Whether the timeout starts anew whenever another call of the caller ends."""
 
 
 class ServiceRouter:
-    """Routes the calls and responses of all services."""
+    """Routes the calls and responses of all services.
+
+    A call of a local service whose time is over is withdrawn, unless it has begun: then it is answered at its end. The
+    timeout of a call without one is extended while other calls of its caller end. A client with too many pending calls
+    of local services is not read from until some of them have ended.
+    """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, limits: BridgeLimits) -> None:
         self.providers: ProviderTable[_Call] = ProviderTable("service", limits)
@@ -496,6 +524,8 @@ class ServiceRouter:
         """Default timeouts of services that take longer than the limits' `call_timeout_s` [s]."""
         self._loop = loop
         self._limits = limits
+        self._last_ends_s: dict[Peer, float] = {}
+        """When the last call of each caller ended [s]."""
 
     def advertise(self, peer: Peer, request: AdvertiseService) -> None:
         """Makes a peer the provider of a service."""
@@ -507,17 +537,22 @@ class ServiceRouter:
 
     def forward_call(self, caller: Peer, call: CallService) -> None:
         """Forwards a call to the provider, or returns an error response."""
-        reply_format = ReplyFormat(call.compression or Compression.NONE, call.fragment_size)
+        reply_format = (
+            PLAIN_FORMAT
+            if call.compression is None and call.fragment_size is None
+            else ReplyFormat(call.compression or Compression.NONE, call.fragment_size)
+        )
         provider = self.providers.find(call.service)
         if provider is None:
             unknown = ServiceNotFoundError(call.service, known=self.providers.names)
             _send_error_response(caller, call.service, call.id, reply_format, str(unknown))
-        elif self.providers.request_count(caller) >= self._limits.calls and not caller.is_local:
-            _send_error_response(
-                caller, call.service, call.id, reply_format, f"you have {self._limits.calls} pending calls already"
-            )
-        else:
+        elif (response := provider.peer.answer(call, caller)) is not None:
+            caller.deliver(MessageEncoder(_checked(response, provider, call)), reply_format)
+        elif self.providers.request_count(caller) < self._limits.calls or provider.peer.is_local or caller.is_local:
             self._forward(caller, call, provider, reply_format)
+        else:
+            text = f"you have {self._limits.calls} pending calls already"
+            _send_error_response(caller, call.service, call.id, reply_format, text)
 
     def forward_response(self, provider: Peer, response: ServiceResponse) -> None:
         """Forwards a response; if the call has ended, the provider receives a warning."""
@@ -525,44 +560,72 @@ class ServiceRouter:
         if call is None or response.id is None:
             return
         self._end(response.id, call)
-        values = content(response.values)
-        if response.result and not bytes(values).startswith((b"{", b"[")):
-            text = f"the response of {call.provider.name} is not an object"
-            provider.send_status(StatusLevel.ERROR, text, response.id)
-            _send_error_response(call.caller, call.name, call.id, call.reply_format, text)
-        elif call.caller is not None:
-            values = _reason(response) or values
-            forwarded = ServiceResponse(id=call.id, service=call.name, values=values, result=response.result)
+        if call.caller is not None:
+            forwarded = _checked(response, call.provider, call)
             call.caller.deliver(MessageEncoder(forwarded), call.reply_format)
 
     def remove_peer(self, peer: Peer) -> None:
-        """Drops the calls of a disconnected peer, and answers the calls to it with an error."""
+        """Withdraws the calls of a disconnected peer, and answers the calls to it with an error."""
         received, sent = self.providers.remove_peer(peer)
         for id, call in sent:
+            call.provider.peer.withdraw(call.forwarded)
             self._end(id, call)
         for id, call in received:
             if call.caller is not peer:
                 self._end(id, call)
                 text = f"the provider of {call.provider.name} disconnected"
                 _send_error_response(call.caller, call.name, call.id, call.reply_format, text)
+        self._last_ends_s.pop(peer, None)
 
     def _forward(self, caller: Peer, call: CallService, provider: Provider, reply_format: ReplyFormat) -> None:
         default_s = self.timeouts_s.get(resolve_name(provider.name), self._limits.call_timeout_s)
         timeout_s = min(default_s if call.timeout is None else call.timeout, self._limits.max_call_timeout_s)
         request = _Call(name=call.service, id=call.id, caller=caller, provider=provider, reply_format=reply_format)
         id = self.providers.add_request(request)
+        request.is_extended = call.timeout is None and provider.peer.is_local
         request.timer = self._loop.call_later(timeout_s, self._time_out, id, request, timeout_s)
-        forwarded = CallService(id=id, service=provider.name, args=content(call.args), timeout=timeout_s)
-        provider.peer.deliver(MessageEncoder(forwarded), sender=caller)
+        request.forwarded = CallService(id=id, service=provider.name, args=content(call.args), timeout=timeout_s)
+        if provider.peer.is_local and self.providers.request_count(caller) >= self._limits.calls:
+            caller.set_paused(True)
+        provider.peer.deliver(MessageEncoder(request.forwarded), sender=caller)
 
     def _time_out(self, id: Id, call: _Call, timeout_s: float) -> None:
+        if call.is_extended and call.caller is not None:
+            last_end_s = self._last_ends_s.get(call.caller, 0.0)
+            remaining_s = last_end_s + timeout_s - self._loop.time()
+            if remaining_s > 0.0:
+                call.timer = self._loop.call_later(remaining_s, self._time_out, id, call, timeout_s)
+                return
+        was_withdrawn = call.provider.peer.withdraw(call.forwarded)
+        if was_withdrawn is False:
+            return  # it is answered at its end
         self._end(id, call)
         text = f"{call.provider.name} did not answer within {timeout_s:g} s"
+        if was_withdrawn:
+            text = f"{call.provider.name} did not begin within {timeout_s:g} s; it was withdrawn"
         _send_error_response(call.caller, call.name, call.id, call.reply_format, text)
 
     def _end(self, id: Id, call: _Call) -> None:
         call.timer.cancel()
         self.providers.pop_request(id)
+        caller = call.caller
+        if caller is None or caller.has_left:
+            return
+        self._last_ends_s[caller] = self._loop.time()
+        if caller.is_paused and self.providers.request_count(caller) <= self._limits.calls // 2:
+            caller.set_paused(False)
+
+
+def _checked(response: ServiceResponse, provider: Provider, call: CallService | _Call) -> ServiceResponse:
+    """Returns the response as the caller receives it; if it is not an object, the provider receives a status."""
+    values = content(response.values)
+    name = call.service if isinstance(call, CallService) else call.name
+    if not response.result or bytes(memoryview(values)[:1]) in (b"{", b"["):
+        values = _reason(response) or values
+        return ServiceResponse(id=call.id, service=name, values=values, result=response.result)
+    text = f"the response of {provider.name} is not an object"
+    provider.peer.send_status(StatusLevel.ERROR, text, response.id)
+    return ServiceResponse(id=call.id, service=name, values=msgspec.Raw(msgspec.json.encode(text)), result=False)
 
 
 def _send_error_response(
@@ -593,6 +656,23 @@ class Topic:
         """Publishers, each with whether its last message is latched."""
         self.latched: dict[Peer, Publish] = {}
         self.queues: dict[Peer, ThrottledQueue] = {}
+        self._checked_type = ""
+        self._message_class: type[Message] | None = None
+
+    def check(self, message: msgspec.Raw) -> None:
+        """Checks a message against the type of the topic, if that is a type that Mindstage has.
+
+        Raises:
+            MessageValidationError: it has a wrong type, a number out of range or an unknown field.
+        """
+        if self.type != self._checked_type:
+            self._checked_type = self.type
+            try:
+                self._message_class = message_type(self.type)
+            except TypeNotFoundError:
+                self._message_class = None
+        if self._message_class is not None:
+            decode(self._message_class, msgspec.json.decode(message))
 
 
 class TopicRouter:
@@ -645,13 +725,15 @@ class TopicRouter:
         """Sends a message to all subscribers.
 
         Raises:
-            MessageValidationError: the topic was not advertised.
+            MessageValidationError: the topic was not advertised, or the message of a client is not of its type.
         """
         topic = self._topics.get(resolve_name(message.topic))
         if topic is None or not (topic.type or topic.publishers):
             raise MessageValidationError(
                 "publish", path="topic", cause=f"{message.topic} is not advertised", remedy="advertise it first"
             )
+        if not peer.is_local:
+            topic.check(message.msg)
         if message.latch or topic.publishers.get(peer):
             topic.publishers.setdefault(peer, True)
             topic.latched[peer] = message

@@ -17,7 +17,7 @@ import random
 import re
 import secrets
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from enum import StrEnum
@@ -137,7 +137,7 @@ class RosbridgeClient(Node):
                 [s].
             on_state: called with every change of `state`, on the bridge's thread; must not block.
             on_status: called with status messages of the server, likewise; by default, they are logged.
-            on_refusal: called with each operation that the server refuses, likewise; see `refusals`.
+            on_refusal: called with each operation that the server refuses, likewise; by default, a warning is logged.
 
         Raises:
             ConnectionLostError: the URL is invalid.
@@ -152,12 +152,15 @@ class RosbridgeClient(Node):
         self._max_reconnect_delay_s = max_reconnect_delay_s
         self._on_state = on_state
         self._status_callback = on_status
+        self._refusal_callback = on_refusal
         self._refusal_listeners = [] if on_refusal is None else [on_refusal]
         self._refusals: dict[tuple[str, str], Refusal] = {}
         self._session = secrets.token_hex(4)
         """A part of the ids, since the log of the server also has the ids of its other clients."""
         self._answered_again: set[Id] = set()
         self._log_opened: asyncio.Event | None = None
+        self.is_rosbridge_suite = False
+        """Whether the server is rosbridge_suite's, which needs ROS and its types; known once it is connected."""
         self._connection: Connection | None = None
         self._first_attempt_done = threading.Event()
         self._cause: BridgeError = ConnectionLostError(url, cause="not connected yet")
@@ -276,7 +279,10 @@ class RosbridgeClient(Node):
         self._answered_again.clear()
         running = asyncio.ensure_future(connection.run())
         try:
-            await self._open_log(connection, running, server=socket.response.headers if socket.response else {})
+            server = socket.response.headers.get("Server", "") if socket.response else ""
+            self.is_rosbridge_suite = server.startswith(_LOGGING_SERVERS)
+            if self.is_rosbridge_suite:
+                await self._open_log(connection, running)
             self._connection = connection
             for operation in self._advertise_operations():
                 connection.send(MessageEncoder(self._prepared(operation)))
@@ -293,16 +299,12 @@ class RosbridgeClient(Node):
             self._pending_calls.fail_all(self._cause)
             self._dispatcher.cancel_all()
 
-    async def _open_log(
-        self, connection: Connection, running: asyncio.Future[None], *, server: Mapping[str, str]
-    ) -> None:
-        """Subscribes to the log of a rosbridge of ROS, and waits until it is received or the time is over.
+    async def _open_log(self, connection: Connection, running: asyncio.Future[None]) -> None:
+        """Subscribes to the log of the server, and waits until it is received or the time is over.
 
         What the server logs before its own subscription exists is lost. Each request is logged itself ("Subscribed to
         /rosout"), so it is repeated until the first log message arrives.
         """
-        if not server.get("Server", "").startswith(_LOGGING_SERVERS):
-            return
         self._log_opened = opened = asyncio.Event()
         request = Subscribe(id=f"subscribe:{_LOG_TOPIC}:{self._session}", topic=_LOG_TOPIC)
         waiting = asyncio.ensure_future(opened.wait())
@@ -406,7 +408,8 @@ class RosbridgeClient(Node):
         if key in self._refusals or len(self._refusals) >= _MAX_REFUSALS:
             return
         self._refusals[key] = refusal
-        _log.warning("%s refused an operation: %s", self.url, refusal)
+        level = logging.WARNING if self._refusal_callback is None else logging.INFO
+        _log.log(level, "%s refused an operation: %s", self.url, refusal)
         for listener in tuple(self._refusal_listeners):
             self._notify(listener, refusal)
 

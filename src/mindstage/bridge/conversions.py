@@ -42,6 +42,7 @@ from mindstage.msgs import geometry_msgs, mindstage_msgs, std_msgs, world_contro
 from mindstage.msgs.base import to_python_number, validation_error_details
 from mindstage.scene import (
     IDENTITY,
+    AngularLimits,
     AttachedLight,
     BodyGeometry,
     BodyId,
@@ -51,6 +52,7 @@ from mindstage.scene import (
     GeometryMap,
     GeometrySource,
     Iri,
+    LinearLimits,
     Mobility,
     PbrMaterial,
     Pose,
@@ -364,6 +366,9 @@ class JointModelDelta(FrozenStruct, frozen=True, kw_only=True):
     child: BodyId
     of_parent: Pose = IDENTITY
     of_child: Pose = IDENTITY
+    linear: LinearLimits | None = None
+    """Limits to simulate instead of those of the world; None for the latter."""
+    angular: AngularLimits | None = None
 
 
 class PhysicsModelDelta(FrozenStruct, frozen=True, kw_only=True):

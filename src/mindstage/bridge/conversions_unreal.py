@@ -356,6 +356,8 @@ def untranslatable_joint_fields(joint: Joint) -> Iterator[ConversionNote]:
         yield ConversionNote("facts", (joint.id,), "the message has no field for facts")
     if joint.tags:
         yield ConversionNote("tags", (joint.id,), "the message has no field for tags")
+    if joint.mimic is not None:
+        yield ConversionNote("mimic", (joint.id,), "it moves independently")
     if joint.disable_collision is None:
         yield ConversionNote("disable_collision", (joint.id,), "a missing value is sent as true")
     if _shifted_axes(joint.linear, LINEAR_AXES) or _shifted_axes(joint.angular, ANGULAR_AXES):

@@ -13,6 +13,7 @@ from __future__ import annotations
 import base64
 import binascii
 import io
+import json
 import re
 import struct
 from array import array
@@ -26,7 +27,7 @@ import msgspec
 
 from mindstage.errors import MessageValidationError
 
-__all__ = ["json_depth", "read_cbor", "read_png", "write_cbor", "write_png"]
+__all__ = ["json_depth", "json_id", "read_cbor", "read_png", "write_cbor", "write_png"]
 
 
 _STRING = re.compile(rb'"[^"\\]*(?:\\.[^"\\]*)*"', re.DOTALL)
@@ -126,15 +127,39 @@ def read_cbor(data: bytes, *, depth: int) -> bytes:
         depth: largest nesting depth.
 
     Raises:
-        MessageValidationError: it is not CBOR, it nests deeper, or it has values that JSON cannot represent.
+        MessageValidationError: it is not CBOR, it nests deeper, or it has values that JSON cannot represent. `id` is
+            that of the message, if only such values prevent its decoding.
     """
     try:
         value = cbor2.loads(data, max_depth=depth, semantic_decoders=_DECODERS, tag_hook=_reject_tag)
         return msgspec.json.encode(value)
     except (cbor2.CBORDecodeError, ValueError, TypeError, OverflowError, RecursionError, MemoryError) as error:
         raise MessageValidationError(
-            "binary frame", cause=f"it is not CBOR, or JSON cannot represent it ({error})"
+            "binary frame", cause=f"it is not CBOR, or JSON cannot represent it ({error})", id=_cbor_id(data, depth)
         ) from None
+
+
+def _cbor_id(data: bytes, depth: int) -> str | int | None:
+    """Returns the id of a message that has tags without a representation in JSON; None if it has no id."""
+    try:
+        value = cbor2.loads(data, max_depth=depth, semantic_decoders=_IGNORING_DECODERS, tag_hook=_ignore)
+    except (cbor2.CBORDecodeError, ValueError, TypeError, OverflowError, RecursionError, MemoryError):
+        return None
+    return _message_id(value)
+
+
+def json_id(text: str) -> str | int | None:
+    """Returns the id of a message in text that is JSON but for NaN and Infinity; None if it has none."""
+    try:
+        return _message_id(json.loads(text))
+    except (ValueError, RecursionError):
+        return None
+
+
+def _message_id(message: object) -> str | int | None:
+    """Returns the id of a decoded message; None if it has no valid one."""
+    id = message.get("id") if isinstance(message, dict) else None
+    return id if isinstance(id, str | int) and not isinstance(id, bool) else None
 
 
 def _encode_arrays(value: object) -> object:
@@ -178,6 +203,10 @@ def _reject_tag(*_: object) -> object:
     return _reject()
 
 
+def _ignore(*_: object) -> object:
+    return None
+
+
 _DECODERS: Mapping[int, Callable[..., Any]] = {
     **dict.fromkeys(_BUILTIN_TAGS, _reject),
     **{tag: _typed_array_decoder(kind) for tag, kind in _TYPED_ARRAY_TAGS.items()},
@@ -185,3 +214,6 @@ _DECODERS: Mapping[int, Callable[..., Any]] = {
     68: _decode_byte_array,
     _SELF_DESCRIBED_TAG: lambda value, *_: value,
 }
+_IGNORING_DECODERS: Mapping[int, Callable[..., Any]] = dict.fromkeys(
+    (*_BUILTIN_TAGS, *_TYPED_ARRAY_TAGS, 64, 68), _ignore
+) | {_SELF_DESCRIBED_TAG: _DECODERS[_SELF_DESCRIBED_TAG]}

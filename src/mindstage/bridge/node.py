@@ -358,9 +358,17 @@ class HandlerDispatcher:
         self._loop = loop
         self._executor = executor
         self._send = send
+        self._queued: set[tuple[str, Id | None]] = set()
+        """Services and ids of the calls that have not begun."""
         self._goals: dict[Id, ServerGoalHandle] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._next_id = count(1)
+
+    def answer(self, name: str, call: CallService, caller: Hashable) -> ServiceResponse | None:
+        """Calls the handler of a quick service now and returns its response; None if it has to wait, or is another."""
+        if name not in self.quick or self._executor.is_busy(caller):
+            return None
+        return _response(self.services[name], call)
 
     def call(self, name: str, call: CallService, caller: Hashable) -> None:
         """Calls the handler of a service and sends the response."""
@@ -369,10 +377,19 @@ class HandlerDispatcher:
             self._send(_call_error_response(call, ServiceNotFoundError(call.service)))
         elif iscoroutinefunction(handler):
             self.start_task(self._handle_call_async(handler, call))
-        elif name in self.quick and not self._executor.is_busy(caller):
-            self._handle_call(handler, call)
+        elif (response := self.answer(name, call, caller)) is not None:
+            self._send(response)
         else:
-            self._executor.submit(caller, lambda: self._handle_call(handler, call))
+            self._queued.add((call.service, call.id))
+            self._executor.submit(caller, partial(self._handle_call, handler, call))
+
+    def withdraw(self, call: CallService) -> bool:
+        """Withdraws a call; returns False if it has begun."""
+        try:
+            self._queued.remove((call.service, call.id))  # atomic, as in `_handle_call`
+        except KeyError:
+            return False
+        return True
 
     def start_goal(self, name: str, request: SendActionGoal) -> None:
         """Starts the handler of an action; goals run concurrently."""
@@ -413,11 +430,10 @@ class HandlerDispatcher:
 
     def _handle_call(self, handler: ServiceHandler, call: CallService) -> None:
         try:
-            values = _encode_values(handler(_decode_values(call.args)))
-            response = ServiceResponse(id=call.id, service=call.service, values=values, result=True)
-        except Exception as error:
-            response = _call_error_response(call, error)
-        self._loop.call_soon(self._send, response)
+            self._queued.remove((call.service, call.id))
+        except KeyError:
+            return  # it was withdrawn
+        self._loop.call_soon(self._send, _response(handler, call))
 
     async def _handle_call_async(self, handler: ServiceHandler, call: CallService) -> None:
         try:
@@ -468,6 +484,15 @@ async def _await_if_needed(result: object) -> object:
 
 def _encode_values(values: object) -> msgspec.Raw:
     return msgspec.Raw(b"{}" if values is None else msgspec.json.encode(values))
+
+
+def _response(handler: ServiceHandler, call: CallService) -> ServiceResponse:
+    """Calls a handler that is a plain function."""
+    try:
+        values = _encode_values(handler(_decode_values(call.args)))
+        return ServiceResponse(id=call.id, service=call.service, values=values, result=True)
+    except Exception as error:
+        return _call_error_response(call, error)
 
 
 def _error_reply(name: str, error: Exception) -> str:
@@ -901,6 +926,12 @@ class _LocalPeer(Peer):
         self, outgoing: MessageEncoder, reply_format: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
     ) -> None:
         self._node._receive(outgoing.operation, sender)
+
+    def answer(self, call: CallService, caller: Peer) -> ServiceResponse | None:
+        return self._node._dispatcher.answer(resolve_name(call.service), call, caller)
+
+    def withdraw(self, call: CallService) -> bool:
+        return self._node._dispatcher.withdraw(call)
 
 
 class LocalNode(Node):

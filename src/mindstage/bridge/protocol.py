@@ -21,7 +21,7 @@ from typing import Annotated
 import msgspec
 from msgspec import UNSET, Meta, Raw, Struct, UnsetType
 
-from mindstage.bridge.encodings import json_depth, read_cbor, read_png, write_cbor, write_png
+from mindstage.bridge.encodings import json_depth, json_id, read_cbor, read_png, write_cbor, write_png
 from mindstage.errors import MessageValidationError
 
 __all__ = [
@@ -538,7 +538,9 @@ class MessageDecoder:
         except msgspec.ValidationError as error:
             raise _decode_error(text, error) from None
         except (msgspec.DecodeError, UnicodeEncodeError, RecursionError) as error:
-            raise MessageValidationError("message", cause=str(error)) from None
+            id = json_id(text)
+            remedy = "" if id is None else "JSON has no NaN and no Infinity; send null"
+            raise MessageValidationError("message", cause=str(error), remedy=remedy, id=id) from None
 
     def _unwrap(self, text: str, now_s: float, allowed: tuple[type[Fragment | Png], ...]) -> Operation | None:
         """Returns the operation itself; a PNG may be fragmented, other nesting of wrappers is an error."""
@@ -568,12 +570,18 @@ class MessageDecoder:
 class MessageEncoder:
     """An operation to be sent; each of its encodings is computed when it is first needed, and cached."""
 
-    __slots__ = ("_frames", "_text", "operation")
+    __slots__ = ("_data", "_frames", "operation")
 
     def __init__(self, operation: Operation) -> None:
         self.operation = operation
-        self._text = ""
+        self._data = b""
         self._frames: dict[tuple[Compression, int | None], tuple[Frame, ...]] = {}
+
+    @property
+    def data(self) -> bytes:
+        """The operation as JSON in UTF-8."""
+        self._data = self._data or _encoder.encode(self.operation)
+        return self._data
 
     def frames(
         self,
@@ -595,7 +603,7 @@ class MessageEncoder:
         return self._frames[key]
 
     def _encode(self, compression: Compression, fragment_size: int | None, max_fragments: int) -> tuple[Frame, ...]:
-        text = self._text = self._text or _encoder.encode(self.operation).decode()
+        text = self.data.decode()
         if compression is Compression.CBOR:
             return (write_cbor(text),)
         if compression is Compression.PNG:

@@ -27,6 +27,7 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
+from websockets.protocol import State
 
 from mindstage.bridge.broker import PLAIN_FORMAT, Peer, ReplyFormat
 from mindstage.bridge.node import LocalNode
@@ -163,6 +164,11 @@ class Connection:
         self._has_output = asyncio.Event()
         self._flushed = asyncio.Event()
         self._closing: asyncio.Task[None] | None = None
+        self._may_read = asyncio.Event()
+        self._may_read.set()
+        self._was_paused = False
+        """Whether reading was paused since the last check."""
+        self._ping_timeout_s = socket.ping_timeout
         self.close_reason = ""
         """Why the connection ended; empty while it is open."""
 
@@ -176,13 +182,17 @@ class Connection:
         writer = asyncio.create_task(self._write())
         watch = asyncio.create_task(self._expire_fragments())
         loop = asyncio.get_running_loop()
-        slice_end_s = 0.0
+        handling_s = 0.0
         try:
             async for frame in self._socket:  # does not yield while frames are buffered
-                self._handle_frame(frame)
-                if loop.time() > slice_end_s:
+                start_s = loop.time()
+                self._handle_frame(frame, start_s)
+                handling_s += loop.time() - start_s
+                if not self._may_read.is_set():
+                    await self._wait_until_readable()
+                if handling_s > _MAX_READ_SLICE_S:
                     await asyncio.sleep(0)
-                    slice_end_s = loop.time() + _MAX_READ_SLICE_S
+                    handling_s = 0.0
         except ConnectionClosed as error:
             self._set_close_reason(_reason(error))
         finally:
@@ -195,8 +205,12 @@ class Connection:
         self._set_close_reason(_close_message(self._socket.close_code, self._socket.close_reason))
 
     def send(self, outgoing: MessageEncoder, reply_format: ReplyFormat = PLAIN_FORMAT) -> None:
-        """Queues an operation, without waiting."""
+        """Writes an operation, or queues it if the peer does not read fast enough; does not wait."""
         if self._closing is not None:
+            return
+        if reply_format is PLAIN_FORMAT and self._can_write():
+            self._socket.protocol.send_text(outgoing.data)
+            self._socket.send_data()
             return
         for frame in outgoing.frames(
             reply_format.compression, reply_format.fragment_size, max_fragments=self._limits.fragments
@@ -207,6 +221,15 @@ class Connection:
         self._has_output.set()
         if len(self._outbox) > self._limits.waiting_messages or self._outbox_bytes > self._limits.waiting_bytes:
             self._abort_slow_reader()
+
+    def set_paused(self, paused: bool) -> None:
+        """Stops to receive, or continues; the peer is held up when its messages fill the buffers on the way."""
+        if not paused:
+            self._may_read.set()
+        elif self._may_read.is_set():
+            self._may_read.clear()
+            self._was_paused = True
+            self._socket.ping_timeout = None  # the reply to a ping waits behind the messages that are not read
 
     def close(self, reason: str, code: int = CloseCode.NORMAL_CLOSURE) -> None:
         """Starts to close the connection with a reason; returns at once."""
@@ -221,12 +244,12 @@ class Connection:
             self._closing = asyncio.get_running_loop().create_task(asyncio.sleep(0))
         self._socket.transport.abort()
 
-    def _handle_frame(self, frame: Frame) -> None:
+    def _handle_frame(self, frame: Frame, now_s: float) -> None:
         if self._closing is not None:
             return
         operation = None
         try:
-            operation = self._decoder.decode(frame, asyncio.get_running_loop().time())
+            operation = self._decoder.decode(frame, now_s)
             if operation is not None:
                 self._receive(operation)
         except BridgeError as error:
@@ -235,6 +258,15 @@ class Connection:
         except Exception as error:  # an unexpected error must not end the connection
             _log.exception("a message of %s could not be handled", self._peer_name())
             self._send_error(f"internal error: {type(error).__name__}", operation.id if operation else None)
+
+    def _can_write(self) -> bool:
+        """Whether everything before is written, so that a message need not be queued."""
+        return (
+            not self._outbox
+            and self._flushed.is_set()
+            and self._socket.protocol.state is State.OPEN
+            and not self._socket.transport.get_write_buffer_size()
+        )
 
     async def _write(self) -> None:
         try:
@@ -254,6 +286,18 @@ class Connection:
             await asyncio.sleep(self._limits.fragment_timeout_s / 2)
             for id in self._decoder.expire(asyncio.get_running_loop().time()):
                 self._send_error(f"the other fragments of {id!r} did not arrive in time", id)
+            if not self._was_paused:
+                self._socket.ping_timeout = self._ping_timeout_s
+            self._was_paused = not self._may_read.is_set()
+
+    async def _wait_until_readable(self) -> None:
+        """Waits until reading continues, or the connection is lost."""
+        waits = [asyncio.ensure_future(each) for each in (self._may_read.wait(), self._socket.wait_closed())]
+        try:
+            await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for each in waits:
+                each.cancel()
 
     async def _close(self, code: int, reason: str) -> None:
         try:
@@ -321,6 +365,10 @@ class _ServerPeer(Peer):
         self, outgoing: MessageEncoder, reply_format: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
     ) -> None:
         self.connection.send(outgoing, reply_format)
+
+    def set_paused(self, paused: bool) -> None:
+        super().set_paused(paused)
+        self.connection.set_paused(paused)
 
     def _receive(self, operation: Operation) -> None:
         if isinstance(operation, Auth):

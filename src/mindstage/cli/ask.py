@@ -33,6 +33,7 @@ from mindstage.cli.options import (
 from mindstage.cli.output import (
     Cell,
     assumptions_json,
+    class_lookup,
     findings_json,
     fits_table,
     print_failures,
@@ -214,7 +215,7 @@ def sparql(
         output = {"columns": table.columns, "rows": solutions, "truth": table.boolean}
         print_json(output | {"findings": findings_json(findings)})
     else:
-        print_findings(findings)
+        print_findings(findings, classes=class_lookup(knowledge))
         if table.boolean is not None:
             print_line("yes" if table.boolean else "no")
         else:
@@ -285,7 +286,7 @@ def tell(
         statement = {"subject": subject, "property": property, "value": value}
         print_json({"done": done, "statement": statement, "where": target_name, "findings": findings_json(findings)})
     else:
-        print_findings(findings)
+        print_findings(findings, classes=class_lookup(knowledge))
         print_line(_result_text(f"{subject} {property} {value}", target_name, retract=retract, done=done))
     return ExitCode.OK if done or not retract else ExitCode.NEGATIVE
 
@@ -411,7 +412,7 @@ def _print_result(
         output = answers_to_builtins(knowledge, answers, explain=why) | fields
         print_json(output | {"assumptions": assumptions_json(knowledge), "findings": findings_json(findings)})
     else:
-        print_findings(findings)
+        print_findings(findings, classes=class_lookup(knowledge))
         _print_answers(knowledge, answers, why=why)
 
 

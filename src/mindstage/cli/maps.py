@@ -25,6 +25,7 @@ from mindstage.cli.options import (
 )
 from mindstage.cli.output import (
     assumptions_json,
+    class_lookup,
     diff_json,
     findings_json,
     import_summary,
@@ -55,6 +56,7 @@ def analyze(
     *,
     map_name: MapName = None,
     reading: MapReading = DEFAULT_READING,
+    verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Count the classes, individuals, objects, constraints and relations of maps."""
@@ -75,7 +77,7 @@ def analyze(
         ]
         print_json(output[0] if len(output) == 1 else output)
     else:
-        print_findings(findings)
+        print_findings(findings, all=verbose, classes=class_lookup(knowledge))
         rows = [(analysis.map, *(getattr(analysis, count) for count in _COUNT_NAMES)) for analysis in analyses]
         print_table("", ("map", *_COUNT_NAMES), rows)
     return ExitCode.OK
@@ -107,7 +109,8 @@ def compare(
         assumptions = {"a": assumptions_json(knowledge_a, world_a), "b": assumptions_json(knowledge_b, world_b)}
         print_json(diff_json(found, delta) | {"assumptions": assumptions, "findings": findings})
     else:
-        print_findings((*knowledge_a.findings(), *knowledge_b.findings()))
+        print_findings(knowledge_a.findings(), classes=class_lookup(knowledge_a))
+        print_findings(knowledge_b.findings(), classes=class_lookup(knowledge_b))
         print_diff(found, delta, about=world_a)
     return ExitCode.OK if found.identical(delta) else ExitCode.NEGATIVE
 
@@ -135,7 +138,7 @@ def validate(
         counts = {"error": severities["error"], "warning": severities["warning"]}
         print_json({"clean": not findings, "counts": counts, "maps": read, "findings": findings_json(findings)})
     else:
-        print_findings(findings, all=verbose)
+        print_findings(findings, all=verbose, classes=class_lookup(knowledge))
         for world in worlds:
             print_table(world.name, ("", "count"), list(_counts(world).items()))
             print_import_summary(world, knowledge, verbose=True)
@@ -195,6 +198,7 @@ def convert(
     strict: Strict = False,
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
+    verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Convert a map to another dialect, without loss, or to another format, with notes on what it cannot express."""
@@ -202,7 +206,7 @@ def convert(
     with progress_spinner("converting"):
         knowledge = knowledge_base([source], reading)
         world = knowledge.world(map_name)
-        findings = findings_about(world, knowledge, strict=strict)
+        findings = findings_about(world, knowledge, strict=strict, assets=assets)
         notes = save_world(
             world,
             out,
@@ -219,10 +223,10 @@ def convert(
         output |= {"format": kind.value, "dialect": dialect_written, "notes": list(notes)}
         print_json(output | {"findings": findings_json(findings)} | import_summary(world, knowledge))
         return ExitCode.OK
-    print_findings(findings)
+    print_findings(findings, all=verbose, classes=class_lookup(knowledge))
     for note in notes:
         warn(note)
-    print_import_summary(world, knowledge)
+    print_import_summary(world, knowledge, verbose=verbose)
     _print_conversion(world, out, kind.value if dialect_written is None else f"{kind.value}, {dialect_written}")
     return ExitCode.OK
 

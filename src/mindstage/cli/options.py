@@ -422,4 +422,4 @@ Closure = Annotated[
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="List each assumption instead of counts.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="List each finding and assumption instead of counts.")]

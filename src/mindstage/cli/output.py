@@ -6,8 +6,9 @@ import re
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from itertools import chain, repeat
 from typing import TYPE_CHECKING
 
@@ -16,19 +17,22 @@ if TYPE_CHECKING:
 
     from mindstage.engines import SpawnNote, SpawnReport
     from mindstage.knowledge import Assumption, Finding, KnowledgeBase
+    from mindstage.knowledge.rdf import FindingGroup
     from mindstage.scene import Statement, World, WorldDiff
     from mindstage.simulation import Simulation
 
 __all__ = [
     "Cell",
+    "Shortcoming",
     "Timings",
     "assumptions_json",
+    "class_lookup",
     "console",
     "diff_json",
+    "difference_summary",
     "findings_json",
     "fits_table",
     "import_summary",
-    "is_complete",
     "losses_json",
     "notes_json",
     "one_line",
@@ -40,11 +44,14 @@ __all__ = [
     "print_line",
     "print_losses",
     "print_notes",
+    "print_reasons",
     "print_records",
     "print_report",
     "print_table",
     "progress_spinner",
+    "reasons_json",
     "report_json",
+    "shortcomings",
     "step_with_progress",
     "warn",
 ]
@@ -167,21 +174,69 @@ def print_records(columns: Sequence[str], rows: Iterable[Sequence[Cell | Sequenc
                 terminal.print(Text.assemble((first.ljust(indent), "bold"), line), soft_wrap=True)
 
 
-def print_findings(findings: Sequence[Finding], *, all: bool = False) -> None:
-    """Prints findings on stderr, errors first, up to a limit unless `all`."""
-    count = len(findings) if all else _MAX_FINDINGS
-    ordered = sorted(findings, key=lambda finding: finding.severity.value)  # "error" comes before "warning"
-    for finding in ordered[:count]:
-        warn(str(finding))
-    if len(findings) > count:
-        warn(f"… and {len(findings) - count} more; --json shows all")
+_MIN_GROUP = 3
+"""Like findings are printed as one line from this number on."""
+_MAX_CLASSES = 4
+"""Limit of the classes that the line of a group names."""
+
+
+def print_findings(
+    findings: Sequence[Finding], *, all: bool = False, classes: Callable[[str], str | None] | None = None
+) -> None:
+    """Prints findings on stderr, errors first; like findings are one line, up to a limit of lines.
+
+    Args:
+        findings: the findings.
+        all: whether to print each finding, without a limit.
+        classes: returns the name of an individual's class, or None.
+    """
+    from mindstage.knowledge.rdf import group_findings
+
+    lines: list[tuple[str, int]] = []
+    for group in group_findings(findings):
+        if all or len(group.findings) < _MIN_GROUP:
+            lines += ((str(finding), 1) for finding in group.findings)
+        else:
+            lines.append((_group_text(group, classes), len(group.findings)))
+    shown = lines if all else lines[:_MAX_FINDINGS]
+    for text, _ in shown:
+        warn(text)
+    if left := sum(count for _, count in lines[len(shown) :]):
+        warn(f"… and {left} more; --json shows all")
+    if not all and any(count > 1 for _, count in shown):
+        warn("mindstage validate --verbose lists each finding")
+
+
+def _group_text(group: FindingGroup, classes: Callable[[str], str | None] | None) -> str:
+    """One line for like findings: their number, the classes of the individuals, and the first of them."""
+    first = group.findings[0]
+    about = f"{_local_name(first.property)}: " if first.property else ""
+    individuals = dict.fromkeys(finding.individual for finding in group.findings)
+    named = Counter(name for each in individuals if (name := classes and classes(each)))
+    listed = [f"{count} {name}" for name, count in named.most_common(_MAX_CLASSES)]
+    if (others := len(individuals) - sum(count for _, count in named.most_common(_MAX_CLASSES))) and named:
+        listed.append(f"{others} other{'s' if others > 1 else ''}")
+    of = f" ({', '.join(listed)})" if listed else ""
+    what = f"{len(group.findings)} like this{of}, the first about {_local_name(first.individual)}"
+    return f"{first.severity.value}: {about}{what}: {first.problem}; {first.action}"
+
+
+def class_lookup(knowledge: KnowledgeBase) -> Callable[[str], str | None]:
+    """Returns a function from the IRI of an individual to the local name of its class, or None."""
+
+    def find(individual: str) -> str | None:
+        return next((_local_name(cls) for cls in knowledge.stated_classes(individual)), None)
+
+    return find
 
 
 def findings_json(findings: Iterable[Finding]) -> list[dict[str, object]]:
-    """The findings as JSON objects."""
+    """The findings as JSON objects; like findings have the same `group`."""
     import msgspec
 
-    return [msgspec.to_builtins(finding) for finding in findings]
+    from mindstage.knowledge.rdf import group_name
+
+    return [msgspec.to_builtins(finding) | {"group": group_name(finding)} for finding in findings]
 
 
 def _cell_text(cell: Cell) -> str:
@@ -259,11 +314,49 @@ def _print_assumptions(assumptions: Iterable[Assumption]) -> None:
         print_table("Conventions of the map", ("topic", "value", "source", "evidence"), rows)
 
 
-def is_complete(report: SpawnReport, findings: Iterable[Finding]) -> bool:
-    """Whether everything that the map describes was read and spawned."""
+@dataclass(frozen=True, slots=True)
+class Shortcoming:
+    """A reason for which a verb exits with 1, as in the field `reasons` of JSON."""
+
+    kind: str
+    """findings, not_spawned, moved, different, lost or unplaced."""
+    count: int
+    text: str
+
+
+def shortcomings(report: SpawnReport, findings: Iterable[Finding]) -> list[Shortcoming]:
+    """Why a world is incomplete: what was not read, was not spawned, or did not stay; empty if it is complete."""
     from mindstage.knowledge import Severity
 
-    return report.ok and not any(finding.severity is Severity.ERROR for finding in findings)
+    found: list[Shortcoming] = []
+    errors = [finding for finding in findings if finding.severity is Severity.ERROR]
+    if errors:
+        first = f"{_local_name(errors[0].individual)}: {errors[0].problem}; {errors[0].action}"
+        found.append(Shortcoming("findings", len(errors), f"{_counted(errors, 'finding')} of severity error ({first})"))
+    failed = [*report.failed_bodies, *report.failed_joints, *report.failed_attachments]
+    if failed:
+        text = f"{_counted(failed, 'entity', 'entities')} not spawned ({failed[0].id}: {failed[0].reason})"
+        found.append(Shortcoming("not_spawned", len(failed), text))
+    if report.moved:
+        farthest = f"{report.moved[0].id} by {report.moved[0].distance_m:.3g} m"
+        text = f"{_counted(report.moved, 'body', 'bodies')} moved within {report.rest_checked_s:g} s ({farthest})"
+        found.append(Shortcoming("moved", len(report.moved), text))
+    return found
+
+
+def reasons_json(reasons: Iterable[Shortcoming]) -> list[dict[str, object]]:
+    """The reasons of a verb's exit code as JSON objects."""
+    return [asdict(reason) for reason in reasons]
+
+
+def print_reasons(reasons: Sequence[Shortcoming], *, start: str = "Incomplete") -> None:
+    """Prints the reasons of a verb's exit code as its last line, if there are any."""
+    if reasons:
+        print_line(f"{start}: {'; '.join(reason.text for reason in reasons)}.")
+
+
+def _counted(items: Sequence[object], noun: str, plural: str = "") -> str:
+    return f"{len(items):,} {noun if len(items) == 1 else plural or f'{noun}s'}"
 
 
 def report_json(report: SpawnReport) -> dict[str, object]:
@@ -363,17 +456,16 @@ def print_losses(lost: Sequence[Statement]) -> None:
     """Prints the lost statements of a map as a table."""
     rows = [(_local_name(each.id), _value_text(_short_statement(str(each)))) for each in lost]
     _print_truncated_table("Lost statements of the map", ("subject", "statement"), rows)
-    if lost:
-        print_line(f"{len(lost)} statements of the map are lost.")
 
 
-def print_diff(diff: WorldDiff, delta: float, *, about: World) -> None:
+def print_diff(diff: WorldDiff, delta: float, *, about: World, summary: bool = True) -> None:
     """Prints the difference of two worlds as tables, and a summary.
 
     Args:
         diff: the difference.
         delta: permitted difference of numbers.
         about: one of the two worlds, for the classes of the bodies.
+        summary: whether the summary is printed.
     """
     classes: dict[str, str] = {body.id: re.split("[#/]", body.cls)[-1] for body in about.bodies}
     for title, ids in (("Only in A", diff.only_in_a), ("Only in B", diff.only_in_b)):
@@ -404,7 +496,8 @@ def print_diff(diff: WorldDiff, delta: float, *, about: World) -> None:
             ("id", "statement"),
             [(_local_name(line.id), _value_text(_short_statement(str(line)))) for line in lines],
         )
-    print_line(_summary(diff, delta))
+    if summary:
+        print_line(difference_summary(diff, delta))
 
 
 def _print_truncated_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> None:
@@ -431,7 +524,8 @@ def _value_text(value: object) -> str:
     return text if len(text) <= _MAX_VALUE_LENGTH else f"{text[:_MAX_VALUE_LENGTH]}…"
 
 
-def _summary(diff: WorldDiff, delta: float) -> str:
+def difference_summary(diff: WorldDiff, delta: float) -> str:
+    """One sentence about the difference of two worlds."""
     from mindstage.scene import MECHANICAL_KINDS
 
     if diff.identical(delta):

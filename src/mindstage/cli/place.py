@@ -24,7 +24,7 @@ from mindstage.cli.options import (
 )
 from mindstage.cli.output import (
     Cell,
-    is_complete,
+    class_lookup,
     print_failures,
     print_findings,
     print_json,
@@ -32,6 +32,7 @@ from mindstage.cli.output import (
     print_table,
     progress_spinner,
     report_json,
+    shortcomings,
     warn,
 )
 from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
@@ -92,7 +93,7 @@ def place(
         knowledge = knowledge_base(maps, reading)
         listed = [item for text in items for item in _read_items(text, knowledge)]
         world = knowledge.world(map_name)
-    findings = findings_about(world, knowledge, strict=strict)
+    findings = findings_about(world, knowledge, strict=strict, assets=assets)
     with simulation_from_options(knowledge, running, assets=assets) as simulation:
         with progress_spinner("spawning"):
             report = simulation.spawn(world)
@@ -101,14 +102,14 @@ def place(
         output: dict[str, object] = {"map": world.iri, "engine": simulation.engine_name, "spawn": report_json(report)}
         output |= _report_json(placement)
         if not as_json:
-            print_findings(findings)
+            print_findings(findings, all=verbose, classes=class_lookup(knowledge))
             print_failures(report)
             _print_report(placement, verbose=verbose)
         if out is None and with_viewport:
             print_and_serve(simulation, output, port=port, duration_s=seconds, as_json=as_json)
         else:
             _finish(simulation, output, out, as_json=as_json)
-    return ExitCode.OK if is_complete(report, findings) and not placement.unplaced else ExitCode.NEGATIVE
+    return ExitCode.OK if not shortcomings(report, findings) and not placement.unplaced else ExitCode.NEGATIVE
 
 
 def _read_items(text: str, knowledge: KnowledgeBase) -> tuple[PlacementItem, ...]:

@@ -21,7 +21,7 @@ from mindstage.cli.options import (
     StoreFolder,
     finite,
 )
-from mindstage.cli.output import findings_json, print_findings, print_json, print_line, progress_spinner
+from mindstage.cli.output import class_lookup, findings_json, print_findings, print_json, print_line, progress_spinner
 from mindstage.cli.setup import knowledge_base, make_engine, simulation_from_options
 from mindstage.cli.viewer import open_viewer
 
@@ -88,7 +88,7 @@ def prolog(
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps or [], reading, store=store, endpoint=endpoint)
     if not as_json:
-        print_findings(knowledge.findings())
+        print_findings(knowledge.findings(), classes=class_lookup(knowledge))
     with ExitStack() as closing:
         closing.callback(knowledge.close)
         simulation = closing.enter_context(simulation_from_options(knowledge, running))

@@ -25,14 +25,15 @@ from mindstage.cli.options import (
     options_given,
 )
 from mindstage.cli.output import (
+    class_lookup,
     findings_json,
-    is_complete,
     print_findings,
     print_json,
     print_line,
     print_report,
     progress_spinner,
     report_json,
+    shortcomings,
     warn,
 )
 from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
@@ -40,7 +41,7 @@ from mindstage.cli.viewer import LOOPBACK, open_viewer
 from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
-    from mindstage.bridge import Refusal, RosbridgeClient
+    from mindstage.bridge import LocalNode, Refusal, RosbridgeClient
     from mindstage.knowledge import KnowledgeBase
     from mindstage.scene import World
     from mindstage.simulation import Simulation
@@ -53,7 +54,7 @@ _CONNECT_TIMEOUT_S = 5.0
 _MAX_REFUSED_NAMES = 3
 """Largest number of names in a line about refused operations."""
 _REFUSAL_REMEDIES = (
-    (r"not a valid type string", "omit --ros1 for ROS 2, give it for ROS 1"),
+    (r"not a valid type string|Unknown operation: advertise_action", "omit --ros1 for ROS 2, give it for ROS 1"),
     (
         r"Unable to (load the manifest|import)",
         "build the packages of the folder ros/ in the workspace of that rosbridge",
@@ -163,7 +164,7 @@ def serve(
     as_json: AsJson = False,
 ) -> ExitCode:
     """Serve a simulation to ROS clients over rosbridge, under the names of the Unreal plugin."""
-    from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
+    from mindstage.bridge import LocalNode
     from mindstage.msgs import RosVersion
     from mindstage.ros import RosInterface
 
@@ -175,22 +176,20 @@ def serve(
         simulation = resources.enter_context(
             simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes)
         )
-        node = _connect(resources, connect, token) if connect else resources.enter_context(LocalNode())
-        spawned = _spawn(simulation, world, as_json=as_json)
+        refused: list[Refusal] = []  # appended on the bridge's thread
+        node = _connect(resources, connect, token, refused) if connect else resources.enter_context(LocalNode())
+        spawned = _spawn(simulation, world, assets=None if plain_boxes else assets, as_json=as_json)
         ros = RosVersion.ONE if ros1 else RosVersion.TWO
         interface = RosInterface(simulation, node, namespace=namespace, ros=ros, folder=worlds, on_quit=quitting.set)
         resources.callback(interface.close)
         if isinstance(node, LocalNode):  # a client never finds an open port without the services behind it
-            server = RosbridgeServer(node, host=host, port=port, token=token or None, origins=origins or [])
-            url = resources.enter_context(server).url
+            url = _start_server(resources, node, host, port, token, origins or [])
         else:
             url = node.url
         output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name, **spawned}
         if with_viewport:
-            if connect:  # --host and --token belong to the remote rosbridge
-                viewer = open_viewer(simulation, port=page_port)
-            else:
-                viewer = open_viewer(simulation, port=page_port, host=host, token=token, origins=origins or [])
+            page_token = None if connect else token  # of the remote rosbridge
+            viewer = open_viewer(simulation, port=page_port, host=host, token=page_token, origins=origins or [])
             resources.callback(viewer.close)
             output["page"] = viewer.url
         if with_foxglove:
@@ -200,8 +199,7 @@ def serve(
         _announce(output, connected=connect is not None, seconds=seconds, as_json=as_json)
         if not paused:
             simulation.play()
-        refusals = node if isinstance(node, RosbridgeClient) else None
-        _run_until_end(simulation, quitting, refusals, seconds=seconds, quiet=as_json)
+        _run_until_end(simulation, quitting, url, refused, seconds=seconds, quiet=as_json)
     return ExitCode.OK
 
 
@@ -229,29 +227,43 @@ def _load_knowledge(
         return knowledge, knowledge.world(map_name) if maps else None
 
 
-def _connect(resources: ExitStack, url: str, token: str | None) -> RosbridgeClient:
+def _start_server(
+    resources: ExitStack, node: LocalNode, host: str, port: int, token: str | None, origins: list[str]
+) -> str:
+    from mindstage.bridge import RosbridgeServer
+
+    server = RosbridgeServer(node, host=host, port=port, token=token or None, origins=origins)
+    return resources.enter_context(server).url
+
+
+def _connect(resources: ExitStack, url: str, token: str | None, refused: list[Refusal]) -> RosbridgeClient:
     from mindstage.bridge import ConnectionState, RosbridgeClient
 
     def warn_if_lost(state: ConnectionState) -> None:
         if state is ConnectionState.LOST:
             warn(f"the connection to {url} is lost; reconnecting")
 
-    client = resources.enter_context(RosbridgeClient(url, token=token or None, on_state=warn_if_lost))
+    client = resources.enter_context(
+        RosbridgeClient(url, token=token or None, on_state=warn_if_lost, on_refusal=refused.append)
+    )
     with progress_spinner(f"connecting to {url}"):
         return client.wait_connected(_CONNECT_TIMEOUT_S)
 
 
-def _spawn(simulation: Simulation, world: World | None, *, as_json: bool) -> dict[str, object]:
+def _spawn(
+    simulation: Simulation, world: World | None, *, assets: list[Path] | None, as_json: bool
+) -> dict[str, object]:
     if world is None:
         return {"map": None}
-    findings = findings_about(world, simulation.knowledge)
+    findings = findings_about(world, simulation.knowledge, assets=assets)
     with progress_spinner("spawning"):
         report = simulation.spawn(world)
     if not as_json:
-        print_findings(findings)
+        print_findings(findings, classes=class_lookup(simulation.knowledge))
         print_report(report, title=world.name, verbose=False)
-    if not is_complete(report, findings):
-        warn("the map was not spawned completely; the simulation is served nevertheless")
+    if reasons := shortcomings(report, findings):
+        causes = "; ".join(reason.text for reason in reasons)
+        warn(f"the map was not spawned completely, the simulation is served nevertheless: {causes}")
     return {"map": world.iri, "spawn": report_json(report), "findings": findings_json(findings)}
 
 
@@ -269,36 +281,35 @@ def _announce(summary: dict[str, object], *, connected: bool, seconds: float | N
 
 
 def _print_refusals(url: str, refusals: Sequence[Refusal]) -> None:
-    """Prints what the rosbridge refused, one line for each cause."""
-    by_cause: dict[str, list[Refusal]] = {}
+    """Prints what the rosbridge refused, one line for each remedy or cause."""
+    groups: dict[str, list[Refusal]] = {}
     for refusal in refusals:
-        by_cause.setdefault(refusal.cause.partition(": ")[2] or refusal.cause, []).append(refusal)
-    for cause, group in by_cause.items():
+        remedy = next((text for pattern, text in _REFUSAL_REMEDIES if re.search(pattern, refusal.cause)), "")
+        groups.setdefault(remedy or refusal.cause, []).append(refusal)
+    for reason, group in groups.items():
         names = ", ".join(f"{each.operation} {each.name}" for each in group[:_MAX_REFUSED_NAMES])
         more = f" and {len(group) - _MAX_REFUSED_NAMES} more" if len(group) > _MAX_REFUSED_NAMES else ""
-        remedy = next((text for pattern, text in _REFUSAL_REMEDIES if re.search(pattern, cause)), "")
-        warn(f"{url} refused {names}{more}: {cause}{remedy and f'; {remedy}'}")
+        cause = group[0].cause.removeprefix(f"{group[0].operation}: ")
+        warn(f"{url} refused {names}{more}: {cause}{'' if reason == group[0].cause else f'; {reason}'}")
 
 
 def _run_until_end(
     simulation: Simulation,
     quit_requested: threading.Event,
-    client: RosbridgeClient | None,
+    url: str,
+    refused: list[Refusal],
     *,
     seconds: float | None,
     quiet: bool,
 ) -> None:
     """Waits for a quit request or the end of the duration, and prints errors of the simulation and refusals."""
-    refused: list[Refusal] = []  # appended on the bridge's thread
-    if client is not None:
-        client.add_refusal_listener(refused.append)
     end = None if seconds is None else time.monotonic() + seconds
     printed = ""
     while (left_s := _POLL_INTERVAL_S if end is None else min(_POLL_INTERVAL_S, end - time.monotonic())) > 0.0:
         if quit_requested.wait(left_s):
             return
-        if client is not None and refused:
-            _print_refusals(client.url, [refused.pop(0) for _ in range(len(refused))])
+        if refused:
+            _print_refusals(url, [refused.pop(0) for _ in range(len(refused))])
         error = simulation.state.error
         if error and error != printed and not quiet:
             warn(f"the simulation is paused: {error}")

@@ -162,21 +162,52 @@ def knowledge_base(
     return knowledge
 
 
-def findings_about(world: World, knowledge: KnowledgeBase, *, strict: bool = False) -> tuple[Finding, ...]:
-    """The findings of the knowledge base, and one if the world is empty.
+def findings_about(
+    world: World, knowledge: KnowledgeBase, *, strict: bool = False, assets: list[Path] | None = None
+) -> tuple[Finding, ...]:
+    """The findings of the knowledge base, one if mesh files are missing, and one if the world is empty.
+
+    Args:
+        world: the world.
+        knowledge: the knowledge base that it was read from.
+        strict: whether findings are errors.
+        assets: the folders of `--assets`, in which mesh files are looked up.
 
     Raises:
         MapRejectedError: with `strict`, if there are findings.
+        SourceParseError: one of the folders does not exist.
     """
     from mindstage.knowledge import Finding, Severity
 
     findings = knowledge.findings()
+    if (missing := _missing_meshes(world, knowledge, asset_folders(assets))) is not None:
+        findings = (*findings, missing)
     if not world.bodies:
         cause = "no bodies were found in it; is it a semantic map?"
         findings = (*findings, Finding(Severity.WARNING, world.iri, "", cause, "the world is empty"))
     if strict and findings:
         raise MapRejectedError(world.iri, findings=[str(finding) for finding in findings])
     return findings
+
+
+def _missing_meshes(world: World, knowledge: KnowledgeBase, folders: Sequence[Path]) -> Finding | None:
+    """One finding about all mesh files that a map names and that were not found; None if there is none."""
+    from mindstage.assets.library import MeshIndex
+    from mindstage.knowledge import Finding, Severity
+    from mindstage.knowledge.rdf_mapping.properties import MESH
+
+    named = [body for body in world.bodies if body.mesh]
+    if not named:
+        return None
+    index = MeshIndex(folders, find_file=knowledge.find_file)
+    missing = [body for body in named if index.find(body) is None]
+    if not missing:
+        return None
+    files = dict.fromkeys(body.mesh for body in missing)
+    count = "1 mesh file is" if len(files) == 1 else f"{len(files):,} mesh files are"
+    problem = f"{count} missing, of {len(missing):,} of {len(world.bodies):,} bodies, such as {next(iter(files))}"
+    action = "the shapes follow from classes and sizes; give the folder of the files with --assets DIR"
+    return Finding(Severity.WARNING, world.iri, MESH.property, problem, action)
 
 
 def _ros_packages() -> list[str]:

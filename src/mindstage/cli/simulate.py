@@ -39,11 +39,13 @@ from mindstage.cli.options import (
     finite,
 )
 from mindstage.cli.output import (
+    Shortcoming,
     Timings,
+    class_lookup,
     diff_json,
+    difference_summary,
     findings_json,
     import_summary,
-    is_complete,
     losses_json,
     notes_json,
     print_diff,
@@ -53,10 +55,13 @@ from mindstage.cli.output import (
     print_line,
     print_losses,
     print_notes,
+    print_reasons,
     print_report,
     print_table,
     progress_spinner,
+    reasons_json,
     report_json,
+    shortcomings,
     step_with_progress,
 )
 from mindstage.cli.setup import (
@@ -73,8 +78,10 @@ from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine, SpawnReport
+    from mindstage.engines.base import MovedBody
     from mindstage.knowledge import Finding, KnowledgeBase, SourceMapView
-    from mindstage.scene import Body, Joint, Light, Statement, World, WorldDiff
+    from mindstage.scene import Body, BodyId, Joint, Light, Statement, World, WorldDiff
+    from mindstage.scene.transforms import Array
     from mindstage.simulation import Simulation
 
 __all__ = ["SpawnedMap", "check", "log", "spawn", "spawned_map"]
@@ -95,18 +102,23 @@ class SpawnedMap:
     """Wall time of the parts `load` and `spawn`."""
 
     @property
-    def is_complete(self) -> bool:
-        """Whether everything that the map describes was spawned, and stayed where it was."""
-        return is_complete(self.report, self.findings) and self.report.is_at_rest
+    def reasons(self) -> list[Shortcoming]:
+        """Why the verb exits with 1: what was not read, was not spawned, or did not stay; often empty."""
+        return shortcomings(self.report, self.findings)
 
-    def to_json(self) -> dict[str, object]:
-        """The report, the findings and the assumptions as they appear in JSON."""
+    def to_json(self, *, reasons: Sequence[Shortcoming] | None = None) -> dict[str, object]:
+        """The report, the findings and the assumptions as they appear in JSON.
+
+        Args:
+            reasons: those of the exit code; by default those of an incomplete world.
+        """
+        chosen = self.reasons if reasons is None else reasons
         spawned = {"spawn": report_json(self.report), "findings": findings_json(self.findings)}
-        return spawned | import_summary(self.world, self.knowledge)
+        return spawned | {"reasons": reasons_json(chosen)} | import_summary(self.world, self.knowledge)
 
     def print(self, *, verbose: bool = False) -> None:
         """Prints the findings, the assumptions and the report."""
-        print_findings(self.findings)
+        print_findings(self.findings, all=verbose, classes=class_lookup(self.knowledge))
         print_import_summary(self.world, self.knowledge, verbose=verbose)
         print_report(self.report, title=self.world.name, verbose=verbose)
 
@@ -145,7 +157,7 @@ def spawned_map(
 
             knowledge.use_meshes(mesh_assets(asset_folders(assets), knowledge).bounds)
         world = knowledge.world(map_name)
-    findings = findings_about(world, knowledge, strict=strict)
+    findings = findings_about(world, knowledge, strict=strict, assets=assets)
     with ExitStack() as stack:
         simulation = stack.enter_context(
             simulation_from_options(knowledge, engine, assets=assets, plain_boxes=plain_boxes)
@@ -206,19 +218,53 @@ def spawn(
             )
         else:
             _run(spawned.simulation, output, seconds=seconds or 0.0, as_json=as_json)
-    return ExitCode.OK if spawned.is_complete else ExitCode.NEGATIVE
+    if not as_json:
+        print_reasons(spawned.reasons)
+    return ExitCode.NEGATIVE if spawned.reasons else ExitCode.OK
 
 
 def _run(simulation: Simulation, output: dict[str, object], *, seconds: float, as_json: bool) -> None:
+    import msgspec
+
+    from mindstage.engines.place import MOVED_DISTANCE_M
+
+    before = simulation.run_on_engine(lambda engine: engine.poses(), label="poses")
     wall_s = step_with_progress(simulation, seconds)
     factor = seconds / wall_s if seconds else None
+    moved = _moved_bodies(simulation, *before)
     if as_json:
-        notes = notes_json(simulation.notes)
-        print_json(output | {"simulated_s": seconds, "real_time_factor": factor, "notes": notes})
+        output |= {"simulated_s": seconds, "real_time_factor": factor, "moved": msgspec.to_builtins(moved)}
+        print_json(output | {"notes": notes_json(simulation.notes)})
         return
     print_notes(simulation.notes)
+    if moved:
+        fallen = sum(body.left_place for body in moved)
+        left = f", {fallen} of them left the place" if fallen else ""
+        print_line(f"{len(moved)} bodies moved by more than {MOVED_DISTANCE_M:g} m{left}: {_moved_text(moved)}")
     if factor:
         print_line(f"{seconds:g} s simulated in {wall_s:.2f} s: {factor:.1f} times real time")
+
+
+def _moved_bodies(simulation: Simulation, ids: tuple[BodyId, ...], before: Array) -> tuple[MovedBody, ...]:
+    """The bodies that are not where they were, farthest first."""
+    import numpy as np
+
+    from mindstage.engines.place import PlaceBounds, find_moved_bodies
+    from mindstage.scene.bounding_boxes import OrientedBoxes
+
+    sizes = {body.id: body.size for world in simulation.worlds for body in world.bodies}
+    boxes = OrientedBoxes.from_poses(before, np.array([sizes.get(id) or (0.0, 0.0, 0.0) for id in ids]).reshape(-1, 3))
+    _, after = simulation.run_on_engine(lambda engine: engine.poses(), label="poses")
+    return find_moved_bodies(ids, before, after, PlaceBounds.from_boxes(boxes))
+
+
+_MAX_MOVED = 3
+"""Limit of the bodies that the line about a simulation names."""
+
+
+def _moved_text(moved: Sequence[MovedBody]) -> str:
+    named = [f"{body.id} by {body.distance_m:.3g} m" for body in moved[:_MAX_MOVED]]
+    return ", ".join(named) + (" …" if len(moved) > _MAX_MOVED else "")
 
 
 # -- log ---------------------------------------------------------------------------------------------------------------
@@ -281,7 +327,8 @@ def log(
         spawned.print()
         print_notes(notes)
         _print_summary(written)
-    return ExitCode.OK if spawned.is_complete else ExitCode.NEGATIVE
+        print_reasons(spawned.reasons)
+    return ExitCode.NEGATIVE if spawned.reasons else ExitCode.OK
 
 
 def _log_remote(engine: Engine, out: Path, *, seconds: float, as_json: bool) -> ExitCode:
@@ -380,17 +427,41 @@ def check(
     with progress_spinner("comparing"), timings.measure("compare"):
         by_engine, found, lost = _compare_round_trip(world, logged, written, origin, delta)
     identical = by_engine.identical(delta) and found.identical(delta) and not lost
+    # A difference caused by the engine is in the file too; it is printed once.
+    difference = found if by_engine.identical(delta) else by_engine
+    reasons = [*_check_reasons(difference, lost, delta), *spawned.reasons]
     if as_json:
         output = diff_json(found, delta) | losses_json(found, lost) | {"identical": identical, "engine": engine_name}
         output |= {"identical_before_file": by_engine.identical(delta), "dialect": origin.dialect}
-        print_json(output | {"map": world.iri, "seconds": timings.seconds} | spawned.to_json())
+        output |= {"verdict": _verdict(identical=identical, reasons=reasons)}
+        print_json(output | {"map": world.iri, "seconds": timings.seconds} | spawned.to_json(reasons=reasons))
     else:
         spawned.print(verbose=verbose)
         print_table("Seconds", tuple(timings.seconds), [[round(spent, 3) for spent in timings.seconds.values()]])
-        # A difference caused by the engine is in the file too; it is printed once.
-        print_diff(found if by_engine.identical(delta) else by_engine, delta, about=world)
+        others = [reason for reason in reasons if reason.kind != "different"]
+        print_diff(difference, delta, about=world, summary=not others)
         print_losses(lost)
-    return ExitCode.OK if identical and spawned.is_complete else ExitCode.NEGATIVE
+        but = "but" if difference.identical(delta) else "and"
+        print_reasons(others, start=f"{difference_summary(difference, delta).rstrip('.')}, {but}")
+    return ExitCode.NEGATIVE if reasons else ExitCode.OK
+
+
+def _check_reasons(difference: WorldDiff, lost: Sequence[Statement], delta: float) -> Iterator[Shortcoming]:
+    """Why the worlds are not identical; nothing if they are."""
+    if not difference.identical(delta):
+        count = len(difference.only_in_a) + len(difference.only_in_b) + len(difference.exceeding(delta))
+        count += len(difference.lost) + len(difference.gained)
+        yield Shortcoming("different", count, difference_summary(difference, delta).rstrip("."))
+    if lost:
+        plural = "s of the map are" if len(lost) > 1 else " of the map is"
+        yield Shortcoming("lost", len(lost), f"{len(lost):,} statement{plural} lost")
+
+
+def _verdict(*, identical: bool, reasons: Sequence[Shortcoming]) -> str:
+    """The result in one word: ok, incomplete (identical, but not all of the map was spawned), or different."""
+    if not identical:
+        return "different"
+    return "incomplete" if reasons else "ok"
 
 
 def _file_round_trip(name: str, world: World, origin: SourceMapView, reading: MapReading) -> KnowledgeBase:

@@ -30,6 +30,7 @@ __all__ = [
     "EngineStats",
     "MovedBody",
     "PoseArray",
+    "RebuildingEngine",
     "SavedState",
     "SpawnFailure",
     "SpawnNote",
@@ -356,3 +357,12 @@ class Engine(Protocol):
 
     def close(self) -> None:
         """Closes the engine; closing it again has no effect."""
+
+
+@runtime_checkable
+class RebuildingEngine(Protocol):
+    """An engine that rebuilds its model after edits, at the next step: one rebuild for all edits before it."""
+
+    @property
+    def rebuild_pending(self) -> bool:
+        """Whether the next step rebuilds the model."""

@@ -137,6 +137,13 @@ class LooseOverlaps:
     nested: frozenset[tuple[int, int]] = frozenset()
     """Pairs of a hollow body and its contents, in both orders, whose overlap is intended."""
 
+    def with_rows(self, rows: Sequence[int]) -> LooseOverlaps:
+        """The same overlaps with other indices: `rows` has the new one for each."""
+        return LooseOverlaps(
+            tuple((rows[a], rows[b], depth) for a, b, depth in self.pairs),
+            frozenset((rows[a], rows[b]) for a, b in self.nested),
+        )
+
 
 def compute_collision_filter(
     filter_input: CollisionFilterInput, previous: CollisionFilter

@@ -12,17 +12,17 @@ angles of the rotation. Three free angles are a ball joint, which has no singula
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
 
 from mindstage.engines.base import SpawnNote, SpawnNoteKind
 from mindstage.engines.registry import EntityRegistry
-from mindstage.scene import AngularLimits, AxisMotion, BodyId, Joint, LinearLimits, Mobility, SoftLimit
-from mindstage.scene.kinematics import axis_ranges
-from mindstage.scene.transforms import Array, quat_multiply
+from mindstage.scene import AngularLimits, AxisMotion, Body, BodyId, Joint, LinearLimits, Mobility, SoftLimit
+from mindstage.scene.kinematics import axis_ranges, coupled_positions, first_movable_axis, moving_body
+from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, quat_multiply
 
 __all__ = [
     "AXIS_NAMES",
@@ -31,8 +31,10 @@ __all__ = [
     "RigidGroup",
     "TreeJoint",
     "build_kinematic_forest",
+    "coupled_body_poses",
     "is_ball",
     "joint_coordinates",
+    "mimic_coefficients",
     "movable_axes",
     "pose_from_joint_coordinates",
 ]
@@ -183,6 +185,39 @@ class KinematicForest:
     loop_joints: list[TreeJoint] = field(default_factory=list)
     """Joints that close a loop."""
     notes: list[SpawnNote] = field(default_factory=list)
+    is_ordered: bool = True
+    """Whether groups are in the order of `build_kinematic_forest`, in which models are compiled."""
+
+    def with_single_bodies(
+        self, mobilities: Mapping[BodyId, Mobility], masses: Mapping[BodyId, float]
+    ) -> KinematicForest:
+        """The forest with more bodies that are neither attached nor on joints; their groups come last.
+
+        Args:
+            mobilities: the new bodies with their mobilities.
+            masses: their masses, estimated ones included [kg].
+        """
+        groups = {id: RigidGroup(id, mobility, masses[id], [id]) for id, mobility in mobilities.items()}
+        return replace(
+            self,
+            groups=self.groups | groups,
+            root_of=self.root_of | dict(zip(groups, groups, strict=True)),
+            is_ordered=False,
+        )
+
+    def without_single_bodies(self, ids: Collection[BodyId]) -> KinematicForest:
+        """The forest without some bodies that are neither attached nor on joints."""
+        return replace(
+            self,
+            groups={root: group for root, group in self.groups.items() if root not in ids},
+            root_of={id: root for id, root in self.root_of.items() if id not in ids},
+        )
+
+    def unit_of(self, root: BodyId) -> BodyId:
+        """The root group of the tree of one group."""
+        while (tree_joint := self.tree_joints.get(root)) is not None:
+            root = self.root_of[tree_joint.parent]
+        return root
 
     def units(self) -> dict[BodyId, BodyId]:
         """The root group of the tree of each group, by their roots; groups of one tree move together."""
@@ -193,16 +228,89 @@ class KinematicForest:
         return result
 
 
-def build_kinematic_forest(registry: EntityRegistry, masses: Mapping[BodyId, float]) -> KinematicForest:
+def mimic_coefficients(follower: TreeJoint, master: TreeJoint) -> tuple[float, float]:
+    """Multiplier and offset from a master's coordinate in the tree to that of the joint that follows it.
+
+    Coordinates of the tree are those of the world, negated where parent and child are swapped.
+    """
+    mimic = follower.joint.mimic
+    assert mimic is not None
+    own, other = (-1.0 if each.is_reversed else 1.0 for each in (follower, master))
+    return own * other * mimic.multiplier, own * mimic.offset
+
+
+def coupled_body_poses(
+    joints: Mapping[BodyId, Joint],
+    frames: Mapping[BodyId, tuple[Array, Array]],
+    bodies: Mapping[BodyId, Body],
+    poses: Mapping[BodyId, Array],
+    moved: BodyId,
+) -> dict[BodyId, Array]:
+    """Returns new poses of bodies on joints that are coupled, by `Joint.mimic`, to the joint of a body that was moved.
+
+    Args:
+        joints: all joints by id.
+        frames: each joint's frame in the map's parent and in its child.
+        bodies: all bodies by id.
+        poses: current poses of all bodies, with the moved body at its new pose.
+        moved: the body that was moved.
+    """
+    if not any(joint.mimic for joint in joints.values()):
+        return {}
+    found: dict[BodyId, Array] = {}
+    for joint in joints.values():
+        axis = first_movable_axis(joint)
+        if axis is None or moving_body(joint, bodies[joint.parent], bodies[joint.child])[0].id != moved:
+            continue
+        ends = [pose_multiply(poses[end], frame) for end, frame in _ends(joint, frames)]
+        coordinates = joint_coordinates(pose_multiply(pose_inverse(ends[0]), ends[1]), movable_axes(joint))
+        for id, position in coupled_positions(joints, joint.id, float(coordinates[axis])).items():
+            pose = _body_pose_at(joints[id], frames, bodies, poses, position)
+            if pose is not None:
+                found[pose[0]] = pose[1]
+    found.pop(moved, None)
+    return found
+
+
+def _ends(joint: Joint, frames: Mapping[BodyId, tuple[Array, Array]]) -> Iterable[tuple[BodyId, Array]]:
+    return zip((joint.parent, joint.child), frames[joint.id], strict=True)
+
+
+def _body_pose_at(
+    joint: Joint,
+    frames: Mapping[BodyId, tuple[Array, Array]],
+    bodies: Mapping[BodyId, Body],
+    poses: Mapping[BodyId, Array],
+    position: float,
+) -> tuple[BodyId, Array] | None:
+    """Returns the body that a joint moves and its pose at a position of the first movable axis."""
+    axis = first_movable_axis(joint)
+    if axis is None:
+        return None
+    coordinates = [0.0] * 6
+    coordinates[axis] = position
+    relative = pose_from_joint_coordinates(coordinates)
+    parent_from_joint, child_from_joint = frames[joint.id]
+    if moving_body(joint, bodies[joint.parent], bodies[joint.child])[0].id == joint.child:
+        joint_pose = pose_multiply(pose_multiply(poses[joint.parent], parent_from_joint), relative)
+        return joint.child, pose_multiply(joint_pose, pose_inverse(child_from_joint))
+    joint_pose = pose_multiply(pose_multiply(poses[joint.child], child_from_joint), pose_inverse(relative))
+    return joint.parent, pose_multiply(joint_pose, pose_inverse(parent_from_joint))
+
+
+def build_kinematic_forest(
+    registry: EntityRegistry, masses: Mapping[BodyId, float], *, simulated_joints: Mapping[BodyId, Joint] | None = None
+) -> KinematicForest:
     """Computes the forest of a registry.
 
     Args:
         registry: bodies, joints and attachments.
         masses: masses of all bodies, estimated ones included [kg].
+        simulated_joints: joints that are simulated with other limits than those of the registry.
     """
     forest = KinematicForest()
     _build_groups(forest, registry, masses)
-    edges = _edges(forest, registry.joints.values())
+    edges = _edges(forest, (registry.joints | dict(simulated_joints or {})).values())
     ordered: dict[BodyId, RigidGroup] = {}
     fixed = [group for group in forest.groups.values() if not group.is_dynamic]
     free = sorted((a for a in forest.groups.values() if a.is_dynamic), key=lambda a: -a.mass_kg)

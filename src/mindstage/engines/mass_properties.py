@@ -45,11 +45,13 @@ class MassProperties:
         self._registry = registry
         self._compiled: dict[int, tuple[object, CompiledGeometry]] = {}
         """By identity of a tuple of collision shapes, which is stored beside it to keep it alive."""
+        self._radii: tuple[tuple[BodyId, ...], Array] = ((), np.zeros(0))
+        """The result of `bounding_radii` and the bodies that it is for."""
 
     def copy(self, registry: EntityRegistry) -> MassProperties:
         """The same geometry for a copy of the registry; compiled geometry is immutable and shared."""
         result = MassProperties(registry)
-        result.geometry, result._compiled = dict(self.geometry), self._compiled
+        result.geometry, result._compiled, result._radii = dict(self.geometry), self._compiled, self._radii
         return result
 
     def add(self, ids: Iterable[BodyId], geometry: GeometryMap) -> list[SpawnNote]:
@@ -70,6 +72,7 @@ class MassProperties:
         """Removes geometry of bodies."""
         for id in ids:
             self.geometry.pop(id, None)
+        self._radii = ((), np.zeros(0))
 
     def size(self, id: BodyId) -> Vector:
         """Size of a body, assumed if the map has none [m]."""
@@ -125,6 +128,25 @@ class MassProperties:
             else:
                 sizes[row, :2] *= _ROUND_SHAPE_FACTOR
         return OrientedBoxes.from_poses(poses, sizes)
+
+    def bounding_radii(self, ids: tuple[BodyId, ...]) -> Array:
+        """For each body, the radius of a sphere about its position that contains its box and its shapes, n [m].
+
+        Args:
+            ids: all bodies of the registry; if bodies were added since the last call, only theirs are computed.
+        """
+        known, radii = self._radii
+        if known is not ids:
+            if ids[: len(known)] != known:
+                known, radii = (), radii[:0]
+            added = ids[len(known) :]
+            corners = self.sizes(added) / 2
+            for row, id in enumerate(added):
+                if id in self.geometry:
+                    corners[row] = np.maximum(corners[row], np.abs(self.compiled(id).bounds).max(axis=0))
+            radii = np.concatenate([radii, np.linalg.norm(corners, axis=1)])
+            self._radii = ids, radii
+        return radii
 
     # -- masses --------------------------------------------------------------------------------------------------
 

@@ -20,10 +20,18 @@ from mindstage.engines.base import (
     SpawnOptions,
     SpawnReport,
 )
+from mindstage.engines.kinematic_tree import coupled_body_poses
 from mindstage.engines.registry import EntityRegistry
 from mindstage.errors import EngineClosedError
 from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, Vector, World
-from mindstage.scene.transforms import normalized_pose_array, pose_array, pose_from_array, pose_inverse, pose_multiply
+from mindstage.scene.transforms import (
+    Array,
+    normalized_pose_array,
+    pose_array,
+    pose_from_array,
+    pose_inverse,
+    pose_multiply,
+)
 
 __all__ = ["NullEngine"]
 
@@ -36,6 +44,8 @@ class NullEngine:
 
     def __init__(self) -> None:
         self._registry = EntityRegistry()
+        self._joint_frames: dict[BodyId, tuple[Array, Array]] = {}
+        """Frame of each joint in its parent and in its child, since it was spawned."""
         self._time_s = 0.0
         self._closed = False
 
@@ -47,7 +57,16 @@ class NullEngine:
     def spawn(
         self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
     ) -> SpawnReport:
-        return self._require_open()._registry.add(world).report()
+        added = self._require_open()._registry.add(world)
+        bodies = self._registry.bodies
+        for id in added.joints:
+            joint = self._registry.joints[id]
+            frame = normalized_pose_array(joint.pose)
+            self._joint_frames[id] = (
+                pose_multiply(pose_inverse(normalized_pose_array(bodies[joint.parent].pose)), frame),
+                pose_multiply(pose_inverse(normalized_pose_array(bodies[joint.child].pose)), frame),
+            )
+        return added.report()
 
     @property
     def notes(self) -> tuple[SpawnNote, ...]:
@@ -66,6 +85,15 @@ class NullEngine:
         self._require_open()._registry.detach(child)
 
     def set_pose(self, id: BodyId, pose: Pose) -> None:
+        self._move(id, pose)
+        registry = self._registry
+        poses = {each: normalized_pose_array(body.pose) for each, body in registry.bodies.items()}
+        coupled = coupled_body_poses(registry.joints, self._joint_frames, registry.bodies, poses, id)
+        for other, row in coupled.items():
+            self._move(other, pose_from_array(row))
+
+    def _move(self, id: BodyId, pose: Pose) -> None:
+        """Moves a body and all bodies that are attached to it."""
         registry = self._require_open()._registry
         old = registry.body(id).pose
         registry.replace(id, pose=pose)
@@ -109,12 +137,13 @@ class NullEngine:
         return self._require_open()._registry.to_world()
 
     def save_state(self) -> SavedState:
-        return SavedState(_NullState(self._require_open()._registry.copy(), self._time_s))
+        return SavedState(_NullState(self._require_open()._registry.copy(), dict(self._joint_frames), self._time_s))
 
     def restore_state(self, state: SavedState) -> None:
         if not isinstance(state, _NullState):
             raise TypeError(f"expected a state from NullEngine.save_state, not {type(state).__name__}")
         self._require_open()._registry, self._time_s = state.registry.copy(), state.time_s
+        self._joint_frames = dict(state.joint_frames)
 
     def close(self) -> None:
         self._closed = True
@@ -128,4 +157,5 @@ class NullEngine:
 @dataclass(frozen=True, slots=True)
 class _NullState:
     registry: EntityRegistry
+    joint_frames: dict[BodyId, tuple[Array, Array]]
     time_s: float

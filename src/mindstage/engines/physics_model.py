@@ -10,14 +10,16 @@ a remote engine.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.engines.base import DEFAULT_SPAWN_OPTIONS, SpawnNote, SpawnNoteKind, SpawnOptions, SpawnReport
 from mindstage.engines.collision_filter import (
+    TOUCH_TOLERANCE_M,
     CollisionFilter,
     CollisionFilterInput,
     LooseOverlaps,
@@ -58,6 +60,7 @@ from mindstage.scene import (
     Vector,
     World,
 )
+from mindstage.scene.kinematics import handles_by_body, outward_joints
 from mindstage.scene.transforms import (
     Array,
     normalize,
@@ -118,6 +121,8 @@ class JointModel:
     child_from_joint: Pose
     closes_loop: bool
     """Whether it closes a kinematic loop."""
+    is_limited: bool = False
+    """Whether its limits are narrower than those of the world."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +140,7 @@ class PhysicsModel:
 
 def build_physics_model(builder: PhysicsModelBuilder) -> PhysicsModel:
     """Returns the current model of a builder."""
+    builder.order_forest()
     forest, masses = builder.forest, builder.masses()
     poses_in_root: dict[BodyId, Pose] = {}
     for group in forest.groups.values():
@@ -178,7 +184,14 @@ def _body_model(
 def _joint_model(builder: PhysicsModelBuilder, tree_joint: TreeJoint, closes_loop: bool) -> JointModel:
     parent_from_joint, child_from_joint = tree_joint.order_ends(builder.joint_frames[tree_joint.joint.id])
     frames = pose_from_array(parent_from_joint), pose_from_array(child_from_joint)
-    return JointModel(tree_joint.joint, tree_joint.parent, tree_joint.child, *frames, closes_loop=closes_loop)
+    return JointModel(
+        tree_joint.joint,
+        tree_joint.parent,
+        tree_joint.child,
+        *frames,
+        closes_loop=closes_loop,
+        is_limited=tree_joint.joint.id in builder.simulated_joints,
+    )
 
 
 class PhysicsModelBuilder:
@@ -195,6 +208,8 @@ class PhysicsModelBuilder:
         """Pose of each attached child in its parent's frame."""
         self.joint_frames: dict[BodyId, tuple[Array, Array]] = {}
         """Each joint's frame in the map's parent and in its child."""
+        self.simulated_joints: dict[BodyId, Joint] = {}
+        """Joints whose limits are narrower than those of the world, so that doors do not turn into their casing."""
         self.late_notes: list[SpawnNote] = []
         """Notes on decisions caused by edits; those of a spawn are in its report."""
         self.settled: dict[BodyId, SettledPose] = {}
@@ -220,6 +235,7 @@ class PhysicsModelBuilder:
             dict(self.joint_frames),
             list(self.late_notes),
         )
+        result.simulated_joints = dict(self.simulated_joints)
         result._forest, result._changed_bodies, result._collision_state = (
             self._forest,
             set(self._changed_bodies),
@@ -231,11 +247,18 @@ class PhysicsModelBuilder:
 
     @property
     def forest(self) -> KinematicForest:
-        """The current rigid groups and joint trees."""
+        """The current rigid groups and joint trees; see also `order_forest`."""
         if self._forest is None:
-            self._forest = build_kinematic_forest(self.registry, self.mass_properties.approximate_masses())
+            self._forest = build_kinematic_forest(
+                self.registry, self.mass_properties.approximate_masses(), simulated_joints=self.simulated_joints
+            )
             self._loose_roots = None
         return self._forest
+
+    def order_forest(self) -> None:
+        """Brings the groups of the forest into the order in which models are compiled."""
+        if self._forest is not None and not self._forest.is_ordered:
+            self._forest = None
 
     @property
     def loose_roots(self) -> frozenset[BodyId]:
@@ -325,8 +348,12 @@ class PhysicsModelBuilder:
         new_poses[:, 3:] = normalize(new_poses[:, 3:])
         poses = np.concatenate([poses, new_poses])
         self._record_frames(added, poses)
-        self._forest = None
-        notes = [*self.mass_properties.assumption_notes(added.bodies, self._is_dynamic), *invalid_notes]
+        outward_notes = [*self._limit_outwards(added), *self._mimic_notes(added)]
+        if added.joints or added.attachments:
+            self._forest = None
+        else:
+            self._extend_forest(added.bodies)
+        notes = [*outward_notes, *self.mass_properties.assumption_notes(added.bodies, self._is_dynamic), *invalid_notes]
         new = {*added.bodies, *added.joints}
         notes += [note for note in self.forest.notes if new.intersection(note.ids)]
         collision_notes, loose = self._decide_collisions(set(added.bodies), poses, settles=options.settle)
@@ -336,7 +363,11 @@ class PhysicsModelBuilder:
         for id, pose in moved.items():
             poses[rows[id]] = pose
         notes += self._hold_crowd(added.bodies)
-        notes += self._update_place(added.bodies, poses, has_ground=options.ground)
+        is_single = not (added.joints or added.attachments or moved)
+        place_notes = self._update_place_near(added.bodies, poses, has_ground=options.ground) if is_single else None
+        if place_notes is None:
+            place_notes = self._update_place(added.bodies, poses, has_ground=options.ground)
+        notes += place_notes
         return added.report(notes), moved
 
     def remove(self, ids: Iterable[BodyId]) -> None:
@@ -350,17 +381,20 @@ class PhysicsModelBuilder:
             for root, tree_joint in self.forest.tree_joints.items()
             if tree_joint.parent in removed and root not in removed
         ]
+        forest = self.forest.without_single_bodies(removed) if self._are_single(removed) else None
         self.registry.remove(removed)
         self.mass_properties.remove(removed)
         for id in [*removed, *orphans]:
             self.attachment_poses.pop(id, None)
         self.joint_frames = {id: ends for id, ends in self.joint_frames.items() if id in self.registry.joints}
+        self.simulated_joints = {id: each for id, each in self.simulated_joints.items() if id in self.registry.joints}
         self._changed_bodies -= removed
         self.collision_filter.remove(removed)
         self._below_ground -= removed
         for id in removed:
             self.settled.pop(id, None)
-        self._forest = None
+        self._loose_roots = None if self._loose_roots is None else self._loose_roots - removed
+        self._forest = forest
         self._changed_bodies.update(*(self.bodies_moving_with(id) for id in (*orphans, *child_roots)))
 
     def attach(self, parent: BodyId, child: BodyId, poses: Array) -> None:
@@ -383,7 +417,12 @@ class PhysicsModelBuilder:
     def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
         """See `Engine.set_physics`."""
         self.registry.replace(id, physics=physics)
-        self._forest = None
+        if self._are_single({id}):
+            self._forest = self.forest.without_single_bodies({id})
+            self._loose_roots = self._loose_roots and self._loose_roots - {id}
+            self._extend_forest([id])
+        else:
+            self._forest = None
         self._changed_bodies.update(self.bodies_moving_with(id))
         self.late_notes += self.mass_properties.assumption_notes([id], self._is_dynamic)
 
@@ -431,6 +470,23 @@ class PhysicsModelBuilder:
             pairs |= {sorted_pair(root, other) for other in fixed if other != root}
         return pairs
 
+    def _extend_forest(self, ids: Iterable[BodyId]) -> None:
+        """Adds bodies to the forest that are neither attached nor on joints, if it is known."""
+        if self._forest is None:
+            return
+        mobilities = {id: self.registry.mobility(id) for id in ids}
+        masses = {id: self.mass_properties.mass(id, is_dynamic=True) for id in mobilities}
+        self._forest = self._forest.with_single_bodies(mobilities, masses)
+        if self._loose_roots is not None:
+            self._loose_roots |= {id for id, mobility in mobilities.items() if mobility is Mobility.DYNAMIC}
+
+    def _are_single(self, ids: Collection[BodyId]) -> bool:
+        """Whether some bodies are neither attached nor on joints, and nothing is attached to them."""
+        forest, joints = self.forest, self.registry.joints.values()
+        jointed = {end for joint in joints for end in (joint.parent, joint.child)}
+        alone = jointed.isdisjoint(ids) and self.registry.parents.keys().isdisjoint(ids)
+        return alone and all(len(forest.groups[id].bodies) == 1 and not self.registry.children(id) for id in ids)
+
     def _is_dynamic(self, id: BodyId) -> bool:
         """Whether the body's group is dynamic."""
         return self.forest.groups[self.forest.root_of[id]].is_dynamic
@@ -452,6 +508,28 @@ class PhysicsModelBuilder:
         child_from_joint = pose_multiply(pose_inverse(poses[[rows[joint.child] for joint in joints]]), frames)
         self.joint_frames.update(zip(added.joints, zip(parent_from_joint, child_from_joint, strict=True), strict=True))
 
+    def _limit_outwards(self, added: AddResult) -> list[SpawnNote]:
+        """Limits new joints that would let a door or drawer move into its casing; the world keeps their limits."""
+        if not added.joints:
+            return []
+        bodies = self.registry.bodies
+        handles = handles_by_body(bodies, self.registry.parents)
+        limited = outward_joints([self.registry.joints[id] for id in added.joints], bodies, handles)
+        self.simulated_joints.update({id: each.joint for id, each in limited.items()})
+        if len(limited) <= _MAX_LISTED:
+            return [SpawnNote(SpawnNoteKind.JOINT, (id,), each.text) for id, each in limited.items()]
+        example = next(iter(limited.values())).text
+        text = f"{len(limited)} joints would let doors and drawers move into their casings, and only open outwards"
+        return [SpawnNote(SpawnNoteKind.JOINT, tuple(limited), f"{text}; {example}")]
+
+    def _mimic_notes(self, added: AddResult) -> Iterator[SpawnNote]:
+        """Yields notes about joints that mimic a joint which is not there."""
+        for id in added.joints:
+            mimic = self.registry.joints[id].mimic
+            if mimic is not None and (mimic.joint not in self.registry.joints or mimic.joint == id):
+                text = f"{id} mimics {mimic.joint!r}, which is not another joint here; it moves independently"
+                yield SpawnNote(SpawnNoteKind.JOINT, (id,), text)
+
     def _decide_collisions(
         self, new_ids: set[BodyId], poses: Array, *, settles: bool
     ) -> tuple[list[SpawnNote], LooseOverlaps]:
@@ -462,11 +540,17 @@ class PhysicsModelBuilder:
             poses: poses of all bodies.
             settles: whether loose bodies may be moved out of others, which is left to the caller.
         """
-        ids, forest, joints = self.registry.ids, self.forest, self.registry.joints.values()
-        indices = {root: index for index, root in enumerate(forest.groups)}
+        forest = self.forest
+        previous, state = self._collision_state, _CollisionState(forest, tuple(self.registry.joints.values()))
+        self._collision_state, self._changed_bodies = state, set()
+        rows = self._rows_near(new_ids, poses, state)
+        if rows is not None and len(rows) <= 1:
+            return [], LooseOverlaps()  # nothing is near a single new body
+        all_ids = self.registry.ids
+        ids = all_ids if rows is None else tuple(all_ids[row] for row in rows)
+        poses = poses if rows is None else poses[rows]
         roots = [forest.root_of[id] for id in ids]
-        jointed_roots = {forest.root_of[end] for joint in joints for end in (joint.parent, joint.child)}
-        previous, self._collision_state = self._collision_state, _CollisionState.from_forest(forest, joints)
+        indices = {root: index for index, root in enumerate(dict.fromkeys(roots))}
         filter_input = CollisionFilterInput(
             ids=ids,
             poses=poses,
@@ -474,25 +558,56 @@ class PhysicsModelBuilder:
             group=np.array([indices[root] for root in roots], dtype=np.intp),
             is_dynamic=np.array([forest.groups[root].is_dynamic for root in roots], dtype=bool),
             is_free=np.array(
-                [forest.groups[root].is_dynamic and root not in jointed_roots for root in roots], dtype=bool
+                [forest.groups[root].is_dynamic and root not in state.neighbors for root in roots], dtype=bool
             ),
             is_new=np.array([id in new_ids for id in ids], dtype=bool),
-            jointed_pairs=frozenset((min(pair), max(pair)) for pair in self._collision_state.as_numbers(indices)),
+            jointed_pairs=state.jointed_pairs_as_numbers(indices),
             overlap_boxes=self.mass_properties.overlap_boxes(ids, poses),
             collision_shapes=self.mass_properties.collision_shape_batch(ids, poses),
             has_geometry=self.mass_properties.has_geometry_mask(ids),
-            unit=self._unit_numbers(indices) if settles else None,
+            unit=self._unit_numbers(ids) if settles else None,
             is_loose=np.array([root in self.loose_roots for root in roots], dtype=bool) if settles else None,
             could_collide_before=lambda a, b: previous.could_collide(ids[a], ids[b]),
         )
         self.collision_filter, notes, loose = compute_collision_filter(filter_input, self.collision_filter)
-        self._changed_bodies = set()
-        return notes, loose
+        return notes, loose if rows is None else loose.with_rows(rows)
 
-    def _unit_numbers(self, indices: Mapping[BodyId, int]) -> NDArray[np.intp]:
-        """For each body, the number of the group at the root of its tree."""
-        units, forest = self.forest.units(), self.forest
-        return np.array([indices[units[forest.root_of[id]]] for id in self.registry.ids], dtype=np.intp)
+    def _rows_near(self, new_ids: set[BodyId], poses: Array, state: _CollisionState) -> list[int] | None:
+        """Rows of the bodies on which the decisions about a few new bodies depend, in order; None for all.
+
+        They are the bodies whose bounds meet those of a new one, their groups, what the hollow ones of them contain,
+        and the groups that joints connect to them: the fronts of a cabinet.
+        """
+        ids, forest = self.registry.ids, self.forest
+        if not 0 < len(new_ids) <= _MAX_LOCAL_BODIES or len(ids) <= _MAX_LOCAL_BODIES:
+            return None
+        radii = self.mass_properties.bounding_radii(ids)
+        new_rows = [ids.index(id) for id in new_ids]
+        is_near = np.zeros(len(ids), dtype=bool)
+        for row in new_rows:
+            offsets = poses[:, :3] - poses[row, :3]
+            reach = radii + (radii[row] + TOUCH_TOLERANCE_M)
+            is_near |= np.einsum("ni,ni->n", offsets, offsets) <= reach * reach
+        near = np.flatnonzero(is_near)
+        near_ids = [ids[row] for row in near.tolist()]
+        low, high = self.mass_properties.overlap_boxes(near_ids, poses[near]).bounds()
+        meets = np.zeros(len(near), dtype=bool)
+        for row in np.searchsorted(near, new_rows):
+            meets |= np.all((low <= high[row]) & (high >= low[row]), axis=1)
+        found = {id for id, meeting in zip(near_ids, meets.tolist(), strict=True) if meeting}
+        if found == new_ids:
+            return sorted(new_rows)
+        roots = {forest.root_of[id] for id in found}
+        roots.update(*(state.neighbors.get(root, ()) for root in roots))
+        found.update(*(self.collision_filter.contents.get(id, ()) for id in found))
+        found.update(*(forest.groups[root].bodies for root in roots))
+        return [row for row, id in enumerate(ids) if id in found]
+
+    def _unit_numbers(self, ids: Iterable[BodyId]) -> NDArray[np.intp]:
+        """For each body, a number of the tree of its group."""
+        forest, numbers = self.forest, dict[BodyId, int]()
+        units = (forest.unit_of(forest.root_of[id]) for id in ids)
+        return np.array([numbers.setdefault(unit, len(numbers)) for unit in units], dtype=np.intp)
 
     # -- rest --------------------------------------------------------------------------------------------------------
 
@@ -501,7 +616,6 @@ class PhysicsModelBuilder:
     ) -> dict[BodyId, Array]:
         """Moves loose bodies out of what they overlap; returns the new poses, and appends notes."""
         ids, forest = self.registry.ids, self.forest
-        numbers = {root: number for number, root in enumerate(forest.groups)}
         compiled = [compile_geometry(self.collision_shapes(id)[0]) for id in ids]
         rows = {id: row for row, id in enumerate(ids)}
         excluded = [(rows[a], rows[b]) for a, b in self.collision_filter.excluded_pairs]
@@ -509,7 +623,7 @@ class PhysicsModelBuilder:
             SettlingInput(
                 ids=ids,
                 shapes=CollisionShapeBatch.from_compiled(poses, compiled),
-                unit=self._unit_numbers(numbers),
+                unit=self._unit_numbers(ids),
                 is_loose=np.array([self.is_loose(id) for id in ids], dtype=bool),
                 is_new=np.array([id in new_ids for id in ids], dtype=bool),
                 is_ignored=np.array([id in self.collision_filter.non_colliding for id in ids], dtype=bool),
@@ -605,8 +719,46 @@ class PhysicsModelBuilder:
         affected = [ids[row] for row in unsupported.tolist()]
         if height_m == before and not set(affected).intersection(new_ids):
             return []
-        text = f"nothing is below {len(affected):,} loose bodies: a ground is added at a height of {height_m:.3f} m"
-        return [SpawnNote(SpawnNoteKind.GROUND, tuple(affected), text)]
+        return [_ground_note(affected, height_m)]
+
+    def _update_place_near(
+        self, new_ids: Sequence[BodyId], poses: Array, *, has_ground: bool
+    ) -> list[SpawnNote] | None:
+        """Does the same as `_update_place` for a few new bodies, without those far away; None if these matter.
+
+        The bodies must be neither attached nor on joints. The bounds only grow, and a ground stays where it is.
+        """
+        ids, bounds = self.registry.ids, self.bounds
+        if not 0 < len(new_ids) <= _MAX_LOCAL_BODIES < len(ids) or bounds is None:
+            return None
+        is_loose = np.array([self.is_loose(id) for id in new_ids], dtype=bool)
+        first, height_m = len(ids) - len(new_ids), self.ground_height_m
+        boxes = self.mass_properties.overlap_boxes(new_ids, poses[first:])
+        belongs = bounds.includes(boxes)
+        unsupported: list[int] = []
+        if has_ground:
+            loose = first + np.flatnonzero(is_loose & belongs)
+            unsupported = self._unsupported_near(loose, poses) if len(loose) else []
+            if unsupported if height_m is None else not is_loose.all():
+                return None  # a ground is added, or a support for what is on the ground
+        low, high = boxes.bounds()
+        self.bounds = bounds.extended(low[belongs], high[belongs])
+        if not unsupported or height_m is None:
+            return []
+        self._below_ground |= {ids[row] for row in unsupported if high[row - first, 2] < height_m}
+        return [_ground_note([ids[row] for row in unsupported], height_m)]
+
+    def _unsupported_near(self, loose: NDArray[np.intp], poses: Array) -> list[int]:
+        """Those of some single loose bodies, by their rows, that have nothing fixed below them."""
+        ids, radii = self.registry.ids, self.mass_properties.bounding_radii(self.registry.ids) + TOUCH_TOLERANCE_M
+        offsets = poses[None, :, :2] - poses[loose, None, :2]
+        near = np.flatnonzero((np.einsum("lni,lni->ln", offsets, offsets) <= radii * radii).any(axis=0)).tolist()
+        non_colliding = self.collision_filter.non_colliding
+        fixed = [row for row in near if ids[row] not in non_colliding and not self.is_loose(ids[row])]
+        compiled = [compile_geometry(self.collision_shapes(ids[row])[0]) for row in fixed]
+        supports = CollisionShapeBatch.from_compiled(poses[fixed], compiled).boxes
+        is_unsupported = find_unsupported(poses[loose, :3], supports)
+        return [row for row, alone in zip(loose.tolist(), is_unsupported.tolist(), strict=True) if alone]
 
     def _unsupported_rows(self, poses: Array, is_loose: NDArray[np.bool_]) -> NDArray[np.intp]:
         """The loose bodies of units that have nothing fixed below them."""
@@ -625,6 +777,11 @@ class PhysicsModelBuilder:
         return loose[[unit not in supported for unit in unit_of]]
 
 
+def _ground_note(ids: Sequence[BodyId], height_m: float) -> SpawnNote:
+    text = f"nothing is below {len(ids):,} loose bodies: a ground is added at a height of {height_m:.3f} m"
+    return SpawnNote(SpawnNoteKind.GROUND, tuple(ids), text)
+
+
 _RESTING_TOLERANCE = 1e-3
 """A resting body is at most this far from where it was put [m, rad]."""
 _GROUND_TOLERANCE_M = 0.05
@@ -640,37 +797,52 @@ class SettledPose:
     """Distance from the described pose [m]."""
 
 
-@dataclass(frozen=True, slots=True)
+_MAX_LOCAL_BODIES = 8
+"""For at most so many new bodies, collisions are decided with the bodies near them instead of with all."""
+
+
+@dataclass(frozen=True)
 class _CollisionState:
-    """Which groups could collide when that was last decided."""
+    """Which groups could collide when that was last decided; computed on first use."""
 
-    root_of: Mapping[BodyId, BodyId] = field(default_factory=dict)
-    dynamic_roots: frozenset[BodyId] = frozenset()
-    """Roots of dynamic groups."""
-    jointed_roots: frozenset[tuple[BodyId, BodyId]] = frozenset()
-    """Pairs of roots whose collisions a joint disables."""
+    forest: KinematicForest = field(default_factory=KinematicForest)
+    joints: tuple[Joint, ...] = ()
 
-    @classmethod
-    def from_forest(cls, forest: KinematicForest, joints: Iterable[Joint]) -> _CollisionState:
-        dynamic_roots = frozenset(root for root, group in forest.groups.items() if group.is_dynamic)
-        jointed_roots = frozenset(
-            sorted_pair(forest.root_of[joint.parent], forest.root_of[joint.child])
-            for joint in joints
+    @cached_property
+    def neighbors(self) -> Mapping[BodyId, set[BodyId]]:
+        """For each group on joints, by its root: the roots of the groups at the other ends, itself included."""
+        found: dict[BodyId, set[BodyId]] = {}
+        for joint in self.joints:
+            ends = {self.forest.root_of[joint.parent], self.forest.root_of[joint.child]}
+            for root in ends:
+                found.setdefault(root, set()).update(ends)
+        return found
+
+    @cached_property
+    def jointed_roots(self) -> frozenset[tuple[BodyId, BodyId]]:
+        """Pairs of roots whose collisions a joint disables."""
+        root_of = self.forest.root_of
+        return frozenset(
+            sorted_pair(root_of[joint.parent], root_of[joint.child])
+            for joint in self.joints
             if joint.disable_collision is not False
         )
-        return cls(forest.root_of, dynamic_roots, jointed_roots)
 
-    def as_numbers(self, indices: Mapping[BodyId, int]) -> Iterable[tuple[int, int]]:
-        """The jointed pairs as indices of groups."""
-        return ((indices[a], indices[b]) for a, b in self.jointed_roots)
+    def jointed_pairs_as_numbers(self, indices: Mapping[BodyId, int]) -> frozenset[tuple[int, int]]:
+        """The jointed pairs of the groups that have an index, as indices, the lower one first."""
+        pairs = ((a, b) for a, b in self.jointed_roots if a in indices and b in indices)
+        return frozenset(sorted_pair(indices[a], indices[b]) for a, b in pairs)
 
     def could_collide(self, first: BodyId, second: BodyId) -> bool:
-        a, b = self.root_of.get(first), self.root_of.get(second)
+        """Whether two bodies that existed then could collide."""
+        groups, a, b = self.forest.groups, self.forest.root_of.get(first), self.forest.root_of.get(second)
         if a is None or b is None or a == b or sorted_pair(a, b) in self.jointed_roots:
             return False
-        return a in self.dynamic_roots or b in self.dynamic_roots
+        return groups[a].is_dynamic or groups[b].is_dynamic
 
 
+_MAX_LISTED = 3
+"""Number of joints with a common note from which the note is given once, with an example."""
 _REACH_TOLERANCE_M, _REACH_TOLERANCE_RAD = 1e-6, 1e-6
 
 

@@ -65,6 +65,19 @@ class PlaceBounds:
         belongs = belongs_to_place(boxes)
         return cls(low[belongs].min(axis=0), high[belongs].max(axis=0))
 
+    def includes(self, boxes: OrientedBoxes) -> NDArray[np.bool_]:
+        """For each new body, whether it belongs to the place: neither scenery nor far away."""
+        is_scenery = (2 * boxes.half_extents).max(axis=1, initial=0.0) > _MAX_PLACE_EXTENT_M
+        distance = np.abs(boxes.center - (self.low + self.high) / 2).max(axis=1, initial=0.0)
+        return np.asarray(~is_scenery & (distance <= _MAX_PLACE_RADIUS_M))
+
+    def extended(self, low: Array, high: Array) -> PlaceBounds:
+        """The bounds that contain more bodies as well; their lower and upper corners are n x 3 [m]."""
+        return PlaceBounds(
+            np.minimum(self.low, low.min(axis=0, initial=np.inf)),
+            np.maximum(self.high, high.max(axis=0, initial=-np.inf)),
+        )
+
     @property
     def fall_limit_m(self) -> float:
         """The height below which bodies are stopped [m]."""

@@ -292,13 +292,15 @@ class EntityRegistry:
             resources=tuple(dict.fromkeys(resource for world in self._worlds for resource in world.resources)),
         )
 
-    def _moved_bodies(self, poses: Array, tolerance_m: float, tolerance_rad: float) -> Iterator[Body]:
-        described = pose_array(body.pose for body in self.bodies.values())
+    def _moved_bodies(self, poses: Array, tolerance_m: float, tolerance_rad: float) -> list[Body]:
+        bodies = list(self.bodies.values())
+        described = pose_array(body.pose for body in bodies)
         distance = np.abs(poses[:, :3] - described[:, :3]).max(axis=1, initial=0.0)
         scale = np.maximum(1.0, np.abs(described[:, :3]).max(axis=1, initial=1.0))
         is_unmoved = (distance <= tolerance_m * scale) & (quat_angle(described[:, 3:], poses[:, 3:]) <= tolerance_rad)
-        for body, pose, unmoved in zip(self.bodies.values(), poses, is_unmoved.tolist(), strict=True):
-            yield body if unmoved else msgspec.structs.replace(body, pose=pose_from_array(pose))
+        for row in np.flatnonzero(~is_unmoved).tolist():
+            bodies[row] = msgspec.structs.replace(bodies[row], pose=pose_from_array(poses[row]))
+        return bodies
 
 
 def pose_error(pose: Pose) -> str:
@@ -334,6 +336,8 @@ def _limits_error(joint: Joint) -> str:
     linear = joint.linear
     slides = (linear.x_middle, linear.y_middle, linear.z_middle)
     middles = (*slides, angular.swing1_middle, angular.swing2_middle, angular.twist_middle)
+    if joint.mimic is not None and not (isfinite(joint.mimic.multiplier) and isfinite(joint.mimic.offset)):
+        return f"the multiplier and offset by which it mimics {joint.mimic.joint!r} are not finite"
     if not all(map(isfinite, middles)):
         return f"the middle positions {middles} of its ranges are not all finite"
     if max(map(abs, (*limits, *middles))) > MAX_COORDINATE_M:

@@ -200,6 +200,10 @@ class SceneContext:
 
     def neighborhoods(self, hosts: NDArray[np.bool_]) -> tuple[dict[int, Neighborhood], list[int]]:
         """Returns the neighborhoods of the hosts, and the hosts that have too many neighbors for one."""
+        if len(self.bodies) == 1:
+            none = np.zeros((0, 3))
+            alone = Neighborhood(np.zeros(0, dtype=np.intp), none, none)
+            return dict.fromkeys(np.flatnonzero(hosts).tolist(), alone), []
         count = np.zeros(len(self.bodies), dtype=np.intp)
         everything = np.ones(len(self.bodies), dtype=bool)
         for a, b in overlapping_pairs(self.boxes, hosts, everything, margin=(CONTACT_TOLERANCE_M,) * 3):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -37,7 +38,7 @@ from mindstage.knowledge.reasoner_properties import node_from_label
 from mindstage.knowledge.shape_rules import ShapeRule, ShapeRuleResolver
 from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.knowledge.tell import RUNTIME_GRAPH, AssertableValue, AssertionStore
-from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, SUBCLASS_OF, TYPE, xsd
+from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, SUBCLASS_OF, TYPE, xsd
 from mindstage.scene import Body, FactValue, Iri, IriRef, Joint, Light, Literal, PropertyAssertion, World
 from mindstage.scene.display import counted
 
@@ -201,7 +202,9 @@ class KnowledgeBase:
             AmbiguousMapError: several maps are loaded and no name was given, or several have that local name.
         """
         with self.lock:
-            return SourceMapView(self._source_map(self._resolve_map(map)))
+            source_map = self._source_map(self._resolve_map(map))
+            implied = self._registry.implied_members(source_map.map)
+            return SourceMapView(replace(source_map, implied_members=implied))
 
     def find_file(self, name: str) -> Path | None:
         """The file that a mesh name refers to (`package://…`, or a path relative to its map); None if there is none."""
@@ -217,6 +220,16 @@ class KnowledgeBase:
         """
         with self.lock:
             self._mesh_bounds = bounds
+
+    def stated_classes(self, individual: str) -> tuple[Iri, ...]:
+        """The classes that an individual is stated to have, without those of OWL; empty for anything else."""
+        try:
+            node = node_from_label(Iri(individual)) if individual.startswith("_:") else ox.NamedNode(individual)
+        except ValueError:  # a path
+            return ()
+        quads = self._store.quads_for_pattern(node, ox.NamedNode(TYPE), None)
+        names = (Iri(quad.object.value) for quad in quads if isinstance(quad.object, ox.NamedNode))
+        return tuple(sorted({name for name in names if not name.startswith(OWL)}))
 
     def map_statistics(self, map: str | None = None) -> MapStatistics:
         """Counts of the classes, individuals, objects, joints and relations of one map.
@@ -509,7 +522,6 @@ class KnowledgeBase:
             report=self._add_finding,
             add_assumption=self._add_assumption,
             conventions=self._conventions_of(map),
-            implied_members=self._registry.implied_members(map),
             mesh_bounds=self._mesh_bounds,
         )
 

@@ -24,6 +24,7 @@ from mindstage.scene import BodyId, FactValue, Iri, IriRef, Literal, PropertyAss
 
 __all__ = [
     "Finding",
+    "FindingGroup",
     "FindingSink",
     "Graph",
     "ObjectNode",
@@ -37,6 +38,8 @@ __all__ = [
     "find_forbidden_character",
     "gc_paused",
     "graph_from_quads",
+    "group_findings",
+    "group_name",
     "is_generated_label",
     "is_part_name",
     "local_name",
@@ -58,6 +61,11 @@ _START = (
 _PLAIN_LAST_NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9.-]*\Z")
 Graph = Mapping[Iri, Sequence[PropertyAssertion]]
 """Subjects and their assertions, both in the order of the source. Blank nodes are labels (`_:x`)."""
+_DETAIL = re.compile(
+    r"""'[^']*'|"[^"]*"|<[^<>]*>|\b[a-z][a-z0-9+.-]*:[^\s,;]+"""  # quotations and IRIs
+    r"""|[^\s,;:()→]*[\d#/_][^\s,;:()→]*|\S+(?: → \S+)+"""  # names with digits or separators, numbers, circles
+)
+"""The parts of a finding's text that are specific to one individual."""
 STRING = XSD + "string"
 is_generated_label = re.compile(r"_:[a-f][0-9a-f]{19,31}").fullmatch
 """Matches the random labels that the parser gives to blank nodes without a label in the source."""
@@ -102,6 +110,29 @@ class Finding(msgspec.Struct, frozen=True, rename={"problem": "what", "action": 
     def __str__(self) -> str:
         about = ", ".join(part for part in (self.individual, self.property) if part)
         return f"{self.severity.value}: {about}: {self.problem}; {self.action}"
+
+
+class FindingGroup(msgspec.Struct, frozen=True, kw_only=True):
+    """Findings of one severity about the same property, which differ in the names and numbers of individuals only."""
+
+    name: str
+    """See `group_name`."""
+    findings: tuple[Finding, ...]
+
+
+def group_name(finding: Finding) -> str:
+    """The text of a finding without the names and numbers of the individual; like findings have the same."""
+    property = local_name(finding.property) or "-"
+    return _DETAIL.sub("…", f"{finding.severity.value}: {property}: {finding.problem}; {finding.action}")
+
+
+def group_findings(findings: Iterable[Finding]) -> tuple[FindingGroup, ...]:
+    """Groups like findings: those of errors first, then in the order of the first finding of each group."""
+    groups: dict[str, list[Finding]] = {}
+    for finding in findings:
+        groups.setdefault(group_name(finding), []).append(finding)
+    found = (FindingGroup(name=name, findings=tuple(each)) for name, each in groups.items())
+    return tuple(sorted(found, key=lambda group: group.findings[0].severity is not Severity.ERROR))
 
 
 class FindingSink(Protocol):

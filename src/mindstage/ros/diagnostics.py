@@ -116,6 +116,12 @@ class DiagnosticsPublisher:
         """Publishes any other error."""
         self._publish([_status(diagnostic_msgs.Level.ERROR, operation, str(error), "", {"kind": error.code})])
 
+    def report_late_end(self, call: str, error: BaseException | None) -> None:
+        """Publishes the end of a call that was answered before it; see `Simulation.on_late_end`."""
+        level = diagnostic_msgs.Level.OK if error is None else diagnostic_msgs.Level.ERROR
+        text = "it has ended" if error is None else f"it has failed: {error}"
+        self._publish([_status(level, call, text, "", {"kind": "LateEnd"})])
+
     def report_server_refusal(self, refusal: Refusal) -> None:
         """Publishes that the rosbridge server refused an operation of this simulation."""
         operation = f"{refusal.operation} {refusal.name}"
@@ -123,7 +129,7 @@ class DiagnosticsPublisher:
 
     def report_failures(self, operation: str, reasons: Iterable[tuple[str, str]]) -> None:
         """Publishes partial failures: the id of each object, and the reason."""
-        self._publish([_status(diagnostic_msgs.Level.WARN, operation, reason, id, {}) for id, reason in reasons])
+        self._publish(_status(diagnostic_msgs.Level.WARN, operation, reason, id, {}) for id, reason in reasons)
 
     def report_spawn(self, operation: str, report: SpawnReport) -> None:
         """Publishes what could not be spawned."""
@@ -133,17 +139,15 @@ class DiagnosticsPublisher:
     def report_notes(self, operation: str, notes: Iterable[ConversionNote]) -> None:
         """Publishes what was assumed in a conversion."""
         self._publish(
-            [
-                _status(diagnostic_msgs.Level.OK, operation, note.text, id, {"field": note.field})
-                for note in notes
-                for id in note.ids
-            ]
+            _status(diagnostic_msgs.Level.OK, operation, note.text, id, {"field": note.field})
+            for note in notes
+            for id in note.ids
         )
 
-    def _publish(self, status: list[diagnostic_msgs.DiagnosticStatus]) -> None:
-        if status:
+    def _publish(self, statuses: Iterable[diagnostic_msgs.DiagnosticStatus]) -> None:
+        if self._publisher.has_subscribers and (status := tuple(statuses)):
             header = std_msgs.Header(stamp=builtin_interfaces.Time.at(self._simulation.state.time_s))
-            self._publisher.publish(diagnostic_msgs.DiagnosticArray(header=header, status=tuple(status)))
+            self._publisher.publish(diagnostic_msgs.DiagnosticArray(header=header, status=status))
 
 
 def health_status(

@@ -178,6 +178,7 @@ class RosInterface:
             node, "/mindstage/diagnostics", diagnostic_msgs.DiagnosticArray, ros=ros
         )
         self._diagnostics = diagnostics = DiagnosticsPublisher(self._diagnostics_publisher, simulation)
+        self._remove_late_end = simulation.on_late_end(diagnostics.report_late_end)
         self._remove_refusal_listener: Callable[[], None] = lambda: None
         if isinstance(node, RosbridgeClient):
             self._remove_refusal_listener = node.add_refusal_listener(diagnostics.report_server_refusal)
@@ -198,12 +199,18 @@ class RosInterface:
             self.close()
             raise
 
+    @property
+    def service_names(self) -> tuple[str, ...]:
+        """Absolute names of the services that it offers."""
+        return tuple(self._services)
+
     def close(self) -> None:
         """Withdraws everything; calling it again is harmless."""
         if self._closed:
             return
         self._closed = True
         self._remove_client_source()
+        self._remove_late_end()
         self._remove_refusal_listener()
         if self._state_publisher is not None:
             self._state_publisher.close()
@@ -271,12 +278,12 @@ class RosInterface:
         handler = action_handler(
             name, spec, diagnostics=self._diagnostics, ros=self._ros, timeout_s=self._goal_timeout_s
         )
-        # Of other servers, one of ROS 1 has only topics for actions, and one of ROS 2 has no types for these topics.
-        is_local = isinstance(self._node, LocalNode)
-        if is_local or self._ros is RosVersion.TWO:
+        # rosbridge_suite has only topics for actions in ROS 1, and no types for these topics in ROS 2.
+        has_both = not (isinstance(self._node, RosbridgeClient) and self._node.is_rosbridge_suite)
+        if has_both or self._ros is RosVersion.TWO:
             self._node.create_action_server(name, type_name(spec.type, self._ros), handler)
             self._actions.append(name)
-        if is_local or self._ros is RosVersion.ONE:
+        if has_both or self._ros is RosVersion.ONE:
             self._action_servers.append(
                 ActionlibServer(self._node, name, spec.type, handler, diagnostics=self._diagnostics, ros=self._ros)
             )

@@ -24,7 +24,9 @@ from enum import Enum, auto
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
+from urllib.parse import parse_qsl
 
+import msgspec
 import numpy as np
 import re2
 from msgspec.structs import replace
@@ -34,7 +36,7 @@ from mindstage.bridge.conversions import pose_array_messages, pose_from_message,
 from mindstage.bridge.conversions_unreal import iri_namespace
 from mindstage.engines import SpawnReport
 from mindstage.errors import BodyNotFoundError, KnowledgeError, PoseUnreachableError
-from mindstage.knowledge import KnowledgeBase
+from mindstage.knowledge import KnowledgeBase, UnitConventions
 from mindstage.knowledge.rdf import local_name
 from mindstage.msgs import builtin_interfaces, geometry_msgs, modul_spawner_msgs, std_msgs
 from mindstage.msgs import simulation_interfaces as wire
@@ -155,14 +157,18 @@ class ResourceLoader:
     def load_world(self, uri: str, text: str = "") -> World:
         """Loads the world of a map, a file or a text; the text is used if the URI is empty.
 
+        The query of the URI of a file gives conventions of its numbers, such as `map.owl?units=cm&quaternion=xyzw`.
+
         Raises:
             ResourceError: it cannot be loaded.
         """
+        maps = self.knowledge.maps()
+        if uri and (uri in maps or uri in map(local_name, maps)):
+            return self._read(self.knowledge, uri)
+        uri, _, query = uri.partition("?")
+        conventions = _conventions_from_query(query)
         if uri:
-            maps = self.knowledge.maps()
-            if uri in maps or uri in map(local_name, maps):
-                return self._read(self.knowledge, uri)
-            return self._read_file(self._path(uri))
+            return self._read_file(self._path(uri), conventions)
         if not text.strip():
             raise ResourceError(ResourceErrorType.NOT_GIVEN, "neither a URI nor a text is given")
         if "xacro" in text:
@@ -173,7 +179,7 @@ class ResourceLoader:
         with TemporaryDirectory(prefix="mindstage-") as folder:
             path = Path(folder, f"resource{_guess_suffix(text)}")
             path.write_text(text, encoding="utf-8")
-            return self._read_file(path, follow_imports=False)
+            return self._read_file(path, conventions, follow_imports=False)
 
     def _path(self, uri: str) -> Path:
         name = uri.removeprefix("file://")
@@ -193,10 +199,10 @@ class ResourceLoader:
         """Whether a path is a file inside the folder, after symbolic links are resolved."""
         return self._folder is not None and path.is_file() and path.resolve().is_relative_to(self._folder)
 
-    def _read_file(self, path: Path, *, follow_imports: bool = True) -> World:
+    def _read_file(self, path: Path, conventions: UnitConventions, *, follow_imports: bool = True) -> World:
         with KnowledgeBase() as knowledge:
             try:
-                knowledge.load(path, follow_imports=follow_imports)
+                knowledge.load(path, conventions=conventions, follow_imports=follow_imports)
             except KnowledgeError as error:
                 raise ResourceError(ResourceErrorType.PARSE_ERROR, str(error)) from error
             return self._read(knowledge, None)
@@ -207,6 +213,20 @@ class ResourceLoader:
             return knowledge.world(map)
         except KnowledgeError as error:
             raise ResourceError(ResourceErrorType.PARSE_ERROR, str(error)) from error
+
+
+def _conventions_from_query(query: str) -> UnitConventions:
+    """Returns the conventions that the query of a URI gives.
+
+    Raises:
+        ResourceError: a name or a value is invalid.
+    """
+    try:
+        return msgspec.convert(dict(parse_qsl(query, strict_parsing=bool(query))), UnitConventions)
+    except ValueError as error:  # msgspec.ValidationError is one too
+        names = ", ".join(UnitConventions.__struct_fields__)
+        text = f"the query {query!r} does not give conventions ({names}): {error}"
+        raise ResourceError(ResourceErrorType.PARSE_ERROR, text) from error
 
 
 def _guess_suffix(text: str) -> str:

@@ -59,7 +59,9 @@ class StateReader:
         """Returns the row of each body in the poses of a snapshot."""
         ids, rows = self._rows
         if ids is not snapshot.ids:
-            rows = {id: row for row, id in enumerate(snapshot.ids)}
+            start = len(ids) if snapshot.ids[: len(ids)] == ids else 0  # bodies were only added
+            rows = dict(rows) if start else {}
+            rows.update(zip(snapshot.ids[start:], range(start, len(snapshot.ids)), strict=True))
             self._rows = snapshot.ids, rows
         return rows
 

@@ -162,6 +162,7 @@ JOINT_FIELDS: Mapping[str, ChangeKind] = {
         )
     },
     "disable_collision": ChangeKind.MOTION,
+    "mimic": ChangeKind.MOTION,
 }
 
 LIGHT_FIELDS: Mapping[str, ChangeKind] = {

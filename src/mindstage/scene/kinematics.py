@@ -31,7 +31,10 @@ __all__ = [
     "OutwardJoint",
     "RigidGroups",
     "axis_ranges",
+    "coupled_positions",
+    "first_movable_axis",
     "front_side",
+    "handles_by_body",
     "is_handle_class",
     "joint_displacement",
     "joint_reach",
@@ -72,6 +75,44 @@ def axis_ranges(joint: Joint) -> tuple[JointAxisRange, ...]:
         JointAxisRange(angular.swing2, angular.swing2_limit, angular.swing2_middle),
         JointAxisRange(angular.swing1, angular.swing1_limit, angular.swing1_middle),
     )
+
+
+def first_movable_axis(joint: Joint) -> int | None:
+    """Returns the first axis that is not locked, in the order of `axis_ranges`, or None."""
+    for number, each in enumerate(axis_ranges(joint)):
+        if each.motion is AxisMotion.FREE or (each.motion is AxisMotion.LIMITED and each.limit > 0.0):
+            return number
+    return None
+
+
+def coupled_positions(joints: Mapping[BodyId, Joint], id: BodyId, position: float) -> dict[BodyId, float]:
+    """Returns the positions of all joints that are coupled to a joint by `Joint.mimic`, without its own.
+
+    A follower whose multiplier is 0 has no effect on its master.
+
+    Args:
+        joints: all joints by id.
+        id: the joint whose position is given.
+        position: on its first movable axis, relative to the spawned pose [m or rad].
+    """
+    if id not in joints or not any(joint.mimic for joint in joints.values()):
+        return {}
+    followers: dict[BodyId, list[Joint]] = {}
+    for joint in joints.values():
+        if joint.mimic is not None and joint.mimic.joint in joints and joint.mimic.joint != joint.id:
+            followers.setdefault(joint.mimic.joint, []).append(joint)
+    found, queue = {id: position}, [id]
+    for current in queue:
+        mimic = joints[current].mimic
+        if mimic is not None and mimic.multiplier and mimic.joint in joints and mimic.joint not in found:
+            found[mimic.joint] = (found[current] - mimic.offset) / mimic.multiplier
+            queue.append(mimic.joint)
+        for follower in followers.get(current, ()):
+            if follower.mimic is not None and follower.id not in found:
+                found[follower.id] = follower.mimic.multiplier * found[current] + follower.mimic.offset
+                queue.append(follower.id)
+    del found[id]
+    return found
 
 
 def joint_reach(joint: Joint) -> tuple[float | None, ...]:
@@ -179,6 +220,8 @@ _OUTSIDE_OFFSET = 0.8
 """Offset of a body from the center of its casing beyond which the casing outweighs a handle that shows otherwise."""
 _MAX_CASING_M = 2.5
 """Extent towards the front beyond which a body is a room or a building rather than a casing [m]."""
+_MIN_FURNITURE_M = 0.2
+"""Largest extent from which a body without a handle counts as a door or a drawer [m]."""
 _PANEL_RATIO = 0.5
 """A panel (a door) is thinner than this fraction of its shorter side."""
 _BEHIND_M = 0.03
@@ -241,6 +284,20 @@ class FrontSide(NamedTuple):
 def is_handle_class(name: str) -> bool:
     """Whether the name of a class is that of something by which doors and drawers are pulled."""
     return any(word in short_name(name) for word in _HANDLE_WORDS)
+
+
+def handles_by_body(bodies: Mapping[BodyId, Body], parents: Mapping[BodyId, BodyId]) -> dict[BodyId, Body]:
+    """Returns the first handle that is attached to each body.
+
+    Args:
+        bodies: all bodies by id.
+        parents: the parent of each attached body.
+    """
+    handles: dict[BodyId, Body] = {}
+    for child, parent in parents.items():
+        if child in bodies and is_handle_class(bodies[child].cls):
+            handles.setdefault(parent, bodies[child])
+    return handles
 
 
 def front_side(
@@ -317,6 +374,8 @@ def _outward_joint(joint: Joint, moving: Body, holder: Body, handle: Body | None
         return None
     axis = quat_rotate(normalized_pose_array(joint.pose)[3:], np.eye(3)[number % 3])
     box, casing = ObservedBox.of(moving), ObservedBox.of(holder)
+    if handle is None and 2 * float(box.half_extents.max()) < _MIN_FURNITURE_M:
+        return None
     outward = (_slide_direction if is_prismatic else _swing_direction)(joint, axis, box, casing)
     if outward is None:
         return None

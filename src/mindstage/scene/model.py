@@ -32,6 +32,7 @@ __all__ = [
     "Iri",
     "IriRef",
     "Joint",
+    "JointMimic",
     "Light",
     "LightType",
     "LinearLimits",
@@ -269,6 +270,21 @@ class AngularLimits(
     twist_soft_limit: SoftLimit = SoftLimit()
 
 
+class JointMimic(FrozenStruct, frozen=True, kw_only=True):
+    """A joint follows another one, its master, as the second finger of a gripper follows the first ("mimic" in URDF).
+
+    Its position is `multiplier` times that of the master, plus `offset`. Positions are relative to the spawned pose,
+    on the first axis of each joint that is not locked, in the order x, y, z, twist, swing2, swing1.
+    """
+
+    joint: BodyId
+    """The id of the master."""
+    multiplier: float = 1.0
+    """In units of the follower per unit of the master [m/m, m/rad, rad/m or rad/rad]."""
+    offset: float = 0.0
+    """[m] or [rad]."""
+
+
 class Joint(FrozenStruct, frozen=True, kw_only=True):
     """A joint with up to six degrees of freedom between two bodies (a D6 joint in PhysX)."""
 
@@ -283,6 +299,8 @@ class Joint(FrozenStruct, frozen=True, kw_only=True):
     angular: AngularLimits = AngularLimits()
     disable_collision: bool | None = None
     """Whether the two bodies do not collide with each other; None is treated as true."""
+    mimic: JointMimic | None = None
+    """The joint that it follows, if any."""
     tags: tuple[Tag, ...] = ()
     facts: tuple[PropertyAssertion, ...] = ()
 

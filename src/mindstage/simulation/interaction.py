@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from mindstage.engines.base import Engine, PoseArray
 from mindstage.engines.kinematic_tree import AXIS_NAMES, joint_coordinates, movable_axes, pose_from_joint_coordinates
@@ -166,6 +167,9 @@ class JointHandle:
         parent, child = joint.parent, joint.child
         spawned = spawn_record.joints.get(joint.id, joint)
         frame = normalized_pose_array(spawned.pose)
+        limited = spawn_record.outward_joints.get(joint.id)
+        if limited is not None and limited.parent == joint.parent:
+            joint = replace(joint, linear=limited.linear, angular=limited.angular)
         self.joint = joint
         self.moving_body = (
             child if bodies[child].physics.is_dynamic or not bodies[parent].physics.is_dynamic else parent

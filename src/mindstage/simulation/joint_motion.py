@@ -61,17 +61,22 @@ class SimulationJoint:
     """A joint of a simulation: its position, range and openness, and methods to move it.
 
     Of several axes it is the first one that is not locked, prismatic before revolute. Positions are in meters for a
-    prismatic and in radians for a revolute axis; zero is the position in the map, which counts as closed.
+    prismatic and in radians for a revolute axis; zero is the position in the map, which counts as closed. A joint that
+    mimics another one is moved by moving that one.
     """
 
-    def __init__(self, simulation: EngineSession, joint: JointHandle, world: World) -> None:
+    def __init__(
+        self, simulation: EngineSession, joint: JointHandle, world: World, *, master: SimulationJoint | None = None
+    ) -> None:
         """See `find_joint`.
 
         Args:
             simulation: the simulation of the joint.
             joint: its kinematics, with at least one axis that is not locked.
             world: a current snapshot of the simulation.
+            master: the joint that it mimics, if any.
         """
+        self._master = master
         self._simulation = simulation
         self._joint = joint
         self._axis: JointAxisState = joint.axes[0]
@@ -186,7 +191,9 @@ class SimulationJoint:
             cause = f"the position {position:g} is out of range"
             raise InvalidArgumentError(self.id, cause=cause, remedy=f"give {low:g} to {high:g} {self._unit}")
         limit = _TOLERANCES[self.is_prismatic] if tolerance is None else tolerance
-        if Capability.JOINTS in self._simulation.capabilities and self._simulates:
+        if self._master is not None:
+            duration_s = self._move_master(self._master, position, timeout_s, limit)
+        elif Capability.JOINTS in self._simulation.capabilities and self._simulates:
             duration_s = self._pull(position, timeout_s, limit)
         else:
             pose = self._joint.pose_for(self._axis.name, position - self._zero, self._poses())
@@ -205,6 +212,27 @@ class SimulationJoint:
     @property
     def _unit(self) -> str:
         return "m" if self.is_prismatic else "rad"
+
+    def _move_master(self, master: SimulationJoint, position: float, timeout_s: float, tolerance: float) -> float:
+        """Moves the mimicked joint to where it puts this one; returns the simulated time [s].
+
+        Raises:
+            InvalidArgumentError: the multiplier is 0, or that position of the master is out of its range.
+        """
+        mimic = self._joint.joint.mimic
+        assert mimic is not None
+        if mimic.multiplier == 0.0:
+            raise InvalidArgumentError(
+                self.id, cause=f"it does not move with {master.id}, which it mimics", remedy=f"move {master.id}"
+            )
+        target = (position - mimic.offset) / mimic.multiplier
+        low, high = master.range
+        # The ranges may differ by rounding.
+        slack = 1e-3 * max(1.0, abs(target))
+        if low - slack <= target <= high + slack:
+            target = min(max(target, low), high)
+        accuracy = min(tolerance / abs(mimic.multiplier), _TOLERANCES[master.is_prismatic])
+        return master.move_to(target, timeout_s=timeout_s, tolerance=accuracy).duration_s
 
     def _pull(self, target: float, timeout_s: float, tolerance: float) -> float:
         """Pulls until the joint is at rest at the target, or until the timeout; returns the simulated time [s]."""
@@ -287,4 +315,13 @@ def find_joint(simulation: EngineSession, name: str) -> SimulationJoint:
     if not found:
         known = [id for handle in handles for id in (handle.joint.id, handle.moving_body)]
         raise NameNotFoundError(name, entity_type="joint, door or drawer", known=known)
-    return SimulationJoint(simulation, found[0], world)
+    by_id = {handle.joint.id: handle for handle in handles}
+
+    def with_master(handle: JointHandle, followers: frozenset[str]) -> SimulationJoint:
+        mimic = handle.joint.mimic
+        master = None
+        if mimic is not None and mimic.joint in by_id and mimic.joint not in followers:
+            master = with_master(by_id[mimic.joint], followers | {mimic.joint})
+        return SimulationJoint(simulation, handle, world, master=master)
+
+    return with_master(found[0], frozenset({found[0].joint.id}))

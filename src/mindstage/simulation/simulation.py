@@ -26,6 +26,7 @@ from mindstage.engines.base import (
     Capability,
     Engine,
     MovedBody,
+    RebuildingEngine,
     SavedState,
     SpawnFailure,
     SpawnNote,
@@ -49,7 +50,7 @@ from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
 from mindstage.scene.transforms import Array
-from mindstage.simulation.engine_thread import EngineThread, RealTimeClock
+from mindstage.simulation.engine_thread import EditHold, EngineThread, RealTimeClock
 from mindstage.simulation.highlights import (
     HighlightResult,
     Highlights,
@@ -288,6 +289,7 @@ class Simulation:
         self.clients = ClientDirectory()
         self.undo_stack = UndoStack(self)
         self._engine = engine
+        self._rebuilding_engine = engine if isinstance(engine, RebuildingEngine) else None
         self._geometry_provider = GeometryProvider(knowledge, shapes=shapes, meshes=meshes)
         self._revision = 0
         self._worlds: tuple[World, ...] = ()
@@ -295,6 +297,9 @@ class Simulation:
         self._reports: tuple[SpawnReport, ...] = ()
         self._grounded = False
         self._initial_state: SavedState | None = None
+        self._initial_state_is_due = False
+        self._edit_hold = EditHold()
+        self._late_end_callbacks: tuple[Callable[[str, BaseException | None], None], ...] = ()
         self._start: _StartState | None = None
         self._clock: RealTimeClock | None = None
         self._perturbations = Perturbations()
@@ -305,7 +310,7 @@ class Simulation:
         self._closed = False
         self._at_close = ExitStack()
         self._state = self._read_state()
-        self._thread = EngineThread(self._tick)
+        self._thread = EngineThread(self._tick, on_late_end=self._notify_late_end)
 
     # -- the world -----------------------------------------------------------------------------------------
 
@@ -380,14 +385,15 @@ class Simulation:
             options = provider.options(immovable=immovable.ids, ground=ground)
             spawned = engine.spawn(description, geometry=fitted.geometry, options=options)
             report = with_immovable_notes(spawned, immovable)
-            report = with_geometry_notes(report, fitted, engine.poses()[0])
+            report = with_geometry_notes(report, fitted, (body.id for body in description.bodies))
             provider.add(fitted.geometry, failed=spawned.failed_bodies, immovable=immovable.ids)
             self._grounded |= ground
             self._reports = (*self._reports, report)
             if persistent:
                 self._worlds = (*self._worlds, description)
-                self._save_initial_state(engine)
+                self._initial_state_is_due = True
                 if self._start is None:
+                    self._save_initial_state()
                     self._start = self._start_state()
             else:
                 self._temporary_worlds = (*self._temporary_worlds, description)
@@ -395,7 +401,7 @@ class Simulation:
 
         default_timeout_s = self.timeout_s + 0.02 * (len(description.bodies) + len(description.joints))
         timeout_s = default_timeout_s if timeout_s is None else timeout_s
-        report = self.run_on_engine(spawn, label="spawn", timeout_s=timeout_s, edits=True)
+        report = self._run(spawn, label="spawn", timeout_s=timeout_s, edits=True, saves_first=not persistent)
         if check_rest and not is_remote(self.engine_name):
             report = replace(report, moved=self.check_rest(), rest_checked_s=REST_CHECK_S)
             self._reports = (*self._reports[:-1], report)
@@ -487,8 +493,9 @@ class Simulation:
     def mark_start(self) -> None:
         """Makes the current state the start; without a call it is the state after the first persistent spawn."""
 
-        def mark(engine: Engine) -> None:
-            self._save_initial_state(engine)
+        def mark(_: Engine) -> None:
+            self._initial_state_is_due = True
+            self._save_initial_state()
             self._start = self._start_state()
 
         self.run_on_engine(mark, label="mark start")
@@ -528,6 +535,7 @@ class Simulation:
         def clear(engine: Engine) -> None:
             engine.clear()
             self._worlds, self._temporary_worlds, self._reports, self._initial_state = (), (), (), None
+            self._initial_state_is_due = False
             self._grounded, self._start = False, None
             self._geometry_provider.clear()
             self._perturbations.clear()
@@ -569,20 +577,55 @@ class Simulation:
             edits: whether bodies, materials or highlights may change; increments `StateSnapshot.revision`.
 
         Raises:
-            SimulationTimeoutError: the call did not finish in time.
+            SimulationTimeoutError: the call did not begin in time and never will; or, with `begun`, it did not end in
+                time: then its end is reported to the callbacks of `on_late_end`.
             SimulationError: the simulation is closed.
         """
+        name = label or getattr(function, "__name__", "the call")
+        return self._run(function, label=name, timeout_s=timeout_s, edits=edits)
+
+    def on_late_end(self, callback: Callable[[str, BaseException | None], None]) -> Callable[[], None]:
+        """Registers a callback for the ends of calls that were reported as begun, but not ended in time.
+
+        Args:
+            callback: called in the engine thread with the label of the call, and its error or None; must not block.
+
+        Returns:
+            A function that removes the callback.
+        """
+        self._late_end_callbacks = (*self._late_end_callbacks, callback)
+
+        def remove() -> None:
+            self._late_end_callbacks = tuple(each for each in self._late_end_callbacks if each is not callback)
+
+        return remove
+
+    def _run(
+        self,
+        function: Callable[[Engine], T],
+        *,
+        label: str,
+        timeout_s: float | None,
+        edits: bool,
+        saves_first: bool = True,
+    ) -> T:
+        """See `run_on_engine`; a persistent spawn does not need the state before it to be saved first."""
         if self._closed:
             raise SimulationError("the simulation is closed; make a new one")
 
         def run() -> T:
+            if self._is_rebuild_pending():
+                self._thread.allow_rebuild()
             try:
+                if saves_first:
+                    self._save_initial_state()
                 return function(self._engine)
             finally:
+                if edits and self._is_rebuild_pending():
+                    self._edit_hold.add_edit()
                 self._publish(edits=edits)
 
-        name = label or getattr(function, "__name__", "the call")
-        return self._thread.run(run, label=name, timeout_s=self.timeout_s if timeout_s is None else timeout_s)
+        return self._thread.run(run, label=label, timeout_s=self.timeout_s if timeout_s is None else timeout_s)
 
     # -- questions -----------------------------------------------------------------------------------------
 
@@ -810,11 +853,18 @@ class Simulation:
         clock = self._clock
         if clock is None:
             return self._expire_markers()
+        hold_s = self._edit_hold.remaining_s()
+        if hold_s > 0.0:
+            return hold_s
         due_s = clock.due_s()
         if due_s > 0.0:
             self._markers.expire()
             try:
-                self._advance(due_s)
+                self._save_initial_state()
+                if self._is_rebuild_pending():
+                    self._thread.allow_rebuild()
+                with self._edit_hold.rebuilding():
+                    self._advance(due_s)
             except EngineError as error:
                 self._error, self._clock = str(error), None
             clock.advance(due_s)
@@ -829,8 +879,19 @@ class Simulation:
     def _advance(self, duration_s: float, _: Engine | None = None) -> None:
         self._perturbations.step(self._engine, duration_s)
 
-    def _save_initial_state(self, engine: Engine) -> None:
-        self._initial_state = engine.save_state() if Capability.SAVE in engine.capabilities else None
+    def _save_initial_state(self) -> None:
+        """Saves the state after the last persistent spawns, before anything changes it."""
+        if self._initial_state_is_due:
+            self._initial_state_is_due = False
+            saves = Capability.SAVE in self._engine.capabilities
+            self._initial_state = self._engine.save_state() if saves else None
+
+    def _is_rebuild_pending(self) -> bool:
+        return self._rebuilding_engine is not None and self._rebuilding_engine.rebuild_pending
+
+    def _notify_late_end(self, label: str, error: BaseException | None) -> None:
+        for callback in self._late_end_callbacks:
+            callback(label, error)
 
     def _start_state(self) -> _StartState:
         return _StartState(self._worlds, self._temporary_worlds, len(self._reports), self._initial_state)

@@ -25,7 +25,8 @@ from mindstage.errors import (
     RestoreError,
     WorldError,
 )
-from mindstage.scene import Attachment, BodyId, BodyPhysics, GeometryMap, Joint, Material, Pose, World
+from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, GeometryMap, Joint, Material, Pose, World
+from mindstage.scene.kinematics import handles_by_body, outward_joints
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_inverse, pose_multiply
 from mindstage.simulation.state import EngineSession
 
@@ -211,16 +212,23 @@ class SpawnRecord(msgspec.Struct, frozen=True):
     """By body."""
     joints: Mapping[BodyId, Joint]
     """By id."""
+    outward_joints: Mapping[BodyId, Joint] = {}
+    """The joints that engines limit to the outward direction, with these limits, by id."""
 
     @classmethod
     def from_worlds(cls, worlds: Iterable[World]) -> SpawnRecord:
         """The record of several worlds."""
         poses: dict[BodyId, Pose] = {}
         joints: dict[BodyId, Joint] = {}
+        bodies: dict[BodyId, Body] = {}
+        parents: dict[BodyId, BodyId] = {}
         for world in worlds:
+            bodies |= {body.id: body for body in world.bodies}
             poses |= {body.id: body.pose for body in world.bodies}
             joints |= {joint.id: joint for joint in world.joints}
-        return cls(poses, joints)
+            parents |= {attachment.child: attachment.parent for attachment in world.attachments}
+        limited = outward_joints(tuple(joints.values()), bodies, handles_by_body(bodies, parents))
+        return cls(poses, joints, {id: each.joint for id, each in limited.items()})
 
 
 class DeleteBodies(msgspec.Struct, frozen=True):
@@ -297,7 +305,9 @@ class UndeleteBodies(msgspec.Struct, frozen=True):
         self, links: Iterable[_Link], present: Mapping[BodyId, Pose]
     ) -> tuple[Mapping[BodyId, Array], Mapping[BodyId, Array]]:
         """The poses to spawn at, with joints at zero, and the final poses, both relative to the bodies that exist."""
-        previous = {body.id: normalized_pose_array(body.pose) for body in self.previous_world.bodies}
+        involved = {*self.ids, *(end for link in links for end in (link.parent, link.child))}
+        bodies = (body for body in self.previous_world.bodies if body.id in involved)
+        previous = {body.id: normalized_pose_array(body.pose) for body in bodies}
         link_of_child = {link.child: link for link in links}
         spawn_poses: dict[BodyId, Array] = {}
         final_poses: dict[BodyId, Array] = {}

@@ -20,7 +20,7 @@ import msgspec
 import viser
 
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, MapNotFoundError, MindstageError
-from mindstage.knowledge import KnowledgeBase, MapDialect, MapFormat, SourceMapView, write_map
+from mindstage.knowledge import KnowledgeBase, MapDialect, MapFormat, SourceMapView, UnitConventions, write_map
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.rdf import local_name
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Joint, Material, Mobility, Pose, Quaternion, Vector, World
@@ -56,6 +56,8 @@ class LoadRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: Annotated[str, msgspec.Meta(max_length=300)]
     text: Annotated[str, msgspec.Meta(max_length=_MAX_TEXT_LENGTH)]
+    conventions: UnitConventions = UnitConventions()
+    """Conventions of the map; what is not given is inferred."""
 
 
 class FileHandler:
@@ -125,7 +127,7 @@ class FileHandler:
         try:
             path = Path(folder.name, f"{_safe_filename(Path(request.name).stem) or 'map'}{suffix}")
             path.write_text(request.text, encoding="utf-8")
-            knowledge.load(path, follow_imports=False)
+            knowledge.load(path, conventions=request.conventions, follow_imports=False)
             world = knowledge.world()
             for body in world.bodies:
                 if body.mesh and _is_outside_path(body.mesh):

@@ -26,7 +26,15 @@ import numpy as np
 
 from mindstage.engines.collision_filter import JOINT_TOUCH_TOLERANCE_M
 from mindstage.engines.collision_shapes import MEAN_SQUARES, CompiledGeometry, primitive_collision_type
-from mindstage.engines.kinematic_tree import JointAxis, KinematicForest, RigidGroup, TreeJoint, is_ball, movable_axes
+from mindstage.engines.kinematic_tree import (
+    JointAxis,
+    KinematicForest,
+    RigidGroup,
+    TreeJoint,
+    is_ball,
+    mimic_coefficients,
+    movable_axes,
+)
 from mindstage.engines.mujoco.state import CompiledModel, ModelJoint
 from mindstage.engines.physics_model import PhysicsModelBuilder
 from mindstage.errors import EngineUnavailableError
@@ -82,6 +90,7 @@ class ModelInput:
         cls, builder: PhysicsModelBuilder, poses: Array, timestep_s: float, *, kinematics_driven: bool = False
     ) -> ModelInput:
         """The input for the current world of a builder."""
+        builder.order_forest()
         ids = builder.registry.ids
         rows = {id: row for row, id in enumerate(ids)}
         sizes, masses, bodies = builder.mass_properties.sizes(ids), builder.masses(), builder.registry.bodies
@@ -374,6 +383,8 @@ def set_joint_friction(model: Any, data: Any, joints: Iterable[ModelJoint]) -> N
 
 _HARD_LIMIT_SOLREF = (0.005, 1.0)
 """Time constant [s] and damping ratio of a hard limit: a strong arm pushes a drawer less than 1 mm past it."""
+_MIMIC_SOLREF = (0.005, 1.0)
+"""Time constant [s] and damping ratio of the coupling of a joint to the one that it follows."""
 _IDENTITY_POSE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 _DIRECTIONS = np.eye(3)
 _IDENTITY_QUATERNION = [1.0, 0.0, 0.0, 0.0]
@@ -598,6 +609,23 @@ class _SpecBuilder:
         self._add_joints(body, tree_joint, axes, is_ball(axes), _IDENTITY_POSE)
         self._add_weld(name, _name(tree_joint.child), pose_inverse(child_from_joint))
 
+    def add_mimics(self) -> None:
+        """Couples each joint that follows another one to it, on the first axis of both."""
+        for id, (tree_joint, axes, _, joints, _) in self.spec_joints.items():
+            mimic = tree_joint.joint.mimic
+            if mimic is None or mimic.joint not in self.spec_joints or mimic.joint == id:
+                continue
+            master, _, _, master_joints, _ = self.spec_joints[mimic.joint]
+            if not axes or not master_joints:
+                continue
+            joints[0].name, master_joints[0].name = joint_name(id), joint_name(mimic.joint)
+            equality = self.spec.add_equality(
+                type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT,
+                name1=joint_name(id), name2=joint_name(mimic.joint), solref=_MIMIC_SOLREF,
+            )  # fmt: skip
+            multiplier, offset = mimic_coefficients(tree_joint, master)
+            equality.data[:5] = (offset, multiplier, 0.0, 0.0, 0.0)
+
     def _add_weld(self, first: str, second: str, second_from_first: Array) -> None:
         equality = self.spec.add_equality(
             type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1=first, name2=second
@@ -653,6 +681,7 @@ def compile_model(model_input: ModelInput, *, scenery: bool = True) -> CompiledM
             builder.add_group(group)
     for tree_joint in model_input.forest.loop_joints:
         builder.add_loop_joint(tree_joint)
+    builder.add_mimics()
     builder.add_ground()
     builder.add_excludes()
     compiled = builder.compile(scenery_bodies)
@@ -681,6 +710,11 @@ def _frames(model_input: ModelInput) -> dict[BodyId, tuple[Array, Array]]:
         np.array([parent_from_frame for parent_from_frame, _ in ends]), pose_inverse(root_from_frame)
     )
     return dict(zip(tree_joints, zip(parent_from_root, root_from_frame, strict=True), strict=True))
+
+
+def joint_name(id: BodyId) -> str:
+    """The name of the first axis of a joint that is coupled to another one."""
+    return f"joint:{id}"
 
 
 def _name(id: BodyId) -> str:

@@ -31,6 +31,7 @@ from mindstage.engines.kinematic_tree import KinematicForest, joint_coordinates
 from mindstage.engines.mujoco.compiler import ModelInput, compile_model
 from mindstage.engines.mujoco.state import (
     CompiledModel,
+    ModelJoint,
     current_joint_coordinates,
     set_joint_coordinates,
     transfer_state,
@@ -52,6 +53,7 @@ from mindstage.scene import (
     World,
 )
 from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene.kinematics import coupled_positions, first_movable_axis
 from mindstage.scene.transforms import (
     Array,
     normalize,
@@ -75,6 +77,8 @@ class ModelCache:
         self._compiled: CompiledModel | None = None
         self._pending_poses: dict[BodyId, Array] = {}
         """Poses that the compiled model does not have yet."""
+        self._stale_poses: Array | None = None
+        """The result of `poses` while the model is stale."""
         self._at_rest: set[BodyId] = set()
         self._kinematics_driven = False
         self._changed_boxes: list[Array] = []
@@ -87,6 +91,7 @@ class ModelCache:
             result._compiled = copy.copy(self._compiled)
             result._compiled.data = copy.copy(self._compiled.data)
         result._pending_poses, result._at_rest = dict(self._pending_poses), set(self._at_rest)
+        result._stale_poses = self._stale_poses
         result._changed_boxes, result._kinematics_driven = list(self._changed_boxes), self._kinematics_driven
         return result
 
@@ -128,16 +133,21 @@ class ModelCache:
         """Current poses, n x 7, in the order of `registry.ids`."""
         if not self.stale and self._compiled is not None:
             return self._compiled.poses()
+        if self._stale_poses is None:
+            self._stale_poses = self._compute_stale_poses()
+        return self._stale_poses.copy()
+
+    def _compute_stale_poses(self) -> Array:
+        """The poses in the last model, and those that it does not have yet."""
         ids = self.registry.ids
         poses = np.zeros((len(ids), 7))
-        known: Mapping[BodyId, int] = {}
         if self._compiled is not None:
             known, before = self._compiled.rows, self._compiled.poses()
             old = np.fromiter((known.get(id, -1) for id in ids), dtype=np.intp, count=len(ids))
             poses[old >= 0] = before[old[old >= 0]]
-        for row, id in enumerate(ids):
-            if id in self._pending_poses:
-                poses[row] = self._pending_poses[id]
+        rows = [row for row, id in enumerate(ids) if id in self._pending_poses]
+        if rows:
+            poses[rows] = [self._pending_poses[ids[row]] for row in rows]
         return poses
 
     def poses_by_id(self) -> dict[BodyId, Array]:
@@ -175,7 +185,7 @@ class ModelCache:
         self._pending_poses.update(zip(new_ids, poses, strict=True))
         self._pending_poses.update(moved)
         self._at_rest.update(moved)
-        self.stale = True
+        self.stale, self._stale_poses = True, None if moved else np.concatenate([before, poses])
         return report
 
     def remove(self, ids: tuple[BodyId, ...]) -> None:
@@ -188,7 +198,7 @@ class ModelCache:
         for id in removed:
             self._pending_poses.pop(id, None)
         self._at_rest -= removed
-        self.stale = True
+        self.stale, self._stale_poses = True, None
         if self._compiled is not None:  # a body spawned later with the same id is another body
             self._compiled = self._compiled.without(removed, remaining_joints=self.registry.joints)
 
@@ -218,9 +228,9 @@ class ModelCache:
         moved[:, 3:] = normalize(moved[:, 3:])
         self._pending_poses.update(zip(moving, moved, strict=True))
         self._pending_poses[id] = target
+        self.stale, self._stale_poses = True, None
         self._at_rest.update(moving)
         self._changed_boxes.append(self.bounds(moving))
-        self.stale = True
 
     def stop_fallen(self) -> None:
         """Makes bodies static that fell far below the place."""
@@ -255,7 +265,7 @@ class ModelCache:
             self._at_rest,
             changed_boxes,
         )
-        self._compiled, self.stale = compiled, False
+        self._compiled, self.stale, self._stale_poses = compiled, False, None
         self._pending_poses, self._at_rest, self._changed_boxes = {}, set(), []
 
 
@@ -285,6 +295,11 @@ class MujocoEngine:
     def time_s(self) -> float:
         """See `Engine`; the same holds for the methods below."""
         return self._require_open().time_s
+
+    @property
+    def rebuild_pending(self) -> bool:
+        """See `RebuildingEngine`."""
+        return self._cache.stale and not self._closed
 
     def spawn(
         self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
@@ -385,7 +400,6 @@ class MujocoEngine:
 
     def snapshot(self) -> World:
         cache = self._require_open()
-        cache.model()  # a snapshot has the poses of the physics after pending edits
         poses = cache.builder.described_if_settled(cache.poses())
         return cache.registry.to_world(poses, tolerance_m=_POSE_TOLERANCE, tolerance_rad=_POSE_TOLERANCE)
 
@@ -454,9 +468,42 @@ class MujocoEngine:
         joint = compiled.joints[joint_id]
         child_from_body = pose_multiply(pose_inverse(poses[id]), poses[joint.tree_joint.child])
         requested = {**poses, joint.tree_joint.child: pose_multiply(target, child_from_body)}
-        set_joint_coordinates(
-            compiled, joint, current_joint_coordinates(joint, requested, cache.builder.joint_frames[joint_id])
-        )
+        coordinates = current_joint_coordinates(joint, requested, cache.builder.joint_frames[joint_id])
+        coupled = self._coupled_coordinates(cache, id, joint, coordinates)
+        set_joint_coordinates(compiled, joint, coordinates)
+        for other, other_coordinates in coupled:
+            set_joint_coordinates(compiled, other, other_coordinates)
+
+    @staticmethod
+    def _coupled_coordinates(
+        cache: ModelCache, id: BodyId, joint: ModelJoint, coordinates: Array
+    ) -> list[tuple[ModelJoint, Array]]:
+        """Joints that are coupled to the one that holds a body, and their coordinates.
+
+        Raises:
+            PoseUnreachableError: a coupled joint does not allow its position.
+        """
+        joints = cache.model().joints
+        described = {each: model_joint.tree_joint.joint for each, model_joint in joints.items()}
+        axis = first_movable_axis(joint.tree_joint.joint)
+        if axis is None:
+            return []
+        sign = -1.0 if joint.tree_joint.is_reversed else 1.0
+        positions = coupled_positions(described, joint.tree_joint.joint.id, sign * float(coordinates[axis]))
+        found = []
+        for other_id, position in positions.items():
+            other, other_axis = joints[other_id], first_movable_axis(described[other_id])
+            if other.is_ball or other_axis is None:
+                continue
+            value = -position if other.tree_joint.is_reversed else position
+            for each in other.axes:
+                if each.index == other_axis and each.limit is not None and abs(value - each.middle) > each.limit + 1e-6:
+                    reason = f"{other_id!r}, which is coupled to its joint, does not reach {position:.4g}"
+                    raise PoseUnreachableError(id, reason=reason)
+            row = np.zeros(6)
+            row[other_axis] = value
+            found.append((other, row))
+        return found
 
 
 _DIVERGENCE_WARNINGS = (

@@ -321,7 +321,19 @@ class _Document:
                 ElementTree.SubElement(contact, "exclude", body1=first, body2=second)
         if model.neq:
             equality = ElementTree.SubElement(self.root, "equality")
+            joints = self._joint_names()
             for number in range(model.neq):
+                if model.eq_type[number] == mujoco.mjtEq.mjEQ_JOINT:
+                    follower, master = (
+                        {"joint1": joints[int(model.eq_obj1id[number])]},
+                        {"joint2": joints[int(model.eq_obj2id[number])]},
+                    )
+                    attributes = {
+                        "polycoef": _format_numbers(model.eq_data[number][:5]),
+                        "solref": _format_numbers(model.eq_solref[number]),
+                    }
+                    ElementTree.SubElement(equality, "joint", follower | master | attributes)
+                    continue
                 ends = {
                     "body1": self.names[int(model.eq_obj1id[number])],
                     "body2": self.names[int(model.eq_obj2id[number])],

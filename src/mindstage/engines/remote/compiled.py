@@ -35,6 +35,7 @@ from mindstage.engines.base import (
     SpawnOptions,
     SpawnReport,
 )
+from mindstage.engines.kinematic_tree import coupled_body_poses
 from mindstage.engines.physics_model import (
     BodyModel,
     JointModel,
@@ -140,7 +141,14 @@ def _joint_change(model: JointModel) -> JointModelDelta:
     parent, child = model.joint.parent, model.joint.child
     ends = model.parent_from_joint, model.child_from_joint
     of_parent, of_child = ends if model.parent == parent else ends[::-1]
-    return JointModelDelta(parent=parent, child=child, of_parent=of_parent, of_child=of_child)
+    return JointModelDelta(
+        parent=parent,
+        child=child,
+        of_parent=of_parent,
+        of_child=of_child,
+        linear=model.joint.linear if model.is_limited else None,
+        angular=model.joint.angular if model.is_limited else None,
+    )
 
 
 # ruff: noqa: D102 - the methods of an engine are documented in the protocol
@@ -254,6 +262,13 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
         )
         moved[:, 3:] = normalize(moved[:, 3:])
         poses = dict(zip(moving, map(pose_from_array, moved), strict=True)) | {id: pose}
+        now = current | {each: normalized_pose_array(at) for each, at in poses.items()}
+        registry = builder.registry
+        for other, row in coupled_body_poses(registry.joints, builder.joint_frames, registry.bodies, now, id).items():
+            carried = builder.bodies_moving_with(other)
+            before = np.array([now[each] for each in carried])
+            after = pose_multiply(pose_multiply(row, pose_inverse(now[other])), before)
+            poses |= dict(zip(carried, map(pose_from_array, after), strict=True))
 
         def apply(builder: PhysicsModelBuilder, poses: Array) -> None:
             builder.update_attachment_pose(id, target, poses)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from mindstage.knowledge.dialects.ameva import AMEVA_DIALECT, is_ameva, read_ameva
 from mindstage.knowledge.dialects.knowrob1 import is_knowrob1, read_knowrob1
+from mindstage.knowledge.dialects.membership import check_dependency_circles
 from mindstage.knowledge.dialects.semlog import (
     check_duplicate_poses,
     is_early_semlog,
@@ -55,10 +56,11 @@ def detect_dialect(source_map: SourceMap) -> Dialect:
 
 
 def read_world(source_map: SourceMap) -> World:
-    """Reads a map of any dialect, and reports contradicting sizes and poses that many bodies share."""
+    """Reads a map of any dialect, and reports contradicting sizes, poses that many bodies share, and circles."""
     with gc_paused():
         stripped = without_restatements(source_map)
         world = detect_dialect(stripped).read(stripped)
     check_restated_sizes(restated_sizes(source_map), world, source_map.report)
     check_duplicate_poses(world, source_map.report)
+    check_dependency_circles(source_map.graph, source_map.report)
     return world

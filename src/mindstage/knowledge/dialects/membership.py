@@ -11,7 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from mindstage.knowledge.rdf import Graph, local_name, namespace_of
+from mindstage.knowledge.rdf import FindingSink, Graph, Severity, local_name, namespace_of
 from mindstage.knowledge.rdf_mapping.nested import NESTED_RESOURCES
 from mindstage.knowledge.vocabulary import (
     CHILD,
@@ -33,6 +33,7 @@ from mindstage.scene import Iri, IriRef, PropertyAssertion
 
 __all__ = [
     "MapMembers",
+    "check_dependency_circles",
     "individuals_by_map",
     "inferred_membership",
     "is_membership",
@@ -45,6 +46,7 @@ __all__ = [
 MapMembers = Mapping[Iri, Sequence[Iri]]
 """Individuals by map, in the order of the graph. A map has the map class or is the object of `describedInMap`."""
 
+_DEPENDENCY = re.compile(r"depends[-_ ]?on", re.IGNORECASE)
 _PART_CLASSES = frozenset(part.cls for part in NESTED_RESOURCES)
 _PART_PROPERTIES = frozenset(part.property for part in NESTED_RESOURCES)
 
@@ -97,6 +99,34 @@ def _assign_constraints(
     for constraint, others in ends.items():
         if map_iri := next((maps[other] for other in others if other in maps), None):
             members_by_map[map_iri][constraint] = None
+
+
+def check_dependency_circles(graph: Graph, report: FindingSink) -> None:
+    """Reports individuals that depend on themselves, directly or by others; each circle once.
+
+    A property states a dependency if its name begins with "dependsOn" or "depends-on", in any vocabulary.
+    """
+    needed: dict[Iri, list[tuple[Iri | None, Iri]]] = {}
+    for subject, facts in graph.items():
+        for fact in facts:
+            if isinstance(fact.value, IriRef) and _DEPENDENCY.match(local_name(fact.property)):
+                needed.setdefault(subject, []).append((fact.property, fact.value.iri))
+    finished: set[Iri] = set()
+    for start, first in needed.items():
+        path = {} if start in finished else {start: iter(first)}
+        while path:
+            here, others = next(reversed(path.items()))
+            property, other = next(others, (None, here))
+            if property is None:
+                finished.add(here)
+                del path[here]
+            elif other in path:
+                names = [local_name(each) for each in path]
+                circle = [*names[list(path).index(other) :], local_name(other)]
+                problem = f"it depends on itself: {' → '.join(circle)}"
+                report(Severity.WARNING, other, property, problem, "the statements are kept; nothing follows from them")
+            elif other not in finished and other in needed:
+                path[other] = iter(needed[other])
 
 
 def without_other_maps(graph: Graph, map: Iri, members_by_map: MapMembers) -> Graph:

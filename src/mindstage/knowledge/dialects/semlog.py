@@ -73,6 +73,7 @@ from mindstage.scene import (
     BodyPhysics,
     Iri,
     Joint,
+    JointMimic,
     Light,
     LightType,
     LinearLimits,
@@ -162,6 +163,7 @@ class _SemlogReader:
         }
         self.readers = {iri: self.readers[iri] for iri in self.members if iri in self.readers}
         ids = self._assign_ids()
+        joint_ids = {iri: ids[iri] for iri in ends}
         resources = self._resources()
         sizes = self._size_sources(resources)
         reader = SubjectReader(self.map, self.graph.get(self.map, ()), self.report)
@@ -173,7 +175,9 @@ class _SemlogReader:
             iri=self.map,
             name=local_name(self.map) if name is None else name,
             bodies=tuple(self._body(iri, ids[iri], sizes) for iri in bodies),
-            joints=tuple(self._joint(iri, ids[iri], ids[parent], ids[child]) for iri, (parent, child) in ends.items()),
+            joints=tuple(
+                self._joint(iri, ids[iri], ids[parent], ids[child], joint_ids) for iri, (parent, child) in ends.items()
+            ),
             attachments=tuple(
                 Attachment(parent=ids[relations.parents[child]], child=ids[child])
                 for child in bodies
@@ -313,7 +317,7 @@ class _SemlogReader:
             reader.warn(TYPE, "it has no class", "it is read as an owl:Thing")
         return THING
 
-    def _joint(self, iri: Iri, id: BodyId, parent: BodyId, child: BodyId) -> Joint:
+    def _joint(self, iri: Iri, id: BodyId, parent: BodyId, child: BodyId, joint_ids: Mapping[Iri, BodyId]) -> Joint:
         reader = self.readers[iri]
         reader.consume_references(TYPE, CONSTRAINT)
         linear, angular = self.joint_limits[iri]
@@ -326,8 +330,26 @@ class _SemlogReader:
             linear=linear,
             angular=angular,
             disable_collision=reader.read(codecs.DISABLE_COLLISION),
+            mimic=self._mimic(reader, joint_ids),
             tags=read_tags(reader),
             facts=reader.remaining(),
+        )
+
+    @staticmethod
+    def _mimic(reader: SubjectReader, joint_ids: Mapping[Iri, BodyId]) -> JointMimic | None:
+        """Returns the joint that a joint follows, or None; what is not another joint of the map is kept as a fact."""
+        others = joint_ids.keys() - {reader.subject}
+        master = reader.read(codecs.MIMICS, keep_if=lambda iri: iri not in others)
+        if master is None:
+            return None
+        if master not in others:
+            reader.warn(codecs.MIMICS.property, f"{master} is not another joint of this map", "it moves independently")
+            return None
+        multiplier = reader.read(codecs.MIMIC_MULTIPLIER)
+        return JointMimic(
+            joint=joint_ids[master],
+            multiplier=1.0 if multiplier is None else multiplier,
+            offset=reader.read(codecs.MIMIC_OFFSET) or 0.0,
         )
 
     def _light(self, iri: Iri, id: BodyId, light_type: LightType) -> Light:

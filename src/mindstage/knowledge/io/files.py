@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pyoxigraph as ox
 
-from mindstage.errors import SourceParseError
+from mindstage.errors import SourceParseError, closest_names
 from mindstage.knowledge.io.xml import (
     DEPTH_LIMIT,
     UnsafeXmlError,
@@ -63,9 +63,19 @@ _STATEMENT_START = re.compile(rb"(?:\s|#[^\n]*\n)*(?:<[^<>\"{}|^`\\\s]+>|_:\S+)\
 
 
 def map_path(name: str | os.PathLike[str]) -> str:
-    """Returns the path of a map; the name of the bundled kitchen is replaced by its path."""
+    """Returns the path of a map; the name of the bundled kitchen is replaced by its path.
+
+    Raises:
+        SourceParseError: no map of that name is bundled.
+    """
     path = os.fspath(name)
-    return os.fspath(bundled_kitchen()) if path == BUNDLED_KITCHEN else path
+    if path == BUNDLED_KITCHEN:
+        return os.fspath(bundled_kitchen())
+    if path.lower().startswith("bundled:") and not Path(path).exists():
+        meant = closest_names(path, (BUNDLED_KITCHEN,))
+        hint = f"did you mean {meant[0]}?" if meant else f"there is {BUNDLED_KITCHEN}"
+        raise SourceParseError(path, cause=f"no map of that name is bundled; {hint}")
+    return path
 
 
 def bundled_kitchen() -> Path:

@@ -109,7 +109,7 @@ def _append_statements(file: SourceFile, added: Graph) -> SourceFile:
 
 def _implied_subjects(file: SourceFile) -> Iterator[Iri]:
     """Yields the subjects of the statements that `preprocess` has appended to a text."""
-    for found in _IMPLIED.finditer(file.data):
+    for found in _IMPLIED.finditer(file.data) if _BEGIN_IMPLIED.encode() in file.data else ():
         data = found[1]
         if file.format == ox.RdfFormat.RDF_XML:
             data = f'<rdf:RDF xmlns:rdf="{RDF}">'.encode() + data + b"</rdf:RDF>"

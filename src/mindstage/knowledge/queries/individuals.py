@@ -209,10 +209,13 @@ def _unlocked_axes(joint: JointSummary) -> Iterator[str]:
     linear, angular = joint.linear, joint.angular
     for axis in ("x", "y", "z", "twist", "swing2", "swing1"):
         slides = axis in {"x", "y", "z"}
-        motion = getattr(linear if slides else angular, axis)
-        limit = f" {linear.limit:g} m" if slides else f" {getattr(angular, f'{axis}_limit', 0.0):g} rad"
+        unit = "m" if slides else "rad"
+        motions = linear if slides else angular
+        motion, middle = getattr(motions, axis), getattr(motions, f"{axis}_middle")
+        limit = linear.limit if slides else getattr(angular, f"{axis}_limit")
+        text = f" {limit:g} {unit}" if middle == 0.0 else f" {middle - limit:g} to {middle + limit:g} {unit}"
         if motion is not AxisMotion.LOCKED:
-            yield f"{axis} {motion.name.lower()}{limit if motion is AxisMotion.LIMITED else ''}"
+            yield f"{axis} {motion.name.lower()}{text if motion is AxisMotion.LIMITED else ''}"
 
 
 class IndividualDescription(AnswerRow, frozen=True, kw_only=True):

@@ -34,6 +34,9 @@ __all__ = [
     "MATERIAL_NAME",
     "MATERIAL_PATH",
     "MESH",
+    "MIMICS",
+    "MIMIC_MULTIPLIER",
+    "MIMIC_OFFSET",
     "MOBILITY",
     "OVERLAP_EVENTS",
     "QUATERNION",
@@ -161,6 +164,13 @@ def _boolean(property: Iri) -> PropertyCodec[bool]:
     return PropertyCodec(property, "true or false", decode, lambda value: Literal(str(value).lower(), datatype))
 
 
+def _reference(property: Iri) -> PropertyCodec[Iri]:
+    def decode(value: FactValue) -> Iri | None:
+        return value.iri if isinstance(value, IriRef) else None
+
+    return PropertyCodec(property, "a resource", decode, IriRef)
+
+
 def _number(property: Iri, *, datatype: str = "float", minimum: float = -math.inf) -> PropertyCodec[float]:
     def decode(value: FactValue) -> float | None:
         text = literal_text(value)
@@ -263,6 +273,10 @@ SWING1_MIDDLE = _number(ms("swing1Middle"))
 SWING2_MIDDLE = _number(ms("swing2Middle"))
 TWIST_MIDDLE = _number(ms("twistMiddle"))
 
+MIMICS = _reference(ms("mimics"))
+"""From a joint to the joint that it follows."""
+MIMIC_MULTIPLIER = _number(ms("mimicMultiplier"), datatype="double")
+MIMIC_OFFSET = _number(ms("mimicOffset"), datatype="double")
 DISABLE_COLLISION = _boolean(ms("disableCollision"))
 COLOR = _number_row(ms("colour"), 3)
 INTENSITY = _number(ms("intensity"), datatype="double")

@@ -244,6 +244,11 @@ class _WorldSerializer:
         writer.add_reference(CHILD, self._body_iri(joint.child, joint.id))
         write_tags(writer, joint.tags)
         writer.write(codecs.DISABLE_COLLISION, joint.disable_collision)
+        mimic = joint.mimic
+        writer.write(codecs.MIMICS, None if mimic is None else self._body_iri(mimic.joint, joint.id))
+        if mimic is not None:
+            writer.write(codecs.MIMIC_MULTIPLIER, mimic.multiplier)
+            writer.write(codecs.MIMIC_OFFSET, mimic.offset or None)
         parts = [
             *self._write_nested(writer, joint, NESTED_POSE, joint.pose),
             *self._write_nested(writer, joint, NESTED_LINEAR_LIMITS, joint.linear),

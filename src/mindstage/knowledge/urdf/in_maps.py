@@ -7,7 +7,7 @@ link is inferred from the words of its name.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -80,6 +80,10 @@ class ClassNameIndex:
         return {local_name(cls).lower(): cls for cls in named}
 
 
+_MAX_LINKS = 5
+"""Limit of the links that the finding about a missing robot description names."""
+
+
 @dataclass(slots=True)
 class UrdfSources:
     """The robot descriptions whose links maps may refer to."""
@@ -121,6 +125,9 @@ class UrdfSources:
         """
         links = dict(linked_individuals(graph))
         if not links:
+            return file
+        if not self.urdf_robots:
+            self.findings.append(_missing_robot(file, links))
             return file
         found: set[Iri] = set()
         data = file.data
@@ -174,6 +181,18 @@ def linked_individuals(graph: Graph) -> Iterable[tuple[Iri, str]]:
         has_pose = any(fact.property in (HAS_POSE, HAS_LOCALIZATION) for fact in facts)
         if names and not has_pose and not individual.startswith("_:"):
             yield individual, names[0]
+
+
+def _missing_robot(file: SourceFile, links: Mapping[Iri, str]) -> Finding:
+    """The finding about a map whose individuals are links of a robot description, where none is given."""
+    names = [*dict.fromkeys(map(repr, links.values()))]
+    shown = ", ".join(names[:_MAX_LINKS]) + (" …" if len(names) > _MAX_LINKS else "")
+    count = f"{len(links):,} individuals take their poses" if len(links) > 1 else "an individual takes its pose"
+    problem = f"{count} from links of a robot description ({shown})"
+    action = (
+        "none is given, so they are not in the world: give the URDF or xacro file with --urdf FILE (in Python robots)"
+    )
+    return Finding(Severity.ERROR, str(file.path), BASE_LINK_NAME, problem, action)
 
 
 def _map_of(graph: Graph, individuals: Iterable[Iri]) -> Iri | None:

@@ -8,7 +8,16 @@ import msgspec
 
 from mindstage.scene import Color, Pose, Vector
 
-__all__ = ["UrdfGeometry", "UrdfGeometryType", "UrdfIssue", "UrdfJoint", "UrdfJointType", "UrdfLink", "UrdfRobot"]
+__all__ = [
+    "UrdfGeometry",
+    "UrdfGeometryType",
+    "UrdfIssue",
+    "UrdfJoint",
+    "UrdfJointType",
+    "UrdfLink",
+    "UrdfMimic",
+    "UrdfRobot",
+]
 
 
 class UrdfGeometryType(StrEnum):
@@ -56,6 +65,15 @@ class UrdfJointType(StrEnum):
     PLANAR = "planar"
 
 
+class UrdfMimic(msgspec.Struct, frozen=True, kw_only=True):
+    """A `<mimic>` element: the joint's position is `multiplier` times that of another joint, plus `offset`."""
+
+    joint: str
+    multiplier: float = 1.0
+    offset: float = 0.0
+    """[m] or [rad]."""
+
+
 class UrdfJoint(msgspec.Struct, frozen=True, kw_only=True):
     """A joint between two links."""
 
@@ -70,6 +88,7 @@ class UrdfJoint(msgspec.Struct, frozen=True, kw_only=True):
     range: tuple[float, float] | None = None
     """Lower and upper limit [m or rad]; None for no limits."""
     damping: float = 0.0
+    mimic: UrdfMimic | None = None
     source_xml: str = ""
 
 

@@ -11,7 +11,7 @@ import re
 import struct
 import subprocess
 import sys
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Container, Iterator, Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -20,6 +20,7 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 import numpy as np
+from msgspec.structs import replace
 
 from mindstage.errors import SourceParseError
 from mindstage.knowledge.dialects.joints import to_vector
@@ -32,6 +33,7 @@ from mindstage.knowledge.urdf.model import (
     UrdfJoint,
     UrdfJointType,
     UrdfLink,
+    UrdfMimic,
     UrdfRobot,
 )
 from mindstage.scene import IDENTITY, Color, Pose, Vector
@@ -50,6 +52,7 @@ Element = ElementTree.Element
 _TOO_LARGE = 1e100
 """Numbers above this overflow when they are multiplied with each other."""
 _GEOMETRY_TAGS = {geometry_type.value for geometry_type in UrdfGeometryType}
+_SINGLE_AXIS_TYPES = (UrdfJointType.REVOLUTE, UrdfJointType.CONTINUOUS, UrdfJointType.PRISMATIC)
 _JOINT_TYPES = {type.value for type in UrdfJointType}
 LENGTH_LIMIT = 64 * 1024 * 1024
 """Maximum size of a file [bytes]; the largest robot descriptions have about two million."""
@@ -187,12 +190,13 @@ class _UrdfParser:
         joints = {joint.name: joint for joint in self._parse_each("joint", self._joint)}
         if not links:
             raise SourceParseError(str(self.path), cause="the robot in it has no link")
+        connected = {name: joint for name, joint in joints.items() if self._has_ends(joint, links.keys())}
         rest = tuple(_element_text(each) for each in self.root if each.tag not in ("link", "joint"))
         name = self.root.get("name") or self.path.name.split(".")[0]
         return UrdfRobot(
             name=name,
             links=tuple(links.values()),
-            joints=tuple(joint for joint in joints.values() if self._has_ends(joint, links.keys())),
+            joints=tuple(self._with_master(joint, connected) for joint in connected.values()),
             other_elements=rest,
             issues=tuple(self.issues),
         )
@@ -301,8 +305,6 @@ class _UrdfParser:
         if not any(axis):
             self._add_issue("its axis is 0 0 0", "1 0 0 is used")
             axis = (1.0, 0.0, 0.0)
-        if (mimic := element.find("mimic")) is not None:
-            self._add_issue(f"it mimics {mimic.get('joint', '')!r}", "it moves independently")
         dynamics = element.find("dynamics")
         return UrdfJoint(
             name=name,
@@ -312,9 +314,40 @@ class _UrdfParser:
             origin=self._origin(element),
             axis=axis,
             range=self._joint_range(element, type),
+            mimic=self._mimic(element, type),
             damping=(self._number(dynamics, "damping", 0.0) or 0.0) if dynamics is not None else 0.0,
             source_xml=_element_text(element),
         )
+
+    def _mimic(self, element: Element, type: UrdfJointType) -> UrdfMimic | None:
+        mimic = element.find("mimic")
+        if mimic is None:
+            return None
+        if type not in _SINGLE_AXIS_TYPES:
+            self._add_issue(f"a {type.value} joint mimics {mimic.get('joint', '')!r}", "it does not follow it")
+            return None
+        multiplier, offset = self._number(mimic, "multiplier", 1.0), self._number(mimic, "offset", 0.0)
+        return UrdfMimic(
+            joint=mimic.get("joint", ""), multiplier=1.0 if multiplier is None else multiplier, offset=offset or 0.0
+        )
+
+    def _with_master(self, joint: UrdfJoint, joints: Mapping[str, UrdfJoint]) -> UrdfJoint:
+        """Returns a joint that mimics a joint with one axis, directly or by way of others, or does not mimic."""
+        self.current_name = joint.name
+        visited, master = {joint.name}, joint
+        while master.mimic is not None:
+            name = master.mimic.joint
+            if name not in joints or joints[name].type not in _SINGLE_AXIS_TYPES:
+                what = "which is not a joint with one axis"
+            elif name in visited:
+                what = "which mimics it in turn"
+            else:
+                visited.add(name)
+                master = joints[name]
+                continue
+            self._add_issue(f"it mimics {name!r}, {what}", "it moves independently")
+            return replace(joint, mimic=None)
+        return joint
 
     def _joint_range(self, element: Element, type: UrdfJointType) -> tuple[float, float] | None:
         if type not in (UrdfJointType.REVOLUTE, UrdfJointType.PRISMATIC):

@@ -7,7 +7,7 @@ bodies attached to it, and a link without geometry becomes a body of size 0. The
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 from urllib.parse import quote
 
@@ -34,6 +34,7 @@ from mindstage.scene import (
     BodyPhysics,
     Iri,
     Joint,
+    JointMimic,
     Literal,
     Material,
     Mobility,
@@ -98,11 +99,13 @@ def rest_pose(robot: UrdfRobot) -> RestPose:
     children: dict[str, list[UrdfJoint]] = {}
     for joint in parent_joints.values():
         children.setdefault(joint.parent, []).append(joint)
+    positions, mimic_issues = _rest_positions(parent_joints.values())
+    issues += mimic_issues
     queue = list(roots)
     for parent in queue:
         for joint in children.get(parent, ()):
             frame = pose_multiply(links[parent], normalized_pose_array(joint.origin))
-            position = _rest_position(joint)
+            position = positions[joint.name]
             joint_states[joint.child] = joint, frame, position
             links[joint.child] = pose_multiply(frame, _joint_transform(joint, position))
             if joint.type is not UrdfJointType.FIXED or parent in movable:
@@ -130,6 +133,29 @@ def _rest_position(joint: UrdfJoint) -> float:
     if joint.range is None or joint.range[0] <= 0.0 <= joint.range[1]:
         return 0.0
     return min(joint.range, key=abs)
+
+
+def _rest_positions(joints: Iterable[UrdfJoint]) -> tuple[dict[str, float], list[UrdfIssue]]:
+    """Returns the position of each joint at rest, where followers are where their masters put them [m or rad]."""
+    by_name = {joint.name: joint for joint in joints}
+    positions = {joint.name: _rest_position(joint) for joint in by_name.values() if joint.mimic is None}
+    issues = []
+    for joint in by_name.values():
+        chain: list[UrdfJoint] = []
+        here: UrdfJoint | None = joint
+        while here is not None and here.name not in positions:
+            chain.append(here)
+            here = None if here.mimic is None else by_name.get(here.mimic.joint)
+        for follower in reversed(chain):
+            mimic = follower.mimic
+            if mimic is None or mimic.joint not in positions:  # its master would close a loop, and is omitted
+                positions[follower.name] = _rest_position(follower)
+                continue
+            positions[follower.name] = position = mimic.multiplier * positions[mimic.joint] + mimic.offset
+            if follower.range is not None and not follower.range[0] - 1e-6 <= position <= follower.range[1] + 1e-6:
+                problem = f"it mimics {mimic.joint!r}, whose rest position puts it at {position:g}, out of its range"
+                issues.append(UrdfIssue(follower.name, problem, "it is there, and its range extends to it"))
+    return positions, issues
 
 
 def _joint_transform(joint: UrdfJoint, position: float) -> Array:
@@ -195,6 +221,8 @@ class _UrdfWorldBuilder:
         }
         self.map = map or self._unused_iri(base + _url_quoted(robot.name), taken)
         self.used_iris = taken
+        self.simulated_joints: set[str] = set()
+        """Names of the joints of the world."""
         self.classes: dict[str, Iri] = {}
         self.bodies: list[Body] = []
         self.attachments: list[tuple[Iri, Iri]] = []
@@ -214,6 +242,7 @@ class _UrdfWorldBuilder:
                 self.attachments.append((self.link_iris[joint.parent], self.link_iris[child]))
             else:
                 joints.append((self.joint_iris[joint.name], joint, frame, joint_position))
+        self.simulated_joints = {joint.name for _, joint, _, _ in joints}
         ids = assign_ids({}, [self.map, *(body.iri for body in self.bodies), *(iri for iri, *_ in joints)])
         world = World(
             iri=self.map,
@@ -274,7 +303,13 @@ class _UrdfWorldBuilder:
         self, ids: Mapping[Iri, BodyId], iri: Iri, joint: UrdfJoint, frame: Array, joint_position: float
     ) -> Joint:
         axis = quat_rotate(frame[3:], np.array(joint.axis))
-        range = None if joint.range is None else (joint.range[0] - joint_position, joint.range[1] - joint_position)
+        range = None
+        if joint.range is not None:
+            lower, upper = min(joint.range[0], joint_position), max(joint.range[1], joint_position)
+            range = lower - joint_position, upper - joint_position
+        mimic = None
+        if joint.mimic is not None and joint.mimic.joint in self.simulated_joints:
+            mimic = JointMimic(joint=ids[self.joint_iris[joint.mimic.joint]], multiplier=joint.mimic.multiplier)
         limits = joint_from_axis(_JOINT_TYPES[joint.type], frame[:3], axis, range, damping=joint.damping)
         return Joint(
             id=ids[iri],
@@ -284,6 +319,7 @@ class _UrdfWorldBuilder:
             pose=limits.pose,
             linear=limits.linear,
             angular=limits.angular,
+            mimic=mimic,
             facts=(PropertyAssertion(URDF_TEXT, Literal(joint.source_xml)),),
         )
 

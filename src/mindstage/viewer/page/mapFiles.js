@@ -23,9 +23,13 @@ async function save(choice) {
   setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }
 
+// Conventions of loaded maps are inferred, unless the address of the page gives them: ?units=cm&quaternion=xyzw
+const CONVENTIONS = ["units", "frame", "quaternion", "sizes"];
+const given = [...new URLSearchParams(location.search)].filter(([name]) => CONVENTIONS.includes(name));
+
 async function load(file) {
   if (file.size > MAX_BYTES) return toast(`${file.name} is larger than ${MAX_BYTES / 1e6} MB; load it with: mindstage spawn`, "error");
-  const report = await callOrToast("load", { name: file.name, text: await file.text() });
+  const report = await callOrToast("load", { name: file.name, text: await file.text(), conventions: Object.fromEntries(given) });
   if (!report) return;
   const failed = report.failed.length ? `; ${report.failed.length} could not be spawned, the first: ${report.failed[0].id}: ${report.failed[0].reason}` : "";
   const findings = report.findings ? `; ${report.findings} findings, see Status` : "";
