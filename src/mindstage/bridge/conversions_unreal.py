@@ -15,6 +15,7 @@ symmetric: a drawer that can also move backwards still opens, one with a shorten
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container, Iterator, Mapping
 from itertools import count
 from pathlib import PurePosixPath
@@ -198,7 +199,7 @@ def _content_folder(body: Body) -> str:
 
 
 def _local_name(iri: str) -> str:
-    return iri.rpartition("#")[2] or iri.rstrip("#").rpartition("/")[2]
+    return re.split("[#/]", iri.rstrip("#/"))[-1]
 
 
 # -- from the wire -----------------------------------------------------------------------------------------------------
