@@ -456,3 +456,9 @@ COLLADA = """<?xml version="1.0" encoding="utf-8"?>
  <scene><instance_visual_scene url="#s"/></scene>
 </COLLADA>
 """
+
+
+def test_a_path_that_is_a_folder_is_rejected_with_the_reason_of_the_system(folder: Path, cache: Path) -> None:
+    (folder / "mug.stl").mkdir()
+    _, rejected = import_meshes([folder / "mug.stl"], folder=cache)
+    assert rejected == {folder / "mug.stl": "Is a directory"}
