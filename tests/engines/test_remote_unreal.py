@@ -31,7 +31,7 @@ from mindstage.errors import (
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, World, diff
 from tests.bridge.raw_client import TIMEOUT_S
-from tests.engines.contract import DescriptionContract, current_pose, displacement
+from tests.engines.contract import DescriptionContract, current_pose, displacement, gripper
 from tests.engines.fake_unreal import FakeUnrealPlugin
 from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, room, world
 from tests.knowledge.logged_maps import LoggedBody, individual_id, logged_map, yaw
