@@ -182,10 +182,7 @@ def serve(
         ros = RosVersion.ONE if ros1 else RosVersion.TWO
         interface = RosInterface(simulation, node, namespace=namespace, ros=ros, folder=worlds, on_quit=quitting.set)
         resources.callback(interface.close)
-        if isinstance(node, LocalNode):  # a client never finds an open port without the services behind it
-            url = _start_server(resources, node, host, port, token, origins or [])
-        else:
-            url = node.url
+        url = _url(resources, node, host, port, token, origins or [])
         output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name, **spawned}
         if with_viewport:
             page_token = None if connect else token  # of the remote rosbridge
@@ -193,14 +190,18 @@ def serve(
             resources.callback(viewer.close)
             output["page"] = viewer.url
         if with_foxglove:
-            from mindstage.ros.foxglove import FoxgloveServer
-
-            output["foxglove"] = resources.enter_context(FoxgloveServer(simulation, port=foxglove_port)).url
+            output["foxglove"] = _start_foxglove(resources, simulation, foxglove_port)
         _announce(output, connected=connect is not None, seconds=seconds, as_json=as_json)
         if not paused:
             simulation.play()
         _run_until_end(simulation, quitting, url, refused, seconds=seconds, quiet=as_json)
     return ExitCode.OK
+
+
+def _start_foxglove(resources: ExitStack, simulation: Simulation, port: int) -> str:
+    from mindstage.ros.foxglove import FoxgloveServer
+
+    return resources.enter_context(FoxgloveServer(simulation, port=port)).url
 
 
 def _check_options(context: typer.Context, *, connect: str | None, namespace: str, worlds: Path | None) -> None:
@@ -225,6 +226,15 @@ def _load_knowledge(
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps or [], reading)
         return knowledge, knowledge.world(map_name) if maps else None
+
+
+def _url(
+    resources: ExitStack, node: LocalNode | RosbridgeClient, host: str, port: int, token: str | None, origins: list[str]
+) -> str:
+    """The URL of the rosbridge; a server is started last, so that no client finds it without the services behind it."""
+    from mindstage.bridge import LocalNode
+
+    return _start_server(resources, node, host, port, token, origins) if isinstance(node, LocalNode) else node.url
 
 
 def _start_server(
