@@ -9,6 +9,7 @@ With --check nothing is written: it exits with 1 and a summary if `ros/` differs
 - ROS 2 requires field names in lower case: a name that is not is replaced by its `@alias`.
 - ROS 2 quotes string constants; ROS 1 takes the rest of the line literally.
 - ROS 2 has default values; ROS 1 does not.
+- catkin cannot build a service with the name of a message, so the deprecated service `SpawnEntity` is left out.
 - times are the primitive types `time` and `duration` in ROS 1, and messages of `builtin_interfaces` in ROS 2.
 
 Sources: "About ROS 2 interfaces" on docs.ros.org, wiki.ros.org/msg for ROS 1, and REP 149 for package.xml format 3.
@@ -227,6 +228,11 @@ def package_files(package: Package, version: str) -> dict[Path, str]:
     """Returns the texts of all files of a package, by their path in `ros/`."""
     source = DEFINITIONS / package.name
     paths = [path for kind in KINDS for path in sorted(source.glob(f"{kind}/*.{kind}"))]
+    messages = {path.stem for path in paths if path.parent.name == "msg"}
+    if ambiguous := [path for path in paths if path.parent.name != "msg" and path.stem in messages]:
+        if package.both:
+            raise DefinitionError(f"{package.name}: catkin cannot build a message and another type of one name")
+        paths = [path for path in paths if path not in ambiguous]
     definitions = [read_definition(path) for path in paths]
     files: dict[str, list[str]] = {kind: [] for kind in KINDS}
     texts: dict[Path, str] = {}

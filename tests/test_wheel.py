@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tarfile
 import zipfile
 from pathlib import Path
 
@@ -38,6 +39,17 @@ def test_the_wheel_contains_every_file_of_the_package(wheel: zipfile.ZipFile) ->
         "mindstage/prolog/questions.pl",
         "mindstage/viewer/page/style.css",
     } <= contents
+
+
+def test_the_source_distribution_contains_the_ros_packages(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", str(tmp_path)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    (path,) = tmp_path.glob("mindstage-*.tar.gz")
+    with tarfile.open(path) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    files = {str(path.relative_to(ROOT)) for path in (ROOT / "ros").rglob("*") if path.is_file()}
+    assert "ros/mindstage_msgs/package.xml" in files
+    assert files <= names
 
 
 def test_the_wheel_contains_the_godot_project(wheel: zipfile.ZipFile) -> None:

@@ -62,6 +62,8 @@ def test_the_files_have_the_fields_of_the_python_classes() -> None:
                 continue
             kind = "msg" if issubclass(cls, Message) else "srv" if issubclass(cls, Service) else "action"
             parts = {"msg": [""], "srv": ["Request", "Response"], "action": ["Goal", "Result", "Feedback"]}[kind]
+            if cls is simulation_interfaces.SpawnEntity:  # catkin cannot build a service with the name of a message
+                continue
             text = (SHIPPED[package] / kind / f"{getattr(cls, 'ros_name', '') or name}.{kind}").read_text()
             sections = re.split(r"^---$", text, flags=re.MULTILINE)
             assert len(sections) == len(parts)
@@ -103,6 +105,8 @@ def test_the_manifests_name_what_each_version_of_ros_needs(version: str, others:
 def test_the_cmake_files_name_every_interface() -> None:
     for folder in SHIPPED.values():
         files = {path.name for kind in ("msg", "srv", "action") for path in folder.glob(f"{kind}/*")}
+        stems = [Path(name).stem for name in files]
+        assert sorted(stems) == sorted(set(stems))  # catkin makes a target of each
         text = (folder / "CMakeLists.txt").read_text()
         ros1, _, ros2 = text.partition("else()")
         named = re.compile(r"\b[A-Z]\w+\.(?:msg|srv|action)\b")

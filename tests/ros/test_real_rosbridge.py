@@ -130,8 +130,16 @@ publish("highlight", LitBodies(ids=["Mug"], color=ColorRGBA(0, 0, 1, 1), label="
 first = int(sys.argv[2])
 publish("markers", MarkerArray(markers=[marker(first), marker(first + 1)]))
 publish("marker", marker(first + 2))
-frames = {each.child_frame_id for each in rospy.wait_for_message("/tf", TFMessage, 20.0).transforms}
-print(json.dumps(sorted(frames)))
+expected, frames, complete = set(json.loads(sys.argv[3])), set(), threading.Event()
+
+def on_frames(message):
+    frames.update(each.child_frame_id for each in message.transforms)
+    if expected <= frames:
+        complete.set()
+
+subscribers = [rospy.Subscriber(topic, TFMessage, on_frames) for topic in ("/tf", "/tf_static")]
+complete.wait(20.0)
+print(json.dumps(sorted(expected - frames)))
 """
 )
 
@@ -267,8 +275,8 @@ def test_topics_and_actions_work_with_rospy(
     real_rosbridge: RealRosbridge, client: RosbridgeClient, offered: RosInterface, simulation: Simulation
 ) -> None:
     before = len(simulation.state.markers)
-    frames = json.loads(real_rosbridge.run(TOPICS, "/unreal", "1"))
-    assert frames == sorted(simulation.state.ids)
+    missing_frames = real_rosbridge.run(TOPICS, "/unreal", "1", json.dumps(simulation.state.ids))
+    assert json.loads(missing_frames) == []
     eventually(lambda: len(simulation.state.markers) == before + 3)
     eventually(lambda: [group.label for group in simulation.state.highlight_groups] == ["from rospy"])
     assert simulation.state.highlight_groups[0].ids == ("Mug",)
@@ -335,7 +343,7 @@ def test_everything_is_offered_again_after_the_rosbridge_was_killed(
     real_rosbridge.start()
     eventually(lambda: client.connected and all_offered(client, offered))
     before = len(simulation.state.markers)
-    real_rosbridge.run(TOPICS, "/unreal", "11")
+    real_rosbridge.run(TOPICS, "/unreal", "11", json.dumps(simulation.state.ids))
     eventually(lambda: len(simulation.state.markers) == before + 3)
     assert json.loads(real_rosbridge.run(MALFORMED))["nan"] is False
     assert client.refusals == ()

@@ -62,6 +62,7 @@ from mindstage.errors import (
     ServiceNotFoundError,
     ServiceTimeoutError,
 )
+from mindstage.msgs import RosVersion
 
 __all__ = [
     "MAX_GOALS",
@@ -358,8 +359,8 @@ class HandlerDispatcher:
         self._loop = loop
         self._executor = executor
         self._send = send
-        self._queued: set[tuple[str, Id | None]] = set()
-        """Services and ids of the calls that have not begun."""
+        self._queued: set[int] = set()
+        """Identities of the calls that have not begun; ids of other servers need not be unique."""
         self._goals: dict[Id, ServerGoalHandle] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._next_id = count(1)
@@ -380,13 +381,13 @@ class HandlerDispatcher:
         elif (response := self.answer(name, call, caller)) is not None:
             self._send(response)
         else:
-            self._queued.add((call.service, call.id))
+            self._queued.add(id(call))
             self._executor.submit(caller, partial(self._handle_call, handler, call))
 
     def withdraw(self, call: CallService) -> bool:
         """Withdraws a call; returns False if it has begun."""
         try:
-            self._queued.remove((call.service, call.id))  # atomic, as in `_handle_call`
+            self._queued.remove(id(call))  # atomic, as in `_handle_call`
         except KeyError:
             return False
         return True
@@ -430,7 +431,7 @@ class HandlerDispatcher:
 
     def _handle_call(self, handler: ServiceHandler, call: CallService) -> None:
         try:
-            self._queued.remove((call.service, call.id))
+            self._queued.remove(id(call))
         except KeyError:
             return  # it was withdrawn
         self._loop.call_soon(self._send, _response(handler, call))
@@ -966,6 +967,19 @@ class LocalNode(Node):
     def set_service_timeout(self, service: str, timeout_s: float) -> None:
         """Sets the timeout of a service for calls without one, instead of the limits' `call_timeout_s` [s]."""
         self._loop.call(self.broker.services.timeouts_s.__setitem__, resolve_name(service), timeout_s)
+
+    def set_ros(self, ros: RosVersion, now: Callable[[], float]) -> None:
+        """Sets the binary format and the clock of messages to subscribers with the compression `cbor-raw`.
+
+        Args:
+            ros: version of ROS in whose format messages are serialized.
+            now: returns the time [s]; called on the loop, and must not block.
+        """
+
+        def set() -> None:
+            self.broker.topics.ros, self.broker.topics.now = ros, now
+
+        self._loop.call(set)
 
     def has_subscribers(self, topic: str) -> bool:
         """Whether the topic has subscribers; does not block."""

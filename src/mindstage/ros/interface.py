@@ -6,6 +6,7 @@ way.
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,13 +17,23 @@ import msgspec
 from mindstage.bridge import GraphInfo, LocalNode, Node, RosbridgeClient, Subscription
 from mindstage.errors import MessageValidationError, MindstageError
 from mindstage.knowledge.queries import answers_to_builtins, list_questions
-from mindstage.msgs import Message, RosVersion, decode, diagnostic_msgs, mindstage_msgs, type_name, visualization_msgs
+from mindstage.msgs import (
+    Message,
+    RosVersion,
+    decode,
+    diagnostic_msgs,
+    message_types,
+    mindstage_msgs,
+    type_name,
+    visualization_msgs,
+)
 from mindstage.ros.actionlib import ActionlibServer
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.engine_services import EngineServices
 from mindstage.ros.named_poses import NamedPoseServices
 from mindstage.ros.publishers import HighlightSubscriber, PublishRates, StatePublisher
-from mindstage.ros.rosapi import RosapiServices
+from mindstage.ros.robot_description import DescriptionPublisher
+from mindstage.ros.rosapi import ParameterServer, RosapiServices
 from mindstage.ros.service import ActionSpec, ServiceSpec, action_handler, names_elsewhere, service_handler
 from mindstage.ros.simulation_interfaces import EntityServices, ResourceLoader, SpawnServices
 from mindstage.ros.simulation_interfaces_control import SimulationControlServices, WorldServices
@@ -38,6 +49,7 @@ __all__ = ["QuestionServices", "RosInterface", "connected_clients"]
 _TRANSPORT = "ROS"
 _QUESTION_NAMESPACE = "/mindstage"
 _QUESTION_TIMEOUT_S = 60.0
+_log = logging.getLogger("mindstage.ros")
 M = TypeVar("M", bound=Message)
 
 
@@ -165,6 +177,9 @@ class RosInterface:
         """
         self.simulation = simulation
         self.namespace = namespace
+        self.parameters = ParameterServer()
+        """The parameters that rosapi returns at a local node."""
+        self.parameters.set("use_sim_time", True)
         self._node = node
         self._ros = ros
         self._goal_timeout_s = goal_timeout_s
@@ -174,6 +189,8 @@ class RosInterface:
         self._remove_client_source = simulation.clients.add_client_source(lambda: connected_clients(node))
         if simulation.worlds:
             simulation.mark_start()
+        if isinstance(node, LocalNode):
+            node.set_ros(ros, lambda: simulation.state.time_s)
         self._diagnostics_publisher = Publisher(
             node, "/mindstage/diagnostics", diagnostic_msgs.DiagnosticArray, ros=ros
         )
@@ -190,8 +207,10 @@ class RosInterface:
         self._action_servers: list[ActionlibServer] = []
         self._subscriptions: list[Subscription] = []
         self._state_publisher: StatePublisher | None = None
+        self._descriptions: DescriptionPublisher | None = None
         try:
             self._open()
+            self._descriptions = DescriptionPublisher(node, state_reader, self.parameters, namespace=namespace, ros=ros)
             self._state_publisher = StatePublisher(
                 node, state_reader, namespace=namespace, ros=ros, rates=rates or PublishRates(), extra_tick=self._tick
             )
@@ -214,6 +233,8 @@ class RosInterface:
         self._remove_refusal_listener()
         if self._state_publisher is not None:
             self._state_publisher.close()
+        if self._descriptions is not None:
+            self._descriptions.close()
         for server in self._action_servers:
             server.close()
         for subscription in self._subscriptions:
@@ -233,7 +254,9 @@ class RosInterface:
     def _make_service_groups(self, resources: ResourceLoader, *, step_s: float) -> tuple[_ServiceGroup, ...]:
         """Returns all objects that provide services."""
         simulation, state_reader, diagnostics = self.simulation, self._state_reader, self._diagnostics
-        rosapi = (RosapiServices(self._node, simulation, ros=self._ros),) if isinstance(self._node, LocalNode) else ()
+        rosapi: tuple[RosapiServices, ...] = ()
+        if isinstance(self._node, LocalNode):
+            rosapi = (RosapiServices(self._node, simulation, self.parameters, ros=self._ros),)
         return (
             WorldControlServices(state_reader, diagnostics),
             self._unreal_vis,
@@ -256,7 +279,7 @@ class RosInterface:
             names = [service.full_name(self.namespace) for service in services]
             elsewhere = names_elsewhere(self._node, names, namespace=self.namespace, ros=self._ros)
         for service in services:
-            if service.full_name(self.namespace) not in elsewhere:
+            if service.full_name(self.namespace) not in elsewhere and self._has_type(service):
                 self._create_service(service)
         for action in (*self._engine_services.actions(), *self._control_services.actions()):
             self._create_action(action)
@@ -264,6 +287,14 @@ class RosInterface:
         self._subscribe("highlight", mindstage_msgs.LitBodies, highlights.on_highlight)
         self._subscribe("markers", visualization_msgs.MarkerArray, self._unreal_vis.on_markers)
         self._subscribe("marker", visualization_msgs.Marker, self._unreal_vis.on_marker)
+
+    def _has_type(self, spec: ServiceSpec) -> bool:
+        """Whether the server can have the type; in ROS 1, catkin cannot build a service with the name of a message."""
+        needs_catkin = isinstance(self._node, RosbridgeClient) and self._node.is_rosbridge_suite
+        if self._ros is RosVersion.TWO or not needs_catkin or type_name(spec.type) not in message_types():
+            return True
+        _log.info("%s is not offered: ROS 1 has no service %s", spec.full_name(self.namespace), type_name(spec.type))
+        return False
 
     def _create_service(self, spec: ServiceSpec) -> None:
         name = spec.full_name(self.namespace)
