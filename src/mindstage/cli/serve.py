@@ -182,16 +182,13 @@ def serve(
         ros = RosVersion.ONE if ros1 else RosVersion.TWO
         interface = RosInterface(simulation, node, namespace=namespace, ros=ros, folder=worlds, on_quit=quitting.set)
         resources.callback(interface.close)
-        if isinstance(node, LocalNode):  # a client never finds an open port without the services behind it
-            url = _start_server(resources, node, host, port, token, origins or [])
-        else:
-            url = node.url
+        # The port opens last: a client never finds it without the services behind it.
+        url = _listen(resources, node, host, port, token, origins or []) if isinstance(node, LocalNode) else node.url
         output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name, **spawned}
         if with_viewport:
-            page_token = None if connect else token  # of the remote rosbridge
-            viewer = open_viewer(simulation, port=page_port, host=host, token=page_token, origins=origins or [])
-            resources.callback(viewer.close)
-            output["page"] = viewer.url
+            output["page"] = _open_page(
+                resources, simulation, page_port, host, None if connect else token, origins or []
+            )
         if with_foxglove:
             from mindstage.ros.foxglove import FoxgloveServer
 
@@ -227,13 +224,19 @@ def _load_knowledge(
         return knowledge, knowledge.world(map_name) if maps else None
 
 
-def _start_server(
-    resources: ExitStack, node: LocalNode, host: str, port: int, token: str | None, origins: list[str]
-) -> str:
+def _listen(resources: ExitStack, node: LocalNode, host: str, port: int, token: str | None, origins: list[str]) -> str:
     from mindstage.bridge import RosbridgeServer
 
     server = RosbridgeServer(node, host=host, port=port, token=token or None, origins=origins)
     return resources.enter_context(server).url
+
+
+def _open_page(
+    resources: ExitStack, simulation: Simulation, port: int, host: str, token: str | None, origins: list[str]
+) -> str:
+    viewer = open_viewer(simulation, port=port, host=host, token=token, origins=origins)
+    resources.callback(viewer.close)
+    return viewer.url
 
 
 def _connect(resources: ExitStack, url: str, token: str | None, refused: list[Refusal]) -> RosbridgeClient:
