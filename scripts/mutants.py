@@ -55,7 +55,12 @@ PACKAGES = {
     "geometry and assets": ["geometry/*.py", "assets"],
 }
 """The core by name, as folders or patterns below `SOURCE`."""
-TEST_FOLDERS = ["scene", "engines", "knowledge", "bridge", "msgs", "ros", "simulation", "geometry", "assets", "viewer"]
+TEST_FOLDERS = [
+    *("scene", "engines", "knowledge", "bridge", "msgs", "ros", "simulation", "geometry", "assets", "viewer"),
+    *("prolog", "cli"),
+]
+EXCLUDED_FILES = ["__init__.py", "godot.py", "godot_process.py"]
+"""Godot's files: their tests take seconds each."""
 SLOW_TESTS = ["godot", "chromium", "browser", "page_tab", "fuzz_files", "fuzz_structure", "test_shot", "roslibjs"]
 """Words of test ids that are not run: they need other programs and take seconds each."""
 BUDGET_S = 30.0
@@ -155,7 +160,7 @@ def _files_of(patterns: Iterable[str]) -> Iterator[Path]:
     for pattern in patterns:
         folder = SOURCE / pattern
         found = sorted(folder.rglob("*.py")) if folder.is_dir() else sorted(SOURCE.glob(pattern))
-        yield from (path for path in found if path.name != "__init__.py")
+        yield from (path for path in found if path.name not in EXCLUDED_FILES)
 
 
 def _draw_from_file(package: str, path: Path, count: int, chooser: random.Random) -> Iterator[tuple[Mutant, str]]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import stat
 import threading
 from pathlib import Path
 
 import pytest
 
-from mindstage.files import atomic_write, cache_dir
+from mindstage.files import atomic_write, cache_dir, file_lock
 
 durable_or_not = pytest.mark.parametrize("durable", [False, True])
 
@@ -85,3 +86,61 @@ def test_readers_see_one_content_or_the_other(tmp_path: Path) -> None:
     while any(writer.is_alive() for writer in writers):
         assert path.read_bytes() in contents
     assert os.listdir(tmp_path) == ["map.owl"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions and symbolic links as on Linux and macOS")
+@durable_or_not
+def test_a_file_keeps_its_permissions_and_a_link_stays_a_link(tmp_path: Path, durable: bool) -> None:
+    target, link = tmp_path / "there" / "map.owl", tmp_path / "link.owl"
+    target.parent.mkdir()
+    target.write_bytes(b"old")
+    target.chmod(0o640)
+    link.symlink_to(Path("there") / "map.owl")
+    atomic_write(link, b"new", durable=durable)
+    assert link.is_symlink()
+    assert target.read_bytes() == b"new"
+    assert stat.S_IMODE(target.stat().st_mode) == 0o640
+    assert os.listdir(target.parent) == ["map.owl"]
+    dangling = tmp_path / "dangling.owl"
+    dangling.symlink_to(tmp_path / "there" / "created.owl")
+    atomic_write(dangling, b"x")
+    assert (tmp_path / "there" / "created.owl").read_bytes() == b"x"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no /dev/full")
+def test_a_device_is_written_to_and_not_replaced() -> None:
+    atomic_write(Path("/dev/null"), b"x")
+    assert not Path("/dev/null").is_file()
+    with pytest.raises(OSError, match="No space left on device") as raised:
+        atomic_write(Path("/dev/full"), b"x")
+    assert raised.value.filename == "/dev/full"
+
+
+def test_a_lock_excludes_other_threads_and_leaves_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "count"
+    path.write_text("0")
+
+    def count() -> None:
+        for _ in range(20):
+            with file_lock(path):
+                path.write_text(str(int(path.read_text()) + 1))
+
+    threads = [threading.Thread(target=count) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert path.read_text() == "80"
+    assert os.listdir(tmp_path) == ["count"]
+
+
+def test_a_lock_that_is_held_for_too_long_is_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "told.ttl"
+    held = file_lock(path, timeout_s=0.05)
+    with file_lock(path), pytest.raises(OSError, match="being written by another process") as raised:
+        held.__enter__()
+    assert raised.value.filename == str(path)
+    with file_lock(path, timeout_s=0.05):
+        pass
+    with pytest.raises(OSError, match="No such file"), file_lock(tmp_path / "nowhere" / "told.ttl"):
+        pass

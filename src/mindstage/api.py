@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
+    from mindstage.bridge import TlsCertificate, VisitorLimits
     from mindstage.engines import Engine
     from mindstage.knowledge import KnowledgeBase, SparqlEndpoint, UnitConventions
     from mindstage.saving import FileDialect, FileFormat
@@ -280,6 +281,8 @@ def view(
     host: str = "127.0.0.1",
     token: str | None = None,
     origins: Collection[str] = (),
+    tls: TlsCertificate | None = None,
+    visitor_limits: VisitorLimits | None = None,
     block: bool = False,
     duration_s: float | None = None,
 ) -> Viewer:
@@ -293,19 +296,26 @@ def view(
         host: the address to listen on. The default is the loopback interface; any other needs a token.
         token: the token that clients must present.
         origins: further origins from which the page may be opened, such as `https://robot.example`.
+        tls: the certificate for https://; None serves http://.
+        visitor_limits: limits of each client address; None for the defaults.
         block: whether to play in real time until Ctrl-C, until the simulation is closed or until `duration_s`, and to
             close the page then. By default the function returns at once.
         duration_s: how long to block, in wall time [s].
 
     Raises:
         AuthenticationError: the host is not a loopback address, and there is no token.
+        CertificateError: the certificate cannot be used.
         ViewerUnavailableError: the server cannot listen at that address.
     """
+    from mindstage.bridge import VisitorLimits
     from mindstage.prolog import is_installed, solve_query
     from mindstage.viewer import Viewer
 
     prolog = solve_query if is_installed() else None
-    page = Viewer(sim, host=host, port=port, token=token, origins=origins, prolog=prolog)
+    limits = visitor_limits or VisitorLimits()
+    page = Viewer(
+        sim, host=host, port=port, token=token, origins=origins, tls=tls, visitor_limits=limits, prolog=prolog
+    )
     sim.on_close(page.close)
     if block:
         with page:

@@ -41,6 +41,7 @@
     │   ├── BridgeUnavailableError      the server cannot listen at that address
     │   ├── FoxgloveUnavailableError    the Foxglove SDK is not installed, or its server cannot listen
     │   ├── AuthenticationError         missing or invalid token
+    │   ├── CertificateError            a file with a certificate or a key cannot be used
     │   ├── ConnectionLostError         no connection, or a closed one
     │   ├── ServiceNotFoundError        no service or action of that name is advertised
     │   ├── ServiceTimeoutError         a service or action did not return in time
@@ -57,6 +58,7 @@
     ├── BrowserError                    failure of the browser that renders pictures (exit code 2)
     │   ├── BrowserNotFoundError        not installed, or it does not start
     │   └── BrowserCrashedError         it exited, returned an error or did not reply in time
+    ├── CacheError                      the cache directory cannot be written (exit code 2)
     ├── InvalidRequestError             invalid request from the page (exit code 2)
     └── ViewerUnavailableError          the page's server cannot listen at that address (exit code 2)
 
@@ -85,6 +87,8 @@ __all__ = [
     "BrowserCrashedError",
     "BrowserError",
     "BrowserNotFoundError",
+    "CacheError",
+    "CertificateError",
     "ConnectionLostError",
     "EndpointError",
     "EndpointUnreachableError",
@@ -723,6 +727,18 @@ class AuthenticationError(BridgeError):
 
 
 @dataclass(eq=False)
+class CertificateError(BridgeError):
+    """A file with a certificate, a private key or authorities for TLS cannot be used."""
+
+    code = "CertificateRefused"
+    template = "the TLS file {path} cannot be used: {cause}; {remedy}"
+    path: str
+    _: KW_ONLY
+    cause: str
+    remedy: str
+
+
+@dataclass(eq=False)
 class ConnectionLostError(BridgeError):
     """No connection, or a closed one; a pending request may or may not have been executed."""
 
@@ -939,6 +955,17 @@ class BrowserCrashedError(BrowserError):
 
     code = "BrowserBroken"
     template = "the browser failed: {cause}; try again, or increase the timeout"
+    cause: str
+
+
+@dataclass(eq=False)
+class CacheError(MindstageError):
+    """The cache directory cannot be written."""
+
+    code = "CacheUnavailable"
+    template = "the cache {folder} cannot be written: {cause}; free space, or set MINDSTAGE_CACHE to another folder"
+    folder: str
+    _: KW_ONLY
     cause: str
 
 

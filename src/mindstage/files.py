@@ -1,15 +1,23 @@
-"""The user's cache directory, and atomic file writing."""
+"""The user's cache directory, atomic file writing, and file locks."""
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 import sys
 import tempfile
-from contextlib import suppress
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
-__all__ = ["atomic_write", "cache_dir"]
+__all__ = ["atomic_write", "cache_dir", "file_lock"]
+
+_LOCK_TIMEOUT_S = 30.0
+_LOCK_INTERVAL_S = 0.02
+"""The time between two attempts to lock a file [s]."""
 
 
 def cache_dir(name: str = "") -> Path:
@@ -45,6 +53,9 @@ def _home() -> Path:
 def atomic_write(path: Path, content: bytes, *, durable: bool = False) -> None:
     """Writes a file; an existing file is replaced only when the new one is complete.
 
+    A symbolic link stays, and the file it leads to is replaced. A file keeps its permissions. What is no regular file,
+    such as a pipe, is written to directly.
+
     Args:
         path: the file, in an existing directory.
         content: the whole content.
@@ -53,24 +64,97 @@ def atomic_write(path: Path, content: bytes, *, durable: bool = False) -> None:
     Raises:
         OSError: the file cannot be written; `filename` is the path. An existing file is unchanged.
     """
-    # In the same directory, since a rename is atomic only within one file system.
-    part = path.with_name(f".{uuid4().hex}.part")
+    part: Path | None = None
     try:
+        target = path.resolve() if path.is_symlink() else path
+        mode = _permissions(target)
+        if mode is None and target.exists():
+            path.write_bytes(content)  # not `target`: the name of a pipe cannot be opened
+            return
+        # In the same directory, since a rename is atomic only within one file system.
+        part = target.with_name(f".{uuid4().hex}.part")
         with part.open("xb") as file:
+            if mode is not None:
+                os.chmod(part, mode)
             file.write(content)
             if durable:
                 file.flush()
                 os.fsync(file.fileno())
-        part.replace(path)
+        part.replace(target)
         if durable and hasattr(os, "O_DIRECTORY"):  # the rename is part of the directory's data
-            folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+            folder = os.open(target.parent, os.O_RDONLY | os.O_DIRECTORY)
             try:
                 os.fsync(folder)
             finally:
                 os.close(folder)
     except BaseException as error:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
+        if part is not None:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
         if isinstance(error, OSError):
             raise OSError(error.errno, error.strerror or str(error), str(path)) from error
         raise
+
+
+def _permissions(path: Path) -> int | None:
+    """The permissions of a regular file; None if there is none."""
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        return None
+    return stat.S_IMODE(status.st_mode) if stat.S_ISREG(status.st_mode) else None
+
+
+@contextmanager
+def file_lock(path: Path, *, timeout_s: float = _LOCK_TIMEOUT_S) -> Iterator[None]:
+    """Excludes other processes and threads that lock the same path, during the `with` block.
+
+    The lock is a file beside it, which is removed afterwards. The operating system releases it if the process ends.
+
+    Args:
+        path: the file to be changed, which need not exist.
+        timeout_s: how long to wait for others [s].
+
+    Raises:
+        OSError: the lock was not available in time, or its file cannot be created; `filename` is the path.
+    """
+    lock = path.with_name(f".{path.name}.lock")
+    end_s = time.monotonic() + timeout_s
+    while (descriptor := _try_lock(path, lock)) is None:
+        if time.monotonic() > end_s:
+            cause = f"it is being written by another process, which has not finished within {timeout_s:g} s"
+            raise OSError(errno.EAGAIN, cause, str(path))
+        time.sleep(_LOCK_INTERVAL_S)
+    try:
+        yield
+    finally:
+        with suppress(OSError):  # Windows does not remove open files
+            lock.unlink()
+        os.close(descriptor)
+
+
+def _try_lock(path: Path, lock: Path) -> int | None:
+    """Locks the lock file, and returns its descriptor; None if another process has locked or has just removed it."""
+    try:
+        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o600)
+    except PermissionError as error:
+        if sys.platform == "win32":  # being removed
+            return None
+        raise OSError(error.errno, error.strerror, str(path)) from error
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.path.samestat(os.fstat(descriptor), os.stat(lock)):
+            return descriptor
+    except OSError:
+        pass
+    os.close(descriptor)
+    return None

@@ -11,6 +11,7 @@ import pytest
 import trimesh
 
 from mindstage.assets.cache import cache_geometry_glb, geometry_cache_dir
+from mindstage.errors import CacheError
 from mindstage.scene import BodyGeometry, PbrMaterial, VisualMesh
 
 VISUAL = VisualMesh(
@@ -62,3 +63,14 @@ def test_the_least_recently_used_files_are_deleted(folder: Path, monkeypatch: py
     monkeypatch.setattr("mindstage.assets.cache._MAX_BYTES", 3 * size)
     newest = cache_geometry_glb(replace(GEOMETRY, key=f"{9:016x}"))
     assert {path.name for path in folder.iterdir()} == {names[0], names[3], newest}
+
+
+def test_a_full_disk_is_an_error_that_names_the_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(CacheError, match=r"the cache .* cannot be written: No space left on device; free space"):
+        cache_geometry_glb(GEOMETRY)
+    assert not list(folder.iterdir())
+    monkeypatch.undo()

@@ -224,3 +224,12 @@ def test_an_invalid_pose_is_refused() -> None:
         world_to_glb(world_of(replace(CUP, pose=Pose((float("nan"), 0.0, 0.0)))))
     with pytest.raises(MapWriteError, match="its size"):
         world_to_glb(world_of(replace(CUP, size=(1.0, float("inf"), 1.0), shape=PrimitiveShape())))
+
+
+def test_the_header_has_the_version_and_the_length_of_the_binary_chunk() -> None:
+    data = world_to_glb(world_of(CUP)).data
+    document = json_chunk(data)
+    (json_length,) = struct.unpack_from("<I", data, 12)
+    (binary_length,) = struct.unpack_from("<I", data, 20 + json_length)
+    assert document["asset"]["version"] == "2.0"
+    assert document["buffers"] == [{"byteLength": binary_length}]

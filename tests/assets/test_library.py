@@ -3,6 +3,7 @@
 import json
 import os
 import struct
+import subprocess
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -383,6 +384,12 @@ def test_a_corrupt_or_malicious_file_is_rejected_by_name(folder: Path, cache: Pa
     assert "is left out: " in note
 
 
+def answer_of(name: str, text: str, *, kind: str) -> str:
+    """A line of a worker that answers a request."""
+    answer = {"path": "", name: text, "kind": kind}
+    return f"print({json.dumps(json.dumps(answer))}, flush=True)"
+
+
 def test_a_file_that_crashes_the_worker_affects_no_other_file(
     folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -394,7 +401,39 @@ def test_a_file_that_crashes_the_worker_affects_no_other_file(
     imported, rejected = import_meshes([folder / "cup.stl"], folder=cache, timeout_s=0.0)
     assert not imported
     assert "longer than 0 s" in rejected[folder / "cup.stl"]
-    assert import_meshes([folder / "cup.stl"], folder=cache)[1] == rejected, "the rejection is cached"
+    assert "tried again next time" in rejected[folder / "cup.stl"]
+    assert not list(cache.glob("*.rejected")), "a slow machine is no property of the file"
+    assert import_meshes([folder / "cup.stl"], folder=cache)[0]
+
+
+@pytest.mark.parametrize(
+    ("end", "message", "remembered"),
+    [
+        ("os.kill(os.getpid(), 9)", "the importer was ended by SIGKILL; it is tried again next time", False),
+        ("os.abort()", "it crashes the importer (SIGABRT)", True),
+        ("sys.exit(3)", "the importer exited with 3; it is tried again next time", False),
+        (answer_of("why", "no space", kind="cache"), "cannot be written: no space; free space, or set", False),
+        (answer_of("why", "I/O error", kind="transient"), "I/O error; it is tried again next time", False),
+        (answer_of("why", "no triangles", kind="file"), "no triangles", True),
+    ],
+)
+def test_only_causes_in_the_file_are_remembered(
+    end: str, message: str, remembered: bool, folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    block().export(folder / "cup.stl")
+    worker = folder / "worker.py"
+    worker.write_text(f"import json, os, sys\nsys.stdin.readline()\n{end}\n")
+    start = subprocess.Popen
+    monkeypatch.setattr(
+        "mindstage.assets.mesh_import.subprocess.Popen",
+        lambda command, **options: start([command[0], str(worker)], **options),
+    )
+    cache.mkdir(exist_ok=True)
+    _, rejected = import_meshes([folder / "cup.stl"], folder=cache)
+    assert message in rejected[folder / "cup.stl"]
+    assert bool(list(cache.glob("*.rejected"))) is remembered
+    monkeypatch.setattr("mindstage.assets.mesh_import._import_in_worker", lambda files, timeout_s: iter(()))
+    assert (folder / "cup.stl" in import_meshes([folder / "cup.stl"], folder=cache)[1]) is remembered
 
 
 def fields(of: Body) -> dict[str, object]:
@@ -417,3 +456,9 @@ COLLADA = """<?xml version="1.0" encoding="utf-8"?>
  <scene><instance_visual_scene url="#s"/></scene>
 </COLLADA>
 """
+
+
+def test_a_path_that_is_a_folder_is_rejected_with_the_reason_of_the_system(folder: Path, cache: Path) -> None:
+    (folder / "mug.stl").mkdir()
+    _, rejected = import_meshes([folder / "mug.stl"], folder=cache)
+    assert rejected == {folder / "mug.stl": "Is a directory"}

@@ -9,7 +9,10 @@ from typing import Any
 import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
+from tests.bridge.certificates import certificates
 from tests.bridge.raw_client import TIMEOUT_S, RawClient
+
+__all__ = ["certificates"]
 
 
 @pytest.fixture

@@ -27,6 +27,7 @@ from mindstage.bridge.conversions import (
 from mindstage.bridge.conversions_unreal import (
     body_from_box,
     body_from_message,
+    iri_from_id,
     materials_from_lists,
     model_message,
     physics_from_message,
@@ -38,7 +39,19 @@ from mindstage.bridge.conversions_unreal import (
 )
 from mindstage.errors import MessageValidationError
 from mindstage.msgs import decode, encode, world_control_msgs
-from mindstage.scene import Body, BodyPhysics, Iri, Material, Mobility, Pose, PrimitiveShape, PrimitiveType, Tag, World
+from mindstage.scene import (
+    Body,
+    BodyId,
+    BodyPhysics,
+    Iri,
+    Material,
+    Mobility,
+    Pose,
+    PrimitiveShape,
+    PrimitiveType,
+    Tag,
+    World,
+)
 from mindstage.scene.colors import COLORS
 from mindstage.scene.transforms import pose_array
 from tests.bridge.conversion_cases import ASYMMETRIC, MUG, transmittable_part
@@ -192,3 +205,23 @@ def test_a_box_request_becomes_a_body_of_that_size() -> None:
 def test_missing_elements_of_parallel_material_lists_are_empty() -> None:
     assert materials_from_lists((), ("/Game/M",)) == (Material(name="", path="/Game/M"),)
     assert materials_from_lists((), ()) == ()
+
+
+@pytest.mark.parametrize(
+    ("id", "iri"),
+    [
+        ("Mug_1", "http://example.org/map#Mug_1"),
+        ("http://example.org/other#Mug_1", "http://example.org/other#Mug_1"),
+    ],
+)
+def test_an_id_without_a_namespace_is_in_that_of_the_map(id: str, iri: str) -> None:
+    assert iri_from_id(id, "http://example.org/map#") == iri
+
+
+@pytest.mark.parametrize(
+    ("cls", "name"),
+    [("http://e.org/a#Mug", "Mug"), ("http://e.org/a#b#Mug", "Mug"), ("http://e.org/a/Mug", "Mug")],
+)
+def test_the_mesh_of_a_class_is_its_local_name(cls: str, name: str) -> None:
+    body = Body(id=BodyId("b"), iri=Iri("http://e.org/a#b"), cls=Iri(cls), pose=Pose())
+    assert model_message(body).name == name

@@ -12,8 +12,9 @@ import pytest
 from websockets.exceptions import InvalidStatus
 
 from mindstage.bridge import BridgeLimits, LocalNode, RosbridgeServer
+from mindstage.bridge.access import is_loopback
 from mindstage.bridge.protocol import Auth
-from mindstage.bridge.server import TokenAuth, is_loopback
+from mindstage.bridge.server import TokenAuth
 from mindstage.errors import AuthenticationError, BridgeUnavailableError
 from tests.bridge.raw_client import TIMEOUT_S, RawClient, eventually, raw_subscriber
 

@@ -373,3 +373,24 @@ def test_a_throttled_client_receives_one_message_per_interval(
         local_node.publish("/count", "x/Count", {"n": n})
     client.flush()
     assert [each["msg"] for each in client.received] == [{"n": 0}]
+
+
+def test_a_topic_that_is_not_advertised_any_more_counts_no_longer(make_raw_client: RawClientFactory) -> None:
+    with (
+        LocalNode(limits=BridgeLimits(advertisements=3)) as local_node,
+        RosbridgeServer(local_node, port=0) as server,
+    ):
+        client = make_raw_client(server.url)
+
+        def advertise(topic: str) -> str:
+            client.send_operation(op="advertise", id=topic, topic=topic, type="std_msgs/String")
+            client.flush()
+            statuses, client.received = client.received, []
+            return "".join(status["msg"] for status in statuses)
+
+        local_node.create_service("/settle", "std_srvs/Empty", lambda _: None)
+        assert [advertise(topic) for topic in ("/a", "/b", "/c")] == ["", "", ""]
+        assert "3 topics of one client" in advertise("/d")
+        client.send_operation(op="unadvertise", topic="/a")
+        assert advertise("/d") == ""
+        assert "3 topics of one client" in advertise("/e"), "only one was free"

@@ -181,3 +181,12 @@ def test_a_quick_response_that_is_not_an_object_is_an_error(raw_client: RawClien
     response = raw_client.call_service("/wrong")
     assert response["result"] is False
     assert response["values"] == "the response of /wrong is not an object"
+
+
+def test_calls_with_the_same_id_are_all_carried_out(raw_client: RawClient, gate: Gate) -> None:
+    for number in range(3):
+        raw_client.send_operation(op="call_service", id="same", service="/gate", args={"number": number})
+        raw_client.send_operation(op="call_service", service="/gate", args={"number": 10 + number})
+    gate.open()
+    answers = [raw_client.receive("service_response")["values"]["number"] for _ in range(6)]
+    assert answers == gate.begun == [0, 10, 1, 11, 2, 12]

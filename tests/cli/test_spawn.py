@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 from urllib.request import urlopen
 
 import pytest
@@ -98,3 +99,21 @@ def test_the_json_contains_the_url_of_the_page(write_map: WriteMap) -> None:
     result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     assert result.returncode == 0, result.stderr
     assert json.loads(result.stdout)["url"].startswith("http://127.0.0.1:")
+
+
+@pytest.mark.parametrize("verb", ["spawn", "check", "log"])
+def test_a_body_that_does_not_stay_exits_1_and_is_named(
+    verb: str, run: Run, write_map: WriteMap, tmp_path: Path
+) -> None:
+    source = write_map(mugs={"Mug": "0.0 0.0 50.0"})
+    source.write_text(source.read_text(encoding="utf-8").replace(">static<", ">dynamic<"), encoding="utf-8")
+    options = {"spawn": ["--no-viewport"], "check": [], "log": ["-o", tmp_path / "out.owl"]}[verb]
+    fallen = run(verb, source, *options, "--no-ground", "--json")
+    assert fallen.exit_code == 1
+    report = json_output(fallen)["spawn"]
+    assert [(each["id"], each["left_place"]) for each in report["moved"]] == [("Mug", True)]
+    assert report["rest_checked_s"] == 2.0
+    resting = run(verb, source, *options, "--json")
+    assert resting.exit_code == 0
+    assert json_output(resting)["spawn"]["moved"] == []
+    assert "ground" in [each["kind"] for each in json_output(resting)["spawn"]["warnings"]]

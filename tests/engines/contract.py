@@ -165,6 +165,14 @@ class DescriptionContract:
             joint.mimic for joint in gripper(multiplier).joints
         ]
 
+    def test_a_joint_whose_master_is_deleted_moves_independently(self, engine: Engine) -> None:
+        engine.spawn(gripper(1.0))
+        engine.delete([BodyId("left")])
+        [joint] = engine.snapshot().joints
+        assert (joint.id, joint.mimic) == ("right_slide", None)
+        engine.set_pose(BodyId("right"), Pose((0.1, -0.2, 1.0)))
+        assert current_pose(engine, "right")[0] == pytest.approx(0.1, abs=self.placement_tolerance)
+
     def test_attached_bodies_move_with_their_parent(self, engine: Engine) -> None:
         engine.spawn(
             world(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from mindstage.engines.physics_model import PhysicsModelBuilder
@@ -95,3 +97,11 @@ def test_removed_bodies_leave_nothing_behind() -> None:
     report, _ = builder.add(world(FLOOR), NO_POSES)
     assert report.ok
     assert not builder.geometry
+
+
+def test_a_model_has_the_contact_properties_of_the_geometry() -> None:
+    geometry = {BodyId("crate"): replace(room_geometry()[BodyId("drawer")], friction=0.3, restitution=0.6)}
+    model = builder_of(room(), geometry)[0].build_model()
+    crate, door = model.bodies[BodyId("crate")], model.bodies[BodyId("door")]
+    assert (crate.friction, crate.restitution) == (0.3, 0.6)
+    assert (door.friction, door.restitution) == (None, None)

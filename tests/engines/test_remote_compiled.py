@@ -9,12 +9,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from mindstage.engines import MujocoEngine, RemoteEngine, connect
+from mindstage.engines import MujocoEngine, RemoteEngine, SpawnOptions, connect
 from mindstage.engines.remote.compiled import CompiledRemoteEngine
 from mindstage.errors import EngineUnavailableError
 from mindstage.msgs import mindstage_msgs as wire
 from mindstage.ros.engine_services import EngineServices
-from mindstage.scene import BodyId, Pose
+from mindstage.scene import BodyId, Mobility, Pose
 from tests.engines.contract import PhysicsContract, apply_force_for, current_pose
 from tests.engines.geometry_contract import GeometryContract
 from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, room, world
@@ -48,6 +48,25 @@ class TestCompiledRemoteEngine(PhysicsContract, GeometryContract):
         with closing(connect(served.address)) as engine:
             assert isinstance(engine, CompiledRemoteEngine)
             yield engine
+
+    def test_an_immovable_body_stays_and_keeps_its_described_mobility(self, engine: RemoteEngine) -> None:
+        """Unlike in the contract, only the sent model is tested: the MuJoCo at the other end makes its own."""
+        wall = body("wall", (0, 0, 1.5), (0.2, 4, 3), "dynamic", 500.0)
+        engine.spawn(world(wall), options=SpawnOptions(immovable=frozenset({BodyId("wall")}), ground=True))
+        assert isinstance(engine, CompiledRemoteEngine)
+        (model,) = engine._sent_state.bodies.values()
+        assert (model.mobility, model.mass_kg) == (Mobility.STATIC, 500.0)
+        assert engine._sent_state.ground_height_m is None
+        assert engine.snapshot().body("wall").physics.mobility is Mobility.DYNAMIC
+
+    def test_a_body_that_falls_out_of_the_place_is_stopped_and_reported_once(self, engine: RemoteEngine) -> None:
+        """Unlike in the contract, the MuJoCo at the other end has a ground; only the sent model is tested."""
+        engine.spawn(
+            world(body("box", (3, 0, 0.5), (0.2, 0.2, 0.2), "dynamic", 1.0)), options=SpawnOptions(ground=True)
+        )
+        assert isinstance(engine, CompiledRemoteEngine)
+        assert engine._sent_state.ground_height_m == pytest.approx(0.4)
+        assert [model.on_ground for model in engine._sent_state.bodies.values()] == [True]
 
 
 def test_joint_positions_agree_with_mujoco(served: ServedSimulation) -> None:

@@ -7,9 +7,11 @@ from contextlib import closing
 
 import pytest
 
-from mindstage.engines import RemoteEngine, connect
-from tests.engines.contract import PhysicsContract
+from mindstage.engines import RemoteEngine, SpawnNoteKind, SpawnOptions, connect
+from mindstage.scene import BodyId
+from tests.engines.contract import PhysicsContract, current_pose, notes_of
 from tests.engines.geometry_contract import GeometryContract
+from tests.engines.scenes import FLOOR, body, world
 from tests.engines.served_simulation import ServedSimulation
 
 
@@ -18,3 +20,15 @@ class TestRemoteEngine(PhysicsContract, GeometryContract):
     def engine(self) -> Iterator[RemoteEngine]:
         with ServedSimulation() as served, closing(connect(served.address)) as engine:
             yield engine
+
+    def test_an_immovable_body_stays_and_keeps_its_described_mobility(self, engine: RemoteEngine) -> None:
+        """Unlike in the contract, the simulation at the other end decides by its own ontology; the report says so."""
+        wall = body("wall", (0, 0, 1.5), (0.2, 4, 3), "dynamic", 500.0)
+        report = engine.spawn(world(wall), options=SpawnOptions(immovable=frozenset({BodyId("wall")})))
+        assert notes_of(report, SpawnNoteKind.NOT_TRANSFERRED) == [("wall",)]
+
+    def test_a_body_that_falls_out_of_the_place_is_stopped_and_reported_once(self, engine: RemoteEngine) -> None:
+        """Unlike in the contract, the simulation at the other end has a ground, whatever the options are."""
+        engine.spawn(world(FLOOR, body("box", (30, 0, 0.5), (0.2, 0.2, 0.2), "dynamic", 1.0)))
+        engine.step(2.0)
+        assert current_pose(engine, "box")[2] == pytest.approx(0.5, abs=self.rest_tolerance_m)

@@ -34,6 +34,8 @@ from tests.bridge.raw_client import TIMEOUT_S
 from tests.engines.contract import DescriptionContract, current_pose, displacement
 from tests.engines.fake_unreal import FakeUnrealPlugin
 from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, room, world
+from tests.knowledge.logged_maps import LoggedBody, individual_id, logged_map, yaw
+from tests.knowledge.maps import knowledge_base_from
 
 YAW_30 = (0.9659258262890683, 0.0, 0.0, 0.25881904510252074)
 
@@ -242,6 +244,23 @@ def test_consecutive_steps_wait_for_the_wall_clock_and_not_longer(engine: Unreal
     engine.step(1.0)
     assert clock.now_s == pytest.approx(1064.0)
     assert engine.time_s == pytest.approx(64.0)
+
+
+def test_models_are_placed_by_the_origins_of_their_meshes(
+    engine: UnrealEngine, plugin: FakeUnrealPlugin, tmp_path: Path
+) -> None:
+    """A wall whose mesh has its origin at the foot: Unreal gets the pose of the map, a world has that of the center."""
+    wall = LoggedBody("wall", "LabWall", (0.2, 6.0, 2.5), (1.0, 2.0, 1.25), yaw(90), pivot=(0.0, 0.0, -1.25))
+    cupboards = [LoggedBody(f"cupboard{n}", "Cupboard", (0.6, 0.6, 0.9), (n, 0.0, 0.45)) for n in range(3)]
+    (tmp_path / "map.ttl").write_text(logged_map([wall, *cupboards]), encoding="utf-8")
+    logged = knowledge_base_from(tmp_path / "map.ttl").world()
+    engine.spawn(logged)
+    id = BodyId(individual_id("wall"))
+    model = plugin.actors[id].model["pose"]["position"]
+    assert (model["x"], model["y"], model["z"]) == pytest.approx((1.0, 2.0, 0.0))
+    assert engine.snapshot().body(id).pose == logged.body(id).pose
+    engine.set_pose(id, Pose((3.0, 4.0, 1.25), YAW_30))
+    assert current_pose(engine, id)[:3] == pytest.approx((3.0, 4.0, 1.25), abs=1e-5)
 
 
 def test_clearing_deletes_only_what_mindstage_spawned(

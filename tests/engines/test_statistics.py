@@ -65,3 +65,9 @@ def test_a_closed_engine_has_no_statistics(engine: Engine) -> None:
     engine.close()
     with pytest.raises(EngineClosedError):
         engine.stats()
+
+
+def test_the_repr_of_a_report_counts_failures() -> None:
+    engine = NullEngine()
+    assert "nothing failed" in repr(engine.spawn(room(1.0)))
+    assert "2 failed" in repr(engine.spawn(room(1.0))), "the ids are taken"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pyoxigraph as ox
@@ -123,3 +125,61 @@ def test_an_unreadable_file_is_not_written(terms: Path, tmp_path: Path) -> None:
         assertion_file(path, terms)
     with pytest.raises(FileNotFoundError):
         assertion_file(tmp_path / "none.ttl", terms).retract("Breadbasket", CONTAINER_FOR, "Bread")
+
+
+# -- several writers ---------------------------------------------------------------------------------------------------
+
+
+def test_two_open_files_keep_each_others_statements(terms: Path, tmp_path: Path) -> None:
+    path = tmp_path / "assertions.ttl"
+    one, other = assertion_file(path, terms), assertion_file(path, terms)
+    assert one.tell("ms:Rack", "subClassOf", "Breadbasket")
+    assert other.tell("ms:Box", "subClassOf", "Breadbasket")
+    assert one.tell("Breadbasket", CONTAINER_FOR, "Bread")
+    assert not other.tell("Breadbasket", CONTAINER_FOR, "Bread"), "the other one has told it"
+    assert not other.tell("ms:Rack", "subClassOf", "Breadbasket")
+    assert other.retract("Box", "subClassOf", "Breadbasket")
+    assert one.tell("ms:Bin", "subClassOf", "Breadbasket")
+    text = path.read_text(encoding="utf-8")
+    assert ("Rack" in text, "Bin" in text, text.count("someValuesFrom")) == (True, True, 1)
+    assert not assertion_file(path, terms).retract("Box", "subClassOf", "Breadbasket")
+    assert places(terms, path) == ["Breadbasket", "Refrigerator"]
+
+
+def test_an_own_statement_can_be_retracted(terms: Path, tmp_path: Path) -> None:
+    file = assertion_file(tmp_path / "assertions.ttl", terms)
+    assert file.tell("Breadbasket", CONTAINER_FOR, "Bread")
+    assert file.retract("Breadbasket", CONTAINER_FOR, "Bread")
+    assert not list(ox.parse(path=str(file.path), format=ox.RdfFormat.TURTLE))
+    assert file.tell("Breadbasket", CONTAINER_FOR, "Bread"), "and told again"
+
+
+def test_processes_that_write_at_once_lose_nothing(terms: Path, tmp_path: Path) -> None:
+    path = tmp_path / "assertions.ttl"
+    script = """
+import sys
+import subprocess
+import sys
+from pathlib import Path
+from mindstage.knowledge import AssertionFile, KnowledgeBase
+kb = KnowledgeBase(bundled_ontology=False)
+kb.load((), ontologies=sys.argv[1])
+file = AssertionFile(Path(sys.argv[2]), kb)
+print("ready", flush=True)
+sys.stdin.readline()
+for number in range(8):
+    file.tell(f"ms:Rack{sys.argv[3]}{number}", "subClassOf", "Breadbasket")
+"""
+    command = [sys.executable, "-c", script, str(terms), str(path)]
+    processes = [
+        subprocess.Popen([*command, name], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for name in "abc"
+    ]
+    for process in processes:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+    for process in processes:
+        process.communicate("\n", timeout=120)
+        assert process.returncode == 0
+    found = {str(quad.subject) for quad in ox.parse(path=str(path), format=ox.RdfFormat.TURTLE)}
+    assert len(found) == 24
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["assertions.ttl", "terms.ttl"]

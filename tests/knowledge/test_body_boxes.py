@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, assume, example, given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from mindstage.assets import MeshLibrary
 from mindstage.knowledge import KnowledgeBase, SizeFrame, UnitConventions, lost_statements, save_map
@@ -214,6 +215,27 @@ def test_the_boxes_found_have_the_bounds_that_were_logged(
     assert np.allclose(found @ absolute.T, bounds, atol=1e-2 * max(box))
     if np.linalg.svd(absolute, compute_uv=False)[2] > 0.01:  # otherwise there are several boxes
         assert np.allclose(found[0], box, atol=1e-6)
+
+
+@pytest.mark.parametrize("rotation", Rotation.create_group("O").as_matrix(), ids=str)
+def test_turns_by_right_angles_permute_the_extents(rotation: np.ndarray) -> None:
+    box = np.array([0.06, 0.855, 0.015])
+    absolute = np.rint(np.abs(rotation))
+    assert boxes_with_bounds(absolute, absolute @ box).tolist() == [box.tolist()]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_cutlery_on_tables_is_not_read_as_bricks(read_logged: ReadLogged, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    kinds = {"Spoon": (0.18, 0.03, 0.02), "Knife": (0.21, 0.02, 0.01), "Tray": (0.4, 0.3, 0.02), "Box": (0.2, 0.1, 0.3)}
+    bodies = [
+        LoggedBody(f"{cls}{n}", cls, box, (float(n), float(at), 1.0), yaw(float(random.uniform(10, 80))))
+        for at, (cls, box) in enumerate(kinds.items())
+        for n in range(2)
+    ]
+    knowledge = read_logged(logged_map(bodies, *(f':{individual_id(b.name)} k:maskColor "FF" .' for b in bodies)))
+    wrong = [body for body in bodies if not np.allclose(body_of(knowledge, body).size, body.box, atol=1e-4)]
+    assert wrong == []
 
 
 @settings(max_examples=15, deadline=None)

@@ -185,6 +185,21 @@ def test_a_given_line_is_used_unless_the_handle_is_on_it() -> None:
     assert_opens(normal, place, door, handle)
 
 
+def test_a_hinge_at_the_middle_of_a_door_with_a_handle_is_the_pose_of_the_door() -> None:
+    place = Place(0.4)
+    door, handle = place.box((0.31, 0, 1), (0.02, 0.8, 0.8)), place.box((0.34, -0.35, 1), (0.02, 0.02, 0.2))
+    casing = place.box((0, 0, 1), (0.6, 0.8, 0.8))
+    evidence = HingeEvidence(parent=casing, child=door, handle=handle, origin=door.center)
+    inferred, conflicts = infer_hinge_axis(evidence)
+    assert conflicts == ("the given position is the middle of the door, which has a handle",)
+    np.testing.assert_allclose(inferred.origin, place.point(0.31, 0.4, 1), atol=1e-9)
+    pivot, conflicts = infer_hinge_axis(
+        HingeEvidence(parent=casing, child=door, handle=handle, origin=door.center, axis=UP)
+    )
+    assert conflicts == ()
+    np.testing.assert_array_equal(pivot.origin, door.center)
+
+
 def test_a_handle_on_the_inside_does_not_turn_a_door_round() -> None:
     place = Place(pi)
     casing, door = place.box((0, 0, 1), (0.6, 0.6, 0.6)), place.box((0.31, 0, 1), (0.02, 0.6, 0.6))

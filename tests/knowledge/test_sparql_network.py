@@ -137,7 +137,8 @@ _iri = st.sampled_from([URL, URL, "ex:b", ":b", "SERVICE:b", "SERVICEex:b", "?w"
 _term = st.one_of(
     st.sampled_from(
         ["?s", "$p", "?service", "?SERVICE", "<http://e/SERVICE>", "ex:SERVICE", "ex:a.SERVICE", "SERVICE:x",
-         "_:SERVICE", "1", "1.", "1.5", "1e5", "true", "false", "[]", "()", "'SERVICE'", '"it\\"s"', "'''SERVICE '' x'''",
+         "_:SERVICE", "1", "1.", "1.5", "1e5", "true", "false", "[]", "()", "'SERVICE'", '"it\\"s"',
+         "'''SERVICE '' x'''",
          '"""a " SERVICE """', "'x'@en", "'x'@service", "'1'^^ex:SERVICE",
          "ex:a\\#", "ex:%53ERVICE", "a",
          "'\\u0053ERVICE'", "'\\u0027 . '", "<http://e/\\u0053ERVICE>", "<<( ?s ?p ?o )>>"]

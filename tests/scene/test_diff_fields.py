@@ -20,6 +20,7 @@ from mindstage.scene import (
     BodyPhysics,
     Iri,
     Joint,
+    JointMimic,
     Light,
     LightType,
     LinearLimits,
@@ -68,6 +69,7 @@ JOINT = Joint(
         swing1_limit=0.1, swing2_limit=0.2, twist_limit=0.3, swing_soft_limit=SOFT, twist_soft_limit=SOFT
     ),
     disable_collision=True,
+    mimic=JointMimic(joint=BodyId("master"), multiplier=2.0, offset=0.1),
     **STATEMENTS,
 )
 LIGHT = Light(
@@ -90,7 +92,7 @@ PARTS = (
     ("lights", LIGHT, LIGHT_FIELDS),
 )
 OPTIONAL = {
-    *("label", "size", "mesh", "shape", "disable_collision"),
+    *("label", "size", "mesh", "shape", "disable_collision", "mimic"),
     *("physics.mobility", "physics.gravity", "physics.overlap_events", "physics.mass_kg"),
 }
 NOT_IN_A_COLUMN = {"id", "tags", "facts", "materials", "bodies", "joints", "attachments", "lights", "resources"}
@@ -99,7 +101,7 @@ NOT_IN_A_COLUMN = {"id", "tags", "facts", "materials", "bodies", "joints", "atta
 def leaves(value: msgspec.Struct, prefix: str = "") -> Iterator[str]:
     for field in msgspec.structs.fields(value):
         inner = getattr(value, field.name)
-        if isinstance(inner, msgspec.Struct) and not isinstance(inner, PrimitiveShape):
+        if isinstance(inner, msgspec.Struct) and not isinstance(inner, PrimitiveShape | JointMimic):
             yield from leaves(inner, f"{prefix}{field.name}.")
         else:
             yield prefix + field.name
@@ -113,6 +115,8 @@ def other_than(value: Any) -> Any:
             return next(member for member in type(value) if member is not value)
         case PrimitiveShape():
             return PrimitiveShape(type=PrimitiveType.SPHERE)
+        case JointMimic():
+            return JointMimic(joint=BodyId("another"))
         case bool():
             return not value
         case float() | int():
@@ -157,7 +161,7 @@ def test_a_changed_field_is_named_and_measured(collection: str, part: Any, field
     assert change.error == (expected if expected is None else pytest.approx(expected))
 
 
-@pytest.mark.parametrize("field", sorted(OPTIONAL - {"disable_collision"}))
+@pytest.mark.parametrize("field", sorted(OPTIONAL - {"disable_collision", "mimic"}))
 def test_a_field_against_none_is_a_change_without_a_number(field: str) -> None:
     without = in_world("bodies", with_field(BODY, field, None))
     for found in (diff(WORLD, without), diff(without, WORLD)):
@@ -165,9 +169,10 @@ def test_a_field_against_none_is_a_change_without_a_number(field: str) -> None:
     assert diff(without, without).identical()
 
 
-def test_an_unstated_collision_flag_is_a_change() -> None:
-    without = in_world("joints", replace(JOINT, disable_collision=None))
-    assert [change.field for change in diff(WORLD, without).changed] == ["disable_collision"]
+@pytest.mark.parametrize("field", ["disable_collision", "mimic"])
+def test_an_unstated_field_of_a_joint_is_a_change(field: str) -> None:
+    without = in_world("joints", replace(JOINT, **{field: None}))
+    assert [change.field for change in diff(WORLD, without).changed] == [field]
 
 
 @pytest.mark.parametrize("field", WORLD_FIELDS)

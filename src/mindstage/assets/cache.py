@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from mindstage.assets.gltf import geometry_to_glb
+from mindstage.errors import CacheError
 from mindstage.files import atomic_write, cache_dir
 from mindstage.scene import BodyGeometry
 
@@ -27,7 +28,11 @@ def geometry_cache_dir() -> Path:
 
 
 def cache_geometry_glb(geometry: BodyGeometry) -> str:
-    """Writes the visual meshes of a geometry and returns the file name; empty if it has none, or no valid key."""
+    """Writes the visual meshes of a geometry and returns the file name; empty if it has none, or no valid key.
+
+    Raises:
+        CacheError: the file cannot be written, for example since the disk is full.
+    """
     if (
         not geometry.visuals
         or not 8 <= len(geometry.key) <= _MAX_KEY_LENGTH
@@ -39,7 +44,10 @@ def cache_geometry_glb(geometry: BodyGeometry) -> str:
         with suppress(OSError):
             os.utime(path)
         return path.name
-    atomic_write(path, geometry_to_glb(geometry))
+    try:
+        atomic_write(path, geometry_to_glb(geometry))
+    except OSError as error:
+        raise CacheError(str(path.parent), cause=error.strerror or str(error)) from error
     _evict(path)
     return path.name
 

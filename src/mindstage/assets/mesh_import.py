@@ -5,10 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import queue
+import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -17,7 +19,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from mindstage.files import cache_dir
+from mindstage.files import atomic_write, cache_dir
 from mindstage.scene import PbrMaterial, VisualMesh
 from mindstage.scene.transforms import Array
 
@@ -25,7 +27,9 @@ __all__ = ["ImportedMesh", "import_meshes"]
 
 _VERSION = 1
 """Version of the cached files."""
-_REJECTED_SUFFIX = ".refused"
+_REJECTED_SUFFIX = ".rejected"
+_EXIT_TIMEOUT_S = 10.0
+"""Time for a worker that has closed its output to exit [s]."""
 _TIMEOUT_S = 60.0
 """Timeout for one file; convex decomposition is the slow part."""
 
@@ -49,6 +53,9 @@ def import_meshes(
     paths: Iterable[Path], *, folder: Path | None = None, timeout_s: float = _TIMEOUT_S
 ) -> tuple[dict[Path, ImportedMesh], dict[Path, str]]:
     """Imports files, or loads them from the cache.
+
+    The cache remembers why a file was rejected, unless the cause may pass: a time limit that was exceeded, a worker
+    that was killed, or a full disk.
 
     Args:
         paths: the files.
@@ -75,20 +82,24 @@ def import_meshes(
             rejected[path] = reason
         else:
             missing[path] = (digest, cache_file)
-    for path, reason in _import_in_worker({path: cache_file for path, (_, cache_file) in missing.items()}, timeout_s):
-        mesh = None if reason else _load_cached(path, *missing[path])
-        if mesh is None:
-            rejected[path] = reason or "its import could not be cached"
-            # Cached as well, so that the import is not tried again.
-            missing[path][1].with_suffix(_REJECTED_SUFFIX).write_text(rejected[path])
-        else:
+    for path, result in _import_in_worker({path: cache_file for path, (_, cache_file) in missing.items()}, timeout_s):
+        cache_file = missing[path][1]
+        mesh = None if result.reason else _load_cached(path, *missing[path])
+        if mesh is not None:
             imported[path] = mesh
+            continue
+        rejected[path] = result.reason or f"its import could not be read from the cache, {cache_file}"
+        if result.is_transient or not result.reason:
+            rejected[path] += "; it is tried again next time"
+        else:
+            with suppress(OSError):  # the cache is full, and the import is tried again
+                atomic_write(cache_file.with_suffix(_REJECTED_SUFFIX), result.reason.encode())
     return imported, rejected
 
 
 def _rejection_reason(cache_file: Path) -> str:
     try:
-        return cache_file.with_suffix(_REJECTED_SUFFIX).read_text()
+        return cache_file.with_suffix(_REJECTED_SUFFIX).read_text(encoding="utf-8")
     except OSError:
         return ""
 
@@ -147,8 +158,26 @@ def _load_visual(arrays: Mapping[str, Array], number: int) -> VisualMesh:
     )
 
 
-def _import_in_worker(cache_files: Mapping[Path, Path], timeout_s: float) -> Iterator[tuple[Path, str]]:
-    """Imports files to cache files in a worker; yields reasons for rejection, empty on success.
+@dataclass(frozen=True, slots=True)
+class _Result:
+    """The result of an import."""
+
+    reason: str
+    """Why the file was rejected; empty if it was not."""
+    is_transient: bool = False
+    """Whether the cause may pass."""
+
+
+_CRASH_SIGNALS = frozenset(
+    getattr(signal, name).value
+    for name in ("SIGSEGV", "SIGABRT", "SIGBUS", "SIGILL", "SIGFPE", "SIGTRAP")
+    if hasattr(signal, name)
+)
+"""Signals by which a reader ends that crashes on the content of a file; others, such as SIGKILL, come from outside."""
+
+
+def _import_in_worker(cache_files: Mapping[Path, Path], timeout_s: float) -> Iterator[tuple[Path, _Result]]:
+    """Imports files to cache files in a worker.
 
     A file on which the worker crashes or times out is retried without convex decomposition; other files are not
     affected.
@@ -162,22 +191,32 @@ def _import_in_worker(cache_files: Mapping[Path, Path], timeout_s: float) -> Ite
             while pending:
                 path = pending[0]
                 out = cache_files[path].with_suffix(".part.npz")
-                reason = worker.read(path, out, decompose=decompose and path not in undecomposable, timeout_s=timeout_s)
-                if reason is None and decompose and path not in undecomposable:
+                result = worker.read(path, out, decompose=decompose and path not in undecomposable, timeout_s=timeout_s)
+                if worker.is_lost and decompose and path not in undecomposable:
                     undecomposable.add(path)
                     break
                 pending.pop(0)
-                if reason == "":
-                    out.replace(cache_files[path])
-                out.unlink(missing_ok=True)
-                if reason is None:
-                    yield path, f"importing it took longer than {timeout_s:g} s, or crashed the importer"
+                try:
+                    if not result.reason:
+                        out.replace(cache_files[path])
+                    out.unlink(missing_ok=True)
+                except OSError as error:
+                    result = _Result(_cache_problem(out.parent, error.strerror or str(error)), is_transient=True)
+                yield path, result
+                if worker.is_lost:
                     break
-                yield path, reason
+
+
+def _cache_problem(folder: Path, cause: str) -> str:
+    return f"the cache {folder} cannot be written: {cause}; free space, or set MINDSTAGE_CACHE to another folder"
 
 
 class _MeshWorker:
     """The worker process, as a context manager."""
+
+    def __init__(self) -> None:
+        self.is_lost = False
+        """Whether it has crashed or exceeded the time limit, and cannot be used again."""
 
     def __enter__(self) -> _MeshWorker:
         # -P: modules in the working directory must not be imported
@@ -200,13 +239,35 @@ class _MeshWorker:
                 self._answers.put(line)
         self._answers.put("")
 
-    def read(self, path: Path, out: Path, *, decompose: bool, timeout_s: float) -> str | None:
-        """The reason why a file was rejected, empty if it was not; None if the worker crashed or timed out."""
+    def read(self, path: Path, out: Path, *, decompose: bool, timeout_s: float) -> _Result:
+        """Imports one file."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(json.dumps({"path": str(path), "out": str(out), "pieces": decompose}) + "\n")
             self._process.stdin.flush()
             response = self._answers.get(timeout=timeout_s)
-        except (OSError, queue.Empty):
-            return None
-        return str(json.loads(response)["why"]) if response else None
+        except queue.Empty:
+            self.is_lost = True
+            return _Result(f"importing it took longer than {timeout_s:g} s", is_transient=True)
+        except OSError:
+            response = ""
+        if not response:
+            self.is_lost = True
+            return self._exit_result()
+        answer = json.loads(response)
+        match answer["kind"]:
+            case "cache":
+                return _Result(_cache_problem(out.parent, str(answer["why"])), is_transient=True)
+            case kind:
+                return _Result(str(answer["why"]), is_transient=kind == "transient")
+
+    def _exit_result(self) -> _Result:
+        """Why the process has ended."""
+        try:
+            status = self._process.wait(_EXIT_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            return _Result("the importer does not respond", is_transient=True)
+        if -status in _CRASH_SIGNALS:
+            return _Result(f"it crashes the importer ({signal.Signals(-status).name})")
+        cause = f"was ended by {signal.Signals(-status).name}" if status < 0 else f"exited with {status}"
+        return _Result(f"the importer {cause}", is_transient=True)

@@ -1,11 +1,14 @@
 """The worker process that imports mesh files, which may make their readers hang, crash or exhaust memory.
 
-Each input line is a request (`{"path", "out", "pieces"}`), each output line a response (`{"path", "why"}`). If the
-reason is empty, the imported arrays are in the file `out`. Only this process imports trimesh and coacd.
+Each input line is a request (`{"path", "out", "pieces"}`), each output line a response (`{"path", "why", "kind"}`). If
+the reason is empty, the imported arrays are in the file `out`. Otherwise the kind is "file" if the file is the cause,
+"cache" if `out` could not be written, and "transient" if another cause may pass. Only this process imports trimesh and
+coacd.
 """
 
 from __future__ import annotations
 
+import errno
 import json
 import re
 import sys
@@ -38,21 +41,32 @@ class MeshImportError(Exception):
     """A mesh file that cannot be used, with the reason."""
 
 
+class _CacheError(Exception):
+    """The imported arrays cannot be written, with the reason."""
+
+
+_TRANSIENT_ERRORS = frozenset({errno.EIO, errno.ENOSPC, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN})
+"""Errors of the operating system that do not lie in the file."""
+
+
 def main() -> int:
     """Processes requests until the input ends."""
     _limit_memory()
     for line in sys.stdin:
         request = json.loads(line)
-        reason = ""
+        reason, kind = "", "file"
         try:
             _import_mesh(Path(request["path"]), Path(request["out"]), decompose=request["pieces"])
         except MeshImportError as error:
             reason = str(error)
+        except _CacheError as error:
+            reason, kind = str(error), "cache"
         except MemoryError:
-            reason = "importing it needs too much memory"
+            reason, kind = "importing it needs too much memory", "transient"
         except Exception as error:  # any exception of a reader
             reason = " ".join(f"it cannot be read: {type(error).__name__}: {error}".split())[:300]
-        print(json.dumps({"path": request["path"], "why": reason}), flush=True)  # noqa: T201
+            kind = "transient" if isinstance(error, OSError) and error.errno in _TRANSIENT_ERRORS else "file"
+        print(json.dumps({"path": request["path"], "why": reason, "kind": kind}), flush=True)  # noqa: T201
     return 0
 
 
@@ -75,8 +89,11 @@ def _import_mesh(path: Path, out: Path, *, decompose: bool) -> None:
         arrays |= {f"{name}_{number}": value for name, value in visual.items() if value is not None}
     for number, part in enumerate(_convex_parts(visuals, points) if decompose else [_hull(points)]):
         arrays[f"piece_{number}"] = part
-    with out.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+    try:
+        with out.open("wb") as file:
+            np.savez_compressed(file, **arrays)
+    except OSError as error:
+        raise _CacheError(error.strerror or str(error)) from error
 
 
 # -- visual meshes -------------------------------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """Client and server of the rosbridge v2 protocol, with topics, services and actions."""
 
+from mindstage.bridge.access import TlsCertificate, VisitorLimits
 from mindstage.bridge.broker import GraphInfo, ProviderInfo, TopicInfo
 from mindstage.bridge.client import ConnectionState, Refusal, RosbridgeClient
 from mindstage.bridge.node import (
@@ -37,5 +38,7 @@ __all__ = [
     "Status",
     "StatusLevel",
     "Subscription",
+    "TlsCertificate",
     "TopicInfo",
+    "VisitorLimits",
 ]

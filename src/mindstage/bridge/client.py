@@ -21,11 +21,14 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
+from ssl import SSLCertVerificationError, SSLError
 
 import msgspec
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus, InvalidURI, WebSocketException
 
+from mindstage.bridge.access import client_tls_context
 from mindstage.bridge.broker import resolve_name
 from mindstage.bridge.node import MessageSender, Node
 from mindstage.bridge.protocol import (
@@ -48,7 +51,13 @@ from mindstage.bridge.protocol import (
     content,
 )
 from mindstage.bridge.server import Connection
-from mindstage.errors import AuthenticationError, BridgeError, ConnectionLostError, ServiceCallError
+from mindstage.errors import (
+    AuthenticationError,
+    BridgeError,
+    CertificateError,
+    ConnectionLostError,
+    ServiceCallError,
+)
 
 __all__ = ["ConnectionState", "Refusal", "RosbridgeClient"]
 
@@ -121,6 +130,7 @@ class RosbridgeClient(Node):
         url: str,
         *,
         token: str | None = None,
+        tls_authorities: Path | None = None,
         limits: BridgeLimits = DEFAULT_LIMITS,
         max_reconnect_delay_s: float = _MAX_RECONNECT_DELAY_S,
         on_state: Callable[[ConnectionState], object] | None = None,
@@ -130,8 +140,9 @@ class RosbridgeClient(Node):
         """Starts to connect, without waiting.
 
         Args:
-            url: such as `ws://127.0.0.1:9090`.
+            url: such as `ws://127.0.0.1:9090`, or `wss://robot.example:9090`, whose certificate is checked.
             token: sent to the server, if it requires one.
+            tls_authorities: certificates of authorities that are trusted for `wss://` besides those of the system.
             limits: limits for what the server sends.
             max_reconnect_delay_s: longest time between two attempts to reconnect; each delay is twice the one before
                 [s].
@@ -141,10 +152,17 @@ class RosbridgeClient(Node):
 
         Raises:
             ConnectionLostError: the URL is invalid.
+            CertificateError: the file of authorities cannot be used, or the URL needs none.
         """
         if not url.startswith(("ws://", "wss://")):
             raise ConnectionLostError(url, cause="the URL must begin with ws:// or wss://")
+        is_secure = url.startswith("wss://")
+        if tls_authorities is not None and not is_secure:
+            cause, remedy = f"{url} is not encrypted", "connect to wss://, or give no authorities"
+            raise CertificateError(str(tls_authorities), cause=cause, remedy=remedy)
+        tls = client_tls_context(tls_authorities) if is_secure else None
         super().__init__(name="mindstage-client")
+        self._tls = tls
         self.url = url
         self.state: ConnectionState = ConnectionState.CONNECTING
         self._token = token
@@ -248,7 +266,7 @@ class RosbridgeClient(Node):
                     delay_s = _MIN_RECONNECT_DELAY_S
             except (OSError, WebSocketException, TimeoutError) as error:
                 self._cause = _connection_error(self.url, error)
-                if isinstance(self._cause, AuthenticationError) or isinstance(error, InvalidURI):
+                if isinstance(self._cause, AuthenticationError) or isinstance(error, InvalidURI | SSLError):
                     self._first_attempt_done.set()  # retries continue, but the caller need not wait for them
             except Exception as error:  # an unexpected error must not end the retries silently
                 _log.exception("the connection to %s failed", self.url)
@@ -268,6 +286,7 @@ class RosbridgeClient(Node):
             additional_headers=headers,
             compression=None,
             max_size=self._limits.message_bytes,
+            ssl=self._tls,
             open_timeout=_OPEN_TIMEOUT_S,
             ping_interval=_PING_INTERVAL_S,
             ping_timeout=_PING_INTERVAL_S,
@@ -471,6 +490,11 @@ def _connection_error(url: str, error: Exception) -> BridgeError:
     if isinstance(error, InvalidStatus) and error.response.status_code in _AUTH_ERROR_CODES:
         body = (error.response.body or b"").decode("utf-8", "replace").strip()
         return AuthenticationError(url, cause=body or f"the server answered {error.response.status_code}")
+    if isinstance(error, SSLCertVerificationError):
+        cause = f"its certificate is not accepted: {error.verify_message}"
+        return ConnectionLostError(url, cause=f"{cause}; an authority of your own is trusted with --tls-ca")
+    if isinstance(error, SSLError):
+        return ConnectionLostError(url, cause=f"no TLS connection ({error.reason or error}); is it a ws:// server?")
     if isinstance(error, TimeoutError):
         return ConnectionLostError(url, cause=f"no reply within {_OPEN_TIMEOUT_S:g} s")
     cause = error.strerror if isinstance(error, OSError) and error.strerror else str(error)

@@ -15,7 +15,8 @@ symmetric: a drawer that can also move backwards still opens, one with a shorten
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator
+import re
+from collections.abc import Container, Iterator, Mapping
 from itertools import count
 from pathlib import PurePosixPath
 
@@ -26,12 +27,15 @@ from mindstage.scene import (
     AngularLimits,
     Attachment,
     AxisMotion,
+    BlankNode,
     Body,
     BodyId,
     BodyPhysics,
     Iri,
+    IriRef,
     Joint,
     LinearLimits,
+    Literal,
     Material,
     Mobility,
     PrimitiveShape,
@@ -52,6 +56,7 @@ __all__ = [
     "joint_from_message",
     "joint_message",
     "materials_from_lists",
+    "mesh_pivots",
     "model_message",
     "model_tags",
     "physics_from_message",
@@ -69,6 +74,9 @@ __all__ = [
 
 CLASS_NAMESPACE = "http://knowrob.org/kb/knowrob.owl#"
 """Namespace of the class of a model without the `Class` tag, as in the KnowRob maps."""
+
+_POSE = CLASS_NAMESPACE + "pose"
+_PIVOT = "http://mindstage.org/ontology#pivot"
 
 TAG_TYPE = "Mindstage"
 TAG_KEYS = ("Iri", "Class", "Mesh", "Shape", "Size", "Untold")
@@ -116,6 +124,24 @@ def spawn_model_request(
         parent_id=parent,
         spawn_collision_check=spawn_collision_check,
     )
+
+
+def mesh_pivots(world: World) -> Mapping[BodyId, Vector]:
+    """Returns the origins of meshes that are not centered, relative to the centers of bodies [m].
+
+    Unreal places a model by the origin of its mesh, which was the pose in the map (`ms:pivot`), a world by the center.
+    """
+    facts_by_subject = {resource.iri: resource.facts for resource in world.resources}
+    pivots: dict[BodyId, Vector] = {}
+    for body in world.bodies:
+        for value in (fact.value for fact in body.facts if fact.property == _POSE):
+            facts = facts_by_subject.get(value.iri, ()) if isinstance(value, IriRef) else ()
+            facts = value.facts if isinstance(value, BlankNode) else facts
+            for pivot in (fact.value for fact in facts if fact.property == _PIVOT):
+                if isinstance(pivot, Literal):
+                    x, y, z = map(float, pivot.text.split())
+                    pivots[body.id] = (x, y, z)
+    return pivots
 
 
 def physics_message(physics: BodyPhysics) -> world_control_msgs.PhysicsProperties:
@@ -173,7 +199,7 @@ def _content_folder(body: Body) -> str:
 
 
 def _local_name(iri: str) -> str:
-    return iri.rpartition("#")[2] or iri.rstrip("#").rpartition("/")[2]
+    return re.split("[#/]", iri.rstrip("#/"))[-1]
 
 
 # -- from the wire -----------------------------------------------------------------------------------------------------

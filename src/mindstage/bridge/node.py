@@ -358,8 +358,8 @@ class HandlerDispatcher:
         self._loop = loop
         self._executor = executor
         self._send = send
-        self._queued: set[tuple[str, Id | None]] = set()
-        """Services and ids of the calls that have not begun."""
+        self._queued: set[int] = set()
+        """Identities of the calls that have not begun; ids of other servers need not be unique."""
         self._goals: dict[Id, ServerGoalHandle] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._next_id = count(1)
@@ -380,13 +380,13 @@ class HandlerDispatcher:
         elif (response := self.answer(name, call, caller)) is not None:
             self._send(response)
         else:
-            self._queued.add((call.service, call.id))
+            self._queued.add(id(call))
             self._executor.submit(caller, partial(self._handle_call, handler, call))
 
     def withdraw(self, call: CallService) -> bool:
         """Withdraws a call; returns False if it has begun."""
         try:
-            self._queued.remove((call.service, call.id))  # atomic, as in `_handle_call`
+            self._queued.remove(id(call))  # atomic, as in `_handle_call`
         except KeyError:
             return False
         return True
@@ -430,7 +430,7 @@ class HandlerDispatcher:
 
     def _handle_call(self, handler: ServiceHandler, call: CallService) -> None:
         try:
-            self._queued.remove((call.service, call.id))
+            self._queued.remove(id(call))
         except KeyError:
             return  # it was withdrawn
         self._loop.call_soon(self._send, _response(handler, call))

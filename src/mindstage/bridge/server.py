@@ -12,7 +12,6 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import hmac
-import ipaddress
 import logging
 import time
 from collections import deque
@@ -29,6 +28,15 @@ from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 from websockets.protocol import State
 
+from mindstage.bridge.access import (
+    DEFAULT_VISITOR_LIMITS,
+    HANDSHAKE_TIMEOUT_S,
+    TlsCertificate,
+    Visitor,
+    VisitorLimits,
+    VisitorRegistry,
+    is_loopback,
+)
 from mindstage.bridge.broker import PLAIN_FORMAT, Peer, ReplyFormat
 from mindstage.bridge.node import LocalNode
 from mindstage.bridge.protocol import (
@@ -43,7 +51,7 @@ from mindstage.bridge.protocol import (
 )
 from mindstage.errors import AuthenticationError, BridgeError, BridgeUnavailableError
 
-__all__ = ["Connection", "RosbridgeServer", "TokenAuth", "is_loopback"]
+__all__ = ["Connection", "RosbridgeServer", "TokenAuth"]
 
 
 _MAX_CLOCK_SKEW_S = 5.0
@@ -57,16 +65,6 @@ _log = logging.getLogger("mindstage.bridge")
 _PING_INTERVAL_S = 20.0
 _MAX_UNAUTHENTICATED_BYTES = 16 * 1024
 """Largest message of a client that is not authenticated yet; enough for a token."""
-
-
-def is_loopback(host: str) -> bool:
-    """Whether a host can be reached from this machine only."""
-    if host.strip("[]").lower() == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host.strip("[]")).is_loopback
-    except ValueError:
-        return False
 
 
 class TokenAuth:
@@ -145,6 +143,7 @@ class Connection:
         *,
         receive: Callable[[Operation], None],
         send_error: Callable[[str, Id | None], None],
+        receive_delay: Callable[[int, float], float] | None = None,
     ) -> None:
         """Creates the connection on an open websocket.
 
@@ -153,11 +152,14 @@ class Connection:
             limits: limits for what the peer sends.
             receive: called with every operation; may raise a `BridgeError`.
             send_error: called with the error message and the id of a message that was rejected.
+            receive_delay: called with the size and the time of each frame; returns how long to wait before the next
+                one is received [s].
         """
         self._socket = socket
         self._limits = limits
         self._receive = receive
         self._send_error = send_error
+        self._receive_delay = receive_delay
         self._decoder = MessageDecoder(limits)
         self._outbox: deque[Frame] = deque()
         self._outbox_bytes = 0
@@ -188,6 +190,8 @@ class Connection:
                 start_s = loop.time()
                 self._handle_frame(frame, start_s)
                 handling_s += loop.time() - start_s
+                if self._receive_delay is not None and (delay_s := self._receive_delay(len(frame), start_s)) > 0.0:
+                    await asyncio.sleep(delay_s)
                 if not self._may_read.is_set():
                     await self._wait_until_readable()
                 if handling_s > _MAX_READ_SLICE_S:
@@ -339,6 +343,7 @@ def _close_message(code: int | None, reason: str | None) -> str:
     )
 
 
+_TOO_MANY_TOKENS = "too many invalid tokens were sent from this address; wait a minute"
 _handshake_log = logging.getLogger("mindstage.bridge.handshakes")
 _handshake_log.addHandler(logging.NullHandler())  # failed handshakes are logged only if logging is configured
 _client_numbers = count(1)
@@ -347,11 +352,16 @@ _client_numbers = count(1)
 class _ServerPeer(Peer):
     """A client of the server."""
 
-    def __init__(self, socket: ServerConnection, server: RosbridgeServer) -> None:
+    def __init__(self, socket: ServerConnection, server: RosbridgeServer, visitor: Visitor) -> None:
         super().__init__(f"/client_{next(_client_numbers)}")
         self.socket = socket
+        self.visitor = visitor
         self.connection = Connection(
-            socket, server.node.limits, receive=self._receive, send_error=self._send_error_status
+            socket,
+            server.node.limits,
+            receive=self._receive,
+            send_error=self._send_error_status,
+            receive_delay=visitor.receive_delay,
         )
         self.authenticated = False
         """Whether the client is authenticated; it is added to the broker only then."""
@@ -398,6 +408,8 @@ class RosbridgeServer:
         port: int = 9090,
         token: str | None = None,
         origins: Collection[str] = (),
+        tls: TlsCertificate | None = None,
+        visitor_limits: VisitorLimits = DEFAULT_VISITOR_LIMITS,
         ping_interval_s: float | None = _PING_INTERVAL_S,
     ) -> None:
         """Creates the server; `start` opens its socket.
@@ -408,11 +420,14 @@ class RosbridgeServer:
             port: port on which to listen; 0 selects a free one.
             token: token that clients must send: in rosbridge's `auth`, as `?token=`, or as `Authorization: Bearer`.
             origins: additional origins of web pages; pages of this machine are always allowed.
+            tls: the certificate for wss://; None serves ws://.
+            visitor_limits: limits of each client address.
             ping_interval_s: time between pings, and timeout for the reply [s]; None disables pings, for clients that
                 may be blocked for long and whose end is detected otherwise.
 
         Raises:
             AuthenticationError: the host is not this machine, and there is no token.
+            CertificateError: the certificate cannot be used.
         """
         if not token and not is_loopback(host):
             cause = "every host but this machine requires a token; give a token, or serve at 127.0.0.1"
@@ -422,6 +437,8 @@ class RosbridgeServer:
         self.port = port
         self._ping_interval_s = ping_interval_s
         self._auth = TokenAuth(host=host, token=token or None, origins=origins)
+        self._tls = None if tls is None else tls.server_context()
+        self._visitors = VisitorRegistry(visitor_limits)
         self._sockets: Sockets | None = None
         self._clients: set[_ServerPeer] = set()
 
@@ -429,7 +446,7 @@ class RosbridgeServer:
     def url(self) -> str:
         """URL for a client on this machine."""
         host = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}.get(self.host, self.host)
-        return f"ws://{f'[{host}]' if ':' in host else host}:{self.port}"
+        return f"{'ws' if self._tls is None else 'wss'}://{f'[{host}]' if ':' in host else host}:{self.port}"
 
     @property
     def client_count(self) -> int:
@@ -460,9 +477,15 @@ class RosbridgeServer:
 
     def authenticate(self, client: _ServerPeer, auth: Auth) -> None:
         """Handles the `auth` operation of a client."""
-        if not self._auth.needs_token or self._auth.check_auth(auth, time.time()):
+        now_s = asyncio.get_running_loop().time()
+        if not self._auth.needs_token or client.authenticated:
+            self._accept(client)
+        elif not client.visitor.may_try_token(now_s):
+            client.reject(_TOO_MANY_TOKENS)
+        elif self._auth.check_auth(auth, time.time()):
             self._accept(client)
         else:
+            client.visitor.add_failed_token(now_s)
             client.reject("invalid token")
 
     # -- on the loop ---------------------------------------------------------------------------------------------------
@@ -474,6 +497,8 @@ class RosbridgeServer:
                 self.host,
                 self.port,
                 process_request=self._process_request,
+                ssl=self._tls,
+                ssl_handshake_timeout=None if self._tls is None else HANDSHAKE_TIMEOUT_S,
                 compression=None,
                 max_size=_MAX_UNAUTHENTICATED_BYTES,
                 ping_interval=self._ping_interval_s,
@@ -497,8 +522,14 @@ class RosbridgeServer:
         headers = request.headers
         if not self._auth.allows_origin(headers.get("Origin"), headers.get("Host")):
             return socket.respond(HTTPStatus.FORBIDDEN, "this origin is not allowed\n")
+        visitor, now_s = self._visitors.visitor(socket.remote_address), asyncio.get_running_loop().time()
+        if not visitor.may_connect:
+            return socket.respond(HTTPStatus.TOO_MANY_REQUESTS, "too many connections from this address\n")
         bearer = headers.get("Authorization")
+        if self._auth.needs_token and not visitor.may_try_token(now_s):
+            return socket.respond(HTTPStatus.TOO_MANY_REQUESTS, f"{_TOO_MANY_TOKENS}\n")
         if self._auth.needs_token and self._auth.check_handshake(request.path, bearer) is False:
+            visitor.add_failed_token(now_s)
             why = "a token is required" if bearer is not None and not bearer.split()[1:] else "invalid token"
             return socket.respond(HTTPStatus.UNAUTHORIZED, f"{why}\n")
         if len(self._clients) >= self.node.limits.connections:
@@ -509,7 +540,9 @@ class RosbridgeServer:
         request = socket.request
         path, bearer = (request.path, request.headers.get("Authorization")) if request else ("", None)
         authenticated = not self._auth.needs_token or self._auth.check_handshake(path, bearer) is True
-        client = _ServerPeer(socket, self)
+        visitor = self._visitors.visitor(socket.remote_address)
+        visitor.connections += 1
+        client = _ServerPeer(socket, self, visitor)
         self._clients.add(client)
         if authenticated:
             self._accept(client)
@@ -518,6 +551,7 @@ class RosbridgeServer:
             await client.connection.run()
         finally:
             auth_timer.cancel()
+            visitor.connections -= 1
             self._clients.discard(client)
             self.node.broker.remove_peer(client)
 

@@ -6,10 +6,12 @@ Modules of the command line import heavy packages inside functions only, so that
 from __future__ import annotations
 
 import gc
+import os
 import signal
 import sys
 import traceback
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from typing import Annotated, NoReturn
 
 import typer
@@ -17,7 +19,7 @@ import typer
 from mindstage import __version__
 from mindstage.cli.ask import ask, questions, sparql, tell
 from mindstage.cli.maps import analyze, compare, convert, validate
-from mindstage.cli.options import ExitCode, command
+from mindstage.cli.options import ExitCode, command, discard_output
 from mindstage.cli.place import place
 from mindstage.cli.prolog import prolog
 from mindstage.cli.serve import serve
@@ -73,10 +75,19 @@ def main() -> None:
     """Runs the command line and exits the process."""
     # A verb keeps most of its objects until it ends, so that frequent garbage collections find nothing.
     gc.set_threshold(50_000, 20, 50)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the shell
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     signal.signal(signal.SIGTERM, _on_signal)
     try:
         verb = sys.argv[1:2]
         _make_app(verb if verb and verb[0] in _COMMANDS | _ALIASES else _COMMANDS)(prog_name="mindstage")
+    except OSError as error:  # of the output of --help and --version; verbs handle their own
+        discard_output()
+        if not isinstance(error, BrokenPipeError):
+            with suppress(OSError):
+                print(f"mindstage: error: standard output cannot be written: {error.strerror}", file=sys.stderr)  # noqa: T201
+        sys.exit(ExitCode.PIPE_CLOSED if isinstance(error, BrokenPipeError) else ExitCode.ERROR)
     except Exception:
         # A bug. Python's own exit code would be 1, which means "no" here.
         traceback.print_exc()

@@ -6,11 +6,12 @@ one line on stderr and, with `--json`, also an object on stdout.
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, fields
 from enum import IntEnum
@@ -51,10 +52,14 @@ __all__ = [
     "Seconds",
     "StoreFolder",
     "Strict",
+    "TlsCertificateFile",
+    "TlsKeyFile",
     "Verbose",
+    "VisitorLimitOptions",
     "WithViewport",
     "close_at_end",
     "command",
+    "discard_output",
     "exit_code",
     "finite",
     "options_given",
@@ -144,12 +149,14 @@ def command(function: Callable[P, ExitCode]) -> Callable[P, None]:
             _print_error(error, _error_text(error), as_json=as_json)
         except BrokenPipeError:
             code = ExitCode.PIPE_CLOSED
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            discard_output()
         except OSError as error:
             code = ExitCode.ERROR
-            _print_error(
-                error, f"{error.filename}: {error.strerror}" if error.filename else str(error), as_json=as_json
-            )
+            message = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+            if error.filename is None and error.errno in _OUTPUT_ERRORS:
+                message = f"standard output cannot be written: {error.strerror}"
+                discard_output()
+            _print_error(error, message, as_json=as_json)
         except KeyboardInterrupt:
             code = ExitCode.INTERRUPTED
         raise typer.Exit(code)
@@ -179,10 +186,25 @@ def _error_text(error: MindstageError) -> str:
     return f"{error}{hint}"
 
 
+_OUTPUT_ERRORS = frozenset(
+    getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EIO", "EBADF") if hasattr(errno, name)
+)
+"""Errors of writing; those of a file have its name, those of standard output have none."""
+
+
+def discard_output() -> None:
+    """Discards what is printed from now on: writing to standard output failed, and would fail again at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def _print_error(error: Exception, message: str, *, as_json: bool) -> None:
-    if as_json:
-        print_json({"error": {"kind": getattr(error, "code", type(error).__name__), "message": message}})
-    typer.echo(f"mindstage: error: {one_line(message)}", err=True)
+    try:
+        if as_json:
+            print_json({"error": {"kind": getattr(error, "code", type(error).__name__), "message": message}})
+    except OSError:
+        discard_output()
+    with suppress(OSError):  # nothing more can be reported
+        typer.echo(f"mindstage: error: {one_line(message)}", err=True)
 
 
 def finite(value: float | None) -> float | None:
@@ -273,6 +295,36 @@ PageToken = Annotated[
         metavar="TOKEN",
         envvar="MINDSTAGE_TOKEN",
         help="The token that clients of the page must present.",
+        show_default=False,
+    ),
+]
+
+TlsCertificateFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--tls-cert",
+        metavar="FILE",
+        help="Serve over TLS (https://, wss://), with the certificate in this PEM file.",
+        show_default=False,
+    ),
+]
+
+TlsKeyFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--tls-key",
+        metavar="FILE",
+        help="The private key of --tls-cert; by default in the same file.",
+        show_default=False,
+    ),
+]
+
+VisitorLimitOptions = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--limit",
+        metavar="NAME=NUMBER",
+        help="A limit of each client address, such as connections=8 or messages_per_second=500; may be repeated.",
         show_default=False,
     ),
 ]
@@ -385,7 +437,7 @@ EngineName = Annotated[
         "--engine",
         metavar="ENGINE",
         help="mujoco (physics), godot (physics, in a Godot process; godot:window shows its window), "
-        "null (no physics), or ros://HOST:PORT/NAMESPACE (a remote engine).",
+        "null (no physics), or ros://HOST:PORT/NAMESPACE (a remote engine; ros+tls:// over TLS).",
     ),
 ]
 

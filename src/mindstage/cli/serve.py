@@ -21,6 +21,9 @@ from mindstage.cli.options import (
     MapName,
     MapReading,
     PlainBoxes,
+    TlsCertificateFile,
+    TlsKeyFile,
+    VisitorLimitOptions,
     finite,
     options_given,
 )
@@ -37,7 +40,7 @@ from mindstage.cli.output import (
     warn,
 )
 from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
-from mindstage.cli.viewer import LOOPBACK, open_viewer
+from mindstage.cli.viewer import LOOPBACK, ServerAccess, open_viewer, server_access
 from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
@@ -100,7 +103,16 @@ Connect = Annotated[
     typer.Option(
         "--connect",
         metavar="URL",
-        help="Connect to a rosbridge (ws://HOST:PORT) instead of serving one; reconnects if the connection is lost.",
+        help="Connect to a rosbridge (ws://HOST:PORT, wss://…) instead of serving one; reconnects if it is lost.",
+        show_default=False,
+    ),
+]
+TlsAuthorities = Annotated[
+    Path | None,
+    typer.Option(
+        "--tls-ca",
+        metavar="FILE",
+        help="With --connect wss://…: certificates of authorities to trust besides those of the system (PEM).",
         show_default=False,
     ),
 ]
@@ -146,7 +158,11 @@ def serve(
     host: Host = LOOPBACK,
     token: Token = None,
     origins: Origins = None,
+    tls_cert: TlsCertificateFile = None,
+    tls_key: TlsKeyFile = None,
+    limits: VisitorLimitOptions = None,
     connect: Connect = None,
+    tls_authorities: TlsAuthorities = None,
     namespace: Namespace = "unreal",
     ros1: RosOne = False,
     worlds: Worlds = None,
@@ -168,7 +184,8 @@ def serve(
     from mindstage.msgs import RosVersion
     from mindstage.ros import RosInterface
 
-    _check_options(context, connect=connect, namespace=namespace, worlds=worlds)
+    _check_options(context, connect=connect, tls_authorities=tls_authorities, namespace=namespace, worlds=worlds)
+    access = server_access(host, "" if connect else token, tls_cert, tls_key, limits, origins=origins or [])
     running = make_engine(engine)
     knowledge, world = _load_knowledge(maps, map_name, reading)
     quitting = threading.Event()
@@ -177,22 +194,18 @@ def serve(
             simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes)
         )
         refused: list[Refusal] = []  # appended on the bridge's thread
-        node = _connect(resources, connect, token, refused) if connect else resources.enter_context(LocalNode())
+        node = resources.enter_context(_connect(connect, token, tls_authorities, refused) if connect else LocalNode())
         spawned = _spawn(simulation, world, assets=None if plain_boxes else assets, as_json=as_json)
         ros = RosVersion.ONE if ros1 else RosVersion.TWO
         interface = RosInterface(simulation, node, namespace=namespace, ros=ros, folder=worlds, on_quit=quitting.set)
         resources.callback(interface.close)
-        # The port opens last: a client never finds it without the services behind it.
-        url = _listen(resources, node, host, port, token, origins or []) if isinstance(node, LocalNode) else node.url
+        # A client never finds an open port without the services behind it.
+        url = _start_server(resources, node, port, access) if isinstance(node, LocalNode) else str(connect)
         output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name, **spawned}
         if with_viewport:
-            output["page"] = _open_page(
-                resources, simulation, page_port, host, None if connect else token, origins or []
-            )
+            output["page"] = _serve_page(resources, simulation, page_port, access)
         if with_foxglove:
-            from mindstage.ros.foxglove import FoxgloveServer
-
-            output["foxglove"] = resources.enter_context(FoxgloveServer(simulation, port=foxglove_port)).url
+            output["foxglove"] = _serve_foxglove(resources, simulation, foxglove_port)
         _announce(output, connected=connect is not None, seconds=seconds, as_json=as_json)
         if not paused:
             simulation.play()
@@ -200,15 +213,25 @@ def serve(
     return ExitCode.OK
 
 
-def _check_options(context: typer.Context, *, connect: str | None, namespace: str, worlds: Path | None) -> None:
+def _check_options(
+    context: typer.Context,
+    *,
+    connect: str | None,
+    tls_authorities: Path | None,
+    namespace: str,
+    worlds: Path | None,
+) -> None:
     """Checks options before anything is started.
 
     Raises:
         InvalidArgumentError: options are mutually exclusive, or not a ROS name or a folder.
     """
-    served = {"port": "--port", "host": "--host", "origins": "--origin"}
+    served = {"port": "--port", "host": "--host", "origins": "--origin", "tls_cert": "--tls-cert"}
+    served |= {"tls_key": "--tls-key", "limits": "--limit"}
     for option in options_given(context, served) if connect is not None else ():
         raise InvalidArgumentError(option, cause="with --connect no server is started", remedy="omit one of them")
+    if tls_authorities is not None and connect is None:
+        raise InvalidArgumentError("--tls-ca", cause="it requires --connect", remedy="omit it")
     if not re.fullmatch(r"/?([A-Za-z]\w*(/[A-Za-z]\w*)*)?/?", namespace, re.ASCII):
         remedy = "use letters, digits, _ and /"
         raise InvalidArgumentError("--namespace", cause=f"{namespace!r} is not a valid ROS name", remedy=remedy)
@@ -224,33 +247,45 @@ def _load_knowledge(
         return knowledge, knowledge.world(map_name) if maps else None
 
 
-def _listen(resources: ExitStack, node: LocalNode, host: str, port: int, token: str | None, origins: list[str]) -> str:
-    from mindstage.bridge import RosbridgeServer
+def _start_server(resources: ExitStack, node: LocalNode, port: int, access: ServerAccess) -> str:
+    from mindstage.bridge import RosbridgeServer, VisitorLimits
 
-    server = RosbridgeServer(node, host=host, port=port, token=token or None, origins=origins)
+    host, token, origins, tls, limits = access
+    server = RosbridgeServer(
+        node, host=host, port=port, token=token, origins=origins, tls=tls, visitor_limits=limits or VisitorLimits()
+    )
     return resources.enter_context(server).url
 
 
-def _open_page(
-    resources: ExitStack, simulation: Simulation, port: int, host: str, token: str | None, origins: list[str]
-) -> str:
-    viewer = open_viewer(simulation, port=port, host=host, token=token, origins=origins)
+def _serve_page(resources: ExitStack, simulation: Simulation, port: int, access: ServerAccess) -> str:
+    viewer = open_viewer(simulation, port=port, access=access)
     resources.callback(viewer.close)
     return viewer.url
 
 
-def _connect(resources: ExitStack, url: str, token: str | None, refused: list[Refusal]) -> RosbridgeClient:
+def _serve_foxglove(resources: ExitStack, simulation: Simulation, port: int) -> str:
+    from mindstage.ros.foxglove import FoxgloveServer
+
+    return resources.enter_context(FoxgloveServer(simulation, port=port)).url
+
+
+def _connect(url: str, token: str | None, authorities: Path | None, refused: list[Refusal]) -> RosbridgeClient:
+    """Connects to a rosbridge; the caller closes the client."""
     from mindstage.bridge import ConnectionState, RosbridgeClient
 
     def warn_if_lost(state: ConnectionState) -> None:
         if state is ConnectionState.LOST:
             warn(f"the connection to {url} is lost; reconnecting")
 
-    client = resources.enter_context(
-        RosbridgeClient(url, token=token or None, on_state=warn_if_lost, on_refusal=refused.append)
+    client = RosbridgeClient(
+        url, token=token or None, tls_authorities=authorities, on_state=warn_if_lost, on_refusal=refused.append
     )
-    with progress_spinner(f"connecting to {url}"):
-        return client.wait_connected(_CONNECT_TIMEOUT_S)
+    try:
+        with progress_spinner(f"connecting to {url}"):
+            return client.wait_connected(_CONNECT_TIMEOUT_S)
+    except BaseException:
+        client.close()
+        raise
 
 
 def _spawn(

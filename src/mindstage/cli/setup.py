@@ -6,8 +6,12 @@ Only this package reads environment variables: `GODOT` and `ROS_PACKAGE_PATH`.
 from __future__ import annotations
 
 import os
+import shutil
+import sys
+import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -149,7 +153,7 @@ def knowledge_base(
         cause = "it would write derived statements into a store that is shared"
         raise InvalidArgumentError("--closure", cause=cause, remedy="load the files without --store")
     knowledge = load_knowledge(
-        maps,
+        [_as_file(map) for map in maps],
         ontologies=[*(reading.ontologies or ()), *_ros_packages()],
         bundled_ontology=reading.bundled,
         robots=reading.robots or (),
@@ -160,6 +164,34 @@ def knowledge_base(
     )
     close_at_end(knowledge.close)
     return knowledge
+
+
+_STANDARD_INPUT = "-"
+
+
+@cache
+def _as_file(name: str) -> str:
+    """The path of a map; what can be read only once, such as standard input (`-`) or a pipe, is copied to a file.
+
+    Raises:
+        SourceParseError: it cannot be read.
+    """
+    path = Path(name)
+    if name != _STANDARD_INPUT and (not path.exists() or path.is_file() or path.is_dir()):
+        return name
+    try:
+        content = sys.stdin.buffer.read() if name == _STANDARD_INPUT else path.read_bytes()
+    except (OSError, AttributeError) as error:  # a closed standard input is None
+        cause = getattr(error, "strerror", None) or "standard input is closed"
+        raise SourceParseError(name, cause=cause) from error
+    if not content.strip():
+        raise SourceParseError(name, cause="nothing was written to it; pipe a map into it")
+    folder = Path(tempfile.mkdtemp(prefix="mindstage-input-"))
+    close_at_end(partial(shutil.rmtree, folder, ignore_errors=True))
+    close_at_end(_as_file.cache_clear)
+    file = folder / "standard-input"
+    file.write_bytes(content)
+    return str(file)
 
 
 def findings_about(

@@ -33,7 +33,10 @@ from mindstage.cli.options import (
     Port,
     Seconds,
     Strict,
+    TlsCertificateFile,
+    TlsKeyFile,
     Verbose,
+    VisitorLimitOptions,
     WithViewport,
     close_at_end,
     finite,
@@ -73,7 +76,7 @@ from mindstage.cli.setup import (
     make_engine,
     simulation_from_options,
 )
-from mindstage.cli.viewer import LOOPBACK, check_token_given, print_and_serve
+from mindstage.cli.viewer import LOOPBACK, print_and_serve, server_access
 from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
@@ -188,6 +191,9 @@ def spawn(
     port: Port = 8080,
     host: PageHost = LOOPBACK,
     token: PageToken = None,
+    tls_cert: TlsCertificateFile = None,
+    tls_key: TlsKeyFile = None,
+    limits: VisitorLimitOptions = None,
     seconds: Seconds = None,
     verbose: Verbose = False,
     as_json: AsJson = False,
@@ -196,7 +202,7 @@ def spawn(
 
     Bodies that move by more than 0.1 m within the first two simulated seconds are not at rest.
     """
-    check_token_given(host, token)
+    access = server_access(host, token, tls_cert, tls_key, limits)
     running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
     with spawned_map(
         maps,
@@ -213,9 +219,7 @@ def spawn(
         if not as_json:
             spawned.print(verbose=verbose)
         if with_viewport:
-            print_and_serve(
-                spawned.simulation, output, port=port, host=host, token=token, duration_s=seconds, as_json=as_json
-            )
+            print_and_serve(spawned.simulation, output, port=port, access=access, duration_s=seconds, as_json=as_json)
         else:
             _run(spawned.simulation, output, seconds=seconds or 0.0, as_json=as_json)
     if not as_json:

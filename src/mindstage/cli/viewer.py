@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Collection, Mapping
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -16,6 +17,9 @@ from mindstage.cli.options import (
     PageHost,
     PageToken,
     Port,
+    TlsCertificateFile,
+    TlsKeyFile,
+    VisitorLimitOptions,
     finite,
 )
 from mindstage.cli.output import print_findings, print_json, print_line, print_report, progress_spinner, warn
@@ -23,17 +27,20 @@ from mindstage.cli.setup import knowledge_base, make_engine, simulation_from_opt
 from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
+    from mindstage.bridge.access import TlsCertificate, VisitorLimits
     from mindstage.simulation import Simulation
     from mindstage.viewer import Viewer
 
 __all__ = [
+    "LOCAL_ACCESS",
     "LOOPBACK",
-    "check_token_given",
+    "ServerAccess",
     "demo",
     "keep_alive",
     "open_page",
     "open_viewer",
     "print_and_serve",
+    "server_access",
     "show_page",
 ]
 
@@ -44,29 +51,79 @@ _POLL_INTERVAL_S = 0.2
 """Interval at which the deadline and the error of the simulation are checked [s]."""
 
 
-def open_viewer(
-    simulation: Simulation, *, port: int, host: str = LOOPBACK, token: str | None = None, origins: Collection[str] = ()
-) -> Viewer:
+class ServerAccess(NamedTuple):
+    """Who may connect to a server, and how: the values of `--host`, `--token`, `--origin`, `--tls-…` and `--limit`."""
+
+    host: str = LOOPBACK
+    token: str | None = None
+    origins: Collection[str] = ()
+    tls: TlsCertificate | None = None
+    limits: VisitorLimits | None = None
+
+
+LOCAL_ACCESS = ServerAccess()
+
+
+def server_access(
+    host: str,
+    token: str | None,
+    certificate: Path | None,
+    key: Path | None,
+    limits: Sequence[str] | None,
+    *,
+    origins: Collection[str] = (),
+) -> ServerAccess:
+    """Checks the options before a map is read.
+
+    Raises:
+        InvalidArgumentError: the host is not local, and there is no token; a limit is unknown or no number; or there
+            is a key without a certificate.
+        CertificateError: the certificate cannot be used.
+    """
+    from mindstage.bridge.access import TlsCertificate, is_loopback
+
+    if not token and not is_loopback(host):
+        remedy = "give --token TOKEN too, or omit --host"
+        raise InvalidArgumentError(
+            "--host", cause="without a token anyone in the network could change the world", remedy=remedy
+        )
+    if key is not None and certificate is None:
+        raise InvalidArgumentError("--tls-key", cause="it requires --tls-cert", remedy="give the certificate too")
+    tls = None if certificate is None else TlsCertificate(certificate=certificate, key=key)
+    if tls is not None:
+        tls.server_context()
+    return ServerAccess(host, token or None, origins, tls, _visitor_limits(limits or ()))
+
+
+def _visitor_limits(options: Sequence[str]) -> VisitorLimits:
+    import msgspec
+
+    from mindstage.bridge.access import VisitorLimits
+
+    values = {}
+    for option in options:
+        name, _, number = option.partition("=")
+        if name not in VisitorLimits.__struct_fields__:
+            remedy = f"the limits are {', '.join(VisitorLimits.__struct_fields__)}"
+            raise InvalidArgumentError("--limit", cause=f"there is no limit {name!r}", remedy=remedy)
+        values[name] = number
+    try:
+        limits = msgspec.convert(values, VisitorLimits, strict=False)
+    except msgspec.ValidationError as error:
+        remedy = "write NAME=NUMBER, such as connections=8"
+        raise InvalidArgumentError("--limit", cause=str(error), remedy=remedy) from error
+    for name in values:
+        if not 0.0 < getattr(limits, name) < float("inf"):
+            raise InvalidArgumentError("--limit", cause=f"{name} must be positive", remedy="give a higher number")
+    return limits
+
+
+def open_viewer(simulation: Simulation, *, port: int, access: ServerAccess = LOCAL_ACCESS) -> Viewer:
     """Serves the page; a host that is not local needs a token."""
     from mindstage.api import view
 
-    return view(simulation, host=host, port=port, token=token or None, origins=origins)
-
-
-def check_token_given(host: str, token: str | None) -> None:
-    """Checks `--host` and `--token` before a map is read.
-
-    Raises:
-        InvalidArgumentError: the host is not local, and there is no token.
-    """
-    if host != LOOPBACK and not token:
-        from mindstage.bridge.server import is_loopback
-
-        if not is_loopback(host):
-            remedy = "give --token TOKEN too, or omit --host"
-            raise InvalidArgumentError(
-                "--host", cause="without a token anyone in the network could change the world", remedy=remedy
-            )
+    host, token, origins, tls, limits = access
+    return view(simulation, host=host, port=port, token=token, origins=origins, tls=tls, visitor_limits=limits)
 
 
 def show_page(
@@ -76,8 +133,7 @@ def show_page(
     duration_s: float | None,
     announce: Callable[[str], None],
     quiet: bool = False,
-    host: str = LOOPBACK,
-    token: str | None = None,
+    access: ServerAccess = LOCAL_ACCESS,
 ) -> None:
     """Serves the page and plays the simulation until Ctrl-C or the end of the duration.
 
@@ -87,10 +143,9 @@ def show_page(
         duration_s: wall time [s]; None for no limit.
         announce: called with the URL when the page is served.
         quiet: whether to print nothing.
-        host: the address to listen at; one that is not local needs a token.
-        token: the token that clients must present.
+        access: who may open the page.
     """
-    viewport = open_viewer(simulation, port=port, host=host, token=token)
+    viewport = open_viewer(simulation, port=port, access=access)
     try:
         announce(viewport.url)
         keep_alive(simulation, duration_s=duration_s, quiet=quiet)
@@ -103,8 +158,7 @@ def print_and_serve(
     summary: Mapping[str, object],
     *,
     port: int,
-    host: str = LOOPBACK,
-    token: str | None = None,
+    access: ServerAccess = LOCAL_ACCESS,
     duration_s: float | None,
     as_json: bool,
 ) -> None:
@@ -116,7 +170,7 @@ def print_and_serve(
         else:
             print_line(f"The world is served at {url}")
 
-    show_page(simulation, port=port, host=host, token=token, duration_s=duration_s, announce=announce, quiet=as_json)
+    show_page(simulation, port=port, access=access, duration_s=duration_s, announce=announce, quiet=as_json)
 
 
 def open_page(url: str, *, wanted: bool | None) -> None:
@@ -159,6 +213,9 @@ def demo(
     port: Port = 8080,
     host: PageHost = LOOPBACK,
     token: PageToken = None,
+    tls_cert: TlsCertificateFile = None,
+    tls_key: TlsKeyFile = None,
+    limits: VisitorLimitOptions = None,
     open_browser: Annotated[
         bool | None,
         typer.Option("--open/--no-open", help="Whether to open a browser; by default only with a graphical display."),
@@ -176,7 +233,7 @@ def demo(
     ] = None,
 ) -> ExitCode:
     """Show the bundled kitchen in the browser."""
-    check_token_given(host, token)
+    access = server_access(host, token, tls_cert, tls_key, limits)
     with progress_spinner("loading the kitchen"):
         knowledge = knowledge_base(["bundled:kitchen"])
         world = knowledge.world()
@@ -191,5 +248,5 @@ def demo(
             print_line(f"The kitchen is served at {url}")
             open_page(url, wanted=open_browser)
 
-        show_page(simulation, port=port, duration_s=seconds, announce=announce, host=host, token=token)
+        show_page(simulation, port=port, duration_s=seconds, announce=announce, access=access)
     return ExitCode.OK

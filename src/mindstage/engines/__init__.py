@@ -51,8 +51,8 @@ __all__ = [
     "make_engine",
 ]
 
-_REMOTE_SCHEME = "ros://"
-_NAMES = f"choose mujoco, godot, godot:window, null, or {_REMOTE_SCHEME}HOST:PORT/NAMESPACE"
+_REMOTE_SCHEMES = ("ros://", "ros+tls://")
+_NAMES = f"choose mujoco, godot, godot:window, null, or {_REMOTE_SCHEMES[0]}HOST:PORT/NAMESPACE"
 
 
 def __getattr__(name: str) -> object:
@@ -73,7 +73,7 @@ def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeo
 
     Args:
         name: "mujoco", "godot", "godot:window" (shows the world in a window), "null" (no physics), or the address of a
-            remote engine, `ros://HOST:PORT/NAMESPACE`.
+            remote engine, `ros://HOST:PORT/NAMESPACE`, or `ros+tls://…` over TLS.
         godot: path of the Godot executable; by default the one on PATH, or in a common location.
         timeout_s: timeout of a call to Godot or to a remote engine [s]; by default the engine's own.
 
@@ -107,4 +107,4 @@ def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeo
 
 def is_remote(name: str) -> bool:
     """Whether a name is the address of a remote engine, whose world continues to run after it is disconnected."""
-    return name.startswith(_REMOTE_SCHEME)
+    return name.startswith(_REMOTE_SCHEMES)

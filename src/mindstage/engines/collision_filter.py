@@ -199,7 +199,9 @@ def _is_settled(
     """
     if filter_input.is_loose is None or filter_input.unit is None or not len(a):
         return np.zeros(len(a), dtype=bool)
-    is_settled = (filter_input.is_loose[a] | filter_input.is_loose[b]) & (filter_input.unit[a] != filter_input.unit[b])
+    is_settled: NDArray[np.bool_] = (filter_input.is_loose[a] | filter_input.is_loose[b]) & (
+        filter_input.unit[a] != filter_input.unit[b]
+    )
     if result.non_colliding and is_settled.any():
         collides = np.array([id not in result.non_colliding for id in filter_input.ids], dtype=bool)
         is_settled &= collides[a] & collides[b]

@@ -1,7 +1,8 @@
 """Files of asserted statements, and access to the triples of a knowledge base.
 
 An `AssertionFile` is a Turtle file that can be loaded like any ontology. A new statement is appended to what the file
-contains. A retraction rewrites the file, which is only allowed for files that were created here: others may contain
+contains. Several processes may write one file: each locks it, and reads what the others have written. A retraction
+rewrites the file, which is only allowed for files that were created here: others may contain
 comments and number formats that would be lost.
 
 A `TripleStoreView` finds, adds and removes single triples without interpreting them, as RDF tools do; questions and
@@ -17,8 +18,8 @@ from typing import NamedTuple
 
 import pyoxigraph as ox
 
-from mindstage.errors import InvalidArgumentError
-from mindstage.files import atomic_write
+from mindstage.errors import InvalidArgumentError, SourceParseError
+from mindstage.files import atomic_write, file_lock
 from mindstage.knowledge.knowledge_base import KnowledgeBase
 from mindstage.knowledge.names import PREFIXES
 from mindstage.knowledge.owl import node_label
@@ -50,8 +51,10 @@ class AssertionFile:
             raise InvalidArgumentError(str(path), cause="assertions are written as Turtle", remedy="call it .ttl")
         self.path = path.resolve()
         self._knowledge = knowledge
-        if path.exists():
-            knowledge.load((), ontologies=path)
+        self._known_text = self._graph_text = self._read()
+        """The text whose statements the knowledge base has, and the text that the graph of the file has."""
+        if self._known_text:
+            knowledge.load((), ontologies=self.path)
 
     def tell(self, subject: str, property: str, value: AssertableValue) -> bool:
         """Asserts a statement in the knowledge base and in the file; returns whether it is new.
@@ -62,16 +65,19 @@ class AssertionFile:
             InvalidArgumentError: the three do not form a statement.
             OSError: the file cannot be written.
         """
-        known = set(self._quads(RUNTIME_GRAPH))
-        self._knowledge.tell(subject, property, value)
-        new = [quad.triple for quad in self._quads(RUNTIME_GRAPH) if quad not in known]
-        if new:
-            before = self.path.read_text(encoding="utf-8") if self.path.exists() else _FIRST_LINE
-            declared = ox.parse(before, ox.RdfFormat.TURTLE, base_iri=self.path.as_uri())
-            for _ in declared:
-                pass
-            self._write(f"{before.rstrip()}\n\n{_turtle(new, declared.prefixes)}")
-        return bool(new)
+        with file_lock(self.path):
+            if (text := self._read()) != self._known_text:
+                self._reload(text)
+            known = set(self._quads(RUNTIME_GRAPH))
+            self._knowledge.tell(subject, property, value)
+            new = [quad.triple for quad in self._quads(RUNTIME_GRAPH) if quad not in known]
+            if new:
+                before = text or _FIRST_LINE
+                declared = ox.parse(before, ox.RdfFormat.TURTLE, base_iri=self.path.as_uri())
+                for _ in declared:
+                    pass
+                self._write(f"{before.rstrip()}\n\n{_turtle(new, declared.prefixes)}")
+            return bool(new)
 
     def retract(self, subject: str, property: str, value: AssertableValue) -> bool:
         """Removes a statement from the knowledge base and from the file; returns whether the file had contained it.
@@ -82,23 +88,54 @@ class AssertionFile:
             InvalidArgumentError: the three do not form a statement, or the file was not created here.
             OSError: the file cannot be written.
         """
-        if not self.path.read_text(encoding="utf-8").startswith(_FIRST_LINE):
-            cause = "it was not created by Mindstage, and rewriting it would lose everything besides statements"
-            raise InvalidArgumentError(str(self.path), cause=cause, remedy="remove the statement in an editor")
-        graph = ox.NamedNode(self.path.as_uri())
-        before = self._quads(graph)
-        self._knowledge.retract(subject, property, value)
-        left = self._quads(graph)
-        if len(left) == len(before):
-            return False
-        self._write(f"{_FIRST_LINE}\n{_turtle(_without_orphaned_blank_nodes(left), {})}")
-        return True
+        with file_lock(self.path):
+            text = self.path.read_text(encoding="utf-8")
+            if not text.startswith(_FIRST_LINE):
+                cause = "it was not created by Mindstage, and rewriting it would lose everything besides statements"
+                raise InvalidArgumentError(str(self.path), cause=cause, remedy="remove the statement in an editor")
+            if text != self._graph_text:
+                self._reload(text)
+            graph = ox.NamedNode(self.path.as_uri())
+            before = self._quads(graph)
+            self._knowledge.retract(subject, property, value)
+            left = self._quads(graph)
+            if len(left) == len(before):
+                return False
+            self._write(f"{_FIRST_LINE}\n{_turtle(_without_orphaned_blank_nodes(left), {})}")
+            self._graph_text = self._known_text
+            return True
+
+    def _read(self) -> str:
+        """The text of the file; empty if it does not exist."""
+        try:
+            return self.path.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            return ""
+        except UnicodeDecodeError as error:
+            raise SourceParseError(str(self.path), cause=f"it is not in UTF-8: {error}") from error
+
+    def _reload(self, text: str) -> None:
+        """Reads the statements that another process, or an earlier call, has written to the file."""
+        graph, knowledge = ox.NamedNode(self.path.as_uri()), self._knowledge
+        with knowledge.lock:
+            if self.path in knowledge.sources():
+                try:
+                    new = list(ox.parse(text, ox.RdfFormat.TURTLE, base_iri=graph.value))
+                except SyntaxError as error:
+                    raise SourceParseError(str(self.path), cause=str(error)) from error
+                knowledge.store.remove_graph(graph)
+                knowledge.store.extend(ox.Quad(each.subject, each.predicate, each.object, graph) for each in new)
+                knowledge._invalidate_all()
+            elif text:
+                knowledge.load((), ontologies=self.path)
+        self._known_text = self._graph_text = text
 
     def _quads(self, graph: ox.NamedNode) -> list[ox.Quad]:
         return list(self._knowledge.store.quads_for_pattern(None, None, None, graph))
 
     def _write(self, text: str) -> None:
         atomic_write(self.path, text.encode())
+        self._known_text = text
 
 
 def _turtle(triples: list[ox.Triple], declared: Mapping[str, str]) -> str:

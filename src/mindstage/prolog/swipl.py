@@ -218,7 +218,7 @@ _INT64_RANGE = range(-(2**63), 2**63)
 
 
 class ReadLimit:
-    """How much of a term, and for how long, is converted; a subterm that Prolog shares is copied and counts each time."""
+    """How much of a term is converted, and for how long. A subterm that Prolog shares counts at each occurrence."""
 
     def __init__(self, *, max_parts: int = sys.maxsize, deadline_s: float = math.inf) -> None:
         """Creates the limit of one term.

@@ -363,7 +363,10 @@ class EngineServices:
 
 def spawn_report(report: SpawnReport) -> wire.SpawnReport:
     """Converts a report to a message."""
-    return msgspec.convert(msgspec.to_builtins(report), wire.SpawnReport)
+    fields = msgspec.to_builtins(report)
+    for name in ("moved", "rest_checked_s"):  # observed after the spawn, by the caller
+        del fields[name]
+    return msgspec.convert(fields, wire.SpawnReport)
 
 
 def _service_spec(type: type[Service], handler: Callable[[Any], Any], **options: Any) -> ServiceSpec:

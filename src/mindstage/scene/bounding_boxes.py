@@ -84,7 +84,8 @@ def overlapping_pairs(
     high = high + np.asarray(margin)
     if len(low) < 2:
         return
-    axis = int(np.argmax(boxes.center.std(axis=0)))
+    with np.errstate(over="ignore", invalid="ignore"):  # positions of any size
+        axis = int(np.argmax(boxes.center.std(axis=0)))
     order = np.argsort(low[:, axis], kind="stable")
     start = low[order, axis]
     ends = np.searchsorted(start, high[order, axis], side="right")

@@ -175,6 +175,11 @@ class GeometryProvider:
 
         return find_immovable_bodies(world, self._knowledge)
 
+    @property
+    def immovable(self) -> frozenset[BodyId]:
+        """The bodies that were spawned as immovable ones."""
+        return self._immovable
+
     def options(self, *, immovable: frozenset[BodyId] | None = None, ground: bool = False) -> SpawnOptions:
         """The options of a spawn; by default with the bodies that were immovable when they were spawned."""
         return SpawnOptions(immovable=self._immovable if immovable is None else immovable, ground=ground)
@@ -343,6 +348,11 @@ class Simulation:
     def geometry(self) -> GeometryMap:
         """The geometry of the bodies that exist."""
         return self._geometry_provider.for_ids(self._state.ids)
+
+    @property
+    def immovable(self) -> frozenset[BodyId]:
+        """Dynamic bodies that were spawned as static ones, since they cannot be loose."""
+        return self._geometry_provider.immovable
 
     def spawn(
         self,

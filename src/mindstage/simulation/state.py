@@ -76,6 +76,10 @@ class EngineSession(Protocol):
     def geometry(self) -> GeometryMap:
         """The geometry of the bodies that exist."""
 
+    @property
+    def immovable(self) -> frozenset[BodyId]:
+        """Dynamic bodies that were spawned as static ones, since they cannot be loose."""
+
     def spawn(
         self,
         world: World | str | None = None,

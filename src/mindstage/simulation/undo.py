@@ -16,7 +16,7 @@ from typing import Protocol
 
 import msgspec
 
-from mindstage.engines.base import Capability, Engine, SavedState
+from mindstage.engines.base import Capability, Engine, SavedState, SpawnOptions
 from mindstage.errors import (
     BodyExistsError,
     BodyNotFoundError,
@@ -238,12 +238,15 @@ class DeleteBodies(msgspec.Struct, frozen=True):
     spawn_record: SpawnRecord
     geometry: GeometryMap
     label: str
+    immovable: frozenset[BodyId] = frozenset()
+    """Bodies that were spawned as static ones, whatever their mobility."""
 
     def apply(self, engine: Engine) -> EditCommand:
         """See `EditCommand`."""
         before = engine.snapshot()
         engine.delete(self.ids)
-        return UndeleteBodies(before, tuple(sorted(set(self.ids))), self.spawn_record, self.geometry, self.label)
+        ids = tuple(sorted(set(self.ids)))
+        return UndeleteBodies(before, ids, self.spawn_record, self.geometry, self.label, self.immovable)
 
 
 class UndeleteBodies(msgspec.Struct, frozen=True):
@@ -256,6 +259,8 @@ class UndeleteBodies(msgspec.Struct, frozen=True):
     spawn_record: SpawnRecord
     geometry: GeometryMap
     label: str
+    immovable: frozenset[BodyId] = frozenset()
+    """Bodies that were spawned as static ones, whatever their mobility."""
 
     def apply(self, engine: Engine) -> EditCommand:
         """See `EditCommand`."""
@@ -278,7 +283,7 @@ class UndeleteBodies(msgspec.Struct, frozen=True):
             if isinstance(link, Joint) and not _same_pose(spawn_poses[link.child], final_poses[link.child]):
                 with suppress(PoseUnreachableError):  # the body then stays at the joint's zero position
                     engine.set_pose(link.child, pose_from_array(final_poses[link.child]))
-        return DeleteBodies(self.ids, self.spawn_record, self.geometry, self.label)
+        return DeleteBodies(self.ids, self.spawn_record, self.geometry, self.label, self.immovable)
 
     def _spawn(self, engine: Engine, world: World) -> None:
         """Spawns the whole world or nothing.
@@ -286,7 +291,7 @@ class UndeleteBodies(msgspec.Struct, frozen=True):
         Raises:
             RestoreError: a part of it cannot be spawned.
         """
-        report = engine.spawn(world, geometry=self.geometry)
+        report = engine.spawn(world, geometry=self.geometry, options=SpawnOptions(immovable=self.immovable))
         for failure in (*report.failed_bodies, *report.failed_joints, *report.failed_attachments):
             present = set(engine.poses()[0])
             engine.delete([id for id in self.ids if id in present])
@@ -463,13 +468,13 @@ class UndoStack:
         """
         deleted = tuple(dict.fromkeys(ids))
         name = deleted[0] if len(deleted) == 1 else f"{len(deleted)} bodies"
-        self.apply(DeleteBodies(deleted, self._spawn_record(), self._geometry(deleted), f"{name} deleted"))
+        self.apply(self._deletion(deleted, f"{name} deleted"))
 
     def record_spawn(self, ids: Iterable[BodyId]) -> None:
         """Records the spawn of bodies as an edit, so that it can be undone."""
         spawned = tuple(ids)
         name = spawned[0] if len(spawned) == 1 else f"{len(spawned)} bodies"
-        self.record(DeleteBodies(spawned, self._spawn_record(), self._geometry(spawned), f"{name} added"))
+        self.record(self._deletion(spawned, f"{name} added"))
 
     def reset(self) -> None:
         """Resets the simulation; can be undone if the engine can save its state, otherwise clears the history."""
@@ -542,6 +547,7 @@ class UndoStack:
     def _spawn_record(self) -> SpawnRecord:
         return SpawnRecord.from_worlds(self._simulation.worlds)
 
-    def _geometry(self, ids: Iterable[BodyId]) -> GeometryMap:
-        known = self._simulation.geometry
-        return {id: known[id] for id in ids if id in known}
+    def _deletion(self, ids: tuple[BodyId, ...], label: str) -> DeleteBodies:
+        known, immovable = self._simulation.geometry, self._simulation.immovable
+        geometry = {id: known[id] for id in ids if id in known}
+        return DeleteBodies(ids, self._spawn_record(), geometry, label, immovable.intersection(ids))

@@ -21,7 +21,8 @@ from urllib.parse import parse_qsl, urlencode, urlsplit
 
 import msgspec
 
-from mindstage.bridge.server import TokenAuth, is_loopback
+from mindstage.bridge.access import DEFAULT_VISITOR_LIMITS, Visitor, VisitorLimits, VisitorRegistry, is_loopback
+from mindstage.bridge.server import TokenAuth
 from mindstage.errors import AuthenticationError
 
 __all__ = [
@@ -71,6 +72,8 @@ CHANNEL = "/mindstage/channel"
 
 _VIEW = re.compile(r"/view/([a-z0-9]{8,40})/?")
 _HOST = re.compile(r"[A-Za-z0-9.\-_]+(:\d{1,5})?|\[[0-9A-Fa-f:.]+\](:\d{1,5})?")
+_TOKEN_REQUIRED = "a token is required; open the page with ?token=… first"
+_TOO_MANY_TOKENS = "too many wrong tokens were sent from this address; wait a minute"
 _COOKIE_MAX_AGE_S = 30 * 24 * 3600
 
 
@@ -103,13 +106,23 @@ def request_path(path: str) -> str:
 class RequestFilter:
     """Decides by path and headers which requests are allowed. Does no I/O."""
 
-    def __init__(self, *, host: str, token: str | None = None, origins: Collection[str] = ()) -> None:
+    def __init__(
+        self,
+        *,
+        host: str,
+        token: str | None = None,
+        origins: Collection[str] = (),
+        secure: bool = False,
+        visitor_limits: VisitorLimits = DEFAULT_VISITOR_LIMITS,
+    ) -> None:
         """Creates the filter.
 
         Args:
             host: the address that the server listens on; any other than a loopback address needs a token.
             token: the token that clients need, or None.
             origins: further origins of the page, such as `https://robot.example` for a reverse proxy.
+            secure: whether the server uses TLS; the cookie is then sent over TLS only.
+            visitor_limits: limits of each client address.
 
         Raises:
             AuthenticationError: the host is not a loopback address, and there is no token.
@@ -122,35 +135,62 @@ class RequestFilter:
         self._local_only = is_loopback(host)
         self._origins = frozenset(origin.rstrip("/").lower() for origin in origins)
         self._host_names = frozenset(urlsplit(origin).netloc for origin in self._origins)
+        self._cookie_attributes = "; Secure" if secure else ""
+        self.visitors = VisitorRegistry(visitor_limits)
+        """The addresses that requests come from."""
         self._cookie_value = hmac.new(token.encode(), b"mindstage page", hashlib.sha256).hexdigest() if token else ""
 
     # -- checks --------------------------------------------------------------------------------------------------------
 
-    def socket_error(self, path: str, headers: RequestHeaders) -> HttpResponse | None:
-        """Checks a websocket handshake; returns the refusal, or None if it is allowed."""
-        if (refusal := self._host_error(headers)) is not None:
+    def socket_error(
+        self, path: str, headers: RequestHeaders, *, visitor: Visitor | None = None, now_s: float = 0.0
+    ) -> HttpResponse | None:
+        """Checks a websocket handshake; returns the refusal, or None if it is allowed.
+
+        Args:
+            path: the path of the request, with its query.
+            headers: the headers of the request.
+            visitor: where the request comes from; by default this machine.
+            now_s: the time, of any clock [s].
+        """
+        visitor = visitor or self.visitors.visitor(None)
+        refusal = self._host_error(headers)
+        if refusal is None and not visitor.may_connect:
+            refusal = _error_response(HTTPStatus.TOO_MANY_REQUESTS, "too many pages are open at this address")
+        if refusal is not None:
             return refusal
         origin = headers.get("Origin")
         if origin is not None and not self._is_same_origin(origin, headers.get("Host") or ""):
             return _error_response(HTTPStatus.FORBIDDEN, "this origin is not allowed; open the page of this server")
-        if not self._is_authenticated(path, headers):
-            return _error_response(HTTPStatus.UNAUTHORIZED, "a token is required; open the page with ?token=… first")
+        is_blocked = not visitor.may_try_token(now_s)
+        if not self._is_authenticated(path, headers, visitor, now_s):
+            status = HTTPStatus.TOO_MANY_REQUESTS if is_blocked else HTTPStatus.UNAUTHORIZED
+            return _error_response(status, _TOO_MANY_TOKENS if is_blocked else _TOKEN_REQUIRED)
         if request_path(path) != CHANNEL and view_key(path) is None:
             return _error_response(HTTPStatus.NOT_FOUND, "there is no such websocket")
         return None
 
-    def respond(self, path: str, headers: RequestHeaders) -> HttpResponse | None:
-        """Answers a request; None for the page of the view, which viser provides, see `view_headers`."""
+    def respond(
+        self, path: str, headers: RequestHeaders, *, visitor: Visitor | None = None, now_s: float = 0.0
+    ) -> HttpResponse | None:
+        """Answers a request; None for the page of the view, which viser provides, see `view_headers`.
+
+        Args:
+            path: the path of the request, with its query.
+            headers: the headers of the request.
+            visitor: where the request comes from; by default this machine.
+            now_s: the time, of any clock [s].
+        """
+        visitor = visitor or self.visitors.visitor(None)
         if (refusal := self._host_error(headers)) is not None:
             return refusal
         site = headers.get("Sec-Fetch-Site")
         route = request_path(path)
         if site in {"cross-site", "same-site"} and route != "/":
             return _error_response(HTTPStatus.FORBIDDEN, "other sites may only link to /")
-        if not self._is_authenticated(path, headers):
-            return self._login_page(
-                route, wrong=self._auth.check_handshake(path, headers.get("Authorization")) is False
-            )
+        is_blocked = not visitor.may_try_token(now_s)
+        if not self._is_authenticated(path, headers, visitor, now_s):
+            return self._login_page(route, wrong=self._has_token(path, headers), is_blocked=is_blocked)
         if route == "/":
             return self._cookie(path) or self._file(page_files()["index.html"], headers)
         if view_key(path) is not None:
@@ -181,12 +221,22 @@ class RequestFilter:
         own = page.scheme in {"http", "https"} and page.netloc == host.lower()
         return own or origin.rstrip("/").lower() in self._origins
 
-    def _is_authenticated(self, path: str, headers: RequestHeaders) -> bool:
+    def _has_token(self, path: str, headers: RequestHeaders) -> bool:
+        return self._auth.check_handshake(path, headers.get("Authorization")) is not None
+
+    def _is_authenticated(self, path: str, headers: RequestHeaders, visitor: Visitor, now_s: float) -> bool:
         if not self._auth.needs_token:
             return True
-        allowed = self._auth.check_handshake(path, headers.get("Authorization"))
-        if allowed is not None:
-            return allowed
+        if not self._has_token(path, headers):
+            return self._has_cookie(headers)
+        if not visitor.may_try_token(now_s):
+            return False
+        allowed = self._auth.check_handshake(path, headers.get("Authorization")) is True
+        if not allowed:
+            visitor.add_failed_token(now_s)
+        return allowed
+
+    def _has_cookie(self, headers: RequestHeaders) -> bool:
         try:
             cookie = SimpleCookie(headers.get("Cookie") or "")
         except CookieError:
@@ -204,10 +254,13 @@ class RequestFilter:
             return None
         rest = urlencode([(name, value) for name, value in query if name != "token"])
         cookie = f"mindstage={self._cookie_value}; Path=/; HttpOnly; SameSite=Strict; Max-Age={_COOKIE_MAX_AGE_S}"
+        cookie += self._cookie_attributes
         headers = {"Location": f"/?{rest}" if rest else "/", "Set-Cookie": cookie, "Cache-Control": "no-store"}
         return HttpResponse(HTTPStatus.SEE_OTHER, b"", _SECURITY_HEADERS | headers)
 
-    def _login_page(self, path: str, *, wrong: bool) -> HttpResponse:
+    def _login_page(self, path: str, *, wrong: bool, is_blocked: bool) -> HttpResponse:
+        if is_blocked:
+            return _error_response(HTTPStatus.TOO_MANY_REQUESTS, _TOO_MANY_TOKENS)
         message = "That is not the token." if wrong else "A token is needed."
         if path != "/":
             return _error_response(HTTPStatus.UNAUTHORIZED, message)

@@ -23,6 +23,7 @@ import logging
 import re
 import secrets
 import socket
+import ssl
 import threading
 import time
 from collections import defaultdict, deque
@@ -37,6 +38,14 @@ import msgspec
 import viser
 from viser.infra import _infra as _viser
 
+from mindstage.bridge.access import (
+    DEFAULT_VISITOR_LIMITS,
+    HANDSHAKE_TIMEOUT_S,
+    TlsCertificate,
+    TokenBucket,
+    Visitor,
+    VisitorLimits,
+)
 from mindstage.errors import (
     InvalidRequestError,
     MindstageError,
@@ -130,6 +139,7 @@ class WebSocket(Protocol):
 
     request: Any
     protocol: Any
+    remote_address: Any
 
     async def send(self, message: bytes, /, *, text: bool) -> None:
         """Sends a message; waits while the buffer is full."""
@@ -144,14 +154,22 @@ class WebSocket(Protocol):
 class HttpRoutes:
     """The routes of Mindstage in viser's server: the page's files, its websocket, and the filter of all requests."""
 
-    def __init__(self, request_filter: RequestFilter, *, channel: Callable[[WebSocket], Awaitable[None]]) -> None:
+    def __init__(
+        self,
+        request_filter: RequestFilter,
+        *,
+        channel: Callable[[WebSocket, Visitor], Awaitable[None]],
+        tls: ssl.SSLContext | None = None,
+    ) -> None:
         """Creates the routes of one server.
 
         Args:
             request_filter: decides which requests are allowed.
             channel: serves a page's websocket until it is closed.
+            tls: the certificate of the server; None serves without encryption.
         """
         self._filter, self._channel = request_filter, channel
+        self._tls = tls
         self._view: ViserPage | None = None
         self.patched = False
         """Whether a server uses these routes."""
@@ -161,22 +179,30 @@ class HttpRoutes:
         page = options["process_request"]
 
         async def handle(socket: Any) -> None:
-            await (self._channel(socket) if request_path(socket.request.path) == CHANNEL else handler(socket))
+            visitor = self._filter.visitors.visitor(socket.remote_address)
+            visitor.connections += 1
+            try:
+                is_channel = request_path(socket.request.path) == CHANNEL
+                await (self._channel(socket, visitor) if is_channel else handler(socket))
+            finally:
+                visitor.connections -= 1
 
         def process(socket: Any, request: Any) -> Any:
             return self._process(socket, request, page)
 
         self.patched = True
-        return _serve(
-            handle, *args, **options | {"process_request": process, "server_header": None, "logger": _handshake_log}
-        )
+        ours: dict[str, Any] = {"process_request": process, "server_header": None, "logger": _handshake_log}
+        if self._tls is not None:
+            ours |= {"ssl": self._tls, "ssl_handshake_timeout": HANDSHAKE_TIMEOUT_S}
+        return _serve(handle, *args, **options | ours)
 
     def _process(self, socket: Any, request: Any, page: Callable[[Any, Any], Any]) -> Any:
         headers = request.headers
+        visitor, now_s = self._filter.visitors.visitor(socket.remote_address), time.monotonic()
         if (headers.get("Upgrade") or "").lower() == "websocket":
-            refusal = self._filter.socket_error(request.path, headers)
+            refusal = self._filter.socket_error(request.path, headers, visitor=visitor, now_s=now_s)
             return None if refusal is None else _response(socket, refusal)
-        answer = self._filter.respond(request.path, headers)
+        answer = self._filter.respond(request.path, headers, visitor=visitor, now_s=now_s)
         if answer is None:
             answer = self._view_answer(request, lambda plain: page(socket, plain))
         return _response(socket, answer)
@@ -311,6 +337,10 @@ Handler = Callable[[ClientSession, R], object]
 _log = logging.getLogger(__name__)
 
 
+_EXPENSIVE_QUEUES = frozenset({"ask", "files"})
+"""Queues of requests that may compute for long: questions, queries, loading and saving maps."""
+
+
 class RpcLimits(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of a channel."""
 
@@ -413,8 +443,13 @@ class RpcChannel:
 
     # -- on the event loop ---------------------------------------------------------------------------------------------
 
-    async def serve_session(self, socket: WebSocket) -> None:
-        """Serves one page until its websocket is closed."""
+    async def serve_session(self, socket: WebSocket, visitor: Visitor) -> None:
+        """Serves one page until its websocket is closed.
+
+        Args:
+            socket: the page's websocket.
+            visitor: where the page is open.
+        """
         if len(self._sessions) >= self.limits.max_sessions:
             await socket.close(1013, "too many pages are open")
             return
@@ -427,7 +462,7 @@ class RpcChannel:
         tasks = [asyncio.create_task(session.run_sender())]
         await self._run_callbacks(self._connect_callbacks, session)
         try:
-            await self._receive(socket, session, tasks)
+            await self._receive(socket, session, tasks, visitor)
         except ConnectionClosed:
             pass
         finally:
@@ -437,19 +472,25 @@ class RpcChannel:
                 del self._sessions[session.key]
             await self._run_callbacks(self._disconnect_callbacks, session)
 
-    async def _receive(self, socket: WebSocket, session: ClientSession, tasks: list[asyncio.Task[None]]) -> None:
+    async def _receive(
+        self, socket: WebSocket, session: ClientSession, tasks: list[asyncio.Task[None]], visitor: Visitor
+    ) -> None:
         queues: dict[str, asyncio.Lock] = defaultdict(asyncio.Lock)
-        rate = _RateLimiter(self.limits.max_requests_per_second)
+        rate = TokenBucket(self.limits.max_requests_per_second, 2 * self.limits.max_requests_per_second)
         pending: set[asyncio.Task[None]] = set()
         while True:
             message = await socket.recv()
+            if visitor.receive_delay and (delay_s := visitor.receive_delay(len(message), time.monotonic())) > 0.0:
+                await asyncio.sleep(delay_s)
             request = self._read(message, session)
             if request is None:
                 continue
-            if len(pending) >= self.limits.max_pending or not rate.try_acquire():
+            now_s, queue = time.monotonic(), self._methods[request.method].queue
+            is_too_many = len(pending) >= self.limits.max_pending or not rate.try_take(now_s)
+            if is_too_many or (queue in _EXPENSIVE_QUEUES and not visitor.may_query(now_s)):
                 session.send(_error_message(request.id, "TooMany", "too many requests at once; wait for the responses"))
                 continue
-            task = asyncio.create_task(self._reply(session, request, queues[self._methods[request.method].queue]))
+            task = asyncio.create_task(self._reply(session, request, queues[queue]))
             pending.add(task)
             task.add_done_callback(pending.discard)
             tasks[1:] = pending
@@ -504,25 +545,6 @@ class RpcChannel:
                 return
 
 
-class _RateLimiter:
-    """A token bucket: a sustained rate, and bursts of twice as many."""
-
-    def __init__(self, per_second: float) -> None:
-        self._per_second = per_second
-        self._left = 2 * per_second
-        self._last = time.monotonic()
-
-    def try_acquire(self) -> bool:
-        """Takes a token; False if there is none."""
-        now = time.monotonic()
-        self._left = min(2 * self._per_second, self._left + (now - self._last) * self._per_second)
-        self._last = now
-        if self._left < 1.0:
-            return False
-        self._left -= 1.0
-        return True
-
-
 def _error_message(id: int | None, type: str, text: str) -> bytes:
     return msgspec.json.encode({"id": id, "error": {"type": type, "message": text}})
 
@@ -538,6 +560,9 @@ _output_lock = threading.Lock()
 
 
 class _Server(viser.ViserServer):
+    secure = False
+    """Whether it serves https://."""
+
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Returns None: viser would publish the page on the internet whenever a client asks for it."""
         return None
@@ -551,6 +576,8 @@ def serve(
     channel: RpcChannel,
     token: str | None = None,
     origins: Collection[str] = (),
+    tls: TlsCertificate | None = None,
+    visitor_limits: VisitorLimits = DEFAULT_VISITOR_LIMITS,
 ) -> viser.ViserServer:
     """Starts a server at the port, or at the next free one.
 
@@ -561,12 +588,19 @@ def serve(
         channel: serves the websockets of pages.
         token: the token that clients need.
         origins: further origins under which the page may be opened.
+        tls: the certificate for https://; None serves http://.
+        visitor_limits: limits of each client address.
 
     Raises:
         AuthenticationError: the host is not a loopback address, and there is no token.
+        CertificateError: the certificate cannot be used.
         ViewerUnavailableError: the host is not an address of this machine, or no port is free.
     """
-    routes = HttpRoutes(RequestFilter(host=host, token=token, origins=origins), channel=channel.serve_session)
+    request_filter = RequestFilter(
+        host=host, token=token, origins=origins, secure=tls is not None, visitor_limits=visitor_limits
+    )
+    context = None if tls is None else tls.server_context()
+    routes = HttpRoutes(request_filter, channel=channel.serve_session, tls=context)
     free = _free_port(host, port)
     with _without_output(), patched_viser(routes):
         server = _Server(host=host, port=free, label=title, verbose=False)
@@ -575,6 +609,7 @@ def serve(
         raise ViewerUnavailableError(
             host, port, cause="this release of viser cannot be patched with the request filter"
         )
+    server.secure = tls is not None
     server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(232, 93, 4))
     return server
 
@@ -593,8 +628,9 @@ def shut_down(server: viser.ViserServer) -> None:
 
 def address(server: viser.ViserServer) -> str:
     """The URL of the page."""
+    scheme = "https" if isinstance(server, _Server) and server.secure else "http"
     host = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}.get(server.get_host(), server.get_host())
-    return f"http://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
+    return f"{scheme}://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
 
 
 def _free_port(host: str, port: int) -> int:

@@ -16,6 +16,7 @@ from typing import Any
 import msgspec
 import viser
 
+from mindstage.bridge.access import DEFAULT_VISITOR_LIMITS, TlsCertificate, VisitorLimits
 from mindstage.errors import MindstageError
 from mindstage.knowledge.rdf import local_name
 from mindstage.scene import BodyId, BodyPhysics, Iri, Pose, World
@@ -56,6 +57,8 @@ class Viewer:
         port: int = 8080,
         token: str | None = None,
         origins: Collection[str] = (),
+        tls: TlsCertificate | None = None,
+        visitor_limits: VisitorLimits = DEFAULT_VISITOR_LIMITS,
         prolog: PrologSolver | None = None,
     ) -> None:
         """Starts serving; the simulation may be empty.
@@ -67,17 +70,29 @@ class Viewer:
             port: the port; if it is in use, the next free one is taken, and 0 lets the system choose.
             token: the token that clients need; required unless `host` is a loopback address.
             origins: further origins under which the page may be opened, such as `https://robot.example`.
+            tls: the certificate for https://; None serves http://.
+            visitor_limits: limits of each client address.
             prolog: solves Prolog queries typed on the page; without it the page offers none.
 
         Raises:
             AuthenticationError: the host is not a loopback address, and there is no token.
+            CertificateError: the certificate cannot be used.
             ViewerUnavailableError: the host or port cannot be served.
         """
         self._simulation = simulation
         self.channel = RpcChannel()
         """The RPC channel of all pages."""
         self._token = token
-        self._server = serve(host, port, title="Mindstage", channel=self.channel, token=token, origins=origins)
+        self._server = serve(
+            host,
+            port,
+            title="Mindstage",
+            channel=self.channel,
+            token=token,
+            origins=origins,
+            tls=tls,
+            visitor_limits=visitor_limits,
+        )
         self._drag_controller = DragController(simulation)
         self._scene = ViewerScene(self._server, on_node=self._make_clickable)
         self.views = ClientViews(self._server, on_place=self._place_body)

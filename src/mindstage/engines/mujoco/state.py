@@ -70,8 +70,13 @@ class CompiledModel:
     free_heights: NDArray[np.intp] = field(init=False)
     """Addresses in `qpos` of the heights of the free joints, in the order of `free_joint_addresses`."""
 
+    free_velocities: NDArray[np.intp] = field(init=False)
+    """Addresses in `qvel` of their linear velocities, k x 3."""
+
     def __post_init__(self) -> None:
-        self.free_heights = np.array([qpos + 2 for qpos, _ in self.free_joint_addresses.values()], dtype=np.intp)
+        addresses = np.array(list(self.free_joint_addresses.values()), dtype=np.intp).reshape(-1, 2)
+        self.free_heights = addresses[:, 0] + 2
+        self.free_velocities = addresses[:, 1:] + np.arange(3)
 
     def without(self, removed: Collection[BodyId], *, remaining_joints: Container[BodyId]) -> CompiledModel:
         """The same model without some bodies and joints, so that their state is not transferred.

@@ -4,7 +4,8 @@ A lost connection is re-established in the background, and a call waits for it f
 time of the loss are not repeated, since they may already have been executed.
 
 `RemoteUrl` is the address of such an engine: `ros://HOST:PORT/NAMESPACE?token=…`. Only the host is required; the port
-is rosbridge's 9090, the namespace that of Unreal's plugin, and the profile is detected.
+is rosbridge's 9090, the namespace that of Unreal's plugin, and the profile is detected. `ros+tls://` connects over TLS
+and checks the certificate; `?ca=FILE` names the certificate of an authority of one's own.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from enum import StrEnum
+from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import SplitResult, parse_qs, quote, unquote, urlsplit
 
@@ -38,10 +40,10 @@ from mindstage.msgs import Message, Service, decode, encode, type_name
 __all__ = ["SCHEME", "TIMEOUT_PER_ENTITY_S", "RemoteProfile", "RemoteUrl", "ServiceClient", "ServiceTransport"]
 
 
-SCHEME = "ros://"
+SCHEME, TLS_SCHEME = "ros://", "ros+tls://"
 TIMEOUT_PER_ENTITY_S = 0.05
 """Additional timeout of a call for each body or joint in it [s]."""
-_FORMAT_HINT = f"write {SCHEME}HOST:PORT/NAMESPACE, with ?token=… if a token is required"
+_FORMAT_HINT = f"write {SCHEME} or {TLS_SCHEME}HOST:PORT/NAMESPACE, with ?token=… if a token is required"
 
 
 class RemoteProfile(StrEnum):
@@ -62,6 +64,10 @@ class RemoteUrl(msgspec.Struct, frozen=True, kw_only=True):
     token: str = ""
     profile: RemoteProfile | None = None
     """None to detect it."""
+    secure: bool = False
+    """Whether to connect over TLS."""
+    authorities: Path | None = None
+    """Certificates of authorities that are trusted besides those of the system."""
 
     @classmethod
     def parse(cls, text: str) -> RemoteUrl:
@@ -84,16 +90,18 @@ class RemoteUrl(msgspec.Struct, frozen=True, kw_only=True):
             namespace=unquote(parts.path).strip("/") or "unreal",
             token=params.get("token", ""),
             profile=None if profile is None else RemoteProfile(profile),
+            secure=f"{parts.scheme}://" == TLS_SCHEME,
+            authorities=Path(params["ca"]) if "ca" in params else None,
         )
 
     @property
     def url(self) -> str:
         """Of the websocket, without the token."""
-        return f"ws://{self._authority}"
+        return f"{'wss' if self.secure else 'ws'}://{self._authority}"
 
     def __str__(self) -> str:
         """The address without the token, for display."""
-        return f"{SCHEME}{self._authority}/{quote(self.namespace)}"
+        return f"{TLS_SCHEME if self.secure else SCHEME}{self._authority}/{quote(self.namespace)}"
 
     @property
     def _authority(self) -> str:
@@ -108,18 +116,20 @@ def _split(text: str) -> SplitResult:
         raise EngineUnavailableError(
             _without_query(text), cause=f"it is not a valid address: {error}", remedy=_FORMAT_HINT
         ) from error
-    if f"{parts.scheme}://" != SCHEME or not parts.hostname or "@" in parts.netloc:
+    if f"{parts.scheme}://" not in {SCHEME, TLS_SCHEME} or not parts.hostname or "@" in parts.netloc:
         raise EngineUnavailableError(_without_query(text), cause="it is not a valid address", remedy=_FORMAT_HINT)
     return parts
 
 
 def _parse_query(text: str, query: str) -> dict[str, str]:
-    """The query parameters, `token` and `profile`."""
+    """The query parameters, `token`, `profile` and `ca`."""
     params = parse_qs(query, keep_blank_values=True)
-    unknown = [key for key in params if key not in {"token", "profile"}]
+    unknown = [key for key in params if key not in {"token", "profile", "ca"}]
     if unknown:
         cause = f"unknown parameter {unknown[0]!r}"
-        raise EngineUnavailableError(_without_query(text), cause=cause, remedy="the parameters are token and profile")
+        raise EngineUnavailableError(
+            _without_query(text), cause=cause, remedy="the parameters are token, profile and ca"
+        )
     return {key: values[-1] for key, values in params.items()}
 
 
@@ -187,6 +197,7 @@ class ServiceClient:
         self._transport: ServiceTransport = transport or RosbridgeClient(
             address.url,
             token=address.token or None,
+            tls_authorities=address.authorities,
             limits=_LIMITS,
             max_reconnect_delay_s=_RECONNECT_INTERVAL_S,
             on_state=self._on_state,

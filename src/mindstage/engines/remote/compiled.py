@@ -332,9 +332,13 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
         bounds, rows = self._builder.bounds, self._pose_rows
         if bounds is None or rows is None or not len(rows) or rows[:, 2].min() >= bounds.fall_limit_m:
             return
-        ids, loose_roots = self._builder.registry.ids, self._builder.loose_roots
-        heights = {id: float(row[2]) for id, row in zip(ids, rows, strict=True) if id in loose_roots}
-        if not any(height < bounds.fall_limit_m for height in heights.values()):
+        ids, root_of = self._builder.registry.ids, self._builder.forest.root_of
+        heights = {
+            id: float(row[2])
+            for id, row in zip(ids, rows, strict=True)
+            if row[2] < bounds.fall_limit_m and root_of[id] == id and self._builder.is_loose(id)
+        }
+        if not heights:
             return
         trial = self._builder.copy()
         fallen = trial.stop_fallen(heights)

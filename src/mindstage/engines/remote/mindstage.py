@@ -207,6 +207,9 @@ class MindstageRemoteEngine(RemoteEngine):
     ) -> SpawnReport:
         text, unsent = encode_world(world)
         usable, notes = encode_geometry(geometry if "forms" in self._remote_info.takes else NO_GEOMETRY)
+        if options.immovable:
+            reason = f"{self.name} decides by its own ontology which dynamic bodies are immovable"
+            notes = (*notes, SpawnNote(SpawnNoteKind.NOT_TRANSFERRED, tuple(sorted(options.immovable)), reason))
         request = wire.SpawnWorld.Request(world=text, forms=geometry_to_json(usable, mesh=self._export_mesh))
         report = self._spawn(request, entity_count=len(world.bodies) + len(world.joints))
         return msgspec.structs.replace(

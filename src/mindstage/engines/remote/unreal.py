@@ -17,10 +17,12 @@ from types import MappingProxyType
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from mindstage.bridge.conversions import color_code, pose_array_from_messages, pose_message
 from mindstage.bridge.conversions_unreal import (
     joint_message,
+    mesh_pivots,
     model_message,
     physics_message,
     relation_message,
@@ -64,6 +66,7 @@ from mindstage.scene import (
     Vector,
     World,
 )
+from mindstage.scene.transforms import normalized_pose_array, pose_from_array, pose_multiply
 
 __all__ = ["UROSWorldControlClient", "UnrealEngine", "spawn_in_unreal"]
 
@@ -128,17 +131,34 @@ class UROSWorldControlClient:
 _NO_REASON = "Unreal's plugin did not spawn it, without a reason"
 
 
+_CENTERED: Vector = (0.0, 0.0, 0.0)
+
+
+def _pose_of_pivot(pose: Pose, pivot: Vector) -> Pose:
+    """The pose of a mesh, whose origin is relative to the center of its body [m]."""
+    if pivot == _CENTERED:
+        return pose
+    return pose_from_array(pose_multiply(normalized_pose_array(pose), [*pivot, 1.0, 0.0, 0.0, 0.0]))
+
+
 def spawn_in_unreal(
     client: UROSWorldControlClient, registry: EntityRegistry, world: World
 ) -> tuple[SpawnReport, EntityRegistry]:
     """Spawns the valid part of a world; returns a report and the registry of what exists then.
+
+    Models are placed by the origins of their meshes.
 
     Raises:
         EngineError: the call failed; an unknown part of the world may exist.
     """
     trial = registry.copy()
     accepted = trial.add(world)
-    failed = _spawn_bodies(client, [trial.bodies[id] for id in accepted.bodies])
+    pivots = mesh_pivots(world)
+    models = [
+        msgspec.structs.replace(body, pose=_pose_of_pivot(body.pose, pivots.get(body.id, _CENTERED)))
+        for body in (trial.bodies[id] for id in accepted.bodies)
+    ]
+    failed = _spawn_bodies(client, models)
     failed_ids = {failure.id for failure in failed}
     spawned = tuple(trial.bodies[id] for id in accepted.bodies if id not in failed_ids)
     trial = registry.copy()
@@ -255,6 +275,8 @@ class UnrealEngine(RemoteEngine):
         super().__init__(client)
         self._client_api = UROSWorldControlClient(client)
         self._registry = EntityRegistry()
+        self._pivots: dict[BodyId, Vector] = {}
+        """Origins of meshes that are not centered, relative to the centers of bodies [m]."""
         self._unconfirmed_worlds: list[World] = []
         """Worlds whose spawn failed halfway, so that some of their bodies may exist."""
         self._world_lost = False
@@ -288,11 +310,15 @@ class UnrealEngine(RemoteEngine):
         if self._world_lost:
             self._reset()
         self._delete_unconfirmed()
+        before = set(self._registry.ids)
         try:
             report, self._registry = spawn_in_unreal(self._client_api, self._registry, world)
         except EngineError:
             self._unconfirmed_worlds.append(world)
             raise
+        spawned = set(self._registry.ids) - before
+        self._pivots = {id: pivot for id, pivot in self._pivots.items() if id in before}
+        self._pivots |= {id: pivot for id, pivot in mesh_pivots(world).items() if id in spawned}
         return report
 
     def delete(self, ids: Iterable[BodyId]) -> None:
@@ -337,7 +363,8 @@ class UnrealEngine(RemoteEngine):
         registry.body(id)
         if reason := pose_error(pose):
             raise PoseUnreachableError(id, reason=reason)
-        request = wire.SetModelPose.Request(id=id, pose=pose_message(pose))
+        placed = _pose_of_pivot(pose, self._pivots.get(id, _CENTERED))
+        request = wire.SetModelPose.Request(id=id, pose=pose_message(placed))
         if not self._client_api.call(wire.SetModelPose, request).success:
             raise PoseUnreachableError(id, reason="Unreal did not set the pose, without a reason")
         registry.replace(id, pose=pose)
@@ -390,7 +417,12 @@ class UnrealEngine(RemoteEngine):
         elif missing:
             _log.warning("%s: no longer in the world: %s", self.name, ", ".join(missing))
             registry.remove(missing)
-        return registry.ids, pose_array_from_messages([reply.pose for reply in replies if reply.success])
+        poses = pose_array_from_messages([reply.pose for reply in replies if reply.success])
+        rows = [row for row, id in enumerate(registry.ids) if id in self._pivots]
+        if rows:
+            offsets = [(*np.negative(self._pivots[registry.ids[row]]), 1.0, 0.0, 0.0, 0.0) for row in rows]
+            poses[rows] = pose_multiply(poses[rows], offsets)
+        return registry.ids, poses
 
     # -- time and state ------------------------------------------------------------------------------------------------
 

@@ -61,6 +61,8 @@ _PANE_RATIO = 0.35
 _PANE_WORD = re.compile(r"door|drawer|front|panel|pane|window|poster|picture|frame|glass|mirror|wall|board|shel", re.I)
 _MAX_CANDIDATES = 8
 """Number of different boxes of a class that are compared."""
+_MAX_ORIENTATIONS = 64
+"""Number of different orientations of a class that are tried."""
 _SAME_PLACE = 0.3
 """Distance of centers, relative to the smaller of the largest extents, up to which two bodies are at one place."""
 _SIMILAR_SIZE = 4.0
@@ -73,6 +75,8 @@ _MESH_TOLERANCE = 0.05
 _CLEAR_DIFFERENCE = 0.05
 """Difference of two protrusions, relative to the extent of a body, that counts as evidence."""
 _MAX_EVIDENCE = 10.0
+_LOGGER_ODDS, _OTHER_ODDS = 0.8, 3.0
+"""Logarithm of the odds from which sizes are along the world's axes, in maps of loggers and of others."""
 _LEVEL_M = 0.03
 """Difference of heights up to which a body stands on a level [m]."""
 _CONTACT_M = 0.005
@@ -407,7 +411,9 @@ class _SizeSolver:
             return SizeFrame.BODY
         self._settle()
         evidence = self._evidence()
-        inferred = SizeFrame.WORLD if evidence.total > (1.0 if self.is_logged else 3.0) else SizeFrame.BODY
+        inferred = (
+            SizeFrame.WORLD if evidence.total > (_LOGGER_ODDS if self.is_logged else _OTHER_ODDS) else SizeFrame.BODY
+        )
         why = "; ".join(evidence.reasons) or "no body is turned"
         if chosen is not None:
             frame, text = chosen, f"chosen by the user; the evidence indicates {inferred.value} ({why})"
@@ -558,22 +564,23 @@ class _SizeSolver:
             evidence.add(4.0 * (world - body), text)
 
     def _add_tilted(self, evidence: _Evidence) -> None:
-        """Adds whether numbers of classes whose bodies are all tilted are bounds of a box at all."""
+        """Adds whether numbers of classes whose bodies are all tilted are bounds of a box at all.
+
+        The loggers took the bounds of the first individual; that of random boxes may have them by chance.
+        """
         possible: list[str] = []
         impossible: list[str] = []
         weight = 0.0
         for choice in self.choices:
-            absolute = self.absolute[choice.group.rows]
-            stated = choice.group.stated
+            absolute, stated = self.absolute[choice.group.rows], choice.group.stated
             if (absolute == np.rint(absolute)).all(axis=(1, 2)).any() or _is_square(stated):
                 continue
-            distinct = np.unique(np.round(absolute, 4), axis=0)[:_MAX_CANDIDATES]
-            chance = 1.0 - math.prod(1.0 - _chance_of_solution(each) for each in distinct)
             (possible if len(choice.boxes) else impossible).append(local_name(choice.group.cls))
-            if len(choice.boxes):
-                weight += math.log(0.95 / max(chance, 0.02))
+            chance = float(np.clip(_chance_of_solution(absolute[0]), 0.02, 0.95))
+            if len(boxes_with_bounds(absolute[0], stated)):
+                weight += math.log(0.9 / chance)
             else:
-                weight += math.log(0.05 / max(1.0 - chance, 0.05))
+                weight += math.log((0.1 if len(choice.boxes) else 0.02) / (1.0 - chance))
         if possible or impossible:
             text = f"the sizes of {len(possible)} of {len(possible) + len(impossible)} classes of tilted bodies"
             evidence.add(weight, f"{text} are world-aligned bounds of a box{_examples(impossible, ' (not {})')}")
@@ -627,12 +634,14 @@ def _choice(group: _Group, absolute: Array) -> _Choice:
     boxes: list[Array] = []
     priors: list[float] = []
     _, first = np.unique(np.round(absolute[group.rows], 6), axis=0, return_index=True)
-    for rank, at in enumerate(np.sort(first).tolist()):
+    for rank, at in enumerate(np.sort(first)[:_MAX_ORIENTATIONS].tolist()):
+        if len(boxes) >= _MAX_CANDIDATES:
+            break
         proportions = None if group.mesh is None else group.mesh[0]
         solutions = boxes_with_bounds(absolute[group.rows[at]], group.stated, proportions=proportions)
         for number, box in enumerate(solutions):
             limit = _SAME_BOX * max(float(group.stated.max()), 1e-9)
-            if len(boxes) < _MAX_CANDIDATES and all(np.abs(box - other).max() > limit for other in boxes):
+            if all(np.abs(box - other).max() > limit for other in boxes):
                 boxes.append(box)
                 unlikely = len(solutions) > 1 and (number > 0) != flat
                 unlike_mesh = 0.0 if proportions is None else _unevenness(box, proportions)

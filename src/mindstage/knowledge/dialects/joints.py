@@ -76,7 +76,7 @@ _TALL_COST = 6.0
 _UPRIGHT_COST, _HORIZONTAL_COST = 1.5, 0.7
 _FLAP_COST = 1.5
 _WRONG_FLAP_COST = 0.3
-_FRAME_COST, _DEFAULT_FRAME_COST = 2.5, 0.5
+_FRAME_COST, _DEFAULT_FRAME_COST = 2.0, 0.5
 _INNER_EDGE_COST = 1.5
 _NOT_LEFT_COST = 0.05
 
@@ -230,9 +230,12 @@ def infer_hinge_axis(evidence: HingeEvidence) -> tuple[InferredAxis, tuple[str, 
     A position and a direction that the map gives are used, unless the handle of the door is then on the axis or the
     door would turn about its normal. Also returns those contradictions; what they are about is inferred.
     """
+    conflicts: list[str] = []
+    if evidence.axis is None and _is_middle_of_door(evidence):
+        conflicts.append("the given position is the middle of the door, which has a handle")
+        evidence = replace(evidence, origin=None)
     without_axis = replace(evidence, axis=None)
     attempts = [evidence, without_axis, replace(without_axis, origin=None)]
-    conflicts: list[str] = []
     for attempt in attempts:
         inferred = _hinge_line(attempt)
         conflict = _conflict_with_handle(evidence.child, evidence.handle, inferred.origin, inferred.axis)
@@ -242,6 +245,17 @@ def infer_hinge_axis(evidence: HingeEvidence) -> tuple[InferredAxis, tuple[str, 
         text = f"with the given {' and '.join(given)}, {conflict}"
         conflicts += [text] if text not in conflicts else []
     return inferred, tuple(conflicts)
+
+
+def _is_middle_of_door(evidence: HingeEvidence) -> bool:
+    """Whether a given position is that of a door, as in maps that copy its pose, rather than that of its hinge."""
+    child, origin = evidence.child, evidence.origin
+    if origin is None or evidence.handle is None:
+        return False
+    half = child.half_extents
+    thin, short = (int(number) for number in np.argsort(half)[:2])
+    offset = np.delete(np.abs(child.axes @ (origin - child.center)) / half, thin)
+    return bool(half[thin] < _PANEL_RATIO * half[short] and offset.max() < _OFFSET_TOLERANCE)
 
 
 def _hinge_line(evidence: HingeEvidence) -> InferredAxis:

@@ -165,7 +165,7 @@ class _SourceDialectWriter:
             facts = restore_size_declaration(facts)
             if not as_given:
                 facts = [*(fact for fact in facts if fact.property != SIZES), *boxes]
-        return replace(block, facts=[_restore_role(fact, source_facts) for fact in facts])
+        return replace(block, facts=list(facts))
 
     def _in_source_order(self, blocks: Iterable[SubjectBlock]) -> list[SubjectBlock]:
         """Sorts blocks as in the source map, new ones last, since readers use the first of several values."""
@@ -189,7 +189,9 @@ class _SourceDialectWriter:
         """
         for block in blocks:
             spelled = self._source_facts(block.subject)
-            statements = [(fact, canonical_statement(fact)) for fact in block.facts]
+            # Where everything is stated, a reader renames nothing, so renamed properties stay as they are.
+            source: Container[PropertyAssertion] = () if block.subject in restated else spelled
+            statements = [(each, canonical_statement(each)) for each in (_restore_role(f, source) for f in block.facts)]
             if block.subject not in restated:
                 written = {each for _, each in statements}
                 changed = set(_DECLARATIONS)

@@ -1,0 +1,243 @@
+"""Worlds rest after the spawn: walls are not loose, overlaps are resolved, and there is always something below."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from mindstage.api import load_knowledge
+from mindstage.engines import MujocoEngine, SpawnNoteKind, SpawnReport
+from mindstage.knowledge import KnowledgeBase
+from mindstage.scene import BodyId, Mobility, World, diff
+from mindstage.simulation import Simulation
+from tests.semlog_maps import Actor, semlog_map
+
+MAPS = ("ameva-task-two", "iai-kitchen-original", "iai-kitchen-spawned", "knowrob1-ccrl", "soma-iai-room")
+
+ROOM = (
+    Actor("floor", "IAILabFloor", (0, 0, -0.05), (8, 8, 0.1)),
+    Actor("north", "LabWall", (0, 4, 1.25), (8, 0.2, 2.5)),
+    Actor("south", "LabWall", (0, -4, 1.25), (8, 0.2, 2.5)),
+    Actor("pane", "WindowTypASmallR", (0, 3.9, 1.5), (1.0, 0.1, 0.9)),
+    Actor("tube", "CeilingLightNeonTube", (0, 0, 2.5), (1.2, 0.1, 0.1)),
+    Actor("sky", "SkySphere", (0, 0, 0), (200, 200, 200)),
+    Actor("outlet", "PowerOutlet", (1.0, 3.88, 0.3), (0.1, 0.04, 0.1)),
+)
+"""A room whose parts overlap, as logged: everything says dynamic."""
+FURNITURE = (
+    Actor("table", "DiningTable", (0, 0, 0.1), (1.6, 0.9, 0.74)),
+    *(Actor(f"chair{i}", "DiningChair", (x, y, 0.2), (0.45, 0.45, 0.9)) for i, (x, y) in enumerate(((2, 0), (-2, 0)))),
+)
+"""Half below the floor, since their poses are at their feet."""
+TABLEWARE = (
+    Actor("cup", "Mug", (0.2, 0.1, 0.51), (0.08, 0.08, 0.1)),
+    Actor("cereal", "LionCereal", (-0.3, 0.1, 0.59), (0.2, 0.06, 0.26)),
+)
+
+LoadMap = Callable[..., tuple[KnowledgeBase, Simulation]]
+
+
+@pytest.fixture
+def load_map(tmp_path: Path) -> Iterator[LoadMap]:
+    """Loads a map of some actors, with further ontologies, into a simulation."""
+    simulations: list[Simulation] = []
+
+    def load(*actors: Actor, ontology: str = "") -> tuple[KnowledgeBase, Simulation]:
+        path = semlog_map(tmp_path / "lab.owl", actors)
+        (tmp_path / "own.ttl").write_text(ontology, encoding="utf-8")
+        knowledge = load_knowledge([path], ontologies=[tmp_path / "own.ttl"] if ontology else [])
+        simulations.append(Simulation(knowledge, MujocoEngine()))
+        return knowledge, simulations[-1]
+
+    yield load
+    for simulation in simulations:
+        simulation.close()
+
+
+def notes_of(report: SpawnReport, kind: SpawnNoteKind) -> list[str]:
+    return [note.text for note in report.notes if note.kind is kind]
+
+
+def drift(simulation: Simulation, duration_s: float) -> dict[str, float]:
+    """How far each body moves from now on [m]."""
+    before = simulation.state.poses
+    simulation.step(duration_s)
+    distances = np.linalg.norm(simulation.state.poses[:, :3] - before[:, :3], axis=1)
+    return dict(zip(simulation.state.ids, distances.tolist(), strict=True))
+
+
+# -- what is immovable
+
+
+def test_a_map_in_which_every_actor_is_dynamic_rests_and_is_returned_unchanged(load_map: LoadMap) -> None:
+    knowledge, simulation = load_map(*ROOM, *FURNITURE, *TABLEWARE)
+    report = simulation.spawn(check_rest=True)
+    assert (report.ok, report.moved, report.rest_checked_s) == (True, (), 2.0)
+    assert diff(knowledge.world(), simulation.snapshot()).identical(0.0)
+    assert max(drift(simulation, 3.0).values()) < 1e-3
+    assert {body.physics.mobility for body in simulation.snapshot().bodies} == {Mobility.DYNAMIC}
+
+
+def test_what_is_fixed_by_class_is_reported_in_one_note(load_map: LoadMap) -> None:
+    _, simulation = load_map(*ROOM, *TABLEWARE)
+    report = simulation.spawn()
+    (fixed,) = (text for text in notes_of(report, SpawnNoteKind.IMMOVABLE) if "fixed by class" in text)
+    assert fixed.startswith("7 bodies are dynamic in the map")
+    assert '"sky sphere" in its name' in fixed
+    assert report.ids_with_note(SpawnNoteKind.IMMOVABLE).isdisjoint({"cup", "cereal"})
+
+
+def test_loose_furniture_stays_loose_in_a_map_whose_walls_are_static(load_map: LoadMap) -> None:
+    walls = [actor._replace(mobility="Static") for actor in ROOM]
+    _, simulation = load_map(*walls, *FURNITURE, *TABLEWARE)
+    report = simulation.spawn(check_rest=True)
+    assert not notes_of(report, SpawnNoteKind.IMMOVABLE)
+    assert not report.moved
+    simulation.run_on_engine(lambda engine: engine.apply_force(BodyId("chair0"), (0.0, 0.0, 2000.0)))
+    simulation.step(0.1)
+    heights = dict(zip(simulation.state.ids, simulation.state.poses[:, 2].tolist(), strict=True))
+    assert heights["chair0"] > 0.47
+
+
+def test_a_users_ontology_says_what_is_immovable_and_what_is_not(load_map: LoadMap) -> None:
+    ontology = """
+        @prefix ms: <http://mindstage.org/ontology#> . @prefix knowrob: <http://knowrob.org/kb/knowrob.owl#> .
+        @prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> . @prefix owl: <http://www.w3.org/2002/07/owl#> .
+        knowrob:Podium a owl:Class ; ms:mounting "fixed" .
+        knowrob:SmallPodium a owl:Class ; rdfs:subClassOf knowrob:Podium .
+        knowrob:FoldingWall a owl:Class ; rdfs:subClassOf knowrob:WallOfAConstruction ; ms:mounting "portable" .
+        knowrob:Odd a owl:Class ; ms:mounting "welded" .
+    """
+    _, simulation = load_map(
+        ROOM[0]._replace(mobility="Static"),
+        Actor("podium", "SmallPodium", (0, 0, 1.0), (0.5, 0.5, 0.5)),
+        Actor("screen", "FoldingWall", (2, 0, 1.0), (0.5, 0.5, 0.5)),
+        Actor("odd", "Odd", (-2, 0, 0.25), (0.5, 0.5, 0.5)),
+        ontology=ontology,
+    )
+    report = simulation.spawn(check_rest=True)
+    assert report.ids_with_note(SpawnNoteKind.IMMOVABLE) == {"podium"}
+    assert [moved.id for moved in report.moved] == ["screen"]
+    assert any('"welded"; expected one of fixed' in note.text for note in report.notes)
+
+
+@pytest.mark.parametrize(
+    ("cls", "size", "is_immovable"),
+    [
+        ("SkyBox", (4, 4, 4), True),
+        ("WindowTypBSecure", (1.4, 0.1, 1.2), True),
+        ("FloorCleaner", (0.1, 0.1, 0.3), False),
+        ("KitchenRoll", (0.12, 0.12, 0.25), False),
+        ("Himmel", (40, 40, 40), True),
+        ("Ding", (0.3, 0.3, 0.3), False),
+    ],
+)
+def test_names_and_sizes_decide_where_no_ontology_does(
+    load_map: LoadMap, cls: str, size: tuple[float, float, float], is_immovable: bool
+) -> None:
+    _, simulation = load_map(ROOM[0]._replace(mobility="Static"), Actor("it", cls, (0, 0, size[2] / 2), size))
+    assert ("it" in simulation.spawn().ids_with_note(SpawnNoteKind.IMMOVABLE)) is is_immovable
+
+
+def test_a_deleted_wall_is_still_immovable_after_undo(load_map: LoadMap) -> None:
+    _, simulation = load_map(*ROOM, *TABLEWARE)
+    simulation.spawn()
+    simulation.undo_stack.delete([BodyId("tube")])
+    simulation.undo_stack.undo()
+    assert drift(simulation, 0.5)["tube"] < 1e-6
+
+
+def test_the_thesis_kitchen_with_everything_dynamic_rests(shared_data: Path) -> None:
+    knowledge = load_knowledge([shared_data / "maps" / "iai-kitchen-original.owl"])
+    world = everything_dynamic(knowledge.world())
+    with closing(Simulation(knowledge, MujocoEngine())) as simulation:
+        report = simulation.spawn(world, check_rest=True)
+        assert not report.moved
+        assert simulation.state.stats is not None
+        assert simulation.state.stats.movable < 40
+
+
+def everything_dynamic(world: World) -> World:
+    """The world as loggers of 2018 would have described it: dynamic actors, without attachments."""
+
+    def dynamic(body: object) -> object:
+        return msgspec.structs.replace(
+            body,
+            physics=msgspec.structs.replace(body.physics, mobility=Mobility.DYNAMIC),  # type: ignore[attr-defined]
+        )
+
+    return msgspec.structs.replace(world, bodies=tuple(map(dynamic, world.bodies)), attachments=())  # type: ignore[arg-type]
+
+
+# -- overlaps
+
+
+def test_tables_and_chairs_that_reach_into_the_floor_stand_on_it(load_map: LoadMap) -> None:
+    walls = [actor._replace(mobility="Static") for actor in ROOM[:3]]
+    _, simulation = load_map(*walls, *FURNITURE, *TABLEWARE)
+    report = simulation.spawn(check_rest=True)
+    assert not report.moved
+    assert {ids[0] for ids in (note.ids for note in report.notes if note.kind is SpawnNoteKind.SETTLED)} >= {
+        "table",
+        "chair0",
+        "chair1",
+    }
+    heights = dict(zip(simulation.state.ids, simulation.state.poses[:, 2].tolist(), strict=True))
+    assert heights["table"] == pytest.approx(0.37, abs=0.003)
+    assert heights["chair0"] == pytest.approx(0.45, abs=0.003)
+    assert heights["cup"] == pytest.approx(0.79, abs=0.005)
+
+
+# -- the ground
+
+
+def test_a_map_without_a_floor_gets_a_ground_unless_it_is_refused(load_map: LoadMap) -> None:
+    chairs = [actor._replace(position=(*actor.position[:2], 0.45)) for actor in FURNITURE[1:]]
+    knowledge, simulation = load_map(*chairs)
+    report = simulation.spawn(check_rest=True)
+    assert notes_of(report, SpawnNoteKind.GROUND) == [
+        "nothing is below 2 loose bodies: a ground is added at a height of 0.000 m"
+    ]
+    assert not report.moved
+    assert diff(knowledge.world(), simulation.snapshot()).identical(0.0)
+    simulation.clear()
+    report = simulation.spawn(ground=False, check_rest=True)
+    assert not notes_of(report, SpawnNoteKind.GROUND)
+    assert [(moved.id, moved.left_place) for moved in report.moved] == [("chair0", True), ("chair1", True)]
+    assert report.moved[0].distance_m > 10.0
+
+
+def test_checking_the_rest_leaves_the_world_as_it_was(load_map: LoadMap) -> None:
+    _, simulation = load_map(*FURNITURE)
+    simulation.spawn(ground=False, check_rest=True)
+    assert simulation.state.time_s == 0.0
+    before = simulation.state.poses
+    assert simulation.check_rest()
+    assert np.array_equal(simulation.state.poses, before)
+    assert simulation.notes == ()
+
+
+def test_what_falls_out_of_the_place_is_stopped_and_reported_once(load_map: LoadMap) -> None:
+    _, simulation = load_map(ROOM[0]._replace(mobility="Static"), Actor("ball", "Ball", (20, 0, 1), (0.2, 0.2, 0.2)))
+    simulation.spawn(ground=False)
+    simulation.step(4.0)
+    assert [note.kind for note in simulation.notes] == [SpawnNoteKind.STOPPED]
+    assert drift(simulation, 1.0)["ball"] < 1e-9
+
+
+# -- real maps
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_nothing_moves_in_the_sample_maps_for_ten_seconds(name: str, shared_data: Path) -> None:
+    knowledge = load_knowledge([shared_data / "maps" / f"{name}.owl"])
+    with closing(Simulation(knowledge, MujocoEngine())) as simulation:
+        report = simulation.spawn()
+        assert diff(knowledge.world(), simulation.snapshot()).identical(0.0)
+        assert not report.ids_with_note(SpawnNoteKind.SETTLED)
+        assert max(drift(simulation, 10.0).values()) < 1e-3

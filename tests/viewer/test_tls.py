@@ -1,0 +1,150 @@
+"""The page over TLS: in a real browser, and at the command line."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import http.client
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import serialization
+from playwright.sync_api import Error, sync_playwright
+
+from mindstage.bridge.access import TlsCertificate, VisitorLimits, client_tls_context
+from mindstage.engines import NullEngine
+from mindstage.errors import BrowserNotFoundError
+from mindstage.knowledge import KnowledgeBase
+from mindstage.simulation import Simulation
+from mindstage.viewer import Viewer
+from mindstage.viewer.http import RequestFilter
+from mindstage.viewer.screenshot import Screenshot, find_browser
+from tests.bridge.certificates import Certificates, certificates
+
+__all__ = ["certificates"]
+
+TIMEOUT_S = 120.0
+
+
+@pytest.fixture
+def secure_viewer(certificates: Certificates) -> Iterator[Viewer]:
+    with (
+        Simulation(KnowledgeBase(), NullEngine()) as simulation,
+        Viewer(simulation, port=0, token="sesame", tls=certificates.local) as viewer,
+    ):
+        yield viewer
+
+
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    try:
+        return str(find_browser())
+    except BrowserNotFoundError as error:
+        pytest.skip(str(error))
+
+
+def fingerprint(tls: TlsCertificate) -> str:
+    """The hash of the public key, as the option of Chromium has it."""
+    certificate = x509.load_pem_x509_certificate(tls.certificate.read_bytes())
+    der, info = serialization.Encoding.DER, serialization.PublicFormat.SubjectPublicKeyInfo
+    return base64.b64encode(hashlib.sha256(certificate.public_key().public_bytes(der, info)).digest()).decode()
+
+
+def test_a_browser_that_trusts_the_certificate_opens_the_page(
+    secure_viewer: Viewer, certificates: Certificates, chromium: str
+) -> None:
+    assert secure_viewer.url.startswith("https://127.0.0.1:")
+    with sync_playwright() as playwright:
+        arguments = ["--no-sandbox", "--no-proxy-server"]
+        trusting = [*arguments, f"--ignore-certificate-errors-spki-list={fingerprint(certificates.local)}"]
+        browser = playwright.chromium.launch(executable_path=chromium, args=trusting)
+        page = browser.new_page()
+        messages: list[str] = []
+        page.on("console", lambda message: messages.append(message.text))
+        page.goto(f"{secure_viewer.url}/?token=sesame", timeout=TIMEOUT_S * 1000)
+        page.wait_for_function("window.mindstage?.clientKey", timeout=TIMEOUT_S * 1000)
+        assert page.evaluate("location.protocol") == "https:"
+        (cookie,) = page.context.cookies()
+        assert (cookie["secure"], cookie["httpOnly"]) == (True, True)
+        assert len(secure_viewer.channel.sessions) == 1
+        browser.close()
+        wary = playwright.chromium.launch(executable_path=chromium, args=arguments)
+        with pytest.raises(Error, match="ERR_CERT_AUTHORITY_INVALID"):
+            wary.new_page().goto(secure_viewer.url, timeout=TIMEOUT_S * 1000)
+        wary.close()
+
+
+def test_a_picture_of_a_page_over_tls_is_taken(secure_viewer: Viewer, chromium: str) -> None:
+    picture = secure_viewer.screenshot(Screenshot(size=(320, 240), with_panels=True, timeout_s=TIMEOUT_S))
+    assert picture.startswith(b"\x89PNG")
+
+
+def test_wrong_tokens_of_the_page_are_limited_and_the_cookie_is_not() -> None:
+    request_filter = RequestFilter(
+        host="0.0.0.0", token="sesame", secure=True, visitor_limits=VisitorLimits(failed_tokens_per_minute=2)
+    )
+    visitor = request_filter.visitors.visitor(("192.0.2.7", 1))
+    headers = {"Host": "robot.local"}
+
+    def status(path: str, now_s: float, **more: str) -> int:
+        answer = request_filter.respond(path, headers | more, visitor=visitor, now_s=now_s)
+        assert answer is not None
+        return int(answer.status)
+
+    redirect = request_filter.respond("/?token=sesame", headers, visitor=visitor, now_s=0.0)
+    assert redirect is not None
+    assert "; Secure" in redirect.headers["Set-Cookie"]
+    cookie = redirect.headers["Set-Cookie"].partition(";")[0]
+    assert [status(f"/?token={token}", 0.0) for token in ("a", "b", "c", "sesame")] == [401, 401, 429, 429]
+    assert status("/", 0.0, Cookie=cookie) == 200
+    assert status("/?token=sesame", 60.0) == 303
+    refusal = request_filter.socket_error("/mindstage/channel?token=x", headers, visitor=visitor, now_s=60.0)
+    assert refusal is not None
+    assert int(refusal.status) == 401
+
+
+def test_the_command_line_serves_both_ports_over_tls(certificates: Certificates) -> None:
+    tls = certificates.local
+    command = [sys.executable, "-m", "mindstage", "serve", "--engine", "null", "--viewport", "--json", "--port", "0"]
+    command += ["--page-port", "0", "--tls-cert", str(tls.certificate), "--tls-key", str(tls.key)]
+    command += ["--limit", "connections=8"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            text = ""
+            for line in iter(process.stdout.readline, "}\n"):
+                assert line, "the process exited"
+                text += line
+            output = json.loads(text + "}")
+            assert output["url"].startswith("wss://")
+            host = output["page"].removeprefix("https://")
+            context = client_tls_context(certificates.authority)
+            connection = http.client.HTTPSConnection(host, context=context, timeout=TIMEOUT_S)
+            connection.request("GET", "/")
+            assert b"Mindstage" in connection.getresponse().read()
+            connection.close()
+        finally:
+            process.terminate()
+            process.wait(TIMEOUT_S)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--tls-key", "key.pem"), "--tls-key: it requires --tls-cert"),
+        (("--tls-cert", "none.pem"), "none.pem cannot be used: No such file"),
+        (("--limit", "speed=1"), "there is no limit 'speed'; the limits are connections, messages_per_second"),
+        (("--limit", "connections=many"), "write NAME=NUMBER"),
+        (("--limit", "connections=0"), "connections must be positive"),
+        (("--tls-ca", "ca.pem"), "it requires --connect"),
+    ],
+)
+def test_wrong_options_are_refused_before_anything_is_loaded(arguments: tuple[str, ...], message: str) -> None:
+    command = [sys.executable, "-m", "mindstage", "serve", "no-such-map.owl", "--engine", "null", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+    assert done.returncode == 2
+    assert message in done.stderr
