@@ -65,14 +65,14 @@ def test_roslibpy_provides_a_service(local_node: LocalNode, ros: Ros, server: Ro
 
 def test_roslibpy_publishes_and_subscribes(local_node: LocalNode, ros: Ros) -> None:
     received: list[Any] = []
-    local_node.subscribe("/words", lambda message: received.append(("here", message["n"])))
-    subscriber = roslibpy.Topic(ros(), "/words", "x/Count")
-    subscriber.subscribe(lambda message: received.append(("there", message["n"])))
+    local_node.subscribe("/numbers", lambda message: received.append(("here", message["data"])))
+    subscriber = roslibpy.Topic(ros(), "/numbers", "std_msgs/Int32")
+    subscriber.subscribe(lambda message: received.append(("there", message["data"])))
     eventually(lambda: local_node.graph_info().topics and len(local_node.graph_info().topics[0].subscribers) == 2)
-    publisher = roslibpy.Topic(ros(), "/words", "x/Count")
+    publisher = roslibpy.Topic(ros(), "/numbers", "std_msgs/Int32")
     for number in range(100):
-        publisher.publish(roslibpy.Message({"n": number}))
-    local_node.publish("/words", "x/Count", {"n": -1})
+        publisher.publish(roslibpy.Message({"data": number}))
+    local_node.publish("/numbers", "std_msgs/Int32", {"data": -1})
     eventually(lambda: len(received) == 202)
     for who in ("here", "there"):
         assert [n for name, n in received if name == who and n >= 0] == list(range(100))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -9,12 +10,14 @@ from typing import Any
 import cbor2
 import msgspec
 import pytest
+from rosbags.typesys import Stores, get_typestore
 
 from mindstage.bridge import BridgeLimits, Compression, LocalNode, RosbridgeServer
 from mindstage.bridge.broker import PLAIN_FORMAT, Peer, ReplyFormat, ThrottledQueue
 from mindstage.bridge.protocol import MessageDecoder, MessageEncoder, Publish, Subscribe
 from mindstage.errors import AdvertiseError, MessageValidationError
-from tests.bridge.raw_client import RawClient, eventually
+from mindstage.msgs import RosVersion
+from tests.bridge.raw_client import TIMEOUT_S, RawClient, eventually
 
 RawClientFactory = Callable[..., RawClient]
 
@@ -394,3 +397,86 @@ def test_a_topic_that_is_not_advertised_any_more_counts_no_longer(make_raw_clien
         client.send_operation(op="unadvertise", topic="/a")
         assert advertise("/d") == ""
         assert "3 topics of one client" in advertise("/e"), "only one was free"
+
+
+@pytest.mark.parametrize(
+    ("type", "message", "text"),
+    [
+        ("std_msgs/String", {"data": 7}, r"msg\.data: .*std_msgs/String: expected str, got int"),
+        ("std_msgs/String", {"date": "x"}, r"msg\.date: .*no such field"),
+        ("std_msgs/String", "x", "msg: .*expected object, got str"),
+        ("geometry_msgs/msg/PoseStamped", {"pose": {"position": {"x": "far"}}}, r"msg\.pose\.position\.x: .*expected"),
+        ("std_msgs/UInt8", {"data": 256}, r"msg\.data"),
+    ],
+)
+def test_a_message_of_the_wrong_type_is_refused(
+    local_node: LocalNode, make_raw_client: RawClientFactory, type: str, message: Any, text: str
+) -> None:
+    client, messages = make_raw_client(), list[Any]()
+    local_node.subscribe("/words", messages.append)
+    client.send_operation(op="advertise", topic="/words", type=type)
+    client.send_operation(op="publish", id="p", topic="/words", msg=message)
+    status = client.receive("status", id="p")
+    assert status["level"] == "error"
+    assert re.search(text, status["msg"]), status["msg"]
+    client.send_operation(op="publish", topic="/words", msg={})  # missing fields have defaults
+    eventually(lambda: messages == [{}])
+
+
+def test_messages_with_the_names_of_ros_1_and_of_unregistered_types_are_accepted(
+    local_node: LocalNode, make_raw_client: RawClientFactory
+) -> None:
+    client, messages = make_raw_client(), list[Any]()
+    for topic, type, message in (
+        ("/a", "std_msgs/Header", {"seq": 1, "stamp": {"secs": 1, "nsecs": 2}, "frame_id": "x"}),
+        ("/b", "std_msgs/Header", {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "x"}),
+        ("/c", "their_msgs/Thing", {"anything": [1]}),
+    ):
+        local_node.subscribe(topic, messages.append)
+        client.send_operation(op="advertise", topic=topic, type=type)
+        client.send_operation(op="publish", topic=topic, msg=message)
+        eventually(lambda message=message: messages[-1:] == [message])
+
+
+@pytest.mark.parametrize("ros", list(RosVersion))
+def test_a_raw_subscriber_receives_the_bytes_that_ros_serializes(
+    local_node: LocalNode, make_raw_client: RawClientFactory, ros: RosVersion
+) -> None:
+    local_node.set_ros(ros, lambda: 12.5)
+    store = get_typestore(Stores.ROS1_NOETIC if ros is RosVersion.ONE else Stores.ROS2_HUMBLE)
+    read = store.deserialize_ros1 if ros is RosVersion.ONE else store.deserialize_cdr
+    raw, plain = make_raw_client(), make_raw_client()
+    header = {"seq": 3} if ros is RosVersion.ONE else {}
+    message = {
+        "header": {**header, "stamp": {"secs": 1, "nsecs": 2}, "frame_id": "map"},
+        "point": {"x": 1.0, "y": -2.5, "z": 3.0},
+    }
+    local_node.advertise("/point", "geometry_msgs/PointStamped", latch=True)
+    local_node.publish("/point", "geometry_msgs/PointStamped", message)
+    for client, compression in ((raw, "cbor-raw"), (plain, "none")):
+        client.send_operation(op="subscribe", topic="point", compression=compression)
+    for _ in range(2):  # the latched message, and a new one
+        frame = cbor2.loads(raw.socket.recv(timeout=TIMEOUT_S))
+        assert (frame["op"], frame["topic"]) == ("publish", "point")
+        assert (frame["msg"]["secs"], frame["msg"]["nsecs"]) == (12, 500_000_000)
+        found = read(frame["msg"]["bytes"], "geometry_msgs/msg/PointStamped")
+        assert (found.header.stamp.sec, found.header.stamp.nanosec, found.header.frame_id) == (1, 2, "map")
+        assert (found.point.x, found.point.y, found.point.z) == (1.0, -2.5, 3.0)
+        if ros is RosVersion.ONE:
+            assert found.header.seq == 3
+        assert plain.receive("publish")["msg"] == message
+        local_node.publish("/point", "geometry_msgs/PointStamped", message)
+
+
+def test_a_raw_subscription_needs_a_registered_type_and_valid_messages(
+    local_node: LocalNode, make_raw_client: RawClientFactory
+) -> None:
+    client = make_raw_client()
+    local_node.advertise("/theirs", "their_msgs/Thing")
+    for topic in ("/theirs", "/unheard_of"):
+        client.send_operation(op="subscribe", id="s", topic=topic, compression="cbor-raw")
+        assert "use cbor" in client.receive("status", id="s")["msg"]
+    client.send_operation(op="subscribe", topic="/words", type="std_msgs/String", compression="cbor-raw")
+    client.flush()
+    local_node.publish("/words", "std_msgs/String", {"data": 7})
+    assert "cannot be serialized" in client.receive("status")["msg"]

@@ -51,12 +51,20 @@ def send(ros_interface: RosInterface, local_node: LocalNode) -> Iterator[Callabl
 def test_simulate_steps_sends_feedback(send: Any, simulation: Simulation) -> None:
     feedback_values: list[Any] = []
     before = simulation.state.time_s
-    outcome = send(STEPS, {"steps": 500}, on_feedback=feedback_values.append).wait(TIMEOUT_S)
+    outcome = send(STEPS, {"steps": 50}, on_feedback=feedback_values.append).wait(TIMEOUT_S)
     assert outcome.status is GoalStatus.SUCCEEDED
     assert outcome.values == {"result": {"result": 1, "error_message": ""}}
-    assert simulation.state.time_s - before == pytest.approx(1.0)
-    assert feedback_values[0] == {"completed_steps": 0, "remaining_steps": 500}
-    assert feedback_values[-1] == {"completed_steps": 500, "remaining_steps": 0}
+    assert simulation.state.time_s - before == pytest.approx(0.1)
+    assert feedback_values == [{"completed_steps": n, "remaining_steps": 50 - n} for n in range(1, 51)]
+
+
+def test_a_long_goal_sends_feedback_periodically(send: Any, simulation: Simulation) -> None:
+    feedback_values: list[Any] = []
+    outcome = send(STEPS, {"steps": 1500}, on_feedback=feedback_values.append).wait(TIMEOUT_S)
+    assert outcome.status is GoalStatus.SUCCEEDED
+    assert feedback_values[0] == {"completed_steps": 0, "remaining_steps": 1500}
+    assert feedback_values[-1] == {"completed_steps": 1500, "remaining_steps": 0}
+    assert len(feedback_values) < 100
 
 
 def test_simulate_sends_feedback(send: Any, simulation: Simulation) -> None:
@@ -96,12 +104,12 @@ def test_stepping_is_exclusive_and_not_allowed_while_playing(send: Any, simulati
     eventually(lambda: feedback_values)
     second = send(STEPS, {"steps": 1}).wait(TIMEOUT_S)
     assert second.status is GoalStatus.ABORTED
-    assert second.values["result"]["result"] == 3
+    assert second.values["result"]["result"] == 4
     assert "another call is stepping it" in second.values["result"]["error_message"]
     first.cancel()
     first.wait(TIMEOUT_S)
     simulation.play()
-    assert send(STEPS, {"steps": 1}).wait(TIMEOUT_S).values["result"]["result"] == 3
+    assert send(STEPS, {"steps": 1}).wait(TIMEOUT_S).values["result"]["result"] == 4
 
 
 def test_a_goal_times_out(simulation: Simulation) -> None:
@@ -240,13 +248,19 @@ def test_an_invalid_actionlib_goal_is_rejected_with_the_path(actionlib: Actionli
     assert actionlib.ended("good")["status"]["status"] == SUCCEEDED
 
 
-def test_an_invalid_actionlib_cancel_is_published_on_the_diagnostics(
-    actionlib: Actionlib, client: RosbridgeClient
+def test_an_invalid_actionlib_cancel_is_refused_or_published_on_the_diagnostics(
+    actionlib: Actionlib, client: RosbridgeClient, local_node: LocalNode
 ) -> None:
-    feedback_values: list[Any] = []
-    client.subscribe("/mindstage/diagnostics", feedback_values.append)
-    eventually(lambda: actionlib.cancel(which="all") or feedback_values)
-    assert "which: actionlib_msgs/GoalID has no such field" in feedback_values[0]["status"][0]["message"]
+    refusals: list[str] = []
+    client.add_refusal_listener(lambda *refusal: refusals.append(str(refusal)))
+    actionlib.cancel(which="all")
+    eventually(lambda: any("which: it is not of the type actionlib_msgs" in each for each in refusals))
+    # Messages of this process are not checked by the hub.
+    published: list[Any] = []
+    client.subscribe("/mindstage/diagnostics", published.append)
+    name = f"{STEPS}/cancel"
+    eventually(lambda: local_node.publish(name, "actionlib_msgs/GoalID", {"which": "all"}) or published)
+    assert "which: actionlib_msgs/GoalID has no such field" in published[0]["status"][0]["message"]
 
 
 def test_the_number_of_actionlib_goals_is_limited(actionlib: Actionlib) -> None:

@@ -87,6 +87,21 @@ def test_roslibpy_lists_the_graph(ros: roslibpy.Ros, ros_interface: RosInterface
     assert "/mindstage" in ros.get_nodes()
 
 
+def test_roslibpy_uses_parameters(ros: roslibpy.Ros, ros_interface: RosInterface) -> None:
+    assert ros.get_param("/nothing") is None
+    for value in (7, 1.5, "text", True, [1, 2], {"a": {"b": None}}):
+        ros.set_param("/robot/value", value)
+        assert ros.get_param("/robot/value") == value
+    assert "/robot/value/a/b" in ros.get_params()
+    parameter = roslibpy.Param(ros, "/robot/value")
+    parameter.delete(timeout=TIMEOUT_S)
+    assert parameter.get(timeout=TIMEOUT_S) is None
+    ros.delete_param("/robot/value")
+    received: list[Any] = []
+    parameter.get(received.append)
+    eventually(lambda: received == [None])
+
+
 def test_roslibpy_distinguishes_success_rejection_and_failure(ros: roslibpy.Ros, ros_interface: RosInterface) -> None:
     type = "world_control_msgs/GetModelPose"
     assert call(ros, "/unreal/get_model_pose", type, id="Mug")["success"] is True

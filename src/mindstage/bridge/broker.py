@@ -10,14 +10,17 @@ All classes belong to the event loop and never block; they send through `Peer` a
 from __future__ import annotations
 
 import asyncio
+import time
 from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache
 from itertools import count
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import msgspec
 
+from mindstage.bridge.encodings import serialize, write_cbor_raw
 from mindstage.bridge.protocol import (
     ActionFeedback,
     ActionResult,
@@ -46,7 +49,7 @@ from mindstage.bridge.protocol import (
     content,
 )
 from mindstage.errors import AdvertiseError, MessageValidationError, ServiceNotFoundError, TypeNotFoundError
-from mindstage.msgs import Message, decode, message_type
+from mindstage.msgs import Message, RosVersion, decode, message_type, type_name
 
 __all__ = [
     "PLAIN_FORMAT",
@@ -439,6 +442,15 @@ class ThrottledQueue:
     def __len__(self) -> int:
         return len(self._requests)
 
+    @property
+    def is_raw(self) -> bool:
+        """Whether messages are sent as ROS serializes them."""
+        return self._reply_format.compression is Compression.CBOR_RAW
+
+    def send_status(self, level: StatusLevel, text: str) -> None:
+        """Sends a status message to the subscriber."""
+        self._peer.send_status(level, text)
+
     def add(self, request: Subscribe) -> None:
         """Adds a subscription, or replaces the options of one with the same id."""
         self._requests[request.id] = request
@@ -495,7 +507,7 @@ class ThrottledQueue:
         self._queues = length > 0
         self._waiting = deque(self._waiting, maxlen=min(max(1, length), _MAX_QUEUE_LENGTH))
         compressions = {each.compression or Compression.NONE for each in requests}
-        preference = (Compression.CBOR, Compression.PNG, Compression.NONE)
+        preference = (Compression.CBOR_RAW, Compression.CBOR, Compression.PNG, Compression.NONE)
         sizes = [each.fragment_size for each in requests if each.fragment_size is not None]
         self._reply_format = ReplyFormat(
             next(each for each in preference if each in compressions), min(sizes, default=None)
@@ -656,23 +668,6 @@ class Topic:
         """Publishers, each with whether its last message is latched."""
         self.latched: dict[Peer, Publish] = {}
         self.queues: dict[Peer, ThrottledQueue] = {}
-        self._checked_type = ""
-        self._message_class: type[Message] | None = None
-
-    def check(self, message: msgspec.Raw) -> None:
-        """Checks a message against the type of the topic, if that is a type that Mindstage has.
-
-        Raises:
-            MessageValidationError: it has a wrong type, a number out of range or an unknown field.
-        """
-        if self.type != self._checked_type:
-            self._checked_type = self.type
-            try:
-                self._message_class = message_type(self.type)
-            except TypeNotFoundError:
-                self._message_class = None
-        if self._message_class is not None:
-            decode(self._message_class, msgspec.json.decode(message))
 
 
 class TopicRouter:
@@ -682,6 +677,10 @@ class TopicRouter:
         self._loop = loop
         self._limits = limits
         self._topics: dict[str, Topic] = {}
+        self.ros = RosVersion.TWO
+        """Version of ROS in whose binary format messages are sent to subscribers with the compression `cbor-raw`."""
+        self.now: Callable[[], float] = time.time
+        """Returns the time at which those messages are received [s]."""
         self._subscriptions: Counter[Peer] = Counter()
         self._advertisements: Counter[Peer] = Counter()
 
@@ -725,7 +724,7 @@ class TopicRouter:
         """Sends a message to all subscribers.
 
         Raises:
-            MessageValidationError: the topic was not advertised, or the message of a client is not of its type.
+            MessageValidationError: the topic was not advertised, or the message is not of its type.
         """
         topic = self._topics.get(resolve_name(message.topic))
         if topic is None or not (topic.type or topic.publishers):
@@ -733,15 +732,17 @@ class TopicRouter:
                 "publish", path="topic", cause=f"{message.topic} is not advertised", remedy="advertise it first"
             )
         if not peer.is_local:
-            topic.check(message.msg)
+            _check_type(topic, message)
         if message.latch or topic.publishers.get(peer):
             topic.publishers.setdefault(peer, True)
             topic.latched[peer] = message
-        encoded: dict[str, MessageEncoder] = {}
+        encoded: dict[tuple[str, bool], MessageEncoder | None] = {}
         for queue in list(topic.queues.values()):
-            if queue.name not in encoded:
-                encoded[queue.name] = MessageEncoder(Publish(topic=queue.name, msg=message.msg))
-            queue.push(encoded[queue.name], peer)
+            key = (queue.name, queue.is_raw)
+            if key not in encoded:
+                encoded[key] = self._encoder(topic, queue, message)
+            if (encoder := encoded[key]) is not None:
+                queue.push(encoder, peer)
 
     def subscribe(self, peer: Peer, request: Subscribe) -> None:
         """Adds a subscription; latched messages are sent at once.
@@ -753,6 +754,10 @@ class TopicRouter:
         if known is not None and not same_type(known.type, request.type):
             cause = f"the type of {request.topic} is {known.type}, not {request.type}"
             raise MessageValidationError("subscribe", path="type", cause=cause)
+        type = (known.type if known is not None else "") or request.type or ""
+        if request.compression is Compression.CBOR_RAW and _registered_type(type) is None:
+            cause = f"the type of {request.topic} is {type or 'unknown'}, of which this server has no definition"
+            raise MessageValidationError("subscribe", path="compression", cause=cause, remedy="use cbor")
         if self._subscriptions[peer] >= self._limits.subscriptions and not peer.is_local:
             cause = f"a client has at most {self._limits.subscriptions} subscriptions"
             raise MessageValidationError("subscribe", cause=cause)
@@ -766,7 +771,8 @@ class TopicRouter:
         self._subscriptions[peer] += len(queue) - before
         if not before:
             for publisher, message in topic.latched.items():
-                queue.push(MessageEncoder(Publish(topic=queue.name, msg=message.msg)), publisher)
+                if (encoder := self._encoder(topic, queue, message)) is not None:
+                    queue.push(encoder, publisher)
 
     def unsubscribe(self, peer: Peer, request: Unsubscribe) -> None:
         """Removes all subscriptions of a peer to a topic, or the one with the id."""
@@ -790,6 +796,19 @@ class TopicRouter:
         self._subscriptions.pop(peer, None)
         self._advertisements.pop(peer, None)
 
+    def _encoder(self, topic: Topic, queue: ThrottledQueue, message: Publish) -> MessageEncoder | None:
+        """Returns the encoder of a message to a subscriber; None, after a status message, if it cannot be encoded."""
+        operation = Publish(topic=queue.name, msg=message.msg)
+        if not queue.is_raw:
+            return MessageEncoder(operation)
+        try:
+            decoded = _decode(_registered_type(topic.type), message.msg)
+            raw = write_cbor_raw(queue.name, serialize(decoded, ros=self.ros), time_s=self.now())
+        except MessageValidationError as error:
+            queue.send_status(StatusLevel.ERROR, f"a message on {queue.name} cannot be serialized: {error}")
+            return None
+        return MessageEncoder(operation, raw=raw)
+
     def _topic(self, name: str) -> Topic:
         return self._topics.setdefault(resolve_name(name), Topic(resolve_name(name)))
 
@@ -802,6 +821,47 @@ class TopicRouter:
     def _remove_if_unused(self, topic: Topic) -> None:
         if not topic.publishers and not topic.queues:
             self._topics.pop(topic.name, None)
+
+
+@lru_cache(maxsize=1024)
+def _registered_type(name: str) -> type[Message] | None:
+    """Returns the message type of a name; None if it is not registered."""
+    try:
+        return message_type(name)
+    except TypeNotFoundError:
+        return None
+
+
+def _decode(type: type[Message] | None, raw: msgspec.Raw) -> Message:
+    """Decodes a message with the names of the fields in either version of ROS.
+
+    Raises:
+        MessageValidationError: the type is not registered, or the message is not of this type.
+    """
+    if type is None:
+        raise MessageValidationError("message", cause="its type is not registered")
+    try:
+        return msgspec.json.decode(raw, type=type)
+    except msgspec.ValidationError:  # names of ROS 1, or an error that `decode` explains
+        return decode(type, msgspec.json.decode(raw))
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+        raise MessageValidationError(type_name(type), cause=str(error)) from error
+
+
+def _check_type(topic: Topic, message: Publish) -> None:
+    """Checks a message against the type of its topic, as rosbridge_suite does; other types are forwarded unchecked.
+
+    Raises:
+        MessageValidationError: it is not of this type.
+    """
+    type = _registered_type(topic.type)
+    if type is not None:
+        try:
+            _decode(type, message.msg)
+        except MessageValidationError as error:
+            path = f"msg.{error.path}" if error.path else "msg"
+            cause = f"it is not of the type {topic.type}: {error.cause}"
+            raise MessageValidationError("publish", path=path, cause=cause, remedy=error.remedy) from error
 
 
 class ProviderInfo(msgspec.Struct, frozen=True):

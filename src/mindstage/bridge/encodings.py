@@ -1,4 +1,4 @@
-"""Encodings of messages: CBOR frames and PNG compression; and the nesting depth of JSON.
+"""Encodings of messages: CBOR frames, PNG compression and the binary formats of ROS; and the nesting depth of JSON.
 
 CBOR (RFC 8949) is converted to and from JSON text: long arrays of numbers are typed arrays (RFC 8746), and byte strings
 are base64, as in rosbridge. Other tags are rejected, since some of them let a short frame expand without bound.
@@ -6,6 +6,9 @@ are base64, as in rosbridge. Other tags are rejected, since some of them let a s
 In PNG compression, as in rosbridge, the pixels of an image in base64 are the JSON text. Images of 8 bits a channel,
 grayscale, RGB or RGBA (without the alpha channel), not interlaced, can be read. The last row is padded with line feeds,
 which JSON ignores.
+
+`serialize` writes the bytes of a message as ROS does: little-endian without padding in ROS 1, CDR with its header and
+padding (XCDR version 1, as DDS implementations write it) in ROS 2.
 """
 
 from __future__ import annotations
@@ -18,16 +21,29 @@ import re
 import struct
 from array import array
 from collections.abc import Callable, Mapping
+from functools import cache, lru_cache
 from itertools import accumulate
 from math import isqrt
-from typing import Any
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 import cbor2
 import msgspec
 
 from mindstage.errors import MessageValidationError
+from mindstage.msgs import Message, RosVersion, type_name
+from mindstage.msgs.base import fields_of, struct_of
 
-__all__ = ["json_depth", "json_id", "read_cbor", "read_png", "write_cbor", "write_png"]
+__all__ = [
+    "json_depth",
+    "json_id",
+    "read_cbor",
+    "read_png",
+    "serialize",
+    "write_cbor",
+    "write_cbor_raw",
+    "write_png",
+]
 
 
 _STRING = re.compile(rb'"[^"\\]*(?:\\.[^"\\]*)*"', re.DOTALL)
@@ -162,6 +178,18 @@ def _message_id(message: object) -> str | int | None:
     return id if isinstance(id, str | int) and not isinstance(id, bool) else None
 
 
+def write_cbor_raw(topic: str, data: bytes, *, time_s: float) -> bytes:
+    """Returns the frame of a serialized message, as rosbridge_suite writes it for the compression `cbor-raw`.
+
+    Args:
+        topic: name of the topic.
+        data: the serialized message.
+        time_s: when it was received [s].
+    """
+    secs, nsecs = divmod(round(time_s * 1e9), 1_000_000_000)
+    return cbor2.dumps({"op": "publish", "topic": topic, "msg": {"secs": secs, "nsecs": nsecs, "bytes": data}})
+
+
 def _encode_arrays(value: object) -> object:
     if isinstance(value, dict):
         return {key: _encode_arrays(each) for key, each in value.items()}
@@ -217,3 +245,137 @@ _DECODERS: Mapping[int, Callable[..., Any]] = {
 _IGNORING_DECODERS: Mapping[int, Callable[..., Any]] = dict.fromkeys(
     (*_BUILTIN_TAGS, *_TYPED_ARRAY_TAGS, 64, 68), _ignore
 ) | {_SELF_DESCRIBED_TAG: _DECODERS[_SELF_DESCRIBED_TAG]}
+
+
+# -- binary formats of ROS ---------------------------------------------------------------------------------------------
+
+_CDR_HEADER = b"\0\1\0\0"
+"""Little-endian CDR, without options."""
+_CODES = {
+    "bool": "?", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q",
+    "uint64": "Q", "float32": "f", "float64": "d",
+}  # fmt: skip
+
+
+class _Numbers(NamedTuple):
+    """Consecutive numbers."""
+
+    codes: str
+    get: Callable[[Any], Any]
+
+
+class _Text(NamedTuple):
+    get: Callable[[Any], Any]
+
+
+class _Sequence(NamedTuple):
+    """An array of numbers, texts or messages."""
+
+    get: Callable[[Any], Any]
+    code: str
+    """Of numbers; `s` for texts, empty for messages."""
+    steps: tuple[Any, ...]
+    """Of messages."""
+    length: int
+    """0 for any length."""
+
+
+def serialize(message: Message, *, ros: RosVersion) -> bytes:
+    """Returns the bytes of a message in the binary format of a version of ROS.
+
+    Raises:
+        MessageValidationError: a value does not fit its type, or an array does not have its length.
+    """
+    data = bytearray()
+    try:
+        _write(data, _steps(type(message), ros), message, ros)
+    except (struct.error, OverflowError, UnicodeEncodeError) as error:
+        raise MessageValidationError(type_name(type(message), ros), cause=str(error)) from error
+    return bytes(data) if ros is RosVersion.ONE else _CDR_HEADER + data
+
+
+@cache
+def _steps(cls: Any, ros: RosVersion) -> tuple[Any, ...]:
+    """Returns how a message type is written; nested messages become parts of their parent."""
+    numbers: list[tuple[str, str]] = []
+    steps: list[Any] = []
+
+    def end_numbers() -> None:
+        if numbers:
+            get = attrgetter(*(path for _, path in numbers))
+            codes = "".join(code for code, _ in numbers)
+            steps.append(_Numbers(codes, get if len(numbers) > 1 else lambda value: (get(value),)))
+            numbers.clear()
+
+    def visit(cls: Any, prefix: str) -> None:
+        fields = [field for field in fields_of(cls) if struct_of(cls).only_in.get(field.name, ros) is ros]
+        if not fields and ros is RosVersion.TWO:
+            steps.append(_Text(lambda _: None))  # structure_needs_at_least_one_member
+        for field in fields:
+            path = prefix + field.name
+            if field.length is not None:
+                end_numbers()
+                inner = _steps(field.message, ros) if field.message else ()
+                code = "" if field.message else _CODES.get(field.primitive, "s")
+                steps.append(_Sequence(attrgetter(path), code, inner, field.length))
+            elif field.message:
+                visit(field.message, f"{path}.")
+            elif field.primitive == "string":
+                end_numbers()
+                steps.append(_Text(attrgetter(path)))
+            else:
+                numbers.append((_CODES[field.primitive], path))
+
+    visit(cls, "")
+    end_numbers()
+    return tuple(steps)
+
+
+@lru_cache(maxsize=4096)
+def _layout(codes: str, offset: int, ros: RosVersion) -> struct.Struct:
+    """Returns the layout of numbers that begin at an offset (modulo 8), with padding in ROS 2."""
+    if ros is RosVersion.ONE:
+        return struct.Struct(f"<{codes}")
+    parts = []
+    for code in codes:
+        size = struct.calcsize(f"<{code}")
+        parts.append("x" * (-offset % size) + code)
+        offset += -offset % size + size
+    return struct.Struct(f"<{''.join(parts)}")
+
+
+def _write(data: bytearray, steps: tuple[Any, ...], message: Any, ros: RosVersion) -> None:
+    for step in steps:
+        if isinstance(step, _Numbers):
+            data += _layout(step.codes, len(data) % 8, ros).pack(*step.get(message))
+        elif isinstance(step, _Text):
+            _write_text(data, step.get(message), ros)
+        else:
+            _write_sequence(data, step, step.get(message), ros)
+
+
+def _write_text(data: bytearray, text: str | None, ros: RosVersion) -> None:
+    if text is None:
+        data.append(0)
+        return
+    encoded = text.encode() + (b"\0" if ros is RosVersion.TWO else b"")
+    data += _layout("I", len(data) % 8, ros).pack(len(encoded)) + encoded
+
+
+def _write_sequence(data: bytearray, step: _Sequence, values: Any, ros: RosVersion) -> None:
+    if step.length and len(values) != step.length:
+        raise OverflowError(f"an array has {len(values)} elements, not {step.length}")
+    if not step.length:
+        data += _layout("I", len(data) % 8, ros).pack(len(values))
+    if isinstance(values, bytes):
+        data += values
+    elif step.code == "s":
+        for text in values:
+            _write_text(data, text, ros)
+    elif step.code:
+        if values:
+            data += _layout(step.code, len(data) % 8, ros).pack(values[0])
+            data += struct.pack(f"<{len(values) - 1}{step.code}", *values[1:])
+    else:
+        for value in values:
+            _write(data, step.steps, value, ros)

@@ -62,6 +62,7 @@ from mindstage.errors import (
     ServiceNotFoundError,
     ServiceTimeoutError,
 )
+from mindstage.msgs import RosVersion
 
 __all__ = [
     "MAX_GOALS",
@@ -966,6 +967,19 @@ class LocalNode(Node):
     def set_service_timeout(self, service: str, timeout_s: float) -> None:
         """Sets the timeout of a service for calls without one, instead of the limits' `call_timeout_s` [s]."""
         self._loop.call(self.broker.services.timeouts_s.__setitem__, resolve_name(service), timeout_s)
+
+    def set_ros(self, ros: RosVersion, now: Callable[[], float]) -> None:
+        """Sets the binary format and the clock of messages to subscribers with the compression `cbor-raw`.
+
+        Args:
+            ros: version of ROS in whose format messages are serialized.
+            now: returns the time [s]; called on the loop, and must not block.
+        """
+
+        def set() -> None:
+            self.broker.topics.ros, self.broker.topics.now = ros, now
+
+        self._loop.call(set)
 
     def has_subscribers(self, topic: str) -> bool:
         """Whether the topic has subscribers; does not block."""

@@ -225,6 +225,8 @@ class Compression(StrEnum):
     """The JSON text as the pixels of an image."""
     CBOR = "cbor"
     """A binary frame."""
+    CBOR_RAW = "cbor-raw"
+    """A binary frame, in which the messages of topics are the bytes that ROS serializes; otherwise as `CBOR`."""
 
 
 class StatusLevel(StrEnum):
@@ -570,10 +572,17 @@ class MessageDecoder:
 class MessageEncoder:
     """An operation to be sent; each of its encodings is computed when it is first needed, and cached."""
 
-    __slots__ = ("_data", "_frames", "operation")
+    __slots__ = ("_data", "_frames", "_raw", "operation")
 
-    def __init__(self, operation: Operation) -> None:
+    def __init__(self, operation: Operation, *, raw: bytes | None = None) -> None:
+        """Creates the encoder.
+
+        Args:
+            operation: the operation.
+            raw: its frame in the compression `cbor-raw`, if that differs from `cbor`.
+        """
         self.operation = operation
+        self._raw = raw
         self._data = b""
         self._frames: dict[tuple[Compression, int | None], tuple[Frame, ...]] = {}
 
@@ -603,8 +612,10 @@ class MessageEncoder:
         return self._frames[key]
 
     def _encode(self, compression: Compression, fragment_size: int | None, max_fragments: int) -> tuple[Frame, ...]:
+        if compression is Compression.CBOR_RAW and self._raw is not None:
+            return (self._raw,)
         text = self.data.decode()
-        if compression is Compression.CBOR:
+        if compression in {Compression.CBOR, Compression.CBOR_RAW}:
             return (write_cbor(text),)
         if compression is Compression.PNG:
             text = _encoder.encode(Png(id=self.operation.id, data=write_png(text))).decode()

@@ -83,6 +83,8 @@ class JointFrame(NamedTuple):
     holder: BodyId
     moving_from_joint: Array
     """The pose of the joint frame in the frame of the moving body, seven numbers."""
+    holder_from_joint: Array
+    """The pose of the joint frame in the frame of the body that holds it, at joint position 0."""
 
 
 def joint_frames(world: World, spawned: Iterable[World]) -> Iterator[JointFrame]:
@@ -97,9 +99,14 @@ def joint_frames(world: World, spawned: Iterable[World]) -> Iterator[JointFrame]
     for joint in world.joints:
         if joint.parent in bodies and joint.child in bodies and any(reach != 0.0 for reach in joint_reach(joint)):
             moving, holder = moving_body(joint, bodies[joint.parent], bodies[joint.child])
-            world_from_moving = normalized_pose_array(first_poses.get(moving.id, moving.pose))
-            moving_from_joint = pose_multiply(pose_inverse(world_from_moving), normalized_pose_array(joint.pose))
-            yield JointFrame(joint, moving.id, holder.id, moving_from_joint)
+            moving_from_joint, holder_from_joint = (
+                pose_multiply(
+                    pose_inverse(normalized_pose_array(first_poses.get(body.id, body.pose))),
+                    normalized_pose_array(joint.pose),
+                )
+                for body in (moving, holder)
+            )
+            yield JointFrame(joint, moving.id, holder.id, moving_from_joint, holder_from_joint)
 
 
 class FrameTransforms(NamedTuple):
@@ -138,6 +145,8 @@ class FrameTree:
         nodes: list[str] = [*bodies, *joint_ids]
         rows = {id: row for row, id in enumerate(nodes)}
         self._names = tuple(names.assign(nodes))
+        self.joints: Mapping[str, JointFrame] = dict(zip(self._names[len(bodies) :], used, strict=True))
+        """The joints in the tree, by their frame ids."""
         self._bodies_of_joints = np.array([rows[each.moving] for each in used], dtype=np.intp)
         self._offsets = np.array([each.moving_from_joint for each in used], dtype=np.float64).reshape(-1, 7)
         parent_rows = [rows.get(parents.get(id, ""), -1) for id in bodies] + [rows[each.holder] for each in used]

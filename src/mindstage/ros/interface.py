@@ -32,7 +32,8 @@ from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.engine_services import EngineServices
 from mindstage.ros.named_poses import NamedPoseServices
 from mindstage.ros.publishers import HighlightSubscriber, PublishRates, StatePublisher
-from mindstage.ros.rosapi import RosapiServices
+from mindstage.ros.robot_description import DescriptionPublisher
+from mindstage.ros.rosapi import ParameterServer, RosapiServices
 from mindstage.ros.service import ActionSpec, ServiceSpec, action_handler, names_elsewhere, service_handler
 from mindstage.ros.simulation_interfaces import EntityServices, ResourceLoader, SpawnServices
 from mindstage.ros.simulation_interfaces_control import SimulationControlServices, WorldServices
@@ -176,6 +177,9 @@ class RosInterface:
         """
         self.simulation = simulation
         self.namespace = namespace
+        self.parameters = ParameterServer()
+        """The parameters that rosapi returns at a local node."""
+        self.parameters.set("use_sim_time", True)
         self._node = node
         self._ros = ros
         self._goal_timeout_s = goal_timeout_s
@@ -185,6 +189,8 @@ class RosInterface:
         self._remove_client_source = simulation.clients.add_client_source(lambda: connected_clients(node))
         if simulation.worlds:
             simulation.mark_start()
+        if isinstance(node, LocalNode):
+            node.set_ros(ros, lambda: simulation.state.time_s)
         self._diagnostics_publisher = Publisher(
             node, "/mindstage/diagnostics", diagnostic_msgs.DiagnosticArray, ros=ros
         )
@@ -201,8 +207,10 @@ class RosInterface:
         self._action_servers: list[ActionlibServer] = []
         self._subscriptions: list[Subscription] = []
         self._state_publisher: StatePublisher | None = None
+        self._descriptions: DescriptionPublisher | None = None
         try:
             self._open()
+            self._descriptions = DescriptionPublisher(node, state_reader, self.parameters, namespace=namespace, ros=ros)
             self._state_publisher = StatePublisher(
                 node, state_reader, namespace=namespace, ros=ros, rates=rates or PublishRates(), extra_tick=self._tick
             )
@@ -225,6 +233,8 @@ class RosInterface:
         self._remove_refusal_listener()
         if self._state_publisher is not None:
             self._state_publisher.close()
+        if self._descriptions is not None:
+            self._descriptions.close()
         for server in self._action_servers:
             server.close()
         for subscription in self._subscriptions:
@@ -244,7 +254,9 @@ class RosInterface:
     def _make_service_groups(self, resources: ResourceLoader, *, step_s: float) -> tuple[_ServiceGroup, ...]:
         """Returns all objects that provide services."""
         simulation, state_reader, diagnostics = self.simulation, self._state_reader, self._diagnostics
-        rosapi = (RosapiServices(self._node, simulation, ros=self._ros),) if isinstance(self._node, LocalNode) else ()
+        rosapi: tuple[RosapiServices, ...] = ()
+        if isinstance(self._node, LocalNode):
+            rosapi = (RosapiServices(self._node, simulation, self.parameters, ros=self._ros),)
         return (
             WorldControlServices(state_reader, diagnostics),
             self._unreal_vis,
