@@ -262,15 +262,12 @@ class PendingCalls:
         except BridgeError as error:
             goal.future.set_exception(error)
         else:
-            goal.future.set_result(GoalResult(_goal_status(result.status), values))
+            goal.future.set_result(GoalResult(GoalStatus(result.status), values))
 
     def fail_all(self, error: BridgeError) -> None:
         """Fails all calls and goals, since the connection is lost."""
-        for id in list(self._calls):
-            self._end_call(id, error)
-        goals, self._goals = self._goals, {}
-        for goal, _ in goals.values():
-            goal.future.set_exception(error)
+        for id in (*self._calls, *self._goals):
+            self.fail(id, error)
 
     def fail(self, id: Id, error: BridgeError) -> bool:
         """Fails a call or a goal that the server rejected; returns whether it was pending."""
@@ -318,13 +315,6 @@ def _values(name: str, raw: msgspec.Raw | msgspec.UnsetType, succeeded: bool) ->
 
 def _decode_values(raw: msgspec.Raw | msgspec.UnsetType) -> Any:
     return msgspec.json.decode(content(raw))
-
-
-def _goal_status(status: int) -> GoalStatus:
-    try:
-        return GoalStatus(status)
-    except ValueError:
-        return GoalStatus.UNKNOWN
 
 
 ServiceHandler = Callable[[Any], object]
