@@ -304,7 +304,7 @@ def test_the_reason_of_a_failed_call_reaches_callers_at_the_own_server(client: C
 @pytest.mark.parametrize(
     ("type", "message", "cause"),
     [
-        ("std_msgs/Int32", {"data": "seven"}, "data: expected int, got str"),
+        ("std_msgs/Int32", {"data": "seven"}, "msg.data: it is not of the type std_msgs/Int32: expected int, got str"),
         ("std_msgs/msg/Int32", {"data": 2**40}, "data"),
         ("std_msgs/String", {"text": "a"}, "text"),
         ("geometry_msgs/Point", [1, 2, 3], "object"),

@@ -60,6 +60,6 @@ def test_the_differences_found_and_missed_in_the_thesis(run: Run, shared_data: P
     assert output["errors"]["translation_m"] == pytest.approx(1e-6, abs=1e-9)
     assert output["identical_mechanics"] is True
     assert output["only_in_a"] == output["only_in_b"] == []
-    # The panorama shrank from 126 m to 21 m (at a yaw of 50 degrees: bounds of 177.51 and 29.59 m); a body lost its mesh.
+    # The panorama shrank from 126 m to 21 m (turned by 50 degrees: bounds of 177.51, 29.59 m); a body lost its mesh.
     assert output["errors"]["size_m"] == pytest.approx(126.0 - 21.0, abs=0.01)
     assert "mesh" in {change["field"] for change in output["changed"]}

@@ -31,7 +31,7 @@ from mindstage.errors import (
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, World, diff
 from tests.bridge.raw_client import TIMEOUT_S
-from tests.engines.contract import DescriptionContract, current_pose, displacement
+from tests.engines.contract import DescriptionContract, current_pose, displacement, gripper
 from tests.engines.fake_unreal import FakeUnrealPlugin
 from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, room, world
 from tests.knowledge.logged_maps import LoggedBody, individual_id, logged_map, yaw
@@ -88,6 +88,14 @@ class TestUnrealEngine(DescriptionContract):
     @pytest.fixture
     def engine(self, engine: UnrealEngine) -> UnrealEngine:
         return engine
+
+    @pytest.mark.parametrize("multiplier", [1.0])
+    def test_a_joint_that_mimics_another_one_follows_poses_that_are_set(
+        self, engine: UnrealEngine, multiplier: float
+    ) -> None:
+        """The plugin's protocol has no such joints; the report says that they move independently."""
+        report = engine.spawn(gripper(multiplier))
+        assert any("mimic" in note.text for note in report.notes if note.kind is SpawnNoteKind.NOT_TRANSFERRED)
 
     def test_attached_bodies_move_with_their_parent(self, engine: UnrealEngine) -> None:
         engine.spawn(world(body("table", (1, 2, 3), (1, 1, 0.1)), body("lamp", (1.3, 2, 3.2), (0.1, 0.1, 0.3))))

@@ -262,15 +262,12 @@ class PendingCalls:
         except BridgeError as error:
             goal.future.set_exception(error)
         else:
-            goal.future.set_result(GoalResult(_goal_status(result.status), values))
+            goal.future.set_result(GoalResult(GoalStatus(result.status), values))
 
     def fail_all(self, error: BridgeError) -> None:
         """Fails all calls and goals, since the connection is lost."""
-        for id in list(self._calls):
-            self._end_call(id, error)
-        goals, self._goals = self._goals, {}
-        for goal, _ in goals.values():
-            goal.future.set_exception(error)
+        for id in (*self._calls, *self._goals):
+            self.fail(id, error)
 
     def fail(self, id: Id, error: BridgeError) -> bool:
         """Fails a call or a goal that the server rejected; returns whether it was pending."""
@@ -320,13 +317,6 @@ def _decode_values(raw: msgspec.Raw | msgspec.UnsetType) -> Any:
     return msgspec.json.decode(content(raw))
 
 
-def _goal_status(status: int) -> GoalStatus:
-    try:
-        return GoalStatus(status)
-    except ValueError:
-        return GoalStatus.UNKNOWN
-
-
 ServiceHandler = Callable[[Any], object]
 """Called with the arguments as they were sent (an object, or a list of its fields); returns the response as values that
 JSON can represent, structs included. May be a coroutine function. Its exception becomes a response with `result:
@@ -352,15 +342,13 @@ class HandlerDispatcher:
         """
         self.services: dict[str, ServiceHandler] = {}
         self.quick: set[str] = set()
-        """Services whose handlers never block; they run on the loop unless an earlier call of the same caller is
-        pending.
-        """
+        """Services whose handlers never block: they run on the loop, unless an earlier call of the caller waits."""
         self.actions: dict[str, ActionHandler] = {}
         self._loop = loop
         self._executor = executor
         self._send = send
-        self._queued: set[int] = set()
-        """Identities of the calls that have not begun; ids of other servers need not be unique."""
+        self.queued: dict[int, CallService] = {}
+        """The calls that have not begun, by identity; a call that is popped is never carried out (from any thread)."""
         self._goals: dict[Id, ServerGoalHandle] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._next_id = count(1)
@@ -381,16 +369,8 @@ class HandlerDispatcher:
         elif (response := self.answer(name, call, caller)) is not None:
             self._send(response)
         else:
-            self._queued.add(id(call))
+            self.queued[id(call)] = call
             self._executor.submit(caller, partial(self._handle_call, handler, call))
-
-    def withdraw(self, call: CallService) -> bool:
-        """Withdraws a call; returns False if it has begun."""
-        try:
-            self._queued.remove(id(call))  # atomic, as in `_handle_call`
-        except KeyError:
-            return False
-        return True
 
     def start_goal(self, name: str, request: SendActionGoal) -> None:
         """Starts the handler of an action; goals run concurrently."""
@@ -430,11 +410,8 @@ class HandlerDispatcher:
     # -- services ------------------------------------------------------------------------------------------------------
 
     def _handle_call(self, handler: ServiceHandler, call: CallService) -> None:
-        try:
-            self._queued.remove(id(call))
-        except KeyError:
-            return  # it was withdrawn
-        self._loop.call_soon(self._send, _response(handler, call))
+        if self.queued.pop(id(call), None) is not None:  # else it was withdrawn
+            self._loop.call_soon(self._send, _response(handler, call))
 
     async def _handle_call_async(self, handler: ServiceHandler, call: CallService) -> None:
         try:
@@ -932,7 +909,7 @@ class _LocalPeer(Peer):
         return self._node._dispatcher.answer(resolve_name(call.service), call, caller)
 
     def withdraw(self, call: CallService) -> bool:
-        return self._node._dispatcher.withdraw(call)
+        return self._node._dispatcher.queued.pop(id(call), None) is not None
 
 
 class LocalNode(Node):

@@ -254,6 +254,11 @@ class GoalStatus(IntEnum):
     CANCELED = 5
     ABORTED = 6
 
+    @classmethod
+    def _missing_(cls, value: object) -> GoalStatus:
+        """A status of another server without a meaning here is unknown."""
+        return cls.UNKNOWN
+
 
 def _op(name: str) -> str:
     return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()

@@ -198,7 +198,6 @@ def serve(
         ros = RosVersion.ONE if ros1 else RosVersion.TWO
         interface = RosInterface(simulation, node, namespace=namespace, ros=ros, folder=worlds, on_quit=quitting.set)
         resources.callback(interface.close)
-        # A client never finds an open port without the services behind it.
         url = _start_server(resources, node, port, access) if isinstance(node, LocalNode) else str(connect)
         output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name, **spawned}
         if with_viewport:
@@ -247,6 +246,7 @@ def _load_knowledge(
 
 
 def _start_server(resources: ExitStack, node: LocalNode, port: int, access: ServerAccess) -> str:
+    """Opens the port, after the services exist, so that a client never finds one without the other."""
     from mindstage.bridge import RosbridgeServer, VisitorLimits
 
     host, token, origins, tls, limits = access

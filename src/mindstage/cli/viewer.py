@@ -83,7 +83,7 @@ def server_access(
     from mindstage.bridge.access import TlsCertificate, is_loopback
 
     if not token and not is_loopback(host):
-        remedy = "give --token TOKEN too, or omit --host"
+        remedy = "give a token with --token TOKEN, or omit --host"
         raise InvalidArgumentError(
             "--host", cause="without a token anyone in the network could change the world", remedy=remedy
         )

@@ -91,7 +91,7 @@ class PlaceBounds:
 
 def belongs_to_place(boxes: OrientedBoxes) -> NDArray[np.bool_]:
     """For each body, whether it belongs to the place: neither scenery nor far away from most others."""
-    is_scenery = (2 * boxes.half_extents).max(axis=1, initial=0.0) > _MAX_PLACE_EXTENT_M
+    is_scenery: NDArray[np.bool_] = (2 * boxes.half_extents).max(axis=1, initial=0.0) > _MAX_PLACE_EXTENT_M
     if is_scenery.all():
         is_scenery[:] = False
     if not len(is_scenery):

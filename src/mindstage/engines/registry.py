@@ -29,6 +29,7 @@ from mindstage.scene import (
     Pose,
     World,
 )
+from mindstage.scene.kinematics import without_lost_masters
 from mindstage.scene.transforms import Array, pose_array, pose_from_array, quat_angle
 
 __all__ = ["MAX_COORDINATE_M", "MAX_SIZE_M", "AddResult", "EntityRegistry", "pose_error"]
@@ -285,18 +286,12 @@ class EntityRegistry:
             iri=self._worlds[0].iri if self._worlds else Iri("http://mindstage.org/maps/empty.owl#map"),
             name=self._worlds[0].name if self._worlds else "",
             bodies=tuple(bodies),
-            joints=tuple(map(self._without_lost_master, self.joints.values())),
+            joints=without_lost_masters(tuple(self.joints.values())),
             attachments=tuple(Attachment(parent=parent, child=child) for child, parent in self.parents.items()),
             lights=tuple(self.lights.values()),
             facts=tuple(fact for world in self._worlds for fact in world.facts),
             resources=tuple(dict.fromkeys(resource for world in self._worlds for resource in world.resources)),
         )
-
-    def _without_lost_master(self, joint: Joint) -> Joint:
-        """Returns a joint that mimics none if the one it mimicked has been deleted."""
-        if joint.mimic is None or joint.mimic.joint in self.joints:
-            return joint
-        return msgspec.structs.replace(joint, mimic=None)
 
     def _moved_bodies(self, poses: Array, tolerance_m: float, tolerance_rad: float) -> list[Body]:
         bodies = list(self.bodies.values())

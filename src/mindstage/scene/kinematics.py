@@ -40,6 +40,7 @@ __all__ = [
     "joint_reach",
     "moving_body",
     "outward_joints",
+    "without_lost_masters",
 ]
 
 
@@ -113,6 +114,14 @@ def coupled_positions(joints: Mapping[BodyId, Joint], id: BodyId, position: floa
                 queue.append(follower.id)
     del found[id]
     return found
+
+
+def without_lost_masters(joints: Sequence[Joint]) -> tuple[Joint, ...]:
+    """Returns joints of which those that mimic a joint that is not among them mimic none."""
+    ids = {joint.id for joint in joints}
+    return tuple(
+        joint if joint.mimic is None or joint.mimic.joint in ids else replace(joint, mimic=None) for joint in joints
+    )
 
 
 def joint_reach(joint: Joint) -> tuple[float | None, ...]:

@@ -69,6 +69,7 @@ from mindstage.scene import (
     Vector,
     World,
 )
+from mindstage.scene.kinematics import without_lost_masters
 
 __all__ = ["MeshExporter", "MindstageRemoteEngine", "encode_geometry", "encode_world"]
 
@@ -242,7 +243,8 @@ class MindstageRemoteEngine(RemoteEngine):
     def snapshot(self) -> World:
         reply: wire.LogWorld.Response = self._call(wire.LogWorld, wire.LogWorld.Request())
         with self._client.validating("log_world"):
-            return world_from_json(reply.world)
+            world = world_from_json(reply.world)
+        return msgspec.structs.replace(world, joints=without_lost_masters(world.joints))
 
     # -- bodies --------------------------------------------------------------------------------------------------------
 
