@@ -50,7 +50,7 @@ class StepResult:
 
     @property
     def is_crash(self) -> bool:
-        """Whether the command neither did its work nor refused the map in its own words."""
+        """Whether the command neither succeeded nor refused the map with an error message."""
         return self.code not in (0, 1, 2) or "this is a bug in Mindstage" in self.error
 
 

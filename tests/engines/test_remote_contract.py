@@ -22,7 +22,7 @@ class TestRemoteEngine(PhysicsContract, GeometryContract):
             yield engine
 
     def test_an_immovable_body_stays_and_keeps_its_described_mobility(self, engine: RemoteEngine) -> None:
-        """Unlike in the contract, the simulation at the other end decides by its own ontology; the report says so."""
+        """Unlike in the contract, the simulation at the other end decides by its own ontology; the report states it."""
         wall = body("wall", (0, 0, 1.5), (0.2, 4, 3), "dynamic", 500.0)
         report = engine.spawn(world(wall), options=SpawnOptions(immovable=frozenset({BodyId("wall")})))
         assert notes_of(report, SpawnNoteKind.NOT_TRANSFERRED) == [("wall",)]

@@ -36,7 +36,7 @@ __all__ = ["MAX_LOOSE_EXTENT_M", "MAX_PORTABLE_EXTENT_M", "ImmovableBodies", "fi
 MAX_LOOSE_EXTENT_M = 5.0
 """Nothing that is longer is loose [m]."""
 MAX_PORTABLE_EXTENT_M = 0.6
-"""Nothing that is longer is carried, unless its class says so [m]."""
+"""Length above which a body is immovable, unless its class is portable [m]."""
 _MIN_UNIFORM_FRACTION = 0.75
 """Fraction of dynamic bodies from which on the mobility of a map is no evidence, if fixed ones are among them."""
 _MAX_LISTED_CLASSES = 12

@@ -367,7 +367,7 @@ class Simulation:
         """Spawns a world, or a map of the knowledge base.
 
         Dynamic bodies that cannot be loose, such as walls, are simulated as static ones, and loose bodies are moved out
-        of what they overlap. The report says so; the snapshot has the statements of the map.
+        of what they overlap. The report lists them; the snapshot has the statements of the map.
 
         Args:
             world: a world, or the name or IRI of a map; by default the only map.

@@ -6,7 +6,7 @@ finds b, and states it with each individual of the class, so that every reader u
 stay as they are. The pose in these maps is the origin of a mesh, which is not always its center: where the evidence
 says that it is the bottom or the top, the pose becomes that of the center of the box.
 
-Each decision is an assumption with its evidence. A map of which the boxes have been derived says so (`ms:givenSizes`),
+Each decision is an assumption with its evidence. A map with derived boxes states it (`ms:givenSizes`),
 and nothing is inferred of it again.
 """
 
