@@ -49,9 +49,7 @@ class Publisher(Generic[M]):
 
     @property
     def is_transmitted(self) -> bool:
-        """Whether messages are sent; at another server also those without subscribers, which it polls too rarely for
-        single events.
-        """
+        """Whether messages are sent: always at another server, which is asked for subscribers too rarely for events."""
         return self._node.has_subscribers(self.topic)
 
     def publish(self, message: M) -> None:
