@@ -47,6 +47,11 @@ class Publisher(Generic[M]):
         """Whether a message might be received; if not, it need not be created."""
         return self._subscribers.has_any
 
+    @property
+    def is_transmitted(self) -> bool:
+        """Whether messages are sent: always at another server, which is asked for subscribers too rarely for events."""
+        return self._node.has_subscribers(self.topic)
+
     def publish(self, message: M) -> None:
         """Publishes a message."""
         self.publish_encoded(encode(message, ros=self._ros))
@@ -145,7 +150,7 @@ class DiagnosticsPublisher:
         )
 
     def _publish(self, statuses: Iterable[diagnostic_msgs.DiagnosticStatus]) -> None:
-        if self._publisher.has_subscribers and (status := tuple(statuses)):
+        if self._publisher.is_transmitted and (status := tuple(statuses)):
             header = std_msgs.Header(stamp=builtin_interfaces.Time.at(self._simulation.state.time_s))
             self._publisher.publish(diagnostic_msgs.DiagnosticArray(header=header, status=status))
 
