@@ -231,6 +231,42 @@ class QueryTexts(FuzzTarget):
         self._knowledge.close()
 
 
+class PrologQueries(FuzzTarget):
+    """Prolog lines of visitors of the page: they end in time, and call nothing but questions."""
+
+    uses_network = True  # the library is in this process
+    memory_limit = None  # Prolog has its own
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        from mindstage.engines import NullEngine
+        from mindstage.knowledge import KnowledgeBase
+        from mindstage.simulation import Simulation
+        from tests.kitchenette import kitchenette
+
+        self._stack = ExitStack()
+        self._simulation = self._stack.enter_context(Simulation(KnowledgeBase(), NullEngine()))
+        self._simulation.spawn(kitchenette())
+
+    def seeds(self) -> Iterator[bytes]:
+        yield from (
+            b"storage_place('CowsMilk', P), findall(X, member(X, [1, 2, P]), L), length(L, N)",
+            b"( subclasses('Cup', C) -> X = C ; X = f(\"text\", 'A b', -1.5e3) ), \\+ X = 1",
+            b"X = f(Y, Y), Y = g(Z, Z), Z = h(1, 2)",
+            b"aggregate_all(count, member(_, [a, b]), N), N > 1, atom_length(abc, K)",
+            b"open('/etc/passwd', read, S)",
+        )
+
+    def process(self, data: bytes) -> None:
+        from mindstage.prolog.console import solve_query
+
+        with suppress(MindstageError):
+            solve_query(self._simulation, data.decode("utf-8", "replace"), limit=50, timeout_s=2.0)
+
+    def close(self) -> None:
+        self._stack.close()
+
+
 # -- ports ---------------------------------------------------------------------------------------------------------
 
 
@@ -385,6 +421,52 @@ class HttpRequests(PageRequests):
         self._errors.raise_if_any()
 
 
+class FoxgloveMessages(FuzzTarget):
+    """Messages to the Foxglove server; afterwards it accepts a client."""
+
+    uses_network = True
+    memory_limit = None
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        from mindstage.engines import NullEngine
+        from mindstage.knowledge import KnowledgeBase
+        from mindstage.ros.foxglove import FoxgloveServer
+        from mindstage.simulation import Simulation
+        from tests.kitchenette import kitchenette
+
+        self._errors = ErrorRecords()
+        self._stack = ExitStack()
+        simulation = self._stack.enter_context(Simulation(KnowledgeBase(), NullEngine()))
+        simulation.spawn(kitchenette())
+        self._url = self._stack.enter_context(FoxgloveServer(simulation, port=0)).url
+
+    def seeds(self) -> Iterator[bytes]:
+        for message in (
+            {"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 1}]},
+            {"op": "unsubscribe", "subscriptionIds": [1]},
+            {"op": "getParameters", "parameterNames": ["paused"], "id": "1"},
+            {"op": "setParameters", "parameters": [{"name": "speed", "value": 2.0, "type": "float64"}], "id": "2"},
+        ):
+            yield json.dumps(message).encode()
+        yield b"\0\2" + (1).to_bytes(4, "little") + (7).to_bytes(4, "little") + (4).to_bytes(4, "little") + b"json{}"
+
+    def process(self, data: bytes) -> None:
+        from websockets.exceptions import ConnectionClosed
+        from websockets.sync.client import connect
+
+        options: Any = {"subprotocols": ["foxglove.sdk.v1"], "open_timeout": _REPLY_TIMEOUT_S, "max_size": None}
+        with suppress(ConnectionClosed), connect(self._url, **options) as client:
+            client.send(data[1:] if data[:1] == b"\0" else data.decode("utf-8", "replace"))
+            client.recv(timeout=_REPLY_TIMEOUT_S)
+        with connect(self._url, **options) as client:
+            client.recv(timeout=_REPLY_TIMEOUT_S)
+        self._errors.raise_if_any()
+
+    def close(self) -> None:
+        self._stack.close()
+
+
 class RemoteReplies(FuzzTarget):
     """Frames that a rosbridge server sends to our client."""
 
@@ -451,9 +533,11 @@ TARGETS: dict[str, type[FuzzTarget]] = {
     "meshes": MeshFiles,
     "ontologies": OntologyFiles,
     "queries": QueryTexts,
+    "prolog": PrologQueries,
     "rosbridge": RosbridgeFrames,
     "page": PageRequests,
     "http": HttpRequests,
+    "foxglove": FoxgloveMessages,
     "replies": RemoteReplies,
 }
 """Everything that is fuzzed, by name."""

@@ -60,7 +60,9 @@ def test_an_input_that_reaches_new_lines_is_kept_for_the_next_run(tmp_path: Path
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_the_valid_inputs_of_a_target_are_processed(name: str, tmp_path: Path) -> None:
+def test_the_valid_inputs_of_a_target_are_processed(name: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    if name == "prolog":
+        request.getfixturevalue("swipl")
     target = TARGETS[name](tmp_path)
     try:
         seeds = list(target.seeds())
