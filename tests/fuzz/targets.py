@@ -515,7 +515,8 @@ class ErrorRecords(logging.Handler):
         self.setFormatter(formatter)
 
     def emit(self, record: logging.LogRecord) -> None:
-        if record.name.endswith(".handshakes"):  # of clients that close the connection too early
+        # Handshakes of clients that close the connection too early, and messages that Foxglove's SDK refuses.
+        if record.name.endswith(".handshakes") or record.name.startswith("foxglove"):
             return
         self._records.append(self.format(record))
 
