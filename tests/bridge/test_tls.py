@@ -107,7 +107,7 @@ def test_roslibpy_calls_a_service_over_tls(
     """Roslibpy trusts the authorities of OpenSSL, for which the environment can name a file."""
     monkeypatch.setenv("SSL_CERT_FILE", str(certificates.authority))
     with serve(local_node, certificates.local) as server:
-        ros = roslibpy.Ros(host=server.url)
+        ros = roslibpy.Ros(host=server.url, transport="asyncio")
         try:
             ros.run(timeout=TIMEOUT_S)
             service = roslibpy.Service(ros, "/echo", "test/Echo")

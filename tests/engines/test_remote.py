@@ -78,12 +78,12 @@ def test_an_address_is_parsed_and_shown_without_its_token(text: str, address: Re
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("ros://", "it is not a valid address; write ros://HOST"),
+        ("ros://", r"it is not a valid address; write ros:// or ros\+tls://HOST"),
         ("ws://robot", "it is not a valid address"),
         ("ros://robot:port/x?token=secret", "it is not a valid address: .*port"),
         ("ros://robot:99999/x?token=secret", "it is not a valid address: .*0-65535"),
         ("ros://me:secret@robot/x", "it is not a valid address"),
-        ("ros://robot/x?tokn=secret", "unknown parameter 'tokn'; the parameters are token and profile"),
+        ("ros://robot/x?tokn=secret", "unknown parameter 'tokn'; the parameters are token, profile and ca"),
         ("ros://robot/x?token=secret&profile=unity", "unknown profile 'unity'; choose mindstage or unreal"),
     ],
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
 
 import pyoxigraph as ox
@@ -20,6 +20,8 @@ from mindstage.errors import (
 from mindstage.knowledge import KnowledgeBase, SparqlEndpoint, bundled_kitchen, bundled_ontology
 from mindstage.knowledge.queries import list_questions
 from mindstage.knowledge.rdf import local_name
+from mindstage.scene import diff
+from mindstage.scene.diff import ChangeKind
 from tests.knowledge.faulty_server import FaultyServerStarter, start_faulty_server
 from tests.knowledge.sparql_server import SparqlServer
 
@@ -52,9 +54,11 @@ def local() -> KnowledgeBase:
     return kb
 
 
-def assert_same_answers(remote: KnowledgeBase, local: KnowledgeBase) -> None:
+def assert_same_answers(remote: KnowledgeBase, local: KnowledgeBase, *, but: Container[str] = ()) -> None:
     """Compares all answers, regardless of order and of the number format (177.512833 may become 177.51283)."""
     for question in list_questions():
+        if question.name in but:
+            continue
         found, expected = remote.ask(question), local.ask(question)
         assert sorted(map(rounded, found)) == sorted(map(rounded, expected)), question.name
         assert found.missing == expected.missing
@@ -88,7 +92,12 @@ def test_every_question_has_the_answers_of_the_thesis_map(
     server = SparqlServer(oxigraph, *options)
     try:
         server.load_files(map, *ontologies)
-        assert_same_answers(KnowledgeBase(endpoint=server.url, bundled_ontology=False), local)
+        # An endpoint has no order of individuals, which decides about three ambiguous boxes of this map.
+        remote = KnowledgeBase(endpoint=server.url, bundled_ontology=False)
+        assert_same_answers(remote, local, but=["where_is"])
+        worlds = remote.world(), local.world()
+        differing = {change.id for change in diff(*worlds).changed if change.kind == ChangeKind.SIZE and change.error}
+        assert len({body.cls for body in worlds[1].bodies if body.id in differing}) <= 3
     finally:
         server.stop()
 

@@ -9,20 +9,21 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives import serialization
-from playwright.sync_api import Error, sync_playwright
+from playwright.sync_api import Error
 
 from mindstage.bridge.access import TlsCertificate, VisitorLimits, client_tls_context
 from mindstage.engines import NullEngine
-from mindstage.errors import BrowserNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.simulation import Simulation
 from mindstage.viewer import Viewer
 from mindstage.viewer.http import RequestFilter
-from mindstage.viewer.screenshot import Screenshot, find_browser
+from mindstage.viewer.screenshot import Screenshot
 from tests.bridge.certificates import Certificates, certificates
 
 __all__ = ["certificates"]
@@ -39,14 +40,6 @@ def secure_viewer(certificates: Certificates) -> Iterator[Viewer]:
         yield viewer
 
 
-@pytest.fixture(scope="session")
-def chromium() -> str:
-    try:
-        return str(find_browser())
-    except BrowserNotFoundError as error:
-        pytest.skip(str(error))
-
-
 def fingerprint(tls: TlsCertificate) -> str:
     """The hash of the public key, as the option of Chromium has it."""
     certificate = x509.load_pem_x509_certificate(tls.certificate.read_bytes())
@@ -55,30 +48,29 @@ def fingerprint(tls: TlsCertificate) -> str:
 
 
 def test_a_browser_that_trusts_the_certificate_opens_the_page(
-    secure_viewer: Viewer, certificates: Certificates, chromium: str
+    secure_viewer: Viewer, certificates: Certificates, chromium: Path, browser: Any
 ) -> None:
     assert secure_viewer.url.startswith("https://127.0.0.1:")
-    with sync_playwright() as playwright:
-        arguments = ["--no-sandbox", "--no-proxy-server"]
-        trusting = [*arguments, f"--ignore-certificate-errors-spki-list={fingerprint(certificates.local)}"]
-        browser = playwright.chromium.launch(executable_path=chromium, args=trusting)
-        page = browser.new_page()
-        messages: list[str] = []
-        page.on("console", lambda message: messages.append(message.text))
-        page.goto(f"{secure_viewer.url}/?token=sesame", timeout=TIMEOUT_S * 1000)
-        page.wait_for_function("window.mindstage?.clientKey", timeout=TIMEOUT_S * 1000)
-        assert page.evaluate("location.protocol") == "https:"
-        (cookie,) = page.context.cookies()
-        assert (cookie["secure"], cookie["httpOnly"]) == (True, True)
-        assert len(secure_viewer.channel.sessions) == 1
-        browser.close()
-        wary = playwright.chromium.launch(executable_path=chromium, args=arguments)
-        with pytest.raises(Error, match="ERR_CERT_AUTHORITY_INVALID"):
-            wary.new_page().goto(secure_viewer.url, timeout=TIMEOUT_S * 1000)
-        wary.close()
+    arguments = ["--no-sandbox", "--no-proxy-server"]
+    trusting = [*arguments, f"--ignore-certificate-errors-spki-list={fingerprint(certificates.local)}"]
+    trusting_browser = browser.browser_type.launch(executable_path=chromium, args=trusting)
+    page = trusting_browser.new_page()
+    messages: list[str] = []
+    page.on("console", lambda message: messages.append(message.text))
+    page.goto(f"{secure_viewer.url}/?token=sesame", timeout=TIMEOUT_S * 1000)
+    page.wait_for_function("window.mindstage?.clientKey", timeout=TIMEOUT_S * 1000)
+    assert page.evaluate("location.protocol") == "https:"
+    (cookie,) = page.context.cookies()
+    assert (cookie["secure"], cookie["httpOnly"]) == (True, True)
+    assert len(secure_viewer.channel.sessions) == 1
+    trusting_browser.close()
+    wary = browser.browser_type.launch(executable_path=chromium, args=arguments)
+    with pytest.raises(Error, match="ERR_CERT_AUTHORITY_INVALID"):
+        wary.new_page().goto(secure_viewer.url, timeout=TIMEOUT_S * 1000)
+    wary.close()
 
 
-def test_a_picture_of_a_page_over_tls_is_taken(secure_viewer: Viewer, chromium: str) -> None:
+def test_a_picture_of_a_page_over_tls_is_taken(secure_viewer: Viewer, chromium: Path) -> None:
     picture = secure_viewer.screenshot(Screenshot(size=(320, 240), with_panels=True, timeout_s=TIMEOUT_S))
     assert picture.startswith(b"\x89PNG")
 
