@@ -9,7 +9,7 @@
             highlight_everything_that_is/2, highlight_likely_storage_place/2,
             highlight_handle_of/2, highlight_device_for_action/3,
             spawn_semantic_map/1, spawn_models/2, spawn_constraints/2, spawn_relations/3,
-            attach_model/2, debug_failed_items/0, failed_item/3, owl_parse/1 ]).
+            attach_model/2, debug_failed_items/0, failed_item/3 ]).
 :- use_module(questions).
 :- use_module(prefixes).
 :- use_module(library(aggregate)).
@@ -81,11 +81,6 @@ failed_item(Kind, Id, Reason) :- request(failed_items, Items), member(failed(Kin
 debug_failed_items :- forall(failed_item(Kind, Id, Reason), format("~w ~w: ~w~n", [Kind, Id, Reason])).
 
 attach_model(Parent, Child) :- request(attach(Parent, Child), _).
-
-owl_parse(Source) :-
-    request(owl_parse(Source), _),
-    request(prefixes, Pairs),
-    set_default_prefixes(Pairs).
 
 % -- highlights ------------------------------------------------------------------------------------------------------------
 
