@@ -34,6 +34,9 @@ set_prefix(Prefix, Start) :-
 rdf_register_prefix(Prefix, Start) :- rdf_register_prefix(Prefix, Start, []).
 
 % rdf_register_prefix(+Prefix, +Start, +Options): replaces a prefix, except with keep(true).
+rdf_register_prefix(First-Second, Start, Options) :- !,  % a name with a hyphen that is not quoted
+    atomic_list_concat([First, Second], -, Prefix),
+    rdf_register_prefix(Prefix, Start, Options).
 rdf_register_prefix(Prefix, Start, Options) :-
     must_be(atom, Prefix),
     must_be(atom, Start),

@@ -35,8 +35,6 @@
 :- use_module(library(semweb/rdf_prefixes), [(rdf_meta)/1, op(_, _, rdf_meta)]).
 :- use_module(library(solution_sequences)).
 
-:- op(1150, fx, user:rdf_meta).  % files of users may have the directive before they load a library
-
 :- multifile computable/3.
 :- dynamic computable/3.
 

@@ -10,10 +10,16 @@
 :- use_module(library(apply)).
 :- use_module(library(error)).
 :- use_module(library(lists)).
+:- use_module(library(prolog_wrap)).
+:- use_module(library(semweb/rdf_prefixes), []).
 
-:- dynamic package_folder/2, missing_library/2, warned_package/1.
+:- dynamic package_folder/2, missing_library/2, warned_package/1, warned_prefix/1.
 :- dynamic user:file_search_path/2, user:prolog_load_file/2, user:library_directory/1.
 :- multifile user:file_search_path/2, user:prolog_load_file/2, user:library_directory/1.
+
+% Operators of libraries that KnowRob's files use without loading them: of rdf_db, and @true of XPCE and JPL.
+:- op(1150, fx, user:rdf_meta).
+:- op(100, fx, user:(@)).
 
 % -- libraries ---------------------------------------------------------------------------------------------------------
 
@@ -187,6 +193,41 @@ report_missing_package(Source, Package) :-
         print_message(warning, mindstage_missing_package(Package))
     ).
 
+% -- errors while a file is loaded ------------------------------------------------------------------------------------
+
+% A directive that calls a predicate of a missing library is a warning with the reason, since the rest of the file is loaded.
+:- multifile user:message_hook/3.
+:- dynamic user:message_hook/3.
+
+user:message_hook(error(existence_error(procedure, Procedure), _), error, _) :-
+    prolog_load_context(source, Source),
+    mindstage_user_files:missing_predicate(Source, Procedure, Reason),
+    print_message(warning, mindstage_missing_predicate(Procedure, Reason)).
+
+missing_predicate(_, Procedure, Reason) :-
+    strip_module(Procedure, _, Name/_),
+    atom_concat(jpl_, _, Name), !,
+    foreign_library(jpl, Needs),
+    format(string(Reason), "it needs ~w, which Mindstage does not use", [Needs]).
+missing_predicate(Source, _, Reason) :-
+    findall(Name, missing_library(Source, Name-_), Names),
+    Names \== [], !,
+    format(string(Reason), "it may be one of the libraries that are not loaded: ~w", [Names]).
+
+% A prefix may be registered by another file that is loaded later. Goals then keep the prefixed name, which the predicates of
+% Mindstage expand when they are called.
+:- wrap_predicate(rdf_prefixes:rdf_expand(Goal, _, Expanded, _), mindstage, Wrapped,
+                  mindstage_user_files:expand_known(Wrapped, Goal, Expanded)).
+
+expand_known(Wrapped, Goal, Expanded) :-
+    catch(Wrapped, error(existence_error(rdf_prefix, Prefix), _), unknown_prefix(Prefix, Goal, Expanded)).
+
+unknown_prefix(Prefix, Goal, Goal) :-
+    (   warned_prefix(Prefix) -> true
+    ;   assertz(warned_prefix(Prefix)),
+        print_message(warning, mindstage_unknown_prefix(Prefix))
+    ).
+
 % -- module-qualified goals --------------------------------------------------------------------------------------------
 
 % rdf_db:rdf_register_ns(...) and owl_parser:owl_parse(...) name modules of KnowRob's libraries. Goals in files of users that
@@ -231,4 +272,8 @@ prolog:message(mindstage_missing_library(Name, Reason)) -->
 prolog:message(mindstage_missing_package(Package)) -->
     [ 'the ROS package ~q is neither beside this file nor among the packages of the knowledge base; '-[Package],
       'give its folder with --ontology, or put it beside the package of this file'-[] ].
+prolog:message(mindstage_missing_predicate(Procedure, Reason)) -->
+    [ '~q cannot be called: ~w'-[Procedure, Reason] ].
+prolog:message(mindstage_unknown_prefix(Prefix)) -->
+    [ 'the prefix ~q is unknown here; register it with rdf_register_prefix/2 before its names are used'-[Prefix] ].
 prolog:message(mindstage_source_not_loaded(Source, Sentence)) --> [ '~w is not loaded: ~w'-[Source, Sentence] ].
