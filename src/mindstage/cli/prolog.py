@@ -21,19 +21,16 @@ from mindstage.cli.options import (
     StoreFolder,
     finite,
 )
-from mindstage.cli.output import class_lookup, findings_json, print_findings, print_json, print_line, progress_spinner
+from mindstage.cli.output import class_lookup, findings_json, print_findings, print_json, print_line, progress_spinner, warn
 from mindstage.cli.setup import knowledge_base, make_engine, simulation_from_options
 from mindstage.cli.viewer import open_viewer
 
 if TYPE_CHECKING:
     from mindstage.knowledge import Finding
-    from mindstage.prolog import PrologConsole
+    from mindstage.prolog import PrologConsole, Solutions
     from mindstage.simulation import Simulation
 
 __all__ = ["prolog"]
-
-_MAX_SOLUTIONS = 1_000_000
-"""Limit of the solutions of `--goal` with `--json`."""
 
 
 _SomeMaps = Annotated[
@@ -60,6 +57,9 @@ _Consult = Annotated[
 _Timeout = Annotated[
     float, typer.Option("--timeout", metavar="SECONDS", min=0.001, callback=finite, help="The timeout of --goal.")
 ]
+_Limit = Annotated[
+    int, typer.Option("--limit", metavar="NUMBER", min=1, help="The maximum number of solutions that --json prints.")
+]
 _WithViewport = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page of the simulation.")]
 _AllAsJson = Annotated[bool, typer.Option("--json", help="With --goal: find all solutions, and print them as JSON.")]
 
@@ -70,6 +70,7 @@ def prolog(
     goal: _Goal = None,
     consult: _Consult = None,
     timeout_s: _Timeout = 30.0,
+    limit: _Limit = 1_000_000,
     store: StoreFolder = None,
     endpoint: EndpointUrl = None,
     reading: MapReading = DEFAULT_READING,
@@ -97,19 +98,22 @@ def prolog(
             _open_viewer(simulation, closing, port=port)
         _consult(console, consult or [], strict=goal is not None)
         if goal is not None:
-            return _run(console, goal, timeout_s=timeout_s, findings=knowledge.findings() if as_json else None)
+            if not as_json:
+                return ExitCode.OK if console.holds(goal, timeout_s=timeout_s) else ExitCode.NEGATIVE
+            solutions = console.solutions(goal, limit=limit, timeout_s=timeout_s)
+            return _print_solutions(goal, solutions, findings=knowledge.findings())
         _print_banner(simulation)
         console.toplevel()
     return ExitCode.OK
 
 
-def _run(console: PrologConsole, goal: str, *, timeout_s: float, findings: Sequence[Finding] | None) -> ExitCode:
-    """Runs a goal until its first solution; with findings, prints all solutions and the findings as JSON."""
-    if findings is None:
-        return ExitCode.OK if console.holds(goal, timeout_s=timeout_s) else ExitCode.NEGATIVE
-    found = console.solutions(goal, limit=_MAX_SOLUTIONS, timeout_s=timeout_s)
-    print_json({"goal": goal, "solutions": found, "findings": findings_json(findings)})
-    return ExitCode.OK if found else ExitCode.NEGATIVE
+def _print_solutions(goal: str, solutions: Solutions, *, findings: Sequence[Finding]) -> ExitCode:
+    """Prints solutions as JSON; if the search stopped at the limit, that is a warning too."""
+    output = {"goal": goal, "solutions": solutions, "complete": solutions.complete}
+    print_json(output | {"findings": findings_json(findings)})
+    if not solutions.complete:
+        warn(f"the search stopped after {len(solutions):,} solutions; there may be more (--limit)")
+    return ExitCode.OK if solutions else ExitCode.NEGATIVE
 
 
 def _open_viewer(simulation: Simulation, closing: ExitStack, *, port: int) -> None:
