@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DEFAULT_READING",
+    "REMOTE_SCHEMES",
     "AsJson",
     "AssetFolders",
     "Closure",
@@ -53,14 +54,15 @@ __all__ = [
     "PageToken",
     "PlainBoxes",
     "Port",
+    "Running",
     "Seconds",
     "StoreFolder",
     "Strict",
     "TlsCertificateFile",
     "TlsKeyFile",
+    "VerbCommand",
     "Verbose",
     "VisitorLimitOptions",
-    "VerbCommand",
     "WithViewport",
     "close_at_end",
     "command",
@@ -476,6 +478,17 @@ class MapReading:
 
 DEFAULT_READING = MapReading()
 """The options where none is given."""
+
+Running = Annotated[
+    str | None,
+    typer.Option(
+        "--running",
+        metavar="[ros://…]",
+        help="Ask a simulation that is running: the one on this machine, one of several by --running=PID or =MAP, or "
+        "that at ros://HOST:PORT. The address can also be given instead of a map.",
+        show_default=False,
+    ),
+]
 
 Strict = Annotated[bool, typer.Option("--strict", help="Reject a map with findings, and exit with 2.")]
 

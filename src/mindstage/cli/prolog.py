@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage import __version__
+from mindstage.cli.attach import open_running, print_running_solutions, prolog_lines, running_target
 from mindstage.cli.options import (
     DEFAULT_READING,
     EndpointUrl,
@@ -18,10 +19,19 @@ from mindstage.cli.options import (
     ExitCode,
     MapReading,
     Port,
+    Running,
     StoreFolder,
     finite,
 )
-from mindstage.cli.output import class_lookup, findings_json, print_findings, print_json, print_line, progress_spinner, warn
+from mindstage.cli.output import (
+    class_lookup,
+    findings_json,
+    print_findings,
+    print_json,
+    print_line,
+    progress_spinner,
+    warn,
+)
 from mindstage.cli.setup import knowledge_base, make_engine, simulation_from_options
 from mindstage.cli.viewer import open_viewer
 
@@ -65,8 +75,10 @@ _AllAsJson = Annotated[bool, typer.Option("--json", help="With --goal: find all 
 
 
 def prolog(
+    context: typer.Context,
     maps: _SomeMaps = None,
     *,
+    running: Running = None,
     goal: _Goal = None,
     consult: _Consult = None,
     timeout_s: _Timeout = 30.0,
@@ -79,20 +91,26 @@ def prolog(
     port: Port = 8080,
     as_json: _AllAsJson = False,
 ) -> ExitCode:
-    """Start SWI-Prolog with each question as a predicate, or run one goal."""
+    """Start SWI-Prolog with each question as a predicate, or run one goal.
+
+    With --running, queries of questions and their combinations are answered by a running simulation.
+    """
     from mindstage.prolog import PrologConsole, load_library
 
     if as_json and goal is None:
         raise typer.BadParameter("it requires --goal", param_hint="--json")
+    allowed = {"running", "goal", "timeout_s", "limit", "as_json"}
+    if (target := running_target(context, running, maps, allowed=allowed)) is not None:
+        return _solve_running(target, goal, timeout_s=timeout_s, limit=limit, as_json=as_json)
     load_library()  # before the map is read, so that a missing SWI-Prolog fails at once
-    running = make_engine(engine)
+    chosen = make_engine(engine)
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps or [], reading, store=store, endpoint=endpoint)
     if not as_json:
         print_findings(knowledge.findings(), classes=class_lookup(knowledge))
     with ExitStack() as closing:
         closing.callback(knowledge.close)
-        simulation = closing.enter_context(simulation_from_options(knowledge, running))
+        simulation = closing.enter_context(simulation_from_options(knowledge, chosen))
         console = closing.enter_context(PrologConsole(simulation, at_halt=closing.close))
         if with_viewport:
             _open_viewer(simulation, closing, port=port)
@@ -105,6 +123,18 @@ def prolog(
         _print_banner(simulation)
         console.toplevel()
     return ExitCode.OK
+
+
+def _solve_running(target: str, goal: str | None, *, timeout_s: float, limit: int, as_json: bool) -> ExitCode:
+    """Solves one goal, or those on standard input, in a running simulation."""
+    with open_running(target) as simulation:
+        if goal is None:
+            return prolog_lines(simulation, timeout_s=timeout_s, limit=limit)
+        wanted = limit if as_json else 1
+        result = simulation.query("prolog", goal, timeout_s=timeout_s, limit=wanted)
+        if as_json:
+            print_running_solutions(simulation, result)
+    return ExitCode.OK if result["solutions"] else ExitCode.NEGATIVE
 
 
 def _print_solutions(goal: str, solutions: Solutions, *, findings: Sequence[Finding]) -> ExitCode:

@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -92,6 +92,7 @@ class PrologConsole:
         if PrologConsole._instance is not None:
             raise PrologUnavailableError("another console is open in this process", remedy="close it first")
         self._library = load_library()
+        self.simulation = simulation
         self._at_halt = at_halt
         self.handlers: Mapping[str, Handler] = {
             **QuestionPredicates(simulation).handlers,
@@ -259,7 +260,9 @@ class PrologConsole:
 
 
 def solve_query(simulation: Simulation, query: str, *, limit: int, timeout_s: float) -> Solutions:
-    """Finds the solutions of an untrusted query in a console of its own; concurrent calls wait for one another.
+    """Finds the solutions of an untrusted query; concurrent calls wait for one another.
+
+    It uses the open console of the same simulation if there is one, and otherwise a console of its own.
 
     Args:
         simulation: the simulation that is queried.
@@ -268,7 +271,7 @@ def solve_query(simulation: Simulation, query: str, *, limit: int, timeout_s: fl
         timeout_s: the time limit [s].
 
     Raises:
-        PrologUnavailableError: Prolog is not installed, or another console is open.
+        PrologUnavailableError: Prolog is not installed, or a console of another simulation is open.
         PrologGoalError: the query has a syntax error, contains a goal that is not allowed, or threw an exception.
         PrologTimeoutError: the time limit was exceeded, or other queries took all of the time.
     """
@@ -276,7 +279,12 @@ def solve_query(simulation: Simulation, query: str, *, limit: int, timeout_s: fl
     if not _query_lock.acquire(timeout=timeout_s):
         raise PrologTimeoutError(query, timeout_s=timeout_s)
     try:
-        with PrologConsole(simulation) as console:
+        open_console = PrologConsole._instance
+        with ExitStack() as closing:
+            if open_console is not None and open_console.simulation is simulation:
+                console = open_console
+            else:
+                console = closing.enter_context(PrologConsole(simulation))
             return console.answers(query, limit=limit, timeout_s=max(end_s - time.monotonic(), _MIN_TIMEOUT_S))
     finally:
         _query_lock.release()

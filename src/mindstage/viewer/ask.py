@@ -232,9 +232,7 @@ class PrologSolutions(Protocol):
 class PrologSolver(Protocol):
     """Solves Prolog queries of untrusted clients; `mindstage.prolog.solve_query` is one."""
 
-    def __call__(
-        self, simulation: Simulation, query: str, *, limit: int, timeout_s: float
-    ) -> PrologSolutions:
+    def __call__(self, simulation: Simulation, query: str, *, limit: int, timeout_s: float) -> PrologSolutions:
         """Returns the solutions of a query.
 
         Args:
