@@ -112,6 +112,7 @@ def test_joints_without_limits_are_free_according_to_their_type(file: Path, type
         joint_urdf("j", type, "base", "wheel"),
     )
     [constraint] = load_robot(file, text).world.joints
+    assert constraint.angular.twist_limit == constraint.linear.limit == 0.0, "a free axis has no limit"
     motions = {axis: getattr(constraint.linear, axis) for axis in "xyz"}
     motions |= {axis: getattr(constraint.angular, axis) for axis in ("twist", "swing1", "swing2")}
     assert {axis for axis, motion in motions.items() if motion is AxisMotion.FREE} == free
@@ -187,17 +188,25 @@ def test_the_size_of_a_mesh_is_read_from_its_file(file: Path, tmp_path: Path) ->
     corners = [(0, 0, 0), (2, 0, 0), (0, 4, 6)]
     facet = struct.pack("<12fH", 0, 0, 1, *(float(x) for corner in corners for x in corner), 0)
     (meshes / "cup.stl").write_bytes(bytes(80) + struct.pack("<I", 1) + facet)
+    (tmp_path / "text.stl").write_text(
+        "solid cup\n facet normal 0 0 1\n  outer loop\n"
+        + "".join(f"   vertex {x} {y} {z}\n" for x, y, z in corners)
+        + "  endloop\n endfacet\nendsolid cup\n",
+        encoding="utf-8",
+    )
     (tmp_path / "cup.obj").write_text(
         "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "f 1 2 3\n", encoding="utf-8"
     )
     scaled = mesh("package://kitchen_meshes/meshes/cup.stl", scale="0.1 0.1 0.1", xyz="0 0 1")
-    file.write_text(robot_urdf(link_urdf("cup", scaled), link_urdf("mug", mesh("cup.obj"))), encoding="utf-8")
+    links = (link_urdf("cup", scaled), link_urdf("mug", mesh("cup.obj")), link_urdf("pot", mesh("text.stl")))
+    file.write_text(robot_urdf(*links), encoding="utf-8")
     world = LoadedRobot(file, ontologies=(tmp_path / "packages",)).world
     cup, mug = world.body("cup"), world.body("mug")
     assert cup.mesh == "package://kitchen_meshes/meshes/cup.stl"
     assert cup.size == pytest.approx((0.2, 0.4, 0.6))
     assert cup.pose.position == pytest.approx((0.1, 0.2, 1.3))
     assert mug.size == pytest.approx((2.0, 4.0, 6.0))
+    assert world.body("pot").size == pytest.approx((2.0, 4.0, 6.0))
 
 
 @pytest.mark.parametrize("name", ["package://../../etc/passwd", "http://example.org/cup.stl", "gone.stl", "cup.dae"])
