@@ -169,6 +169,8 @@ def test_of_an_entity_that_is_declared_twice_the_longer_one_counts(tmp_path: Pat
     both = [f'<!ENTITY last "{"ha" * 20_000}">', '<!ENTITY last "ha">'][::order]
     text = with_entities(*both).replace("&last;", "&last;" * 1000)
     assert "would expand to 40" in refused(tmp_path, text).cause
+    with pytest.raises(UnsafeXmlError, match="would expand to 40"):  # before the first one is chosen
+        expand_safe_entities(text.encode())
 
 
 def test_recursive_entities_are_refused(tmp_path: Path) -> None:

@@ -14,7 +14,9 @@ from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import InvalidArgumentError, SourceParseError
 from mindstage.knowledge import save_map
 from mindstage.knowledge.urdf import is_urdf
-from mindstage.scene import AxisMotion, BodyId, Joint, JointMimic, Mobility, PrimitiveType, World
+from mindstage.knowledge.urdf.model import UrdfLink, UrdfRobot
+from mindstage.knowledge.urdf.to_world import urdf_to_world
+from mindstage.scene import AxisMotion, BodyId, Iri, Joint, JointMimic, Mobility, PrimitiveType, World
 from mindstage.scene.transforms import rotation_matrix
 from mindstage.simulation import Simulation
 from tests.knowledge.dialect_maps import joint_range
@@ -180,6 +182,16 @@ def test_unusual_characters_in_names_are_escaped(file: Path, tmp_path: Path) -> 
 def mesh(name: str, *, scale: str = "", xyz: str = "0 0 0", role: str = "visual") -> str:
     geometry = f'<mesh filename="{name}"{scale and f" scale={scale!r}"}/>'
     return f'<{role}><origin xyz="{xyz}"/><geometry>{geometry}</geometry></{role}>'
+
+
+def test_a_link_that_is_named_like_the_map_gets_another_iri() -> None:
+    links = (UrdfLink(name="room"), UrdfLink(name="lamp"))
+    robot = UrdfRobot(name="home", links=links, joints=())
+    converted = urdf_to_world(robot, map=Iri("http://example.org/home.owl#room")).world
+    iris = [body.iri for body in converted.bodies]
+    assert converted.iri == "http://example.org/home.owl#room"
+    assert len({converted.iri, *iris}) == 3
+    assert "http://example.org/home.owl#lamp" in iris
 
 
 def test_the_size_of_a_mesh_is_read_from_its_file(file: Path, tmp_path: Path) -> None:
