@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from mindstage.knowledge.names import compact_iri
 from mindstage.knowledge.owl import (
     ComplementOf,
     Expression,
@@ -91,8 +92,13 @@ def restriction_line(cls: Iri, restriction: Restriction) -> str:
 
 
 def subclass_line(path: Iterable[Iri]) -> Iterator[str]:
-    """The path from a class up to a superclass as text; nothing if they are the same."""
-    names = [local_name(cls) for cls in path]
+    """The path from a class up to a superclass as text; nothing if they are the same.
+
+    Classes of one local name, such as knowrob:Drawer and soma:Drawer, are given with their prefixes.
+    """
+    classes = list(path)
+    names = [local_name(cls) for cls in classes]
+    names = [compact_iri(cls) if names.count(name) > 1 else name for cls, name in zip(classes, names, strict=True)]
     if len(names) > 1:
         yield " is a ".join(names)
 

@@ -212,6 +212,9 @@ def device_for_action(
 ) -> Iterator[ActionDevice]:
     """Which devices an action is done with; those of its own class come before inherited ones.
 
+    Devices that have a disposition which affords the action follow. If no action names the given device itself, the
+    answers are those that need a subclass of it: who needs a baking oven needs an oven.
+
     Examples:
         device_for_action BakingFood
         device_for_action device=Dishwasher
@@ -221,21 +224,33 @@ def device_for_action(
 
 
 def _find_devices(reasoner: Reasoner, action: Iri, device: Iri | None = None) -> Iterator[ActionDevice]:
-    """The devices that an action needs or that afford it; only those of a given class, by the name of that class."""
+    """The devices that an action needs, or that afford it.
+
+    Args:
+        reasoner: the reasoner.
+        action: the action.
+        device: the only class that is wanted; one that no restriction names stands for its subclasses.
+    """
+    needs = list(_needed_classes(reasoner, action))
+    is_named = device is not None and device in _all_devices(reasoner)
     seen = set()
-    restricted = (
-        (named, owned.cls)
-        for owned in _device_restrictions(reasoner, action)
-        for named in named_classes(owned.restriction.filler)
-    )
-    afforded = (
-        (each.owner, each.purpose) for each in _affordances(reasoner, _tasks) if reasoner.is_a(action, each.purpose)
-    )
-    for needed, told_by in (*restricted, *afforded):
-        found = needed if device is None else device if reasoner.is_a(needed, device) else None
-        if found is not None and found not in seen:
+    for needed, told_by in needs:
+        found = needed
+        if device is not None:
+            matches = device in reasoner.equivalents(needed) if is_named else reasoner.is_a(needed, device)
+            found = device if matches else needed
+        if found not in seen and device in {None, found}:
             seen.add(found)
             yield ActionDevice(action=action, device=found, told_by=told_by)
+
+
+def _needed_classes(reasoner: Reasoner, action: Iri) -> Iterator[tuple[Iri, Iri]]:
+    """The classes of devices that an action needs or that afford it, and the class of actions that states it."""
+    for owned in _device_restrictions(reasoner, action):
+        yield from ((named, owned.cls) for named in named_classes(owned.restriction.filler))
+    for each in _affordances(reasoner, _tasks):
+        if reasoner.is_a(action, each.purpose):
+            yield each.owner, each.purpose
 
 
 def _device_restrictions(reasoner: Reasoner, action: Iri) -> Iterator[ClassRestriction]:
@@ -281,6 +296,10 @@ def _missing_device(
     if action is not None:
         needed = list(_device_restrictions(reasoner, action))
         fillers = ", ".join(expression_text(owned.restriction.filler) for owned in needed)
+        narrower = [each for each, _ in _needed_classes(reasoner, action) if device and reasoner.is_a(each, device)]
+        if narrower:
+            yield _narrower_device(action, device or THING, narrower[0])
+            return
         kind = ClaimKind.NO_RESTRICTION if device is None else ClaimKind.NO_NARROWER_RESTRICTION
         absent = (Claim(kind=kind, subject=action, property=_DEVICE_USED, object=device),)
         claims = (
@@ -307,9 +326,20 @@ def _missing_device(
         )
 
 
+def _narrower_device(action: Iri, device: Iri, needed: Iri) -> MissingKnowledge:
+    """The missing statement if an action needs a subclass of a device, which other actions name."""
+    names = local_name(action), local_name(device), local_name(needed)
+    reason = "{0} names no {1} as such, but {2}, which is a {1}: ask for device={2}".format(*names)
+    claim = Claim(kind=ClaimKind.RESTRICTION, subject=action, property=_DEVICE_USED, object=needed)
+    return MissingKnowledge(action, _DEVICE_USED, reason, claims=(claim,))
+
+
 def _all_devices(reasoner: Reasoner) -> set[Iri]:
+    """The classes of devices that actions name, those that have a disposition for one, and their equivalents."""
     restrictions = (owned.restriction for owned in reasoner.restrictions_on(_DEVICE_USED))
-    return {device for each in restrictions if each.implies_existence() for device in named_classes(each.filler)}
+    named = {device for each in restrictions if each.implies_existence() for device in named_classes(each.filler)}
+    named.update(each.owner for each in _affordances(reasoner, _tasks))
+    return {same for device in named for same in reasoner.equivalents(device)}
 
 
 class ActionDeviceInMap(AnswerRow, frozen=True, kw_only=True):
@@ -408,8 +438,8 @@ def storage_place(
 ) -> Iterator[StoragePlace]:
     """Where items of a class are stored, the most specific place first.
 
-    A place is the class that has the restriction itself. A subclass of it inherits the restriction: give it as the
-    place to ask what it is for.
+    A place is the class that has the restriction itself. A given place without a restriction of its own inherits those
+    of its superclasses.
 
     Examples:
         storage_place CowsMilk
@@ -421,11 +451,12 @@ def storage_place(
 
 
 def _find_storage_places(reasoner: Reasoner, item: Iri, place: Iri | None = None) -> list[StoragePlace]:
-    """The places for an item; only the given class, which may inherit its purpose, if there is one."""
+    """The places for an item; only the given class, if there is one."""
     found: dict[Iri, StoragePlace] = {}
+    owners = frozenset() if place is None else _owners(reasoner, place)
     for owner, reason in _places_with_reasons(reasoner, item):
-        named = owner if place is None else place if reasoner.is_a(place, owner) else None
-        if named is not None:
+        if place is None or owner in owners:
+            named = place or owner
             row = StoragePlace(
                 item=item,
                 place=named,
@@ -434,6 +465,16 @@ def _find_storage_places(reasoner: Reasoner, item: Iri, place: Iri | None = None
             )
             found[named] = min(found.get(named, row), row, key=_sort_key)
     return sorted(found.values(), key=_sort_key)
+
+
+def _owners(reasoner: Reasoner, place: Iri) -> frozenset[Iri]:
+    """The classes whose restrictions a place stands for: its own and equivalents', or those that it inherits."""
+    own = frozenset(reasoner.equivalents(place))
+    purposes = (
+        owned.cls for owned in reasoner.restrictions_on(_CONTAINER_FOR) if owned.restriction.implies_existence()
+    )
+    stating = {*purposes, *(each.owner for each in _affordances(reasoner, _stored))}
+    return own & stating or frozenset(reasoner.classes.above(place)) & stating
 
 
 def _places_with_reasons(reasoner: Reasoner, item: Iri) -> Iterator[tuple[Iri, Iri]]:
@@ -455,7 +496,7 @@ def _sort_key(row: StoragePlace) -> tuple[int, str, str]:
 
 def _stored_classes(reasoner: Reasoner, place: Iri | None) -> list[Iri]:
     """All classes that some place, or this one, is for."""
-    owners = None if place is None else reasoner.classes.above(place)
+    owners = None if place is None else _owners(reasoner, place)
     fillers = (
         filler
         for owned in reasoner.restrictions_on(_CONTAINER_FOR)
@@ -489,6 +530,14 @@ def _missing_storage(
     kb: QuestionContext, item: Iri | None = None, place: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
     property, reasoner = local_name(_CONTAINER_FOR), kb.reasoner
+    inherited = [
+        (owner, reason)
+        for owner, reason in (_places_with_reasons(reasoner, item) if item and place else ())
+        if place and reasoner.is_a(place, owner)
+    ]
+    if inherited and item and place:
+        yield _inherited_place(item, place, *inherited[0])
+        return
     absent = Claim(kind=ClaimKind.NO_RESTRICTION, subject=place, property=_CONTAINER_FOR, object=item)
     limits = [owned for owned in _limits(reasoner, item) if place is None or reasoner.is_a(place, owned.cls)]
     if item is None:
@@ -515,6 +564,14 @@ def _missing_storage(
         more = f" and {len(limits) - _MAX_LIMITS} more" if limits[_MAX_LIMITS:] else ""
         why += f"; {shown}{more} may contain it, which makes no storage place"
     yield MissingKnowledge(cls, _CONTAINER_FOR, why, is_filler=is_filler, claims=claims)
+
+
+def _inherited_place(item: Iri, place: Iri, owner: Iri, reason: Iri) -> MissingKnowledge:
+    """The missing statement if a place with restrictions of its own inherits the one that is for an item."""
+    names = local_name(place), local_name(item), local_name(owner)
+    why = "{0} itself is not stated to store {1}, but {2}, which it is: ask for place={2}".format(*names)
+    claim = Claim(kind=ClaimKind.RESTRICTION, subject=owner, property=_CONTAINER_FOR, object=reason)
+    return MissingKnowledge(item, _CONTAINER_FOR, why, is_filler=True, claims=(claim,))
 
 
 def _limits(reasoner: Reasoner, item: Iri | None) -> list[ClassRestriction]:

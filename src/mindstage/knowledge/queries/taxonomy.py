@@ -18,6 +18,7 @@ from mindstage.knowledge.questions import (
     question,
 )
 from mindstage.knowledge.rdf import local_name
+from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.vocabulary import SUBCLASS_OF, THING
 from mindstage.scene import Iri
 
@@ -95,20 +96,25 @@ def siblings(
     Examples:
         siblings Refrigerator
     """
-    classes = kb.reasoner.classes
     start = cls or sibling
-    for each in sorted(classes) if start is None else (start,):
-        for parent in sorted(classes.parents(each)):
-            for other in sorted(classes.children(parent)):
-                if other != each:
-                    one, two = (each, other) if start is None or cls else (other, each)
-                    yield SiblingClasses(cls=one, sibling=two, parent=parent)
+    for each in sorted(kb.reasoner.classes) if start is None else (start,):
+        for parent, other in _siblings_of(kb.reasoner, each):
+            one, two = (each, other) if start is None or cls else (other, each)
+            yield SiblingClasses(cls=one, sibling=two, parent=parent)
+
+
+def _siblings_of(reasoner: Reasoner, cls: Iri) -> Iterator[tuple[Iri, Iri]]:
+    """Common parents and siblings of a class. What is below an equivalent class is below the class itself."""
+    same = {*reasoner.equivalents(cls)}
+    for parent in sorted({above for each in same for above in reasoner.classes.parents(each)} - same):
+        below = {other for child in reasoner.classes.children(parent) for other in reasoner.equivalents(child)}
+        yield from ((parent, other) for other in sorted(below - same - {*reasoner.equivalents(parent)}))
 
 
 @siblings.explain
 def _explain_sibling(kb: QuestionContext, row: SiblingClasses) -> Iterator[str]:
-    yield from subclass_line((row.cls, row.parent))
-    yield from subclass_line((row.sibling, row.parent))
+    yield from subclass_line(kb.reasoner.classes.path(row.cls, row.parent))
+    yield from subclass_line(kb.reasoner.classes.path(row.sibling, row.parent))
 
 
 @siblings.missing
@@ -117,7 +123,9 @@ def _missing_siblings(
 ) -> Iterator[MissingKnowledge]:
     if not (known := cls or sibling):
         return
-    parents = ", ".join(local_name(each) for each in sorted(kb.reasoner.classes.parents(known)))
+    same = {*kb.reasoner.equivalents(known)}
+    above = {parent for each in same for parent in kb.reasoner.classes.parents(each)} - same
+    parents = ", ".join(local_name(each) for each in sorted(above))
     if cls and sibling == cls:
         why = f"{local_name(cls)} is no sibling of itself"
     elif not parents:
