@@ -38,6 +38,7 @@ _OPEN_M, _OPEN_RAD = 0.02, 0.1
 """For joints without limits."""
 _FRONT_CLASSES = (knowrob("PortalCovering"), knowrob("StorageConstruct"))
 _CONTAINER = knowrob("Container")
+_HANDLE = knowrob("Handle")
 _STATE_PROPERTY = knowrob("stateOfObject")
 
 
@@ -213,10 +214,10 @@ def _find_openings(kb: QuestionContext, world_state: WorldState, front: Iri | No
         if joint.parent not in bodies or joint.child not in bodies:
             continue
         moving, holder = moving_body(joint, bodies[joint.parent], bodies[joint.child])
-        if front not in {None, moving.iri} or not _is_front(kb, moving):
-            continue
         displacement, source = _displacement(joint, world_state)
-        if displacement is not None:
+        if displacement is None or front not in {None, moving.iri}:
+            continue
+        if _is_front(kb, moving) or (displacement.is_prismatic and _is_handle_of_front(kb, moving, holder)):
             yield JointOpenness(
                 thing=furniture.container_of(moving, holder).iri,
                 state=OpenState.OPEN if _is_open(displacement) else OpenState.CLOSED,
@@ -275,6 +276,11 @@ def _is_front(kb: QuestionContext, body: Body) -> bool:
     """Whether a moving body is a door, a drawer or a lid; bodies of unknown classes may be."""
     above = kb.reasoner.classes.above(body.cls)
     return len(above) <= 1 or any(kb.reasoner.is_a(body.cls, cls) for cls in _FRONT_CLASSES)
+
+
+def _is_handle_of_front(kb: QuestionContext, moving: Body, holder: Body) -> bool:
+    """Whether a sliding body is the handle of a drawer, which maps of SOMA name as the child of the drawer's joint."""
+    return kb.reasoner.is_a(moving.cls, _HANDLE) and _is_front(kb, holder)
 
 
 def _displacement(joint: Joint, world_state: WorldState) -> tuple[JointDisplacement | None, str]:
