@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene.bounding_boxes import OrientedBoxes, footprints, polygon_gaps, polygon_overlap_areas
 from mindstage.scene.collision_shapes import (
     CollisionShapeBatch,
     CompiledGeometry,
@@ -23,13 +23,15 @@ from mindstage.scene.model import Body, BodyId, Pose, Vector
 from mindstage.scene.transforms import (
     Array,
     normalize,
+    pose_array,
     pose_from_array,
     pose_multiply,
     quat_multiply,
     quat_rotate,
+    rotation_matrix,
 )
 
-__all__ = ["PlacementSampler", "PlacementSurface", "support_surfaces"]
+__all__ = ["FreePlace", "PlacementSampler", "PlacementSurface", "spread_places", "support_surfaces"]
 
 
 _MIN_UP_COSINE = 0.985
@@ -156,6 +158,63 @@ class PlacementSampler:
         reason = "" if free.any() else "other bodies occupy the space"
         return [pose_from_array(row) for row in candidates[free]], reason
 
+    def free_places(
+        self, body: Body, geometry: BodyGeometry | None, surface: PlacementSurface
+    ) -> tuple[list[FreePlace], str]:
+        """The free poses of a body on a surface with their margins, the largest margin first, then the nearest.
+
+        Without any, also the reason. Arguments are those of `candidate_poses`.
+        """
+        poses, reason = self.candidate_poses(body, geometry, surface)
+        if not poses:
+            return [], reason
+        low, high = _compiled_geometry(body, geometry, {}).bounds
+        placed = pose_array(poses)
+        centers = placed.copy()
+        centers[:, :3] += quat_rotate(placed[:, 3:], (low + high) / 2)
+        boxes = OrientedBoxes.from_poses(centers, np.tile(high - low, (len(poses), 1)))
+        margins = self._obstacle_margins(boxes, self._edge_margins(boxes, surface))
+        order = np.argsort(-margins.round(6), kind="stable")
+        return [FreePlace(poses[at], float(margins[at])) for at in order.tolist()], ""
+
+    @staticmethod
+    def _edge_margins(boxes: OrientedBoxes, surface: PlacementSurface) -> Array:
+        """The distance of each box to the nearest edge of the surface."""
+        turn = rotation_matrix(surface.pose[3:])
+        offset = np.abs((boxes.center - surface.pose[:3]) @ turn)[:, :2]
+        reach = np.einsum("nij,nj->ni", np.abs(turn.T @ boxes.rotation), boxes.half_extents)[:, :2]
+        return np.asarray((np.array(surface.size) / 2 - offset - reach).min(axis=1).clip(0.0))
+
+    def _obstacle_margins(self, boxes: OrientedBoxes, margins: Array) -> Array:
+        """The horizontal distance of each box to the nearest collision shape at its height, if less than its margin."""
+        low, high = boxes.bounds()
+        poses, sizes = [np.zeros((0, 7))], [np.zeros((0, 3))]
+        reach = float(np.linalg.norm(high.max(axis=0) - low.min(axis=0)))
+        near = np.all((self._low <= high.max(axis=0) + reach) & (self._high >= low.min(axis=0) - reach), axis=1)
+        for row in np.flatnonzero(near).tolist():
+            compiled = self._compiled[row]
+            poses.append(pose_multiply(np.tile(self._poses[row], (len(compiled.poses), 1)), compiled.poses))
+            sizes.append(compiled.sizes)
+        obstacles = np.concatenate(poses)
+        obstacles[:, 3:] = normalize(obstacles[:, 3:])
+        shapes = OrientedBoxes.from_poses(obstacles, np.concatenate(sizes))
+        shape_low, shape_high = shapes.bounds()
+        # the boxes float at one height above their surface, which is no obstacle itself
+        bottom, top = float(low[:, 2].min()), float(high[:, 2].max())
+        at_height = np.flatnonzero((shape_high[:, 2] > bottom) & (shape_low[:, 2] < top))
+        if not len(at_height):
+            return margins
+        shape_low, shape_high = shape_low[at_height, :2], shape_high[at_height, :2]
+        apart = np.maximum(shape_low - high[:, None, :2], low[:, None, :2] - shape_high).clip(0.0)
+        a, b = np.nonzero(np.linalg.norm(apart, axis=2) < margins[:, None])
+        polygons = np.concatenate([footprints(boxes), footprints(shapes)[at_height]])
+        gaps = polygon_gaps(polygons, a, b + len(low))
+        meets = np.all(apart[a, b] <= 0.0, axis=1)
+        gaps[meets] = np.where(polygon_overlap_areas(polygons, a[meets], b[meets] + len(low)) > 0.0, 0.0, gaps[meets])
+        found = margins.copy()
+        np.minimum.at(found, a, gaps)
+        return found
+
     def _is_free(self, compiled: CompiledGeometry, candidates: Array) -> Array:
         reach = float(np.linalg.norm(np.maximum(np.abs(compiled.bounds[0]), np.abs(compiled.bounds[1]))))
         low, high = candidates[:, :3].min(axis=0) - reach, candidates[:, :3].max(axis=0) + reach
@@ -211,3 +270,26 @@ def _grid_poses(surface: PlacementSurface, low: Array, high: Array, quarter: int
     placed = pose_multiply(np.tile(surface.pose, (len(local), 1)), local)
     placed[:, 3:] = normalize(quat_multiply(surface.pose[3:], local[:, 3:]))
     return placed
+
+
+@dataclass(frozen=True, slots=True)
+class FreePlace:
+    """A free pose on a surface."""
+
+    pose: Pose
+    margin: float
+    """The horizontal distance of the body's box to the nearest obstacle at its height or edge of the surface [m]."""
+
+
+def spread_places(places: Sequence[FreePlace], size: Vector, count: int) -> list[int]:
+    """Returns the indices of the first places, up to a count, at which bodies of one size do not meet."""
+    kept: list[int] = []
+    diagonal = float(np.linalg.norm(size[:2]))
+    positions = np.array([place.pose.position for place in places]).reshape(-1, 3)
+    usable = np.ones(len(places), dtype=bool)
+    while len(kept) < count and usable.any():
+        at = int(np.argmax(usable))
+        kept.append(at)
+        offset = np.abs(positions - positions[at])
+        usable &= (np.linalg.norm(offset[:, :2], axis=1) > diagonal) | (offset[:, 2] > size[2])
+    return kept
