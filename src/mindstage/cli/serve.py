@@ -183,6 +183,7 @@ def serve(
     from mindstage.bridge import LocalNode
     from mindstage.msgs import RosVersion
     from mindstage.ros import RosInterface
+    from mindstage.ros.queries import QueryServer
 
     _check_options(context, connect=connect, tls_authorities=tls_authorities, namespace=namespace, worlds=worlds)
     access = server_access(host, "" if connect else token, tls_cert, tls_key, limits, origins=origins or [])
@@ -202,6 +203,7 @@ def serve(
         output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name, **spawned}
         if with_viewport:
             output["page"] = _serve_page(resources, simulation, page_port, access)
+        QueryServer.start(simulation, page=str(output.get("page", "")))
         if with_foxglove:
             output["foxglove"] = _serve_foxglove(resources, simulation, foxglove_port)
         _announce(output, connected=connect is not None, seconds=seconds, as_json=as_json)
