@@ -296,7 +296,7 @@ def _missing_count(
         kind = f"no {local_name(cls)}" if cls is not None else "nothing"
         yield MissingKnowledge(cls or THING, HAS_POSE, f"{kind} is on or in {individual_text(kb.reasoner, place)}")
     elif cls is not None:
-        yield missing_instance(cls, None, map)
+        yield from missing_instance(kb.reasoner, cls, None, map)
 
 
 # -- alike -------------------------------------------------------------------------------------------------------------
