@@ -164,6 +164,15 @@ def test_one_long_entity_used_often_is_refused(tmp_path: Path) -> None:
     assert "would expand to 40" in refused(tmp_path, text).cause
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_an_entity_that_is_declared_twice_the_longer_one_counts(tmp_path: Path, order: int) -> None:
+    both = [f'<!ENTITY last "{"ha" * 20_000}">', '<!ENTITY last "ha">'][::order]
+    text = with_entities(*both).replace("&last;", "&last;" * 1000)
+    assert "would expand to 40" in refused(tmp_path, text).cause
+    with pytest.raises(UnsafeXmlError, match="would expand to 40"):  # before the first one is chosen
+        expand_safe_entities(text.encode())
+
+
 def test_recursive_entities_are_refused(tmp_path: Path) -> None:
     error = refused(tmp_path, with_entities('<!ENTITY a "&last;">', '<!ENTITY last "&a;">'))
     assert "recursive" in error.cause

@@ -6,6 +6,8 @@
 :- use_module(prefixes).
 :- use_module(semweb, []).
 :- use_module(veit2019_compat, []).
+:- use_module(knowrob_objects, []).
+:- use_module(knowrob_language, []).
 :- use_module(library(apply)).
 :- use_module(library(error)).
 :- use_module(library(lists)).
@@ -24,7 +26,7 @@ start(Alarm) :-
 
 create_user_module :- module_property(mindstage, exports(_)), import_module(user, mindstage), !.
 create_user_module :-
-    forall(( member(Module, [mindstage_veit2019_compat, mindstage_semweb]), module_property(Module, exports(Names)) ),
+    forall(( member(Module, [mindstage_veit2019_compat, mindstage_knowrob_objects, mindstage_knowrob_language, mindstage_semweb]), module_property(Module, exports(Names)) ),
            forall(member(Name, Names), mindstage:import(Module:Name))),
     forall(member(Name, [questions/0, why/1, missing/2]), mindstage:import(mindstage_questions:Name)),
     delete_import_module(mindstage, user),

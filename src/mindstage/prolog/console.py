@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from mindstage.errors import PrologGoalError, PrologTimeoutError, PrologUnavailableError, SourceParseError
+from mindstage.prolog.object_predicates import ObjectPredicates
 from mindstage.prolog.predicates import Handler, QuestionPredicates, RdfPredicates, WorldPredicates, answer
 from mindstage.prolog.swipl import (
     Atom,
@@ -98,6 +99,7 @@ class PrologConsole:
             **QuestionPredicates(simulation).handlers,
             **RdfPredicates(simulation.knowledge).handlers,
             **WorldPredicates(simulation).handlers,
+            **ObjectPredicates(simulation).handlers,
             "halting": self._on_halt,
         }
         """The requests that Prolog can send to Python, by name."""
