@@ -521,7 +521,7 @@ class RdfPredicates:
         folder = self._knowledge.package_folder(_text(package, "package"))
         return None if folder is None else Atom(str(folder))
 
-    def individuals(self, individual: Value, cls: Value) -> Value:
+    def individuals(self, individual: Value, cls: Value) -> list[list[Value]]:
         """Individuals and their classes, asserted and inherited."""
         index = self._knowledge.reasoner
         one, kind = self._name(individual, EntityType.INDIVIDUAL), self._name(cls, EntityType.CLASS)
@@ -543,7 +543,7 @@ class RdfPredicates:
             for above in _with_thing(up for type in index.types_of(each) for up in index.classes.above(type))
         ]
 
-    def subclasses(self, cls: Value, superclass: Value) -> Value:
+    def subclasses(self, cls: Value, superclass: Value) -> list[list[Value]]:
         """Classes and their superclasses, each class itself first."""
         classes = self._knowledge.reasoner.classes
         lower, upper = self._name(cls, EntityType.CLASS), self._name(superclass, EntityType.CLASS)
