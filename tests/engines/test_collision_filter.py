@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mindstage.engines.collision_filter import CollisionFilter, CollisionFilterInput, compute_collision_filter
-from mindstage.engines.collision_shapes import hollow_box
 from mindstage.scene import BodyId
 from mindstage.scene.bounding_boxes import OrientedBoxes, contains, overlapping_pairs, penetration_depths
+from mindstage.scene.collision_shapes import hollow_box
 from mindstage.scene.transforms import normalize, pose_multiply
 
 
