@@ -15,8 +15,8 @@ from PIL import Image
 
 from mindstage.assets import MeshLibrary
 from mindstage.assets.mesh_import import import_meshes
-from mindstage.engines.collision_shapes import compile_geometry
 from mindstage.scene import Body, BodyGeometry, BodyId, CollisionShapeType, GeometrySource, Iri, Pose, Vector
+from mindstage.scene.collision_shapes import compile_geometry
 
 MUG = (0.08, 0.1, 0.12)
 
