@@ -28,11 +28,17 @@ start(Alarm) :-
     define_questions,
     mark_stale.
 
+% The modules whose predicates users call; the first one that exports a name provides it.
+user_module(mindstage_veit2019_compat).
+user_module(mindstage_knowrob_objects).
+user_module(mindstage_knowrob_language).
+user_module(mindstage_semweb).
+user_module(mindstage_owl).
+user_module(mindstage_user_files).
+
 create_user_module :- module_property(mindstage, exports(_)), import_module(user, mindstage), !.
 create_user_module :-
-    Modules = [ mindstage_veit2019_compat, mindstage_knowrob_objects, mindstage_knowrob_language, mindstage_semweb,
-                mindstage_owl, mindstage_user_files ],
-    forall(( member(Module, Modules), module_property(Module, exports(Names)) ),
+    forall(( user_module(Module), module_property(Module, exports(Names)) ),
            forall(member(Name, Names), mindstage:import(Module:Name))),
     forall(member(Name, [questions/0, why/1, missing/2]), mindstage:import(mindstage_questions:Name)),
     delete_import_module(mindstage, user),

@@ -9,7 +9,7 @@
             class_properties/3, class_properties_some/3, class_properties_all/3, class_properties_value/3,
             rdf_instance_from_class/2, rdf_instance_from_class/3, rdf_unique_id/2, create_restr/6,
             rdf_common_ancestor/2, rdfs_computable_triple/3, rdfs_computable_instance_of/2,
-            owl_parse/1, owl_parse/2, owl_parse/3, owl_parse/4,
+            owl_parse/1, owl_parse/2, owl_parse/3, owl_parse/4, load_owl/1, load_owl/2, tripledb_load/1, tripledb_load/2,
             strip_literal_type/2, remove_namespace/2 ]).
 :- use_module(prefixes).
 :- use_module(questions).
@@ -155,10 +155,8 @@ class_property(Condition, Class, Property, Given) :-
     Wanted =.. [Kind, Value],
     expand_prefixes(Property, P),
     restricted_class(Class, C),
-    distinct(P-Value, direct_restriction(C, P, Wanted)),
-    Class = C,
-    Property = P,
-    Given = Value.
+    ( var(Class) -> Class = C ; true ),
+    distinct(P-Value, direct_restriction(C, P, Wanted)).
 
 % direct_restriction(+Class, ?Property, ?Condition): of the property or of a subproperty, inherited or not.
 direct_restriction(Class, Property, Condition) :-
@@ -220,6 +218,14 @@ owl_parse(Source, _, _, Imports) :- owl_parse(Source, Imports).
 owl_parse(Source, Imports) :-
     ( Imports == false -> Follow = false ; Follow = true ),
     catch(parse(Source, Follow), mindstage_error(Kind, Sentence), unread(Source, Kind, Sentence)).
+
+% load_owl(+Source, +Options), tripledb_load(+Source, +Options): of KnowRob 2; namespace(Prefix, Iri) registers a prefix.
+load_owl(Source) :- owl_parse(Source).
+load_owl(Source, Options) :-
+    forall(member(namespace(Prefix, Start), Options), rdf_register_prefix(Prefix, Start)),
+    owl_parse(Source).
+tripledb_load(Source) :- load_owl(Source).
+tripledb_load(Source, Options) :- load_owl(Source, Options).
 
 parse(Source, Follow) :-
     text_to_atom(Source, Given),

@@ -5,7 +5,8 @@
 % rest of the file is loaded, and a goal that calls one of its predicates throws the error of an unknown procedure.
 
 :- module(mindstage_user_files,
-          [ register_ros_package/1, register_ros_package/2, use_ros_module/2, rospack_package_path/2, missing_library/2 ]).
+          [ register_ros_package/1, register_ros_package/2, use_ros_module/2, use_directory/1, rospack_package_path/2, ros_package_path/2,
+            missing_library/2 ]).
 :- use_module(questions).
 :- use_module(library(apply)).
 :- use_module(library(error)).
@@ -20,6 +21,10 @@
 % Operators of libraries that KnowRob's files use without loading them: of rdf_db, and @true of XPCE and JPL.
 :- op(1150, fx, user:rdf_meta).
 :- op(100, fx, user:(@)).
+% Rules of KnowRob 2: Head ?> Body is asked, Head +> Body is told, Head ?+> Body is both.
+:- op(1150, xfx, user:(?>)).
+:- op(1150, xfx, user:(+>)).
+:- op(1150, xfx, user:(?+>)).
 
 % -- libraries ---------------------------------------------------------------------------------------------------------
 
@@ -54,7 +59,7 @@ foreign_library(odbc, "an ODBC database (the package swi-prolog-odbc)").
 foreign_library(Name, "a MongoDB server and its Java client") :- contains(Name, mongo).
 foreign_library(Name, "Java (its predicates call jpl)") :- contains(Name, jpl), Name \== jpl.
 foreign_library(Name, "ROS nodes (tf)") :- member(Part, [tf_prolog, transforms, tf_]), contains(Name, Part).
-foreign_library(Name, "ROS nodes") :- member(Part, [roscpp, rosprolog, ros_]), contains(Name, Part).
+foreign_library(Name, "ROS nodes") :- member(Part, [roscpp, rosprolog, ros_, 'ros/', 'comm/']), contains(Name, Part).
 foreign_library(Name, "the Java canvas or marker publisher of KnowRob") :- member(Part, [mod_vis, marker_vis]), contains(Name, Part).
 
 contains(Name, Part) :- once(sub_atom(Name, _, _, _, Part)).
@@ -95,7 +100,9 @@ of_knowrob(Source, _) :- prolog_folder(Source, _), !.
 of_knowrob(Source, _) :- registered_by(Source), !.
 of_knowrob(_, Name) :-
     (   foreign_library(Name, _)
-    ;   member(Part, [knowrob, comp_, mod_, 'semweb/', 'thea', srdl, ias_, cram, ros]), contains(Name, Part)
+    ;   member(Part, [knowrob, comp_, mod_, 'semweb/', thea, srdl, ias_, cram, ros]), contains(Name, Part)
+    ;   member(Folder, ['model/', 'lang/', 'db/', 'utility/', 'reasoning/', 'comm/', 'query/']),  % of KnowRob 2
+        sub_atom(Name, 0, _, _, Folder)
     ), !.
 
 registered_by(Source) :- package_folder(_, by(Source)).
@@ -169,6 +176,15 @@ use_ros_module(Package, File) :-
     atom_concat(Folder, File, Path),
     user:use_module(Path).
 
+ros_package_path(Package, Path) :- rospack_package_path(Package, Path).
+
+% use_directory(+Folder): of KnowRob 2: loads __init__.pl of a folder beside the file that is being loaded.
+use_directory(Folder) :-
+    prolog_load_context(directory, Directory),
+    atomic_list_concat([Directory, Folder, '__init__.pl'], /, File),
+    prolog_load_context(module, Module),
+    Module:load_files(File, [if(not_loaded)]).
+
 ros_package_folder(Source, Package, Path) :-
     candidate_folder(Source, Folder),
     file_directory_name(Folder, Path),
@@ -199,10 +215,19 @@ report_missing_package(Source, Package) :-
 :- multifile user:message_hook/3.
 :- dynamic user:message_hook/3.
 
-user:message_hook(error(existence_error(procedure, Procedure), _), error, _) :-
-    prolog_load_context(source, Source),
-    mindstage_user_files:missing_predicate(Source, Procedure, Reason),
-    print_message(warning, mindstage_missing_predicate(Procedure, Reason)).
+user:message_hook(Message, error, _) :-
+    mindstage_user_files:load_error(Message, Source, Error),
+    mindstage_user_files:outside_reason(Error, Source, Warning),
+    print_message(warning, Warning).
+
+load_error(initialization_error(_, Error, Source:_), Source, Error) :- !.
+load_error(Error, Source, Error) :- prolog_load_context(source, Source).
+
+% outside_reason(+Error, +Source, -Warning): the error is about something outside of Prolog.
+outside_reason(error(existence_error(procedure, Procedure), _), Source, mindstage_missing_predicate(Procedure, Reason)) :-
+    missing_predicate(Source, Procedure, Reason).
+outside_reason(error(shared_object(_, Message), _), Source, mindstage_missing_object(Message)) :-
+    \+ of_swi_prolog(Source).
 
 missing_predicate(_, Procedure, Reason) :-
     strip_module(Procedure, _, Name/_),
@@ -213,6 +238,14 @@ missing_predicate(Source, _, Reason) :-
     findall(Name, missing_library(Source, Name-_), Names),
     Names \== [], !,
     format(string(Reason), "it may be one of the libraries that are not loaded: ~w", [Names]).
+
+% Rules of KnowRob 2 are clauses; what is told by +> and ?+> is listed by told_by/2.
+:- multifile user:term_expansion/2, told_by/2.
+:- dynamic user:term_expansion/2, told_by/2.
+
+user:term_expansion((Head ?> Body), (Head :- Body)).
+user:term_expansion((Head +> Body), mindstage_user_files:told_by(Head, Body)).
+user:term_expansion((Head ?+> Body), [(Head :- Body), mindstage_user_files:told_by(Head, Body)]).
 
 % A prefix may be registered by another file that is loaded later. Goals then keep the prefixed name, which the predicates of
 % Mindstage expand when they are called.
@@ -244,10 +277,10 @@ own_module(rosprolog).
 :- multifile system:goal_expansion/2.
 :- dynamic system:goal_expansion/2.
 
-system:goal_expansion(Module:Goal, mindstage:Goal) :-
-    atom(Module),
-    callable(Goal),
+system:goal_expansion(Goal, mindstage:Goal) :-
+    prolog_load_context(module, Module),  % of a goal Module:Goal
     mindstage_user_files:own_module(Module),
+    callable(Goal),
     mindstage_user_files:is_replaced_goal(Module, Goal).
 
 is_replaced_goal(Module, Goal) :-
@@ -274,6 +307,8 @@ prolog:message(mindstage_missing_package(Package)) -->
       'give its folder with --ontology, or put it beside the package of this file'-[] ].
 prolog:message(mindstage_missing_predicate(Procedure, Reason)) -->
     [ '~q cannot be called: ~w'-[Procedure, Reason] ].
+prolog:message(mindstage_missing_object(Message)) -->
+    [ 'a library of machine code is not loaded, and its predicates are unknown: ~w'-[Message] ].
 prolog:message(mindstage_unknown_prefix(Prefix)) -->
     [ 'the prefix ~q is unknown here; register it with rdf_register_prefix/2 before its names are used'-[Prefix] ].
 prolog:message(mindstage_source_not_loaded(Source, Sentence)) --> [ '~w is not loaded: ~w'-[Source, Sentence] ].
