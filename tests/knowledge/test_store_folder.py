@@ -239,7 +239,7 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
 def test_a_folder_of_a_newer_format_is_refused(folder: Path) -> None:
     (folder / "mindstage.json").write_text('{"format_version": 99, "feelings": []}')
     with pytest.raises(
-        StoreError, match="it has format version 99, and this version of Mindstage reads up to 1; use a newer Mindstage"
+        StoreError, match="it has format version 99, and this version of Mindstage reads up to 2; use a newer Mindstage"
     ):
         reopened(folder)
 

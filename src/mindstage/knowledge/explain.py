@@ -15,7 +15,7 @@ from mindstage.knowledge.owl import (
     RestrictionType,
     UnionOf,
 )
-from mindstage.knowledge.questions import MissingKnowledge
+from mindstage.knowledge.questions import MAP_SOURCE, MissingKnowledge
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import InferenceRule, Justification, Reasoner
 from mindstage.knowledge.reasoner_properties import ObjectTriple
@@ -31,6 +31,7 @@ __all__ = [
     "missing_instance",
     "restriction_line",
     "restriction_text",
+    "source_text",
     "statement_line",
     "subclass_line",
     "subproperty_line",
@@ -168,3 +169,8 @@ def individual_text(reasoner: Reasoner, individual: Iri) -> str:
     """An individual with its class, since the names of individuals are often generated."""
     cls = reasoner.class_of(individual)
     return local_name(individual) if cls is None else f"{local_name(individual)} ({local_name(cls)})"
+
+
+def source_text(source: str) -> str:
+    """Where the poses of an answer come from, in words."""
+    return "as the map has it; no simulation is running" if source == MAP_SOURCE else f"as {source} has it now"

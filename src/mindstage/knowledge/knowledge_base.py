@@ -30,12 +30,23 @@ from mindstage.knowledge.map_statistics import MapStatistics, map_statistics
 from mindstage.knowledge.names import NameIndex
 from mindstage.knowledge.owl import node_label
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH, InferredTriples, materialize_owl_rl
-from mindstage.knowledge.questions import AnswerCache, AnswerRow, Answers, Question
-from mindstage.knowledge.rdf import Finding, Severity, SparqlResult, TripleStore, gc_paused, local_name
+from mindstage.knowledge.present import present_statements
+from mindstage.knowledge.questions import AnswerCache, AnswerRow, Answers, Question, StateAccess
+from mindstage.knowledge.rdf import (
+    PREFIXES,
+    PRESENT_GRAPH,
+    Finding,
+    Severity,
+    SparqlResult,
+    TripleStore,
+    gc_paused,
+    local_name,
+)
 from mindstage.knowledge.rdf_mapping.nested import nest_blank_nodes
 from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.reasoner_properties import node_from_label
 from mindstage.knowledge.shape_rules import ShapeRule, ShapeRuleResolver
+from mindstage.knowledge.sparql_query import QueryPrefixes, SparqlText
 from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.knowledge.tell import RUNTIME_GRAPH, AssertableValue, AssertionStore
 from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, SUBCLASS_OF, TYPE, xsd
@@ -172,6 +183,20 @@ class KnowledgeBase:
         """The files that are loaded, including imported ones."""
         return tuple(self._registry.sources)
 
+    def source_graph(self, path: StrPath) -> ox.NamedNode:
+        """The name of the graph with the statements of a loaded file.
+
+        It is the IRI of the ontology that the file declares, else `urn:mindstage:file:NAME`; that of a bundled file is
+        `urn:mindstage:bundled:NAME`.
+
+        Raises:
+            InvalidArgumentError: the file is not loaded.
+        """
+        source = self._registry.sources.get(Path(path).resolve())
+        if source is None or not isinstance(source.graph, ox.NamedNode):
+            raise InvalidArgumentError(os.fspath(path), cause="it is not loaded", remedy="load it first")
+        return source.graph
+
     def maps(self) -> tuple[Iri, ...]:
         """The maps that are loaded, in the order of their sources."""
         found = (map for source in self._registry.map_sources() for map in self._registry.maps_in(source))
@@ -254,20 +279,22 @@ class KnowledgeBase:
     # -- questions -----------------------------------------------------------------------------------------------------
 
     @overload
-    def ask(self, question: Question[R], **args: object) -> Answers[R]: ...
+    def ask(self, question: Question[R], /, *positional: object, **args: object) -> Answers[R]: ...
     @overload
-    def ask(self, question: str, **args: object) -> Answers[Any]: ...
-    def ask(self, question: Question[Any] | str, **args: object) -> Answers[Any]:
+    def ask(self, question: str, /, *positional: object, **args: object) -> Answers[Any]: ...
+    def ask(self, question: Question[Any] | str, /, *positional: object, **args: object) -> Answers[Any]:
         """All answers to a question.
 
         Examples:
             >>> from mindstage.knowledge import KnowledgeBase
-            >>> [row.place for row in KnowledgeBase().ask("storage_place", item="CowsMilk")]
+            >>> [row.place for row in KnowledgeBase().ask("storage_place", "CowsMilk")]
             ['http://knowrob.org/kb/knowrob.owl#Refrigerator']
 
         Args:
             question: its name, or the question itself, which types the rows.
-            **args: names: local, with a prefix, or whole IRIs; arguments that are left out are open.
+            *positional: arguments in the order of the question; None leaves one open.
+            **args: arguments by name; those that are left out are open. Names of entities are local, with a prefix, or
+                whole IRIs.
 
         Raises:
             QuestionNotFoundError: no question has that name.
@@ -275,14 +302,15 @@ class KnowledgeBase:
             NameNotFoundError: a name is unknown.
             AmbiguousNameError: several entities have a name.
         """
-        key = (question, *args.items())
+        declared = _question(question)
+        args = declared.bind(positional, args)
+        key = (declared, *args.items())
         cache = self._answer_cache  # a change during the question drops this cache, and with it an outdated answer
         try:
             if (cached := cache.get(key)) is not None:
                 return cached
         except TypeError:  # an unhashable value such as a list, which the question itself refuses
             key = ()
-        declared = _question(question)
         answers = declared.ask(self, args)
         if key and not declared.uses_current_state:
             cache.put(key, answers)
@@ -369,16 +397,29 @@ class KnowledgeBase:
             self._invalidate_all()
         return True
 
-    def sparql(self, query: str, *, timeout_s: float = 30.0, allow_service: bool = False) -> SparqlResult:
+    def sparql(
+        self,
+        query: str,
+        *,
+        timeout_s: float = 30.0,
+        allow_service: bool = False,
+        present: StateAccess | None = None,
+    ) -> SparqlResult:
         """Runs a SPARQL 1.1 query: the default graph is the union of all sources, and each source is a named graph.
 
-        The prefixes knowrob, ms, owl, rdf, rdfs, xsd, dul and soma are declared. The query runs in a separate process
-        that is limited to 2 GiB of memory and ends at the timeout. With an endpoint, the server alone evaluates it.
+        A graph has the name of the ontology in its file, else `urn:mindstage:file:NAME`. FROM and GRAPH also accept the
+        name and the URL of the file. The graph `urn:mindstage:present` has the current state in the vocabulary of the
+        map; it is made for a query that names it, and is never part of the union.
+
+        The prefixes knowrob, ms, owl, rdf, rdfs, xsd, dul and soma are declared, and those that the loaded files
+        declare, unless they differ. The query runs in a separate process that is limited to 2 GiB of memory and ends at
+        the timeout. With an endpoint, the server alone evaluates it.
 
         Args:
             query: SELECT, ASK, CONSTRUCT or DESCRIBE.
             timeout_s: time limit [s].
             allow_service: whether the query may use other servers (SERVICE).
+            present: access to the current state; without it, that of the maps.
 
         Raises:
             SparqlSyntaxError: the query is not valid, not allowed, or its answer too large.
@@ -386,7 +427,18 @@ class KnowledgeBase:
             EndpointUnreachableError: the endpoint does not respond.
             EndpointError: the endpoint refuses the query.
         """
-        return self._store.query(query, timeout_s=timeout_s, allow_service=allow_service)
+        text, prefixes = SparqlText(query), self._prefix_table
+        prefixes.check(text)
+        names = prefixes.namespaces
+        state = None
+        if text.mentions(PRESENT_GRAPH.value, names):
+            state = present_statements(self, present or StateAccess(self))
+        if not self._registry.has_endpoint:
+            text = text.with_graph_names(*self._registry.graph_names(), names)
+        result = self._store.query(
+            text.text, timeout_s=timeout_s, allow_service=allow_service, prefixes=names, present=state
+        )
+        return result.with_columns(text.sorted_columns(result.columns))
 
     # -- classes -------------------------------------------------------------------------------------------------------
 
@@ -444,6 +496,11 @@ class KnowledgeBase:
         return self._scene_entities[map].get(individual)
 
     @cached_property
+    def _prefix_table(self) -> QueryPrefixes:
+        declared = ((path.name, source.header.prefixes) for path, source in self._registry.sources.items())
+        return QueryPrefixes(PREFIXES, declared)
+
+    @cached_property
     def _answer_cache(self) -> AnswerCache:
         return AnswerCache()
 
@@ -489,7 +546,7 @@ class KnowledgeBase:
             names = [name for graph in graphs for name in self.reasoner.add_graph(graph)]
             self.names.add(names)
         self._worlds.clear()
-        self._drop_cached("_scene_entities", "_taxonomy", "_answer_cache", "_shape_resolver")
+        self._drop_cached("_scene_entities", "_taxonomy", "_answer_cache", "_shape_resolver", "_prefix_table")
 
     def _drop_cached(self, *names: str) -> None:
         for name in names:

@@ -9,24 +9,12 @@ from functools import cached_property
 import pyoxigraph as ox
 
 from mindstage.errors import AmbiguousNameError, NameNotFoundError
-from mindstage.knowledge.rdf import QuadSource, local_name
+from mindstage.knowledge.rdf import PREFIXES, QuadSource, local_name
 from mindstage.knowledge.reasoner import Reasoner
-from mindstage.knowledge.vocabulary import DUL, KNOWROB, MS, OWL, RDF, RDFS, SOMA, TYPE, XSD
+from mindstage.knowledge.vocabulary import RDFS, TYPE
 from mindstage.scene import Iri
 
 __all__ = ["PREFIXES", "EntityType", "NameIndex", "compact_iri", "expand_prefix"]
-
-PREFIXES = {
-    "knowrob": KNOWROB,
-    "ms": MS,
-    "owl": OWL,
-    "rdf": RDF,
-    "rdfs": RDFS,
-    "xsd": XSD,
-    "dul": DUL,
-    "soma": SOMA,
-}
-"""The prefixes that names may have, with their namespaces."""
 
 _BUILT_IN_PROPERTIES = (TYPE, *(Iri(RDFS + name) for name in ("subClassOf", "subPropertyOf", "label", "comment")))
 

@@ -25,13 +25,13 @@ from msgspec.structs import replace
 from mindstage.errors import StoreError
 from mindstage.files import atomic_write
 from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
-from mindstage.knowledge.io.files import Source, SourceFile
+from mindstage.knowledge.io.files import Source, SourceFile, SourceHeader
 from mindstage.knowledge.rdf import Finding
 from mindstage.knowledge.store import OxigraphStore
 
 __all__ = ["FORMAT_VERSION", "SourceRecord", "StoreDirectory", "StoreManifest"]
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 _MANIFEST, _TRIPLES, _TEXTS = "mindstage.json", "triples", "texts"
 _RECREATE_HINT = "delete the folder and load the sources into it again"
 
@@ -56,6 +56,10 @@ class SourceRecord(
     modified_ns: int
     is_map: bool = False
     is_explicit: bool = False
+    graph: str = ""
+    """The name of its graph; empty for the URL of the file, as in folders of version 1."""
+    ontology: str = ""
+    prefixes: dict[str, str] = {}
 
 
 class StoreManifest(
@@ -110,11 +114,12 @@ class StoreDirectory:
         return {
             Path(record.path): Source(
                 name=record.path,
-                graph=ox.NamedNode(Path(record.path).as_uri()),
+                graph=ox.NamedNode(record.graph or Path(record.path).as_uri()),
                 store=self.store,
                 load_text=self._text_loader(record),
                 is_map=record.is_map,
                 is_explicit=record.is_explicit,
+                header=SourceHeader(record.ontology, record.prefixes),
             )
             for record in self.manifest.sources
         }
@@ -176,8 +181,18 @@ class StoreDirectory:
     def commit(self, manifest: StoreManifest, sources: Iterable[Source]) -> None:
         """Writes the manifest with these sources, which completes a transaction."""
         pairs = ((self._records[source.name], source) for source in sources)
-        records = (replace(record, is_map=each.is_map, is_explicit=each.is_explicit) for record, each in pairs)
-        manifest = replace(manifest, sources=tuple(records))
+        records = tuple(
+            replace(
+                record,
+                is_map=each.is_map,
+                is_explicit=each.is_explicit,
+                graph=each.graph.value if isinstance(each.graph, ox.NamedNode) else "",
+                ontology=each.header.ontology,
+                prefixes=dict(each.header.prefixes),
+            )
+            for record, each in pairs
+        )
+        manifest = replace(manifest, format_version=FORMAT_VERSION, sources=records)
         if manifest != self.manifest:
             self.store.flush()
             self._write_manifest(manifest)

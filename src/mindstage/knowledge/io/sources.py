@@ -16,6 +16,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from itertools import chain, count
 from pathlib import Path
+from urllib.parse import quote
 
 import pyoxigraph as ox
 
@@ -30,10 +31,21 @@ from mindstage.knowledge.dialects.membership import (
     without_other_maps,
 )
 from mindstage.knowledge.endpoint import SparqlEndpoint, SparqlEndpointStore
-from mindstage.knowledge.io.files import SUFFIXES, Source, SourceFile, bundled_ontology, read_file
+from mindstage.knowledge.io.files import (
+    SUFFIXES,
+    Source,
+    SourceFile,
+    SourceHeader,
+    bundled_ontology,
+    read_file,
+    read_header,
+)
 from mindstage.knowledge.io.ros_packages import RosPackagePath, file_from_iri
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH
 from mindstage.knowledge.rdf import (
+    BUNDLED_GRAPHS,
+    FILE_GRAPHS,
+    PRESENT_GRAPH,
     Finding,
     Graph,
     Severity,
@@ -45,6 +57,7 @@ from mindstage.knowledge.rdf import (
 )
 from mindstage.knowledge.store import OxigraphStore
 from mindstage.knowledge.store_folder import StoreDirectory, StoreManifest
+from mindstage.knowledge.tell import RUNTIME_GRAPH
 from mindstage.knowledge.urdf.in_maps import ClassNameIndex, UrdfSources, linked_individuals
 from mindstage.knowledge.urdf.parse import is_urdf, read_urdf
 from mindstage.knowledge.vocabulary import IMPORTS, ONTOLOGY, POSE_PROPERTIES, RDF, TYPE, VERSION_IRI
@@ -53,6 +66,7 @@ from mindstage.scene import Iri, IriRef
 __all__ = ["LoadTransaction", "SourceRegistry", "StrPath", "preprocess", "read_map_file"]
 
 
+RESERVED_GRAPHS = frozenset({RUNTIME_GRAPH, INFERRED_GRAPH, PRESENT_GRAPH})
 _END_TAG = re.compile(rb"</([\w.-]+:)?RDF\s*>")
 _BEGIN_IMPLIED, _END_IMPLIED = "The statements below are implied:", "The statements above are implied."
 _IMPLIED = re.compile(rf"(?:<!--|#) {_BEGIN_IMPLIED}(?: -->)?\n(.*?)(?:<!--|#) {_END_IMPLIED}".encode(), re.DOTALL)
@@ -170,6 +184,8 @@ class LoadTransaction:
     """Robot descriptions whose links maps may refer to."""
     follow_imports: bool = True
     """Whether imported files that are not loaded yet are loaded."""
+    ontology_names: bool = True
+    """Whether graphs are named like the ontologies in them; at an endpoint, a graph may have that name."""
     findings: list[Finding] = field(default_factory=list)
     assumptions: list[Assumption] = field(default_factory=list)
     _unresolved_imports: list[tuple[Source, str]] = field(default_factory=list)
@@ -206,7 +222,7 @@ class LoadTransaction:
             self.assumptions += robots.assumptions
         except BaseException:
             for path in self.sources.keys() - before:
-                self.store.remove_graph(ox.NamedNode(path.as_uri()))
+                self.store.remove_graph(self.sources[path].graph)
             raise
         missing = self._not_loaded({iri for _, iri in self._unresolved_imports})
         for importer, iri in self._unresolved_imports:
@@ -229,23 +245,36 @@ class LoadTransaction:
             self.sources[path] = replace(known, is_map=is_map, is_explicit=is_explicit)
             return
         file = read_map_file(path, urdf_sources) if is_map and urdf_sources else read_file(path)
-        graph = ox.NamedNode(file.iri)
+        header = read_header(file)
+        graph = self._graph_name(path, header)
         try:
             self._store_graph(file, graph)
         except SyntaxError as error:
             repaired = file.repair(error)
-            file = self._load_repaired(
-                preprocess(repaired, urdf_sources) if is_map and urdf_sources else repaired, graph
-            )
+            file = preprocess(repaired, urdf_sources) if is_map and urdf_sources else repaired
+            header = read_header(file)
+            graph = self._graph_name(path, header)
+            self._load_repaired(file, graph)
         self.findings += file.findings()
-        self.sources[path] = Source(str(path), graph, self.store, self.store_text(file), is_map, is_explicit)
+        text = self.store_text(file)
+        self.sources[path] = Source(str(path), graph, self.store, text, is_map, is_explicit, header)
 
-    def _load_repaired(self, file: SourceFile, graph: ox.NamedNode) -> SourceFile:
+    def _graph_name(self, path: Path, header: SourceHeader) -> ox.NamedNode:
+        """A name that no other graph has, and that does not depend on the folder of the file."""
+        if path.parent == bundled_ontology().parent:
+            return ox.NamedNode(f"{BUNDLED_GRAPHS}{path.name}")
+        by_file = f"{FILE_GRAPHS}{quote(path.name)}"
+        numbered = (f"{by_file}-{number}" for number in count(2))
+        taken = {source.graph for source in self.sources.values()} | RESERVED_GRAPHS
+        names = (header.ontology if self.ontology_names else "", by_file)
+        nodes = (ox.NamedNode(name) for name in chain(filter(None, names), numbered))
+        return next(node for node in nodes if node not in taken)
+
+    def _load_repaired(self, file: SourceFile, graph: ox.NamedNode) -> None:
         try:
             self._store_graph(file, graph)
         except SyntaxError as error:
             raise file.parse_error(error) from error
-        return file
 
     def _store_graph(self, file: SourceFile, graph: ox.NamedNode) -> None:
         try:
@@ -413,7 +442,8 @@ class SourceRegistry:
         transaction.follow_imports = follow_imports
         with self._directory.transaction() if self._directory and (new or self._directory.is_new) else nullcontext():
             transaction.run(paths, files)
-            graphs = [ox.NamedNode(path.as_uri()) for path in transaction.sources if path not in self.sources]
+            new_sources = (source for path, source in transaction.sources.items() if path not in self.sources)
+            graphs = [source.graph for source in new_sources if isinstance(source.graph, ox.NamedNode)]
             self._urdf_paths |= urdf_paths
             if conventions != UnitConventions():
                 self.conventions |= dict.fromkeys((path.resolve() for path in paths), conventions)
@@ -437,6 +467,7 @@ class SourceRegistry:
 
     def _new_transaction(self, packages: RosPackagePath, sources: dict[Path, Source]) -> LoadTransaction:
         transaction = LoadTransaction(self.store, packages, dict(sources))
+        transaction.ontology_names = self._endpoint is None
         if self._directory:
             transaction.store_text = self._directory.store_text
         return transaction
@@ -529,6 +560,23 @@ class SourceRegistry:
 
     def _add_finding(self, severity: Severity, path: Path, problem: str, action: str) -> None:
         self.findings[Finding(severity, str(path), "", problem, action)] = None
+
+    @property
+    def has_endpoint(self) -> bool:
+        """Whether an endpoint evaluates queries."""
+        return self._endpoint is not None
+
+    def graph_names(self) -> tuple[dict[str, str], frozenset[str]]:
+        """Returns other names of graphs, which no two graphs have in common, with their names; and all their names."""
+        known = frozenset(node.value for node in RESERVED_GRAPHS) | {
+            source.graph.value for source in self.sources.values() if isinstance(source.graph, ox.NamedNode)
+        }
+        aliases: dict[str, set[str]] = {}
+        for path, source in self.sources.items():
+            name = source.graph.value if isinstance(source.graph, ox.NamedNode) else ""
+            for other in (path.as_uri(), path.name, source.header.ontology):
+                aliases.setdefault(other, set()).add(name)
+        return {other: min(names) for other, names in aliases.items() if other and len(names) == 1}, known
 
     # -- graphs --------------------------------------------------------------------------------------------------------
 

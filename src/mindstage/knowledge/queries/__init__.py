@@ -6,9 +6,11 @@ from mindstage.knowledge.queries.individuals import (
     JointSummary,
     MapCounts,
     PartOf,
+    PoseRow,
     analyse,
     handle_of,
     part_of,
+    pose_of,
     what_is,
 )
 from mindstage.knowledge.queries.maps import (
@@ -83,6 +85,7 @@ __all__ = [
     "MissingKnowledge",
     "OpenState",
     "PartOf",
+    "PoseRow",
     "PropertyName",
     "Question",
     "QuestionArgument",
@@ -108,6 +111,7 @@ __all__ = [
     "maps",
     "openings",
     "part_of",
+    "pose_of",
     "question",
     "siblings",
     "storage_place",

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from mindstage.knowledge.explain import individual_text
+from mindstage.knowledge.explain import individual_text, source_text
 from mindstage.knowledge.questions import (
     MAP_SOURCE,
     AnswerRow,
@@ -117,12 +117,7 @@ def _explain_relation(kb: QuestionContext, row: SpatialRelationRow) -> Iterator[
             yield f"{gap} from the top of {thing} up to {other}, which share {share} of the smaller footprint"
         case _:
             yield f"{gap} from the top of {other} up to {thing}, which share {share} of the smaller footprint"
-    yield _source_text(row.source)
-
-
-def _source_text(source: str) -> str:
-    """Where the poses of an answer come from, in words."""
-    return "as the map has it; no simulation is running" if source == MAP_SOURCE else f"as {source} has it now"
+    yield source_text(row.source)
 
 
 @where_is.missing
@@ -234,7 +229,7 @@ def _explain_opening(kb: QuestionContext, row: JointOpenness) -> Iterator[str]:
     share = "" if row.share is None else f", {row.share:.0%} of its range"
     verb = "slid" if row.unit == "m" else "turned"
     yield f"{local_name(row.front)} of {local_name(row.thing)} has {verb} by {row.way:g} {row.unit}{share}"
-    yield _source_text(row.source)
+    yield source_text(row.source)
 
 
 @openings.missing
