@@ -121,7 +121,8 @@ def test_queries_see_the_folder_and_recent_assertions(folder: Path) -> None:
         assert not kb.sparql(ask).boolean
         kb.tell("ms:Rack", "subClassOf", "Refrigerator")
         assert kb.sparql(ask).boolean
-    assert sorted(path.name for path in folder.iterdir()) == ["mindstage.json", "texts", "triples"]
+    expected = ["index.msgpack", "index.state", "mindstage.json", "texts", "triples"]
+    assert sorted(path.name for path in folder.iterdir()) == expected
     (folder / "triples-as-asked-7").mkdir()  # left by a process that was killed during a query
     reopened(folder).close()
     assert not (folder / "triples-as-asked-7").exists()

@@ -6,14 +6,16 @@ Methods may be called from any thread: `KnowledgeBase.lock` serializes them.
 
 from __future__ import annotations
 
+import atexit
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
 from pathlib import Path
 from threading import RLock
 from typing import Any, Self, TypeVar, overload
+from weakref import ref
 
 import pyoxigraph as ox
 
@@ -101,11 +103,16 @@ class KnowledgeBase:
         self._worlds: dict[Iri, World] = {}
         self._assumptions: dict[tuple[Iri, str], Assumption] = {}
         self._mesh_bounds: MeshBounds | None = None
+        self._is_index_due = False
+        self._at_exit: Callable[[], None] | None = None
         try:
             self._registry.open(bundled=bundled_ontology)
         except BaseException:
             self.close()
             raise
+        if store is not None:
+            self._at_exit = partial(_save_index_of, ref(self))
+            atexit.register(self._at_exit)
 
     def __enter__(self) -> Self:
         return self
@@ -121,7 +128,18 @@ class KnowledgeBase:
 
     def close(self) -> None:
         """Ends the query processes and closes the folder, which others may then open. May be called repeatedly."""
+        if self._at_exit is not None:
+            self._at_exit()
+            atexit.unregister(self._at_exit)
+            self._at_exit = None
         self._registry.close()
+
+    def _save_index(self) -> None:
+        """Saves what questions need in the folder of the store, if it is not there."""
+        with self.lock:
+            if "reasoner" in self.__dict__ and self._registry.needs_index():
+                self._registry.save_index(self.reasoner, self.names)
+            self._is_index_due = False
 
     # -- sources and maps ----------------------------------------------------------------------------------------------
 
@@ -159,6 +177,7 @@ class KnowledgeBase:
                 conventions,
                 _as_list(urdf_files),
                 follow_imports=follow_imports,
+                builds_index="reasoner" not in self.__dict__,
             )
             self._invalidate_all(read)
 
@@ -312,6 +331,8 @@ class KnowledgeBase:
         except TypeError:  # an unhashable value such as a list, which the question itself refuses
             key = ()
         answers = declared.ask(self, args)
+        if self._is_index_due:
+            self._save_index()
         if key and not declared.uses_current_state:
             cache.put(key, answers)
         return answers
@@ -464,12 +485,17 @@ class KnowledgeBase:
     @cached_property
     def reasoner(self) -> Reasoner:
         """The reasoner over all statements."""
-        return Reasoner(self._store)
+        saved = self._registry.saved_index()
+        self._is_index_due = saved is None and self._registry.needs_index()
+        return saved.reasoner(self._store) if saved else Reasoner(self._store)
 
     @cached_property
     def names(self) -> NameIndex:
         """The index of names."""
-        return NameIndex(self._store, self.reasoner)
+        saved = self._registry.saved_index()
+        reasoner = self.reasoner
+        self._registry.release_saved_index()
+        return saved.name_index(self._store, reasoner) if saved else NameIndex(self._store, reasoner)
 
     def facts_of(self, individual: Iri, *, runtime_only: bool = False) -> tuple[PropertyAssertion, ...]:
         """The asserted statements about an individual, without its classes and its map; blank nodes by label.
@@ -597,6 +623,12 @@ class KnowledgeBase:
 
     def _add_finding(self, severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
         self._registry.findings[Finding(severity, individual, property, problem, action)] = None
+
+
+def _save_index_of(knowledge: ref[KnowledgeBase]) -> None:
+    """Saves the index of a knowledge base that still exists."""
+    if (existing := knowledge()) is not None:
+        existing._save_index()
 
 
 def _question(question: Question[R] | str) -> Question[Any]:

@@ -39,10 +39,25 @@ class NameIndex:
     It stores names only; what a name refers to at present is looked up in the reasoner.
     """
 
-    def __init__(self, store: QuadSource, reasoner: Reasoner) -> None:
-        """Reads nothing yet."""
+    def __init__(
+        self, store: QuadSource, reasoner: Reasoner, *, names: dict[str, dict[Iri, None]] | None = None
+    ) -> None:
+        """Reads nothing yet.
+
+        Args:
+            store: the statements.
+            reasoner: what names refer to.
+            names: the IRIs by local name, if they are known.
+        """
         self._store = store
         self._reasoner = reasoner
+        if names is not None:
+            self._names = names
+
+    @property
+    def by_local_name(self) -> dict[str, dict[Iri, None]]:
+        """The IRIs by local name; may contain those of removed entities."""
+        return self._names
 
     def add(self, names: Iterable[Iri]) -> None:
         """Adds the names of new statements."""

@@ -4,6 +4,7 @@
       mindstage.json   the manifest: what is loaded; always replaced as a whole
       triples/         the triple store
       texts/           the text of each source, by its hash, from which worlds are read
+      index.*          what questions need, see `store_index`
 
 The field `whole` of the manifest is false during a change: if the process dies meanwhile, the folder is recognized as
 incomplete.
@@ -28,6 +29,7 @@ from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
 from mindstage.knowledge.io.files import Source, SourceFile, SourceHeader
 from mindstage.knowledge.rdf import Finding
 from mindstage.knowledge.store import OxigraphStore
+from mindstage.knowledge.store_index import IndexFile
 
 __all__ = ["FORMAT_VERSION", "SourceRecord", "StoreDirectory", "StoreManifest"]
 
@@ -99,13 +101,16 @@ class StoreDirectory:
             self._create()
         self.read_only = not os.access(folder, os.W_OK)
         self.manifest = self._read_manifest()
+        self.index = IndexFile(folder, folder / _TRIPLES, read_only=self.read_only)
         self.store = self._open_store()
+        self.index.on_opened()
         if not self.manifest.complete and not self.is_new:
             self.store.close()
             raise StoreError(
                 str(folder), cause="it is half-written: a process died while filling it", remedy=_RECREATE_HINT
             )
         self._records = {record.path: record for record in self.manifest.sources}
+        self.store.before_write = self.index.invalidate
 
     # -- sources -------------------------------------------------------------------------------------------------------
 
@@ -218,7 +223,7 @@ class StoreDirectory:
 
     def _open_store(self) -> OxigraphStore:
         if not self.read_only:
-            for copy in self.path.glob(f"{_TRIPLES}-as-asked-*"):  # left by a process that was killed
+            for copy in self.path.glob(f"{_TRIPLES}-*-*"):  # left by a process that was killed
                 shutil.rmtree(copy, ignore_errors=True)
         try:
             return OxigraphStore(self.path / _TRIPLES, read_only=self.read_only)

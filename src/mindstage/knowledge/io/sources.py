@@ -12,7 +12,7 @@ import os
 import re
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, field, replace
 from itertools import chain, count
 from pathlib import Path
@@ -41,6 +41,7 @@ from mindstage.knowledge.io.files import (
     read_header,
 )
 from mindstage.knowledge.io.ros_packages import RosPackagePath, file_from_iri
+from mindstage.knowledge.names import NameIndex
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH
 from mindstage.knowledge.rdf import (
     BUNDLED_GRAPHS,
@@ -55,8 +56,10 @@ from mindstage.knowledge.rdf import (
     merge_graphs,
     namespace_of,
 )
+from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.store import OxigraphStore
 from mindstage.knowledge.store_folder import StoreDirectory, StoreManifest
+from mindstage.knowledge.store_index import IndexBuilder, StoreIndex
 from mindstage.knowledge.tell import RUNTIME_GRAPH
 from mindstage.knowledge.urdf.in_maps import ClassNameIndex, UrdfSources, linked_individuals
 from mindstage.knowledge.urdf.parse import is_urdf, read_urdf
@@ -184,6 +187,8 @@ class LoadTransaction:
     """Robot descriptions whose links maps may refer to."""
     follow_imports: bool = True
     """Whether imported files that are not loaded yet are loaded."""
+    index_builder: IndexBuilder | None = None
+    """Indexes what is loaded."""
     ontology_names: bool = True
     """Whether graphs are named like the ontologies in them; at an endpoint, a graph may have that name."""
     findings: list[Finding] = field(default_factory=list)
@@ -258,6 +263,8 @@ class LoadTransaction:
         self.findings += file.findings()
         text = self.store_text(file)
         self.sources[path] = Source(str(path), graph, self.store, text, is_map, is_explicit, header)
+        if self.index_builder:
+            self.index_builder.add(str(path), file, graph)
 
     def _graph_name(self, path: Path, header: SourceHeader) -> ox.NamedNode:
         """A name that no other graph has, and that does not depend on the folder of the file."""
@@ -389,6 +396,7 @@ class SourceRegistry:
         self._maps_by_source: dict[str, tuple[Iri, ...]] = {}
         self._graphs: dict[str, tuple[Graph, MapMembers]] = {}
         self._used_labels: set[str] = set()
+        self._saved_index: StoreIndex | None = None
 
     # -- loading -------------------------------------------------------------------------------------------------------
 
@@ -423,8 +431,18 @@ class SourceRegistry:
         conventions: UnitConventions = UnitConventions(),  # noqa: B008 - it is frozen
         urdf_files: Iterable[StrPath] = (),
         follow_imports: bool = True,
+        *,
+        builds_index: bool = True,
     ) -> list[ox.NamedNode]:
         """Loads files and everything that they import, and returns the graphs that are new.
+
+        Args:
+            maps: files of maps.
+            ontologies: other files, and folders of packages.
+            conventions: given conventions of the maps.
+            urdf_files: robot descriptions that maps refer to.
+            follow_imports: whether imported files are loaded.
+            builds_index: whether the index of a store folder is updated; otherwise `save_index` does so later.
 
         Raises:
             SourceParseError: one of the files cannot be read; nothing has changed then.
@@ -440,14 +458,26 @@ class SourceRegistry:
         urdf_paths = dict.fromkeys(_resolve_entry(os.fspath(entry), packages).resolve() for entry in urdf_files)
         transaction.urdf_paths = list(urdf_paths)
         transaction.follow_imports = follow_imports
-        with self._directory.transaction() if self._directory and (new or self._directory.is_new) else nullcontext():
-            transaction.run(paths, files)
+        if builds_index and new and self._directory and (self._directory.is_new or self.saved_index()):
+            saved = None if self._directory.is_new and not self.sources else self.saved_index()
+            transaction.index_builder = IndexBuilder(self.store, saved)
+        with ExitStack() as stack:
+            if builder := transaction.index_builder:
+                stack.callback(builder.close)
+            if self._directory and (new or self._directory.is_new):
+                stack.enter_context(self._directory.transaction())
+            with self._directory.store.bulk() if self._directory else nullcontext():
+                transaction.run(paths, files)
             new_sources = (source for path, source in transaction.sources.items() if path not in self.sources)
             graphs = [source.graph for source in new_sources if isinstance(source.graph, ox.NamedNode)]
             self._urdf_paths |= urdf_paths
             if conventions != UnitConventions():
                 self.conventions |= dict.fromkeys((path.resolve() for path in paths), conventions)
             self._commit(transaction)
+            if builder:
+                reasoner = builder.reasoner()
+                self._maps_by_source |= builder.maps_by_source
+                self.save_index(reasoner, NameIndex(self.store, reasoner))
         return graphs
 
     @property
@@ -560,6 +590,41 @@ class SourceRegistry:
 
     def _add_finding(self, severity: Severity, path: Path, problem: str, action: str) -> None:
         self.findings[Finding(severity, str(path), "", problem, action)] = None
+
+    # -- index ---------------------------------------------------------------------------------------------------------
+
+    def saved_index(self) -> StoreIndex | None:
+        """Returns the index in the store folder, if it is that of the current statements; a damaged one is reported."""
+        directory = self._directory
+        if directory is None or not directory.index.may_be_current:
+            self._saved_index = None
+        elif self._saved_index is None and not directory.index.problem:
+            self._saved_index = directory.index.load()
+            if directory.index.problem:
+                problem = f"its index cannot be used: {directory.index.problem}"
+                self._add_finding(Severity.WARNING, directory.path, problem, "it is rebuilt")
+            if self._saved_index:
+                self._maps_by_source |= self._saved_index.maps_by_source
+        return self._saved_index
+
+    def needs_index(self) -> bool:
+        """Whether there is a store folder without an index of the current statements."""
+        directory = self._directory
+        return directory is not None and not directory.read_only and not directory.index.is_current
+
+    def release_saved_index(self) -> None:
+        """Drops the index from memory; it is read again if it is needed again."""
+        self._saved_index = None
+
+    def save_index(self, reasoner: Reasoner, names: NameIndex) -> None:
+        """Saves an index in the store folder."""
+        if self._directory and not self._directory.read_only:
+            for source in self.sources.values():
+                self.maps_in(source)
+            maps = {name: each for name, each in self._maps_by_source.items() if name in map(str, self.sources)}
+            plain = {name: each for name, each in maps.items() if not any(map.startswith("_:") for map in each)}
+            self._directory.index.save(reasoner, names, maps_by_source=plain)
+            self._saved_index = None
 
     @property
     def has_endpoint(self) -> bool:
