@@ -105,6 +105,7 @@ class KnowledgeBase:
         self._mesh_bounds: MeshBounds | None = None
         self._is_index_due = False
         self._at_exit: Callable[[], None] | None = None
+        self._change_callbacks: list[Callable[[Sequence[ox.Quad] | None], None]] = []
         try:
             self._registry.open(bundled=bundled_ontology)
         except BaseException:
@@ -215,6 +216,18 @@ class KnowledgeBase:
         if source is None or not isinstance(source.graph, ox.NamedNode):
             raise InvalidArgumentError(os.fspath(path), cause="it is not loaded", remedy="load it first")
         return source.graph
+
+    def package_folder(self, name: str) -> Path | None:
+        """The folder of a ROS package in one of the folders that were loaded; None if there is none."""
+        return self._registry.package_folder(name)
+
+    def on_change(self, callback: Callable[[Sequence[ox.Quad] | None], None]) -> None:
+        """Registers a callback for every change of the store, with the lock held.
+
+        Args:
+            callback: receives the statements that were added or removed; None if any others may have been as well.
+        """
+        self._change_callbacks.append(callback)
 
     def maps(self) -> tuple[Iri, ...]:
         """The maps that are loaded, in the order of their sources."""
@@ -513,6 +526,18 @@ class KnowledgeBase:
         }
         return tuple(sorted(facts, key=repr))
 
+    def statements(
+        self, *, property: Iri | None = None, runtime_only: bool = False
+    ) -> tuple[tuple[Iri, PropertyAssertion], ...]:
+        """All asserted statements with a property, or all that were asserted at run time, with their subjects."""
+        predicate = None if property is None else ox.NamedNode(property)
+        quads = self._store.quads_for_pattern(None, predicate, None, RUNTIME_GRAPH if runtime_only else None)
+        return tuple(
+            (Iri(quad.subject.value), PropertyAssertion(Iri(quad.predicate.value), _value(quad.object)))
+            for quad in quads
+            if quad.graph_name != INFERRED_GRAPH and isinstance(quad.subject, ox.NamedNode)
+        )
+
     def scene_entity(self, individual: Iri, map: Iri) -> Body | Joint | Light | None:
         """The body, joint or light of a map that an individual describes; None if it has no pose there."""
         if map not in self._scene_entities:
@@ -558,6 +583,11 @@ class KnowledgeBase:
             self._worlds.clear()
             self._drop_cached("_scene_entities", "_taxonomy")
         self._drop_cached("_answer_cache", "_shape_resolver")
+        self._report_change(quads)
+
+    def _report_change(self, quads: Sequence[ox.Quad] | None) -> None:
+        for callback in self._change_callbacks:
+            callback(quads)
 
     def _invalidate_all(self, graphs: Iterable[ox.NamedNode] | None = None) -> None:
         """Drops everything that was derived from the statements.
@@ -573,6 +603,7 @@ class KnowledgeBase:
             self.names.add(names)
         self._worlds.clear()
         self._drop_cached("_scene_entities", "_taxonomy", "_answer_cache", "_shape_resolver", "_prefix_table")
+        self._report_change(None)
 
     def _drop_cached(self, *names: str) -> None:
         for name in names:

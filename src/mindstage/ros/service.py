@@ -14,7 +14,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -55,6 +55,7 @@ __all__ = [
     "ResultError",
     "ServiceSpec",
     "action_handler",
+    "batch_handler",
     "failed",
     "failure_response",
     "names_elsewhere",
@@ -101,25 +102,74 @@ def service_handler(
     ros: RosVersion,
 ) -> Callable[[object], object]:
     """Returns the handler of a service for a node, which decodes and encodes messages and maps errors to responses."""
+    failure_to_response = _error_mapping(name, service, diagnostics=diagnostics, ros=ros)
 
     def handle(args: object) -> object:
+        request = None
         try:
             request = decode_arguments(service.Request, args)
             response = handler(request)
-        except WorldError as error:
-            diagnostics.report_refusal(name, error)
-            response = refusal_response(service.Response, error)
-        except ResultError as error:
-            diagnostics.report_failures(name, [(str(getattr(request, "entity", "")), str(error))])
-            response = service.Response(result=error.result)
-        except MindstageError as error:
-            diagnostics.report_error(name, error)
-            text = error_text(error) if isinstance(error, EngineError) else str(error)
-            failure = encode(failure_response(service.Response, error, text), ros=ros)
-            raise FailureResponseError(text, response=failure) from error
+        except (MindstageError, ResultError) as error:
+            response = failure_to_response(error, request)
         return encode(response, ros=ros)
 
     return handle
+
+
+def batch_handler(
+    name: str,
+    service: type[Service],
+    handler: Callable[[list[Any]], Sequence[Any]],
+    *,
+    diagnostics: DiagnosticsPublisher,
+    ros: RosVersion,
+) -> Callable[[list[object]], list[object]]:
+    """Returns the handler of consecutive calls of a service, as `service_handler`; see `ServiceSpec.batch`."""
+    failure_to_response = _error_mapping(name, service, diagnostics=diagnostics, ros=ros)
+
+    def encode_result(result: Any, request: object) -> object:
+        try:
+            response = failure_to_response(result, request) if isinstance(result, Exception) else result
+            return encode(response, ros=ros)
+        except Exception as error:
+            return error
+
+    def handle(calls: list[object]) -> list[object]:
+        requests: list[Any] = []
+        for args in calls:
+            try:
+                requests.append(decode_arguments(service.Request, args))
+            except MindstageError as error:
+                requests.append(error)
+        valid = [request for request in requests if not isinstance(request, Exception)]
+        results = iter(handler(valid) if valid else ())
+        answers = [request if isinstance(request, Exception) else next(results) for request in requests]
+        return [encode_result(*each) for each in zip(answers, requests, strict=True)]
+
+    return handle
+
+
+def _error_mapping(
+    name: str, service: type[Service], *, diagnostics: DiagnosticsPublisher, ros: RosVersion
+) -> Callable[[Exception, object], Message]:
+    """Returns a function that reports the error of a request and returns the response for it, or raises another."""
+
+    def failure_to_response(error: Exception, request: object) -> Message:
+        match error:
+            case WorldError():
+                diagnostics.report_refusal(name, error)
+                return refusal_response(service.Response, error)
+            case ResultError():
+                diagnostics.report_failures(name, [(str(getattr(request, "entity", "")), str(error))])
+                return service.Response(result=error.result)
+            case MindstageError():
+                diagnostics.report_error(name, error)
+                text = error_text(error) if isinstance(error, EngineError) else str(error)
+                failure = encode(failure_response(service.Response, error, text), ros=ros)
+                raise FailureResponseError(text, response=failure) from error
+        raise error
+
+    return failure_to_response
 
 
 def failure_response(response: type[Message], error: MindstageError, text: str) -> Message:
@@ -292,6 +342,10 @@ class ServiceSpec:
     """Whether the handler never blocks, not even for the simulation."""
     timeout_s: float | None = None
     """Timeout of calls without one; None for the default of the node [s]."""
+    batch: Callable[[list[Any]], Sequence[Any]] | None = None
+    """Called instead with the requests of all consecutive calls of one client that wait; returns the response or the
+    exception of each.
+    """
 
     def full_name(self, namespace: str) -> str:
         """Returns its absolute name."""

@@ -37,8 +37,10 @@ from mindstage.knowledge.io.files import (
     SourceFile,
     SourceHeader,
     bundled_ontology,
+    is_bundled,
     read_file,
     read_header,
+    soma_alignment,
 )
 from mindstage.knowledge.io.ros_packages import RosPackagePath, file_from_iri
 from mindstage.knowledge.names import NameIndex
@@ -63,7 +65,16 @@ from mindstage.knowledge.store_index import IndexBuilder, StoreIndex
 from mindstage.knowledge.tell import RUNTIME_GRAPH
 from mindstage.knowledge.urdf.in_maps import ClassNameIndex, UrdfSources, linked_individuals
 from mindstage.knowledge.urdf.parse import is_urdf, read_urdf
-from mindstage.knowledge.vocabulary import IMPORTS, ONTOLOGY, POSE_PROPERTIES, RDF, TYPE, VERSION_IRI
+from mindstage.knowledge.vocabulary import (
+    DUL,
+    IMPORTS,
+    ONTOLOGY,
+    POSE_PROPERTIES,
+    RDF,
+    SOMA_NAMESPACES,
+    TYPE,
+    VERSION_IRI,
+)
 from mindstage.scene import Iri, IriRef
 
 __all__ = ["LoadTransaction", "SourceRegistry", "StrPath", "preprocess", "read_map_file"]
@@ -74,6 +85,9 @@ _END_TAG = re.compile(rb"</([\w.-]+:)?RDF\s*>")
 _BEGIN_IMPLIED, _END_IMPLIED = "The statements below are implied:", "The statements above are implied."
 _IMPLIED = re.compile(rf"(?:<!--|#) {_BEGIN_IMPLIED}(?: -->)?\n(.*?)(?:<!--|#) {_END_IMPLIED}".encode(), re.DOTALL)
 """The statements that `preprocess` has appended to a text, between two comments."""
+_ALIGNED_NAMESPACES = (*SOMA_NAMESPACES, DUL)
+_ALIGNED_MARKERS = tuple(namespace.rpartition("/")[2].rstrip("#").encode() for namespace in _ALIGNED_NAMESPACES)
+"""The names of the files of SOMA and DUL: a text that uses their terms contains one, whatever its prefixes are."""
 _POSE_MARKERS = tuple(local_name(property).encode() for property in POSE_PROPERTIES)
 
 
@@ -194,6 +208,7 @@ class LoadTransaction:
     findings: list[Finding] = field(default_factory=list)
     assumptions: list[Assumption] = field(default_factory=list)
     _unresolved_imports: list[tuple[Source, str]] = field(default_factory=list)
+    _may_use_soma: list[Path] = field(default_factory=list)
 
     def run(self, maps: Iterable[Path], ontologies: Iterable[Path]) -> None:
         """Loads files and everything that they import, each once.
@@ -223,6 +238,7 @@ class LoadTransaction:
                 for path, is_map, is_explicit in batch:
                     self._load(path, robots, is_map=is_map, is_explicit=is_explicit)
                 self._follow_imports(known)
+            self._align_soma()
             self.findings += robots.findings
             self.assumptions += robots.assumptions
         except BaseException:
@@ -261,6 +277,8 @@ class LoadTransaction:
             graph = self._graph_name(path, header)
             self._load_repaired(file, graph)
         self.findings += file.findings()
+        if any(marker in file.data for marker in _ALIGNED_MARKERS) and not is_bundled(path, bundled_ontology()):
+            self._may_use_soma.append(path)
         text = self.store_text(file)
         self.sources[path] = Source(str(path), graph, self.store, text, is_map, is_explicit, header)
         if self.index_builder:
@@ -282,6 +300,22 @@ class LoadTransaction:
             self._store_graph(file, graph)
         except SyntaxError as error:
             raise file.parse_error(error) from error
+
+    def _align_soma(self) -> None:
+        """Loads the alignment of SOMA and DUL beside the household ontology, if a new source uses their terms."""
+        if not any(is_bundled(path, bundled_ontology()) for path in self.sources):
+            return
+        for source in [self.sources[path] for path in self._may_use_soma if path in self.sources]:
+            terms = source.terms_of(_ALIGNED_NAMESPACES)
+            if not terms:
+                continue
+            if not any(is_bundled(path, soma_alignment()) for path in self.sources):
+                self._load(soma_alignment(), is_explicit=True)
+            maps = sorted(source.maps()) or [Iri(source.name)]
+            named = f"{', '.join(map(local_name, terms[:3]))}{f' and {len(terms) - 3} more' if terms[3:] else ''}"
+            evidence = f"it uses {named}; the bundled soma.ttl, loaded as a source, states the corresponding terms"
+            value = "terms of SOMA and DUL are aligned with KnowRob's"
+            self.assumptions += [Assumption(each, "vocabulary", value, evidence) for each in maps]
 
     def _store_graph(self, file: SourceFile, graph: ox.NamedNode) -> None:
         try:
@@ -494,6 +528,10 @@ class SourceRegistry:
                 return None
         beside = (file_from_iri(name, source.path) for source in self.sources.values() if source.is_map)
         return next((path for path in beside if path is not None and path.is_file()), None)
+
+    def package_folder(self, name: str) -> Path | None:
+        """The folder of a ROS package among the folders that are searched; None if there is none."""
+        return self._package_path.package_folder(name)
 
     def _new_transaction(self, packages: RosPackagePath, sources: dict[Path, Source]) -> LoadTransaction:
         transaction = LoadTransaction(self.store, packages, dict(sources))
