@@ -37,7 +37,22 @@ from mindstage.knowledge.map_statistics import MapStatistics
 from mindstage.knowledge.names import EntityType, NameIndex
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import Reasoner
-from mindstage.scene import Body, BodyId, Iri, IriRef, Joint, Light, Literal, Pose, PropertyAssertion, Tag, World
+from mindstage.knowledge.shape_rules import ShapeRule
+from mindstage.scene import (
+    NO_GEOMETRY,
+    Body,
+    BodyId,
+    GeometryMap,
+    Iri,
+    IriRef,
+    Joint,
+    Light,
+    Literal,
+    Pose,
+    PropertyAssertion,
+    Tag,
+    World,
+)
 from mindstage.scene.display import counted, html_table
 
 __all__ = [
@@ -102,6 +117,11 @@ class QuestionContext(Protocol):
     def facts_of(self, individual: Iri, *, runtime_only: bool = False) -> tuple[PropertyAssertion, ...]:
         """The assertions about an individual."""
 
+    def statements(
+        self, *, property: Iri | None = None, runtime_only: bool = False
+    ) -> tuple[tuple[Iri, PropertyAssertion], ...]:
+        """All asserted statements with a property, or all that were asserted at run time, with their subjects."""
+
     def scene_entity(self, individual: Iri, map: Iri) -> Body | Joint | Light | None:
         """The body, joint or light of a map that an individual describes."""
 
@@ -110,6 +130,9 @@ class QuestionContext(Protocol):
 
     def explain(self, question: Question[Any] | str, row: Any) -> tuple[str, ...]:
         """The statements that led to an answer."""
+
+    def shape_rule(self, cls: Iri) -> ShapeRule:
+        """The shape and the typical size of objects of a class."""
 
 
 class WorldState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -123,6 +146,13 @@ class WorldState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Displacement of each joint since then: x, y, z [m], twist, swing2, swing1 [rad]; None if it is unknown."""
     source: str = MAP_SOURCE
     """Where the state comes from: the name of the engine, or "map"."""
+    geometry: GeometryMap = NO_GEOMETRY
+    """The collision shapes and support surfaces of its bodies; those without an entry are boxes."""
+
+    @property
+    def shape_source(self) -> str:
+        """Where the state and the shapes of its bodies come from."""
+        return self.source if self.geometry else f"{self.source}, bounding boxes"
 
     def map_of_body(self) -> dict[BodyId, Iri]:
         """The map that each body came from."""

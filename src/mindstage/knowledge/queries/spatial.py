@@ -27,7 +27,7 @@ from mindstage.scene.kinematics import JointDisplacement, RigidGroups, joint_dis
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import normalize, pose_array
 
-__all__ = ["JointOpenness", "OpenState", "SpatialRelationRow", "openings", "where_is"]
+__all__ = ["JointOpenness", "OpenState", "SpatialRelationRow", "missing_pose", "openings", "source_text", "where_is"]
 
 
 _RELATION_ORDER = {relation: at for at, relation in enumerate(SpatialRelation)}
@@ -118,12 +118,14 @@ def _explain_relation(kb: QuestionContext, row: SpatialRelationRow) -> Iterator[
             yield f"{gap} from the top of {thing} up to {other}, which share {share} of the smaller footprint"
         case _:
             yield f"{gap} from the top of {other} up to {thing}, which share {share} of the smaller footprint"
-    yield _source_text(row.source)
+    yield source_text(row.source)
 
 
-def _source_text(source: str) -> str:
-    """Where the poses of an answer come from, in words."""
-    return "as the map has it; no simulation is running" if source == MAP_SOURCE else f"as {source} has it now"
+def source_text(source: str) -> str:
+    """Where the poses and shapes of an answer come from, in words."""
+    state, _, shapes = source.partition(", ")
+    note = f"; bodies are taken as their {shapes}" if shapes else ""
+    return ("as the map has it; no simulation is running" if state == MAP_SOURCE else f"as {state} has it now") + note
 
 
 @where_is.missing
@@ -140,10 +142,11 @@ def _missing_relation(
     for each in (thing, other):
         cls = kb.reasoner.class_of(each) if each else None
         if each and cls:
-            yield from _missing_pose(each, cls, states)
+            yield from missing_pose(each, cls, states)
 
 
-def _missing_pose(individual: Iri, cls: Iri, world_states: tuple[WorldState, ...]) -> Iterator[MissingKnowledge]:
+def missing_pose(individual: Iri, cls: Iri, world_states: tuple[WorldState, ...]) -> Iterator[MissingKnowledge]:
+    """The missing pose or size of an individual that a question about places asks for."""
     bodies = [body for state in world_states for body in state.world.bodies if body.iri == individual]
     name = local_name(individual)
     if not bodies:
@@ -235,7 +238,7 @@ def _explain_opening(kb: QuestionContext, row: JointOpenness) -> Iterator[str]:
     share = "" if row.share is None else f", {row.share:.0%} of its range"
     verb = "slid" if row.unit == "m" else "turned"
     yield f"{local_name(row.front)} of {local_name(row.thing)} has {verb} by {row.way:g} {row.unit}{share}"
-    yield _source_text(row.source)
+    yield source_text(row.source)
 
 
 @openings.missing
