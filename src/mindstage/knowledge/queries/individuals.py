@@ -232,15 +232,17 @@ def _is_described(reasoner: Reasoner, individual: Iri, map: Iri | None) -> bool:
 def _missing_handle_of(reasoner: Reasoner, individual: Iri, handle: Iri | None) -> MissingKnowledge:
     """The missing statement if an individual of a map has no handle, or not the given one."""
     others = list(_find_handles(reasoner, individual))
-    parts = [] if others else [step.individual for step in reasoner.parts(individual, through_joints=True)]
+    is_joint = reasoner.is_member(individual, CONSTRAINT)
+    steps = () if others or is_joint else reasoner.parts(individual, through_joints=True)
+    parts = [step.individual for step in steps]
     if others:
         lacks = f"has another handle, {', '.join(local_name(each) for each in others)}"
-        claims = [Claim(kind=ClaimKind.PART, subject=individual, object=each) for each in others]
-    elif reasoner.is_member(individual, CONSTRAINT):
-        lacks, claims = "has no handle: it is a joint, which has no parts", []
+    elif is_joint:
+        lacks = "has no handle: it is a joint, which has no parts"
     else:
         lacks = f"has no handle: {'none of its parts is a Handle' if parts else 'it has no parts'}"
-        claims = [Claim(kind=ClaimKind.NOT_INSTANCE, subject=each, object=_HANDLE_CLASS) for each in parts]
+    claims = [Claim(kind=ClaimKind.PART, subject=individual, object=each) for each in others]
+    claims += [Claim(kind=ClaimKind.NOT_INSTANCE, subject=each, object=_HANDLE_CLASS) for each in parts]
     if (not parts and not others) or handle:
         claims.append(Claim(kind=ClaimKind.NOT_PART, subject=individual, object=handle))
     reason = f"{individual_text(reasoner, individual)} {lacks}"
