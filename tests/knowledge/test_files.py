@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.errors import SourceParseError
+from mindstage.knowledge.io.xml import UnsafeXmlError, expand_safe_entities
 from tests.knowledge.maps import body_turtle, knowledge_base_from, room_map
 
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
