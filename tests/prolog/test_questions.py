@@ -165,8 +165,8 @@ def test_why_prints_the_explanation(kitchen: PrologConsole, capfd: pytest.Captur
 
 def test_missing_facts_are_printed(kitchen: PrologConsole, capfd: pytest.CaptureFixture[str]) -> None:
     assert not kitchen.holds("why(storage_place('Robot', _))")
-    assert capfd.readouterr().out.startswith("missing: Robot has no container")
-    assert values(kitchen, "missing(storage_place('Robot', _), X)")[0].startswith("Robot has no container")
+    assert capfd.readouterr().out.startswith("missing: Robot has no storage place")
+    assert values(kitchen, "missing(storage_place('Robot', _), X)")[0].startswith("Robot has no storage place")
     assert not kitchen.holds("missing(storage_place('CowsMilk', _), _)")
 
 
