@@ -16,7 +16,7 @@ def test_the_fields_of_the_json_output(run: Run) -> None:
     result = run("ask", "storage_place_in_environment", "CowsMilk", *KITCHEN, "--json", "--why")
     assert result.exit_code == 0
     answer = json_output(result)
-    assert list(answer) == ["question", "args", "answers", "missing", "assumptions", "findings"]
+    assert list(answer) == ["question", "args", "answers", "missing", "notes", "assumptions", "findings"]
     (place,) = answer["answers"]
     assert place["id"] == "fridge"
     assert place["iri"].endswith("#fridge")

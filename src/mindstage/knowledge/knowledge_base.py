@@ -7,7 +7,7 @@ Methods may be called from any thread: `KnowledgeBase.lock` serializes them.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import chain
@@ -260,17 +260,23 @@ class KnowledgeBase:
     def ask(self, question: Question[Any] | str, **args: object) -> Answers[Any]:
         """All answers to a question.
 
+        A question with several words, or with a question mark, is a plain sentence: `ask("where is the milk?")`. How it
+        was understood is `Answers.question`, `Answers.args` and `Answers.notes`.
+
         Examples:
             >>> from mindstage.knowledge import KnowledgeBase
             >>> [row.place for row in KnowledgeBase().ask("storage_place", item="CowsMilk")]
             ['http://knowrob.org/kb/knowrob.owl#Refrigerator']
 
         Args:
-            question: its name, or the question itself, which types the rows.
-            **args: names: local, with a prefix, or whole IRIs; arguments that are left out are open.
+            question: its name, the question itself, which types the rows, or a sentence.
+            **args: names: local, with a prefix, or whole IRIs; arguments that are left out are open. A class stands
+                for all its individuals where an individual is asked for.
 
         Raises:
             QuestionNotFoundError: no question has that name.
+            SentenceNotUnderstoodError: no question is put like this sentence, or it has an unknown name.
+            AmbiguousSentenceError: the sentence may mean several questions.
             InvalidArgumentError: the question has no such argument, or the value is not valid for it.
             NameNotFoundError: a name is unknown.
             AmbiguousNameError: several entities have a name.
@@ -282,8 +288,8 @@ class KnowledgeBase:
                 return cached
         except TypeError:  # an unhashable value such as a list, which the question itself refuses
             key = ()
-        declared = _question(question)
-        answers = declared.ask(self, args)
+        declared, known, notes = _resolve_question(self, question, args)
+        answers = declared.ask(self, known, notes=notes)
         if key and not declared.uses_current_state:
             cache.put(key, answers)
         return answers
@@ -540,6 +546,14 @@ class KnowledgeBase:
 
     def _add_finding(self, severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
         self._registry.findings[Finding(severity, individual, property, problem, action)] = None
+
+
+def _resolve_question(
+    kb: KnowledgeBase, question: Question[Any] | str, args: Mapping[str, object]
+) -> tuple[Question[Any], Mapping[str, object], tuple[str, ...]]:
+    from mindstage.knowledge.sentences import resolve_question
+
+    return resolve_question(kb, question, args)
 
 
 def _question(question: Question[R] | str) -> Question[Any]:

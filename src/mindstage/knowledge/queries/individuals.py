@@ -68,7 +68,18 @@ class PartOf(AnswerRow, frozen=True, kw_only=True):
     """The map that the whole is described in."""
 
 
-@question
+@question(
+    sentences=(
+        "what are the parts of {whole}",
+        "which parts does {whole} have",
+        "what does {whole} consist of",
+        "what is {part} [a] part of",
+        "what does {part} belong to",
+        "(is|are) {part} [a] part of {whole}",
+        "what is {whole} made up of",
+        "list [the] parts of {whole}",
+    )
+)
 def part_of(
     kb: QuestionContext,
     part: IndividualName | None = None,
@@ -126,7 +137,20 @@ class HandleOf(AnswerRow, frozen=True, kw_only=True):
     """The map that the individual is described in."""
 
 
-@question
+@question(
+    sentences=(
+        "(where|what|which) is the handle of {individual}",
+        "which handle does {individual} have",
+        "what are the handles of {individual}",
+        "how do i open {individual}",
+        "where do i (grasp|grip) {individual}",
+        "what does {handle:Handle} open",
+        "does {individual} have a handle",
+        "which handle opens {individual}",
+        "whose handle is {handle:Handle}",
+        "what is {handle:Handle} the handle of",
+    )
+)
 def handle_of(
     kb: QuestionContext,
     individual: IndividualName | None = None,
@@ -239,7 +263,20 @@ class IndividualDescription(AnswerRow, frozen=True, kw_only=True):
     """All other statements: those of the map that have no field here, and those asserted at run time."""
 
 
-@question
+@question(
+    sentences=(
+        "what is {individual}",
+        "describe {individual}",
+        "what do you know about {individual}",
+        "tell me about {individual}",
+        "how (big|large|heavy|tall|wide|high|deep) is {individual}",
+        "what (size|mass|pose) does {individual} have",
+        "what is the (size|mass|weight|height|width|pose|position|mesh|joint limit) of {individual}",
+        "which properties does {individual} have",
+        "what kind of thing is {individual}",
+        "how much does {individual} weigh",
+    )
+)
 def what_is(
     kb: QuestionContext, individual: IndividualName | None = None, map: MapName | None = None
 ) -> Iterator[IndividualDescription]:
@@ -329,7 +366,15 @@ class MapCounts(AnswerRow, frozen=True, kw_only=True):
     relations: int
 
 
-@question
+@question(
+    sentences=(
+        "how many things are in {map}",
+        "count everything",
+        "what does {map} contain in numbers",
+        "how big is {map}",
+        "how many (objects|joints|individuals|things) are there",
+    )
+)
 def analyse(kb: QuestionContext, map: MapName | None = None) -> Iterator[MapCounts]:
     """Counts of what a map describes, as its files state it: the numbers of the thesis's analyse_semantic_map.
 
