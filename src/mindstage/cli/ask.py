@@ -159,6 +159,7 @@ def questions(*, as_json: AsJson = False) -> ExitCode:
                     "question": each.name,
                     "arguments": [{"name": argument.name, "kind": argument.type_text} for argument in each.arguments],
                     "text": each.text,
+                    "sentences": list(each.sentences),
                     "examples": list(each.examples),
                 }
                 for each in listed
@@ -318,7 +319,9 @@ _UNBOUND_ARGUMENT = "_"
 QuestionName = Annotated[
     str,
     typer.Argument(
-        metavar="QUESTION", help="The name of a question; `mindstage questions` lists them.", show_default=False
+        metavar="QUESTION",
+        help="The name of a question, which `mindstage questions` lists, or a sentence: where is the milk?",
+        show_default=False,
     ),
 ]
 
@@ -366,18 +369,18 @@ def ask(
 ) -> ExitCode:
     """Ask a question; without an answer, print what is missing, and exit 1.
 
+    A plain sentence (mindstage ask where is the milk) is understood by templates and names, and printed as a question.
     With --highlight the question is asked about the state of the simulation.
     """
-    from mindstage.knowledge.queries import get_question
-    from mindstage.scene.colors import parse_color
-
     # Before the map is read, so that a wrong name fails at once.
-    resolved = get_question(question)
-    named = named_args(resolved, args or [])
+    sentence = _sentence(question, args or [])
+    asked = None if sentence else _question_with_args(question, args or [])
     if highlight is None:
         _require_highlight(context)
         run = None
     else:
+        from mindstage.scene.colors import parse_color
+
         run = HighlightRun(
             color=parse_color(highlight),
             engine=make_engine(engine),
@@ -393,7 +396,8 @@ def ask(
             endpoint=endpoint,
             closure=closure,
         )
-    print_answers = partial(_print_result, knowledge, why=why, as_json=as_json)
+    resolved, named, notes = asked or _understood(knowledge, sentence)
+    print_answers = partial(_print_result, knowledge, notes, why=why, as_json=as_json)
     if run is None:
         answers = knowledge.ask(resolved, **named)
         print_answers(answers, {})
@@ -402,17 +406,56 @@ def ask(
     return ExitCode.OK if answers else ExitCode.NEGATIVE
 
 
+AskedQuestion = tuple["Question[Any]", Mapping[str, str], tuple[str, ...]]
+"""A question, its arguments as text, and how they were understood."""
+
+
+def _sentence(question: str, args: list[str]) -> str:
+    """The plain sentence that the arguments of the command are; empty if they name a question."""
+    from mindstage.knowledge.queries import list_questions
+    from mindstage.knowledge.sentences import is_sentence
+
+    words = [question, *(arg for arg in args if "=" not in arg)]
+    if is_sentence(question):
+        return " ".join(words)
+    is_name = question.replace("-", "_") in {each.name for each in list_questions()}
+    return "" if is_name or not question.isalpha() or len(words) == 1 else " ".join(words)
+
+
+def _question_with_args(question: str, args: list[str]) -> AskedQuestion:
+    from mindstage.knowledge.queries import get_question
+
+    resolved = get_question(question)
+    return resolved, named_args(resolved, args), ()
+
+
+def _understood(knowledge: KnowledgeBase, sentence: str) -> AskedQuestion:
+    from mindstage.knowledge.sentences import understand
+
+    understood = understand(knowledge, sentence)
+    return understood.question, {name: str(value) for name, value in understood.args.items()}, understood.notes
+
+
 def _print_result(
-    knowledge: KnowledgeBase, answers: Answers[Any], fields: dict[str, object], *, why: bool, as_json: bool
+    knowledge: KnowledgeBase,
+    notes: tuple[str, ...],
+    answers: Answers[Any],
+    fields: dict[str, object],
+    *,
+    why: bool,
+    as_json: bool,
 ) -> None:
     from mindstage.knowledge.queries import answers_to_builtins
 
     findings = knowledge.findings()
     if as_json:
         output = answers_to_builtins(knowledge, answers, explain=why) | fields
+        output["notes"] = [*notes, *answers.notes]
         print_json(output | {"assumptions": assumptions_json(knowledge), "findings": findings_json(findings)})
     else:
         print_findings(findings, classes=class_lookup(knowledge))
+        for note in (*notes, *answers.notes):
+            print_line(note)
         _print_answers(knowledge, answers, why=why)
 
 

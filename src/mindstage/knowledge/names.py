@@ -310,7 +310,7 @@ class NameIndex:
     def _of_type(self, name: str, iris: list[Iri], entity_type: EntityType, quality: NameQuality) -> list[NamedThing]:
         found = [iri for iri in iris if self._has_type(iri, entity_type)]
         if quality is NameQuality.PARTIAL and entity_type is EntityType.INDIVIDUAL:
-            found = [iri for iri in found if iri in self._reasoner.maps_of]  # no pose of one
+            found = self._of_head_noun(name, [iri for iri in found if iri in self._reasoner.maps_of])  # no pose of one
         if entity_type is EntityType.INDIVIDUAL and (not found or quality is NameQuality.PARTIAL):
             classes = [iri for iri in iris if self._has_type(iri, EntityType.CLASS)]
             of_classes = self._as_members(name, classes, quality) if classes else []
@@ -322,6 +322,13 @@ class NameIndex:
                 return self._as_class(name, individuals)
             found = self._most_general(found)
         return [NamedThing(iri, note=f"{name!r} is {_shown(iri)}", quality=quality) for iri in found]
+
+    def _of_head_noun(self, name: str, individuals: list[Iri]) -> list[Iri]:
+        """Those that belong to the class that the last word names: a "left drawer" is a drawer, not its handle."""
+        last = name_words(name)[-1:]
+        classes = [iri for iri in self._words.by_key.get("".join(last), ()) if self._has_type(iri, EntityType.CLASS)]
+        members = [iri for iri in individuals if any(self._reasoner.is_member(iri, cls) for cls in classes)]
+        return members or individuals
 
     def _as_members(self, name: str, classes: Sequence[Iri], quality: NameQuality) -> list[NamedThing]:
         """Classes that stand for all their individuals; those without an individual only if no other has one."""

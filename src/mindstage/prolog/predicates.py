@@ -90,6 +90,7 @@ class QuestionPredicates:
             "rows": self.rows,
             "reasons": self.reasons,
             "missing": self.missing,
+            "sentence": self.sentence,
             "prefixes": self.prefixes,
         }
 
@@ -124,6 +125,14 @@ class QuestionPredicates:
         """The missing facts, one sentence each; empty if there is an answer."""
         answers, _ = self._ask(name, args)
         return [Atom(fact.reason) for fact in answers.missing]
+
+    def sentence(self, text: Value) -> Value:
+        """The answers to a plain sentence as understood(Question, Arguments, Rows), with all columns."""
+        answers = self._simulation.ask(f"{text} ?")  # a sentence even if it is one word
+        columns = _columns(answers.question)
+        given = [term_of(answers.args[column]) if column in answers.args else FREE for column in columns]
+        rows = dict.fromkeys(_row_values(row, answers, (), len(columns)) for row in answers)
+        return Compound("understood", (Atom(answers.question.name), given, [list(row) for row in rows]))
 
     def prefixes(self) -> Value:
         """The prefixes of IRIs; each map adds one for its namespace if the prefix is free."""
