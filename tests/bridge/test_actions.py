@@ -18,7 +18,7 @@ from mindstage.bridge import (
     RosbridgeServer,
     ServerGoalHandle,
 )
-from mindstage.bridge.node import MAX_GOALS
+from mindstage.bridge.calls import MAX_GOALS
 from mindstage.errors import ServiceCallError, ServiceNotFoundError, ServiceTimeoutError
 from tests.bridge.raw_client import RawClient, eventually
 

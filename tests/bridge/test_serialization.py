@@ -39,8 +39,9 @@ def values(primitive: str, enum: Any) -> st.SearchStrategy[Any]:
 
 def messages(cls: Any) -> st.SearchStrategy[Any]:
     """Messages of a type with values in the ranges of their fields."""
-    if struct_of(cls) is builtin.Time:
-        return st.builds(builtin.Time, sec=st.integers(0, 2**31 - 1), nanosec=st.integers(0, 10**9 - 1))
+    if struct_of(cls) in (builtin.Time, builtin.Duration):  # rosbags reads all nanoseconds as uint32
+        first = 0 if struct_of(cls) is builtin.Time else -(2**31)
+        return st.builds(struct_of(cls), sec=st.integers(first, 2**31 - 1), nanosec=st.integers(0, 10**9 - 1))
     parts: dict[str, st.SearchStrategy[Any]] = {}
     for field in fields_of(cls):
         inner = messages(field.message) if field.message else values(field.primitive, field.enum)

@@ -165,8 +165,11 @@ class HeldEngine(NullEngine):
     def __init__(self) -> None:
         super().__init__()
         self.begun, self.may_end = threading.Event(), threading.Event()
+        self.spawned: list[int] = []
+        """Number of bodies of each spawn."""
 
     def spawn(self, world: Any, **options: Any) -> Any:
+        self.spawned.append(len(world.bodies))
         if any(body.id == "held" for body in world.bodies):
             self.begun.set()
             assert self.may_end.wait(TIMEOUT_S)
@@ -199,6 +202,42 @@ def test_a_reader_goes_on_while_a_spawn_is_held(held: tuple[HeldEngine, Simulati
         assert succeeded(answers(writer, 1)[0])
 
 
+def test_spawns_that_wait_become_few_edits_with_an_answer_each(held: tuple[HeldEngine, Simulation, str]) -> None:
+    engine, simulation, url = held
+    before = simulation.state.ids
+    unnamed = model("")
+    waiting = [
+        *(model(f"cube{number}", number) for number in range(5)),
+        model("cube2"),  # an id that is taken by then
+        {"id": 5},  # no valid request
+        unnamed,
+        unnamed,
+        model("child", parent_id="cube4"),
+        model("orphan", parent_id="ghost"),
+        model("last", 9),
+    ]
+    with closing(RawClient(url)) as client:
+        send(client, "spawn_model", 100, model("held"))
+        assert engine.begun.wait(TIMEOUT_S)
+        engine.spawned.clear()
+        for number, args in enumerate(waiting):
+            send(client, "spawn_model", number, args)
+        send(client, "get_model_pose", len(waiting), {"id": "last"})
+        client.flush()
+        engine.may_end.set()
+        assert succeeded(client.receive("service_response", id=100))
+        *received, pose = answers(client, len(waiting) + 1)
+    assert [number for number, each in enumerate(received) if not succeeded(each)] == [5, 6, 10]
+    assert received[5]["values"]["etype"] == "1"
+    assert "ghost" in str(received[10]["values"]) or not received[10]["values"]["success"]
+    assert succeeded(pose)
+    ids = [received[number]["values"]["id"] for number in (0, 1, 2, 3, 4, 7, 8, 9, 11)]
+    assert simulation.state.ids == (*before, BodyId("held"), *ids)
+    assert len(set(ids)) == len(ids)
+    assert engine.spawned == [5, 4], "the second begins with what depends on the first"
+    assert [(each.parent, each.child) for each in simulation.snapshot().attachments][-1] == ("cube4", "child")
+
+
 @pytest.mark.parametrize("service", ["spawn_model", "delete_model"])
 def test_what_timed_out_at_a_stuck_engine_never_happens(held: tuple[HeldEngine, Simulation, str], service: str) -> None:
     engine, simulation, url = held
@@ -224,9 +263,9 @@ def test_a_client_that_leaves_with_calls_queued_takes_them_along(held: tuple[Hel
     with closing(RawClient(url)) as stays:
         with closing(RawClient(url)) as leaves:
             send(leaves, "spawn_model", 0, model("held"))
+            assert engine.begun.wait(TIMEOUT_S)
             for number in range(1, 10):
                 send(leaves, "spawn_model", number, model(f"cube{number}"))
-            assert engine.begun.wait(TIMEOUT_S)
         eventually(lambda: len(simulation.clients.clients()) == 1)
         engine.may_end.set()
         stays.call_service("/unreal/mindstage/describe")

@@ -147,6 +147,22 @@ def test_edits_in_a_row_delay_the_ticks_until_they_pause() -> None:
     assert hold.remaining_s() == 0.0
 
 
+def test_an_edit_that_is_prepared_extends_a_delay_but_starts_none() -> None:
+    clock = Clock()
+    hold = EditHold(now=clock)
+    with hold.preparing():
+        assert hold.remaining_s() == 0.0
+        hold.add_edit()
+        clock.now_s += 1.0
+        assert hold.remaining_s() == pytest.approx(0.03)
+        clock.now_s += 5.0
+        assert hold.remaining_s() == 0.0
+    hold.add_edit()
+    clock.now_s += 0.02
+    with hold.rebuilding():
+        assert hold.remaining_s() == 0.0
+
+
 def test_edits_without_a_pause_delay_the_ticks_for_a_limited_time() -> None:
     clock = Clock()
     hold = EditHold(now=clock)

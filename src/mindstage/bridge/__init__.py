@@ -2,18 +2,9 @@
 
 from mindstage.bridge.access import TlsCertificate, VisitorLimits
 from mindstage.bridge.broker import GraphInfo, ProviderInfo, TopicInfo
+from mindstage.bridge.calls import ActionHandler, ClientGoalHandle, GoalResult, ServerGoalHandle, ServiceHandler
 from mindstage.bridge.client import ConnectionState, Refusal, RosbridgeClient
-from mindstage.bridge.node import (
-    ActionHandler,
-    ClientGoalHandle,
-    GoalResult,
-    LocalNode,
-    MessageHandler,
-    Node,
-    ServerGoalHandle,
-    ServiceHandler,
-    Subscription,
-)
+from mindstage.bridge.node import LocalNode, MessageHandler, Node, Subscription
 from mindstage.bridge.protocol import BridgeLimits, Compression, GoalStatus, Status, StatusLevel
 from mindstage.bridge.server import RosbridgeServer
 

@@ -12,7 +12,8 @@ import threading
 from collections import deque
 from collections.abc import Callable, Coroutine, Hashable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
 from mindstage.errors import BridgeError
 
@@ -23,6 +24,17 @@ _MAX_WORKERS = 16
 T = TypeVar("T")
 _TIMEOUT_S = 10.0
 """Time for the loop to run a function that does not block; if it takes longer, the loop is stuck [s]."""
+
+
+@dataclass(frozen=True)
+class _Batch(Generic[T]):
+    """A queued task with several items."""
+
+    run: Callable[[list[T]], None]
+    items: list[T]
+
+    def __call__(self) -> None:
+        self.run(self.items)
 
 
 class KeyedSerialExecutor:
@@ -60,6 +72,22 @@ class KeyedSerialExecutor:
                 return
             self._waiting[key] = deque([task])
             self._threads.submit(self._run_next, key)
+
+    def submit_to_batch(self, key: Hashable, run: Callable[[list[T]], None], item: T) -> None:
+        """Queues an item; consecutive items with the same key and function are passed to one call of the function.
+
+        Args:
+            key: as of `submit`.
+            run: called with the items in the order in which they were submitted; must not raise.
+            item: the item.
+        """
+        with self._lock:
+            queue = self._waiting.get(key)
+            last = queue[-1] if queue else None
+            if isinstance(last, _Batch) and last.run is run:  # not begun, else it would not be in the queue
+                last.items.append(item)
+                return
+        self.submit(key, _Batch(run, [item]))
 
     def is_busy(self, key: Hashable) -> bool:
         """Whether a task with this key is queued or running."""

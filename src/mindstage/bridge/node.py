@@ -3,18 +3,15 @@
 `LocalNode` has the broker in its own process, `RosbridgeClient` is connected to a rosbridge server; both are a `Node`
 with the same methods, which can be called from any thread.
 
-Plain functions as handlers run in worker threads, the calls of one caller in their order; coroutine functions run
-on the event loop. Each goal has a thread of its own, since it may take hours. An exception of a handler becomes an
-error response. Every call and every goal ends: with a response, an error, a timeout, or the loss of the connection.
+`mindstage.bridge.calls` has their calls and goals.
 """
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import threading
 from collections import defaultdict
-from collections.abc import Awaitable, Callable, Coroutine, Hashable, Iterator
+from collections.abc import Callable, Coroutine, Hashable, Iterator
 from concurrent.futures import Future
 from functools import partial
 from inspect import iscoroutinefunction
@@ -24,6 +21,16 @@ from typing import Any, Protocol, TypeVar
 import msgspec
 
 from mindstage.bridge.broker import PLAIN_FORMAT, Broker, GraphInfo, Peer, ReplyFormat, resolve_name, same_type
+from mindstage.bridge.calls import (
+    ActionHandler,
+    BatchHandler,
+    ClientGoalHandle,
+    FeedbackHandler,
+    HandlerDispatcher,
+    PendingCalls,
+    ServiceHandler,
+    encode_values,
+)
 from mindstage.bridge.event_loop import EventLoopThread, KeyedSerialExecutor
 from mindstage.bridge.protocol import (
     DEFAULT_LIMITS,
@@ -36,8 +43,6 @@ from mindstage.bridge.protocol import (
     CallService,
     CancelActionGoal,
     Compression,
-    GoalStatus,
-    Id,
     MessageEncoder,
     Operation,
     Publish,
@@ -49,458 +54,29 @@ from mindstage.bridge.protocol import (
     UnadvertiseAction,
     UnadvertiseService,
     Unsubscribe,
-    content,
 )
 from mindstage.errors import (
     AdvertiseError,
     BridgeError,
     ConnectionLostError,
-    FailureResponseError,
-    MessageValidationError,
-    MindstageError,
-    ServiceCallError,
-    ServiceNotFoundError,
-    ServiceTimeoutError,
 )
 from mindstage.msgs import RosVersion
 
 __all__ = [
-    "MAX_GOALS",
-    "ActionHandler",
     "CallbackTask",
-    "ClientGoalHandle",
-    "FeedbackHandler",
-    "GoalResult",
-    "HandlerDispatcher",
     "LocalNode",
     "MessageHandler",
     "MessageSender",
     "Node",
-    "PendingCalls",
-    "ServerGoalHandle",
-    "ServiceHandler",
     "Subscription",
 ]
 
-_TIMEOUT_MARGIN_S = 1.0
-"""Added to the timeout that is sent to the provider, so that the timeout on this side ends first [s]."""
 _log = logging.getLogger("mindstage.bridge")
-MAX_GOALS = 32
-"""Largest number of active goals at one node; more are rejected."""
 _MAX_UNSENT = 256
 """Largest number of published messages that wait for the loop; beyond it, `publish` blocks."""
 _MAX_UNHANDLED = 1024
 """Largest number of messages that wait for a slow handler; beyond it, the oldest are dropped."""
 T = TypeVar("T")
-
-
-class GoalResult(msgspec.Struct, frozen=True):
-    """Result of a goal that ended without an error: succeeded, canceled, or aborted by its handler."""
-
-    status: GoalStatus
-    values: Any
-    """The result of the action, as plain values."""
-
-
-class ClientGoalHandle:
-    """A goal on the side of its client."""
-
-    def __init__(self, action: str, id: Id, cancel: Callable[[Id], None]) -> None:
-        self.action = action
-        self.id = id
-        self.future: Future[GoalResult] = Future()
-        """Completes when the goal ends, with the result or the exception of `wait`."""
-        self._cancel = cancel
-
-    @property
-    def done(self) -> bool:
-        """Whether the goal has ended."""
-        return self.future.done()
-
-    def cancel(self) -> None:
-        """Requests cancellation; the result of `wait` has the final status."""
-        self._cancel(self.id)
-
-    def wait(self, timeout_s: float = 10.0) -> GoalResult:
-        """Waits for the result.
-
-        Raises:
-            ServiceTimeoutError: the goal is still active; cancel it, or wait again.
-            ServiceNotFoundError: the action is not advertised.
-            ServiceCallError: the action returned an error.
-            ConnectionLostError: the connection was lost, and the status of the goal is unknown.
-        """
-        try:
-            return self.future.result(timeout_s)
-        except TimeoutError:
-            if self.future.done():
-                return self.future.result()
-            raise ServiceTimeoutError(self.action, timeout_s=timeout_s) from None
-
-
-class ServerGoalHandle:
-    """A goal on the side of the handler that executes it."""
-
-    def __init__(self, action: str, id: Id, args: Any, feedback: Callable[[Id, object], None]) -> None:
-        self.action = action
-        self.id = id
-        self.args = args
-        """The goal as it was sent: an object, or a list of its fields in order."""
-        self._feedback = feedback
-        self._cancelled = threading.Event()
-
-    @property
-    def cancel_requested(self) -> bool:
-        """Whether cancellation was requested, or the client has disconnected."""
-        return self._cancelled.is_set()
-
-    def wait_for_cancel(self, timeout_s: float) -> bool:
-        """Sleeps, at most until cancellation is requested; returns whether it was."""
-        return self._cancelled.wait(timeout_s)
-
-    def feedback(self, values: object) -> None:
-        """Sends feedback, from any thread."""
-        self._feedback(self.id, values)
-
-    def request_cancel(self) -> None:
-        """Sets `cancel_requested`."""
-        self._cancelled.set()
-
-    @staticmethod
-    def succeeded(values: object = None) -> GoalResult:
-        """Returns the result of a goal that succeeded; a handler may also return the values alone."""
-        return GoalResult(GoalStatus.SUCCEEDED, values)
-
-    @staticmethod
-    def canceled(values: object = None) -> GoalResult:
-        """Returns the result of a goal that was canceled."""
-        return GoalResult(GoalStatus.CANCELED, values)
-
-    @staticmethod
-    def aborted(values: object = None) -> GoalResult:
-        """Returns the result of a goal that failed; to add a message, raise an exception instead."""
-        return GoalResult(GoalStatus.ABORTED, values)
-
-
-FeedbackHandler = Callable[[Any], object]
-"""Called with the feedback of a goal, on the bridge's thread: it must not block."""
-
-
-class _Call:
-    def __init__(self, service: str, future: Future[Any], timer: asyncio.TimerHandle) -> None:
-        self.service = service
-        self.future = future
-        self.timer = timer
-
-
-class PendingCalls:
-    """Calls and goals of one node that have not ended. Belongs to the loop."""
-
-    def __init__(self, loop: EventLoopThread, send: Callable[[Operation], None]) -> None:
-        self._loop = loop
-        self._send = send
-        self._calls: dict[Id, _Call] = {}
-        self._goals: dict[Id, tuple[ClientGoalHandle, FeedbackHandler | None]] = {}
-        self._next_id = count(1)
-
-    def call_service(self, service: str, args: msgspec.Raw, timeout_s: float, future: Future[Any]) -> None:
-        """Sends a call; the future receives the values of the response, or the error."""
-        id = f"call_service:{service}:{next(self._next_id)}"
-        timer = self._loop.loop.call_later(timeout_s, self._time_out, id, timeout_s)
-        self._calls[id] = _Call(service, future, timer)
-        try:
-            self._send(CallService(id=id, service=service, args=args, timeout=timeout_s + _TIMEOUT_MARGIN_S))
-        except BridgeError as error:
-            self._end_call(id, error)
-
-    def send_goal(
-        self, action: str, type: str, args: msgspec.Raw, on_feedback: FeedbackHandler | None
-    ) -> ClientGoalHandle:
-        """Sends a goal."""
-        id = f"send_action_goal:{action}:{next(self._next_id)}"
-        goal = ClientGoalHandle(action, id, partial(self._loop.call_soon, self._cancel))
-        self._goals[id] = (goal, on_feedback)
-        try:
-            wants_feedback = on_feedback is not None
-            self._send(SendActionGoal(id=id, action=action, action_type=type, args=args, feedback=wants_feedback))
-        except BridgeError as error:
-            del self._goals[id]
-            goal.future.set_exception(error)
-        return goal
-
-    def on_response(self, response: ServiceResponse) -> None:
-        """Completes a call; a response to a call that has ended is ignored."""
-        call = None if response.id is None else self._calls.get(response.id)
-        if call is None or response.id is None:
-            _log.debug("a response of %s to a call that has ended", response.service)
-            return
-        try:
-            values = _values(call.service, response.values, response.result)
-        except BridgeError as error:
-            self._end_call(response.id, error)
-        else:
-            self._end_call(response.id, values)
-
-    def on_feedback(self, message: ActionFeedback) -> None:
-        """Calls the feedback handler of a goal."""
-        _, handler = self._goals.get(message.id, (None, None))
-        if handler is None:
-            return
-        try:
-            handler(_decode_values(message.values))
-        except Exception:
-            _log.exception("the feedback handler of %s failed", message.action)
-
-    def on_result(self, result: ActionResult) -> None:
-        """Completes a goal."""
-        goal, _ = self._goals.pop("" if result.id is None else result.id, (None, None))
-        if goal is None:
-            _log.debug("a result of %s for a goal that has ended", result.action)
-            return
-        try:
-            values = _values(result.action, result.values, result.result)
-        except BridgeError as error:
-            goal.future.set_exception(error)
-        else:
-            goal.future.set_result(GoalResult(GoalStatus(result.status), values))
-
-    def fail_all(self, error: BridgeError) -> None:
-        """Fails all calls and goals, since the connection is lost."""
-        for id in (*self._calls, *self._goals):
-            self.fail(id, error)
-
-    def fail(self, id: Id, error: BridgeError) -> bool:
-        """Fails a call or a goal that the server rejected; returns whether it was pending."""
-        if id in self._calls:
-            self._end_call(id, error)
-            return True
-        goal, _ = self._goals.pop(id, (None, None))
-        if goal is not None:
-            goal.future.set_exception(error)
-        return goal is not None
-
-    def _cancel(self, id: Id) -> None:
-        if id in self._goals:
-            try:
-                self._send(CancelActionGoal(id=id, action=self._goals[id][0].action))
-            except BridgeError as error:
-                _log.debug("a goal could not be canceled: %s", error)  # the goal fails with the connection
-
-    def _time_out(self, id: Id, timeout_s: float) -> None:
-        self._end_call(id, ServiceTimeoutError(self._calls[id].service, timeout_s=timeout_s))
-
-    def _end_call(self, id: Id, outcome: object) -> None:
-        call = self._calls.pop(id)
-        call.timer.cancel()
-        if call.future.cancelled():
-            return
-        if isinstance(outcome, BridgeError):
-            call.future.set_exception(outcome)
-        else:
-            call.future.set_result(outcome)
-
-
-def _values(name: str, raw: msgspec.Raw | msgspec.UnsetType, succeeded: bool) -> Any:
-    try:
-        values = _decode_values(raw)
-    except msgspec.DecodeError as error:
-        raise MessageValidationError(f"the response of {name}", cause=str(error)) from None
-    if succeeded:
-        return values
-    cause = values if isinstance(values, str) else str(values or "no reason given")
-    if cause.startswith((f"Service {name} does not exist", f"Action {name} does not exist")):
-        raise ServiceNotFoundError(name)
-    raise ServiceCallError(name, cause=cause)
-
-
-def _decode_values(raw: msgspec.Raw | msgspec.UnsetType) -> Any:
-    return msgspec.json.decode(content(raw))
-
-
-ServiceHandler = Callable[[Any], object]
-"""Called with the arguments as they were sent (an object, or a list of its fields); returns the response as values that
-JSON can represent, structs included. May be a coroutine function. Its exception becomes a response with `result:
-false`.
-"""
-
-ActionHandler = Callable[[ServerGoalHandle], object]
-"""Called with the goal; returns a `GoalResult`, or the values of the result if the goal succeeded. May be a coroutine
-function.
-"""
-
-
-class HandlerDispatcher:
-    """Runs the service and action handlers of one node. Belongs to the loop."""
-
-    def __init__(self, loop: EventLoopThread, executor: KeyedSerialExecutor, send: Callable[[Operation], None]) -> None:
-        """Creates the dispatcher without handlers.
-
-        Args:
-            loop: the loop.
-            executor: runs handlers that are plain functions.
-            send: sends responses; called on the loop.
-        """
-        self.services: dict[str, ServiceHandler] = {}
-        self.quick: set[str] = set()
-        """Services whose handlers never block: they run on the loop, unless an earlier call of the caller waits."""
-        self.actions: dict[str, ActionHandler] = {}
-        self._loop = loop
-        self._executor = executor
-        self._send = send
-        self.queued: dict[int, CallService] = {}
-        """The calls that have not begun, by identity; a call that is popped is never carried out (from any thread)."""
-        self._goals: dict[Id, ServerGoalHandle] = {}
-        self._tasks: set[asyncio.Task[None]] = set()
-        self._next_id = count(1)
-
-    def answer(self, name: str, call: CallService, caller: Hashable) -> ServiceResponse | None:
-        """Calls the handler of a quick service now and returns its response; None if it has to wait, or is another."""
-        if name not in self.quick or self._executor.is_busy(caller):
-            return None
-        return _response(self.services[name], call)
-
-    def call(self, name: str, call: CallService, caller: Hashable) -> None:
-        """Calls the handler of a service and sends the response."""
-        handler = self.services.get(name)
-        if handler is None:
-            self._send(_call_error_response(call, ServiceNotFoundError(call.service)))
-        elif iscoroutinefunction(handler):
-            self.start_task(self._handle_call_async(handler, call))
-        elif (response := self.answer(name, call, caller)) is not None:
-            self._send(response)
-        else:
-            self.queued[id(call)] = call
-            self._executor.submit(caller, partial(self._handle_call, handler, call))
-
-    def start_goal(self, name: str, request: SendActionGoal) -> None:
-        """Starts the handler of an action; goals run concurrently."""
-        handler = self.actions.get(name)
-        id = f"goal:{next(self._next_id)}" if request.id is None else request.id
-        cause = ""
-        if id in self._goals:
-            cause = f"the goal {id!r} is active already"
-        elif len(self._goals) >= MAX_GOALS:
-            cause = f"{MAX_GOALS} goals are active already; wait until one has ended, or cancel one"
-        if handler is None or cause:
-            self._send(_goal_error_result(request, id, cause or f"Action {request.action} does not exist"))
-            return
-        goal = self._goals[id] = ServerGoalHandle(request.action, id, None, self._feedback_sender(request))
-        if iscoroutinefunction(handler):
-            self.start_task(self._run_goal_async(handler, request, goal))
-        else:
-            args = (handler, request, goal)
-            threading.Thread(target=self._run_goal, args=args, name="mindstage-goal", daemon=True).start()
-
-    def cancel(self, request: CancelActionGoal) -> None:
-        """Requests cancellation of a goal; does nothing if it has ended."""
-        if goal := self._goals.get(request.id):
-            goal.request_cancel()
-
-    def cancel_all(self) -> None:
-        """Requests cancellation of all goals, since their clients have disconnected."""
-        for goal in self._goals.values():
-            goal.request_cancel()
-
-    def start_task(self, coroutine: Coroutine[Any, Any, None]) -> None:
-        """Runs a coroutine, which must not raise, as a task."""
-        task = asyncio.ensure_future(coroutine)
-        self._tasks.add(task)  # the loop has weak references only
-        task.add_done_callback(self._tasks.discard)
-
-    # -- services ------------------------------------------------------------------------------------------------------
-
-    def _handle_call(self, handler: ServiceHandler, call: CallService) -> None:
-        if self.queued.pop(id(call), None) is not None:  # else it was withdrawn
-            self._loop.call_soon(self._send, _response(handler, call))
-
-    async def _handle_call_async(self, handler: ServiceHandler, call: CallService) -> None:
-        try:
-            values = _encode_values(await _await_if_needed(handler(_decode_values(call.args))))
-            response = ServiceResponse(id=call.id, service=call.service, values=values, result=True)
-        except Exception as error:
-            response = _call_error_response(call, error)
-        self._send(response)
-
-    # -- actions -------------------------------------------------------------------------------------------------------
-
-    def _feedback_sender(self, request: SendActionGoal) -> Callable[[Id, object], None]:
-        def feedback(id: Id, values: object) -> None:
-            message = ActionFeedback(id=id, action=request.action, values=_encode_values(values))
-            self._loop.call_soon(self._send_feedback, message)
-
-        return feedback
-
-    def _send_feedback(self, feedback: ActionFeedback) -> None:
-        if feedback.id in self._goals:  # no feedback after the result
-            self._send(feedback)
-
-    def _run_goal(self, handler: ActionHandler, request: SendActionGoal, goal: ServerGoalHandle) -> None:
-        try:
-            goal.args = _decode_values(request.args)
-            result = _goal_result(request, goal.id, handler(goal))
-        except Exception as error:
-            result = _goal_error_result(request, goal.id, _error_reply(request.action, error))
-        self._loop.call_soon(self._send_result, result)
-
-    async def _run_goal_async(self, handler: ActionHandler, request: SendActionGoal, goal: ServerGoalHandle) -> None:
-        try:
-            goal.args = _decode_values(request.args)
-            result = _goal_result(request, goal.id, await _await_if_needed(handler(goal)))
-        except Exception as error:
-            result = _goal_error_result(request, goal.id, _error_reply(request.action, error))
-        self._send_result(result)
-
-    def _send_result(self, result: ActionResult) -> None:
-        if result.id is not None:
-            self._goals.pop(result.id, None)
-        self._send(result)
-
-
-async def _await_if_needed(result: object) -> object:
-    return await result if isinstance(result, Awaitable) else result
-
-
-def _encode_values(values: object) -> msgspec.Raw:
-    return msgspec.Raw(b"{}" if values is None else msgspec.json.encode(values))
-
-
-def _response(handler: ServiceHandler, call: CallService) -> ServiceResponse:
-    """Calls a handler that is a plain function."""
-    try:
-        values = _encode_values(handler(_decode_values(call.args)))
-        return ServiceResponse(id=call.id, service=call.service, values=values, result=True)
-    except Exception as error:
-        return _call_error_response(call, error)
-
-
-def _error_reply(name: str, error: Exception) -> str:
-    if isinstance(error, MindstageError):
-        return str(error)
-    _log.error("the handler of %s failed", name, exc_info=error)
-    return f"{name} failed: {type(error).__name__}: {error}"
-
-
-def _call_error_response(call: CallService, error: Exception) -> ServiceResponse:
-    text = _error_reply(call.service, error)
-    if isinstance(error, FailureResponseError):
-        values, reason = _encode_values(error.response), text
-    else:
-        values, reason = _encode_values(text), None
-    return ServiceResponse(id=call.id, service=call.service, values=values, result=False, reason=reason)
-
-
-def _goal_error_result(request: SendActionGoal, id: Id, reason: str) -> ActionResult:
-    return ActionResult(
-        id=id, action=request.action, values=_encode_values(reason), status=GoalStatus.ABORTED, result=False
-    )
-
-
-def _goal_result(request: SendActionGoal, id: Id, outcome: object) -> ActionResult:
-    if not isinstance(outcome, GoalResult):
-        outcome = GoalResult(GoalStatus.SUCCEEDED, outcome)
-    values = _encode_values(outcome.values)
-    return ActionResult(id=id, action=request.action, values=values, status=outcome.status, result=True)
-
 
 MessageHandler = Callable[..., object]
 """Called with a message as plain values, in a worker thread and in the order of the messages; or a coroutine function,
@@ -586,7 +162,9 @@ class Node:
 
     # -- services ------------------------------------------------------------------------------------------------------
 
-    def create_service(self, name: str, type: str, handler: ServiceHandler, *, quick: bool = False) -> None:
+    def create_service(
+        self, name: str, type: str, handler: ServiceHandler, *, quick: bool = False, batch: BatchHandler | None = None
+    ) -> None:
         """Provides a service; if it exists, its handler is replaced.
 
         Args:
@@ -596,6 +174,8 @@ class Node:
                 false`. A plain function runs in a worker thread, the calls of one caller in their order; a coroutine
                 function runs on the bridge's loop and must not block.
             quick: whether a plain function never blocks, so that it can also run on the loop.
+            batch: called instead with the arguments of all consecutive calls of one caller that wait; returns the
+                values or the exception of each.
 
         Raises:
             AdvertiseError: the name is taken.
@@ -605,6 +185,9 @@ class Node:
             self._advertise(("service", resolve_name(name)), AdvertiseService(service=name, type=type))
             self._dispatcher.services[resolve_name(name)] = handler
             (self._dispatcher.quick.add if quick else self._dispatcher.quick.discard)(resolve_name(name))
+            self._dispatcher.batches.pop(resolve_name(name), None)
+            if batch is not None:
+                self._dispatcher.batches[resolve_name(name)] = partial(self._dispatcher.handle_batch, batch)
 
         self._loop.call(add)
 
@@ -642,7 +225,7 @@ class Node:
 
         In a coroutine, await it with `asyncio.wrap_future`.
         """
-        encoded = _encode_values(args)
+        encoded = encode_values(args)
         future: Future[Any] = Future()
         self._loop.call(self._pending_calls.call_service, name, encoded, timeout_s, future)
         return future
@@ -688,7 +271,7 @@ class Node:
             args: the goal.
             on_feedback: called with feedback, on the bridge's thread.
         """
-        return self._loop.call(self._pending_calls.send_goal, action, type, _encode_values(args), on_feedback)
+        return self._loop.call(self._pending_calls.send_goal, action, type, encode_values(args), on_feedback)
 
     # -- topics --------------------------------------------------------------------------------------------------------
 
@@ -726,7 +309,7 @@ class Node:
             BridgeError: the loop is stuck or closed.
         """
         self._advertise_once(topic, type)
-        operation = Publish(topic=topic, msg=_encode_values(message))
+        operation = Publish(topic=topic, msg=encode_values(message))
         if self._loop.is_current_thread():
             self._send_if_possible(operation)
             return

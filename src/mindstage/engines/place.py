@@ -42,6 +42,8 @@ _MAX_PLACE_RADIUS_M = 1e3
 """Bodies that are farther from the median position are errors of the map, and do not belong to the place either."""
 _LEFT_MARGIN_M = 0.5
 """A body whose center is farther outside of the bounds has left the place [m]."""
+_MAX_PAIRS = 2_000_000
+"""Largest number of pairs of a point and a box that are compared at once."""
 _MAX_OUTLIER_FRACTION = 0.1
 _MIN_OUTLIER_GAP_M = 1.0
 """The lowest bodies are ignored for the ground if they are few, and farther below all others."""
@@ -111,22 +113,22 @@ def find_unsupported(centers: Array, supports: OrientedBoxes) -> NDArray[np.bool
     """
     unsupported = np.ones(len(centers), dtype=bool)
     low, high = supports.bounds()
-    areas = np.prod(high[:, :2] - low[:, :2], axis=1)
-    for index in np.argsort(-areas, kind="stable").tolist():
-        rows = np.flatnonzero(unsupported)
-        if not len(rows):
-            break
-        is_over = np.all((centers[rows, :2] >= low[index, :2]) & (centers[rows, :2] <= high[index, :2]), axis=1)
-        rows = rows[is_over & (centers[rows, 2] >= low[index, 2])]
-        if len(rows):
-            unsupported[rows[_ray_hits(centers[rows], supports, index)]] = False
+    largest_first = np.argsort(-np.prod(high[:, :2] - low[:, :2], axis=1), kind="stable")
+    chunk = max(1, _MAX_PAIRS // max(1, len(centers)))
+    for first in range(0, len(largest_first), chunk):
+        boxes, rows = largest_first[first : first + chunk], np.flatnonzero(unsupported)
+        x, y, z = (column[:, None] for column in centers[rows].T)
+        is_over = (x >= low[boxes, 0]) & (x <= high[boxes, 0]) & (y >= low[boxes, 1]) & (y <= high[boxes, 1])
+        points, hit = np.nonzero(is_over & (z >= low[boxes, 2]))
+        points, hit = rows[points], boxes[hit]
+        unsupported[points[_ray_hits(centers[points], supports, hit)]] = False
     return unsupported
 
 
-def _ray_hits(points: Array, boxes: OrientedBoxes, index: int) -> NDArray[np.bool_]:
-    """Whether vertical rays downward from points hit a box (slab method)."""
-    rotation, half = boxes.rotation[index], boxes.half_extents[index]
-    start, direction = (points - boxes.center[index]) @ rotation, -rotation[2]
+def _ray_hits(points: Array, boxes: OrientedBoxes, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Whether the vertical ray downward from each point hits the box of its row (slab method)."""
+    rotation, half = boxes.rotation[rows], boxes.half_extents[rows]
+    start, direction = np.einsum("ni,nij->nj", points - boxes.center[rows], rotation), -rotation[:, 2]
     parallel = np.abs(direction) < 1e-12
     inverse = np.where(parallel, 1.0, 1.0 / np.where(parallel, 1.0, direction))
     first, second = (-half - start) * inverse, (half - start) * inverse

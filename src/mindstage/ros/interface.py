@@ -34,7 +34,14 @@ from mindstage.ros.named_poses import NamedPoseServices
 from mindstage.ros.publishers import HighlightSubscriber, PublishRates, StatePublisher
 from mindstage.ros.robot_description import DescriptionPublisher
 from mindstage.ros.rosapi import ParameterServer, RosapiServices
-from mindstage.ros.service import ActionSpec, ServiceSpec, action_handler, names_elsewhere, service_handler
+from mindstage.ros.service import (
+    ActionSpec,
+    ServiceSpec,
+    action_handler,
+    batch_handler,
+    names_elsewhere,
+    service_handler,
+)
 from mindstage.ros.simulation_interfaces import EntityServices, ResourceLoader, SpawnServices
 from mindstage.ros.simulation_interfaces_control import SimulationControlServices, WorldServices
 from mindstage.ros.state import StateReader
@@ -299,7 +306,8 @@ class RosInterface:
     def _create_service(self, spec: ServiceSpec) -> None:
         name = spec.full_name(self.namespace)
         handler = service_handler(name, spec.type, spec.handler, diagnostics=self._diagnostics, ros=self._ros)
-        self._node.create_service(name, type_name(spec.type, self._ros), handler, quick=spec.quick)
+        batch = spec.batch and batch_handler(name, spec.type, spec.batch, diagnostics=self._diagnostics, ros=self._ros)
+        self._node.create_service(name, type_name(spec.type, self._ros), handler, quick=spec.quick, batch=batch)
         if spec.timeout_s is not None and isinstance(self._node, LocalNode):
             self._node.set_service_timeout(name, spec.timeout_s)
         self._services.append(name)

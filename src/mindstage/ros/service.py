@@ -14,9 +14,10 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from mindstage.bridge import GoalResult, Refusal, RosbridgeClient, ServerGoalHandle
@@ -55,6 +56,7 @@ __all__ = [
     "ResultError",
     "ServiceSpec",
     "action_handler",
+    "batch_handler",
     "failed",
     "failure_response",
     "names_elsewhere",
@@ -101,11 +103,54 @@ def service_handler(
     ros: RosVersion,
 ) -> Callable[[object], object]:
     """Returns the handler of a service for a node, which decodes and encodes messages and maps errors to responses."""
+    encode_result = _result_encoder(name, service, diagnostics=diagnostics, ros=ros)
 
     def handle(args: object) -> object:
+        request = _result_of(partial(decode_arguments, service.Request, args))
+        result = request if isinstance(request, Exception) else _result_of(partial(handler, request))
+        return encode_result(result, request)
+
+    return handle
+
+
+def batch_handler(
+    name: str,
+    service: type[Service],
+    handler: Callable[[list[Any]], Sequence[Any]],
+    *,
+    diagnostics: DiagnosticsPublisher,
+    ros: RosVersion,
+) -> Callable[[list[object]], list[object]]:
+    """Returns the handler of consecutive calls of a service, as `service_handler`; see `ServiceSpec.batch`."""
+    encode_result = _result_encoder(name, service, diagnostics=diagnostics, ros=ros)
+
+    def handle(calls: list[object]) -> list[object]:
+        requests = [_result_of(partial(decode_arguments, service.Request, args)) for args in calls]
+        valid = [request for request in requests if not isinstance(request, Exception)]
+        results = iter(handler(valid) if valid else ())
+        answers = [request if isinstance(request, Exception) else next(results) for request in requests]
+        return [_result_of(partial(encode_result, *each)) for each in zip(answers, requests, strict=True)]
+
+    return handle
+
+
+def _result_of(compute: Callable[[], object]) -> object:
+    """The result of a function, or its exception."""
+    try:
+        return compute()
+    except Exception as error:
+        return error
+
+
+def _result_encoder(
+    name: str, service: type[Service], *, diagnostics: DiagnosticsPublisher, ros: RosVersion
+) -> Callable[[Any, object], object]:
+    """Returns a function that encodes the response to a request, and maps an exception to a response or raises it."""
+
+    def encode_result(response: Any, request: object) -> object:
         try:
-            request = decode_arguments(service.Request, args)
-            response = handler(request)
+            if isinstance(response, Exception):
+                raise response
         except WorldError as error:
             diagnostics.report_refusal(name, error)
             response = refusal_response(service.Response, error)
@@ -119,7 +164,7 @@ def service_handler(
             raise FailureResponseError(text, response=failure) from error
         return encode(response, ros=ros)
 
-    return handle
+    return encode_result
 
 
 def failure_response(response: type[Message], error: MindstageError, text: str) -> Message:
@@ -292,6 +337,10 @@ class ServiceSpec:
     """Whether the handler never blocks, not even for the simulation."""
     timeout_s: float | None = None
     """Timeout of calls without one; None for the default of the node [s]."""
+    batch: Callable[[list[Any]], Sequence[Any]] | None = None
+    """Called instead with the requests of all consecutive calls of one client that wait; returns the response or the
+    exception of each.
+    """
 
     def full_name(self, namespace: str) -> str:
         """Returns its absolute name."""

@@ -28,9 +28,10 @@ def map_iri(name: str) -> Iri:
     return Iri(f"http://mindstage.org/maps/{name}.owl#map")
 
 
-def free_id(stem: str, taken: Container[str]) -> BodyId:
-    """Returns an id that is not taken."""
-    return next(BodyId(id) for number in count(1) if (id := f"{stem}_{number}") not in taken)
+def free_id(stem: str, *taken: Container[str]) -> BodyId:
+    """Returns an id that is in none of several containers."""
+    ids = (f"{stem}_{number}" for number in count(1))
+    return next(BodyId(id) for id in ids if not any(id in each for each in taken))
 
 
 class StateReader:

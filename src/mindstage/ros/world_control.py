@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -19,7 +20,7 @@ from mindstage.bridge.conversions_unreal import (
     world_from_request,
 )
 from mindstage.engines import PoseArray, SpawnReport
-from mindstage.errors import AttachmentError, BodyExistsError, BodyNotFoundError, WorldError
+from mindstage.errors import AttachmentError, BodyExistsError, BodyNotFoundError, MindstageError, WorldError
 from mindstage.knowledge.rdf import local_name
 from mindstage.msgs import geometry_msgs
 from mindstage.msgs import world_control_msgs as wire
@@ -97,6 +98,15 @@ def _row_message(row: PoseArray) -> geometry_msgs.Pose:
     return pose_array_messages(row[None])[0]
 
 
+class _RequestedModel(NamedTuple):
+    """A model of a call that is to be spawned."""
+
+    body: Body
+    attachments: tuple[Attachment, ...]
+    number: int = 0
+    """Index of the request among those of its batch."""
+
+
 class WorldControlServices:
     """Services that spawn, move, highlight and query bodies by id."""
 
@@ -109,7 +119,7 @@ class WorldControlServices:
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
         yield ServiceSpec(wire.SpawnSemanticMap, self.spawn_semantic_map, timeout_s=_SPAWN_TIMEOUT_S)
-        yield ServiceSpec(wire.SpawnModel, self.spawn_model)
+        yield ServiceSpec(wire.SpawnModel, self.spawn_model, batch=self.spawn_models)
         yield ServiceSpec(wire.SpawnProMesh, self.spawn_pro_mesh)
         yield ServiceSpec(wire.SpawnPhysicsConstraint, self.spawn_physics_constraint)
         yield ServiceSpec(wire.AttachModelToParent, self.attach)
@@ -146,11 +156,44 @@ class WorldControlServices:
 
     def spawn_model(self, request: wire.SpawnModel.Request) -> wire.SpawnModel.Response:
         """Spawns one model, attached to its parent if it has one."""
-        body, notes = body_from_message(request, id=self._id(request.id, request.name), namespace=self._namespace())
+        (result,) = self.spawn_models([request])
+        if isinstance(result, MindstageError):
+            raise result
+        return result
+
+    def spawn_models(
+        self, requests: Sequence[wire.SpawnModel.Request]
+    ) -> list[wire.SpawnModel.Response | MindstageError]:
+        """Spawns models in their order, in as few edits as possible; returns the response or the error of each."""
+        results: dict[int, wire.SpawnModel.Response | MindstageError] = {}
+        batch: dict[BodyId, _RequestedModel] = {}
+        for index, request in enumerate(requests):
+            if request.spawn_collision_check or BodyId(request.parent_id) in batch or BodyId(request.id) in batch:
+                results |= self._spawn_batch(batch)  # the request depends on these
+                batch = {}
+            try:
+                model = self._requested_model(request, taken=batch)
+            except MindstageError as error:
+                results[index] = error
+            else:
+                if isinstance(model, _RequestedModel):
+                    batch[model.body.id] = model._replace(number=index)
+                else:
+                    results[index] = model
+        results |= self._spawn_batch(batch)
+        return [results[index] for index in range(len(requests))]
+
+    def _requested_model(
+        self, request: wire.SpawnModel.Request, *, taken: Container[BodyId]
+    ) -> _RequestedModel | wire.SpawnModel.Response:
+        """Returns the body of a request, or the response if it cannot be spawned."""
+        rows = self._state_reader.row_by_id(self._state_reader.state())
+        id = request.id or free_id(request.name or "Model", rows, taken)
+        body, notes = body_from_message(request, id=id, namespace=self._namespace())
         if request.override_name:
             body = replace(body, label=request.override_name)
         etype = ""
-        if body.id in self._state_reader.row_by_id(self._state_reader.state()):
+        if body.id in rows:
             etype = wire.SpawnModel.Response.ID_TAKEN
             self._diagnostics.report_refusal("spawn_model", BodyExistsError(body.id))
         elif request.spawn_collision_check and (obstacles := _overlapping_bodies(self._simulation.snapshot(), body)):
@@ -159,8 +202,29 @@ class WorldControlServices:
         if etype:
             return wire.SpawnModel.Response(id=body.id, name=_display_name(body), etype=etype)
         self._diagnostics.report_notes("spawn_model", notes)
-        success = self._spawn_body("spawn_model", body, parent=request.parent_id)
-        return wire.SpawnModel.Response(id=body.id, name=_display_name(body), success=success)
+        return _RequestedModel(body, self._attachments(body, parent=request.parent_id))
+
+    def _spawn_batch(
+        self, batch: Mapping[BodyId, _RequestedModel]
+    ) -> dict[int, wire.SpawnModel.Response | MindstageError]:
+        """Spawns models in one edit; returns the responses and errors by the index of the request."""
+        if not batch:
+            return {}
+        bodies = tuple(model.body for model in batch.values())
+        attachments = tuple(attachment for model in batch.values() for attachment in model.attachments)
+        try:
+            report = self._simulation.spawn(World(iri=self._iri(), bodies=bodies, attachments=attachments))
+        except MindstageError as error:
+            if len(batch) == 1 or not isinstance(error, WorldError):
+                return {model.number: error for model in batch.values()}
+            each = [self._spawn_batch({id: model}) for id, model in batch.items()]  # the world rejected one of them
+            return {index: result for results in each for index, result in results.items()}
+        self._diagnostics.report_spawn("spawn_model", report)
+        failed_ids = {failure.id for failure in (*report.failed_bodies, *report.failed_attachments)}
+        return {
+            model.number: wire.SpawnModel.Response(id=id, name=_display_name(model.body), success=id not in failed_ids)
+            for id, model in batch.items()
+        }
 
     def spawn_pro_mesh(self, request: wire.SpawnProMesh.Request) -> wire.SpawnProMesh.Response:
         """Spawns a box."""
@@ -180,11 +244,14 @@ class WorldControlServices:
         return wire.SpawnPhysicsConstraint.Response(success=self._spawn("spawn_physics_constraint", world))
 
     def _spawn_body(self, operation: str, body: Body, *, parent: str) -> bool:
-        attachments: tuple[Attachment, ...] = ()
-        if parent:
-            self._state_reader.require([parent])
-            attachments = (attachment_from_message(wire.RelationDescription(parent_id=parent, child_id=body.id)),)
+        attachments = self._attachments(body, parent=parent)
         return self._spawn(operation, World(iri=self._iri(), bodies=(body,), attachments=attachments))
+
+    def _attachments(self, body: Body, *, parent: str) -> tuple[Attachment, ...]:
+        if not parent:
+            return ()
+        self._state_reader.require([parent])
+        return (attachment_from_message(wire.RelationDescription(parent_id=parent, child_id=body.id)),)
 
     def _spawn(self, operation: str, world: World) -> bool:
         report: SpawnReport = self._simulation.spawn(world)

@@ -83,6 +83,8 @@ class EditHold:
         self._first: float | None = None
         self._last = 0.0
         self._quiet_s = _MIN_QUIET_S
+        self._prepared = 0
+        self._lock = threading.Lock()
 
     def add_edit(self) -> None:
         """Starts or extends the delay: an edit was made that the model does not have yet."""
@@ -94,7 +96,20 @@ class EditHold:
         """Time for which the next tick is to be delayed [s]; 0 if it is not."""
         if self._first is None:
             return 0.0
-        return max(0.0, min(self._last + self._quiet_s, self._first + _MAX_HOLD_S) - self._now())
+        now = self._now()
+        last = now if self._prepared else self._last
+        return max(0.0, min(last + self._quiet_s, self._first + _MAX_HOLD_S) - now)
+
+    @contextmanager
+    def preparing(self) -> Iterator[None]:
+        """In the context another edit is prepared, in any thread: a delay that has started is extended."""
+        with self._lock:
+            self._prepared += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._prepared -= 1
 
     @contextmanager
     def rebuilding(self) -> Iterator[None]:

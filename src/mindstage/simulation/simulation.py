@@ -387,10 +387,11 @@ class Simulation:
             MapNotFoundError: no map has that name.
             AmbiguousMapError: several maps are loaded, and no name is given.
         """
-        description = world if isinstance(world, World) else self.knowledge.world(world)
-        provider = self._geometry_provider
-        fitted = provider.fit(description, geometry=geometry)
-        immovable = provider.find_immovable(description)
+        with self._edit_hold.preparing():
+            description = world if isinstance(world, World) else self.knowledge.world(world)
+            provider = self._geometry_provider
+            fitted = provider.fit(description, geometry=geometry)
+            immovable = provider.find_immovable(description)
 
         def spawn(engine: Engine) -> SpawnReport:
             options = provider.options(immovable=immovable.ids, ground=ground)
