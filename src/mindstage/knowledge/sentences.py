@@ -81,6 +81,8 @@ _OPENINGS = tuple(
     tuple(words.split())
     for words in ("can you tell me", "can you say", "tell me", "do you know", "i want to know", "i would like to know")
 )
+_ASKING = frozenset(("where", "what", "which", "how", "who", "whose", "is", "do", "can", "if", "whether"))
+"""Words after which an opening is left out."""
 _PUNCTUATION = "\"'`\u201c\u201d\u2018\u2019«»\u201e.,;:!?()[]…"
 _CHOICE_SYNONYMS = {
     "on": ("on top of", "onto", "upon", "standing on", "lying on"),
@@ -357,8 +359,9 @@ def _tokens(sentence: str) -> list[_Token]:
         begin = start + chunk.index(bare)
         tokens += [_Token(word, begin, begin + len(bare)) for word in _chunk_words(bare)]
     for opening in _OPENINGS:
-        if tuple(token.word for token in tokens[: len(opening)]) == opening:
-            tokens = tokens[len(opening) :]
+        rest = tokens[len(opening) :]
+        if tuple(token.word for token in tokens[: len(opening)]) == opening and rest and rest[0].word in _ASKING:
+            tokens = rest[1:] if rest[0].word in {"if", "whether"} else rest
     kept = [each for each in tokens if each.word not in _FILLERS]
     return [each for at, each in enumerate(kept) if each.word not in _DROPPED or at == len(kept) - 1]
 

@@ -24,6 +24,7 @@ from mindstage.knowledge.owl import Expression, IntersectionOf, NamedClass, Rest
 from mindstage.knowledge.owl import LiteralValue as Constant
 from mindstage.knowledge.queries import AnswerRow, Answers, Question, get_question, list_questions
 from mindstage.knowledge.rdf import local_name, namespace_of
+from mindstage.knowledge.sentences import is_sentence
 from mindstage.knowledge.vocabulary import OWL, RDF, RDFS, TYPE, XSD
 from mindstage.prolog.swipl import FREE, Atom, Compound, Unbound, Value
 from mindstage.scene import Attachment, BodyId, Color, Iri, IriRef, Joint, Literal, World
@@ -128,7 +129,8 @@ class QuestionPredicates:
 
     def sentence(self, text: Value) -> Value:
         """The answers to a plain sentence as understood(Question, Arguments, Rows), with all columns."""
-        answers = self._simulation.ask(f"{text} ?")  # a sentence even if it is one word
+        asked = str(text)
+        answers = self._simulation.ask(asked if is_sentence(asked) else f"{asked}?")
         columns = _columns(answers.question)
         given = [term_of(answers.args[column]) if column in answers.args else FREE for column in columns]
         rows = dict.fromkeys(_row_values(row, answers, (), len(columns)) for row in answers)

@@ -371,7 +371,7 @@ class MapCounts(AnswerRow, frozen=True, kw_only=True):
         "how many things are in {map}",
         "count everything",
         "what does {map} contain in numbers",
-        "how big is {map}",
+        "how big is the map {map}",
         "how many (objects|joints|individuals|things) are there",
     )
 )

@@ -99,7 +99,7 @@ class MapMember(AnswerRow, frozen=True, kw_only=True):
         "what things are there",
         "what objects are there",
         "which (things|objects) are in {map}",
-        "what does {map} contain",
+        "what does the map {map} contain",
         "show everything",
         "is {individual} in {map}",
         "does {individual} exist",

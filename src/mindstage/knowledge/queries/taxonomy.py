@@ -40,7 +40,6 @@ class SubclassRelation(AnswerRow, frozen=True, kw_only=True):
         "what are the subclasses of {superclass}",
         "is (every|each) {cls} a {superclass}",
         "is {cls} a subclass of {superclass}",
-        "what is every {cls}",
         "which classes are above {cls}",
         "which classes are below {superclass}",
     )

@@ -62,7 +62,7 @@ class AskPanel {
     const input = el("input", { type: "text", class: "grow", maxlength: "1000", "aria-label": "Question in words", placeholder: "where is the milk?", "data-role": "sentence" });
     const ask = () => {
       const text = input.value.trim();
-      if (text) this.#ask("ask", { question: `${text} ?` });
+      if (text) this.#ask("ask", { question: text.endsWith("?") ? text : `${text}?` });
     };
     input.addEventListener("keydown", (event) => event.key === "Enter" && ask());
     return el("div", { class: "row" }, input, el("button", { type: "button", class: "primary", "data-action": "ask-sentence", onclick: ask }, "Ask"));
