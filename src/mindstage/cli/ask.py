@@ -413,11 +413,12 @@ AskedQuestion = tuple["Question[Any]", Mapping[str, str], tuple[str, ...]]
 def _sentence(question: str, args: list[str]) -> str:
     """The plain sentence that the arguments of the command are; empty if they name a question."""
     from mindstage.knowledge.queries import list_questions
-    from mindstage.knowledge.sentences import is_sentence
 
     words = [question, *(arg for arg in args if "=" not in arg)]
-    if is_sentence(question):
-        return " ".join(words)
+    if not question.replace("-", "_").isidentifier():
+        from mindstage.knowledge.sentences import is_sentence  # not needed for most questions, and slow to load
+
+        return " ".join(words) if is_sentence(question) else ""
     is_name = question.replace("-", "_") in {each.name for each in list_questions()}
     return "" if is_name or not question.isalpha() or len(words) == 1 else " ".join(words)
 

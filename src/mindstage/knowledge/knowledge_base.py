@@ -18,7 +18,6 @@ from typing import Any, Self, TypeVar, overload
 import pyoxigraph as ox
 
 from mindstage.errors import AmbiguousMapError, InvalidArgumentError, MapNotFoundError
-from mindstage.knowledge.dialects import read_world
 from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
 from mindstage.knowledge.dialects.membership import individuals_by_map, without_other_maps
 from mindstage.knowledge.dialects.source_map import MeshBounds, SourceMap
@@ -190,6 +189,8 @@ class KnowledgeBase:
         with self.lock:
             iri = self._resolve_map(map)
             if iri not in self._worlds:
+                from mindstage.knowledge.dialects.registry import read_world  # many questions need no world
+
                 with gc_paused():
                     self._worlds[iri] = read_world(self._source_map(iri))
             return self._worlds[iri]
@@ -551,6 +552,8 @@ class KnowledgeBase:
 def _resolve_question(
     kb: KnowledgeBase, question: Question[Any] | str, args: Mapping[str, object]
 ) -> tuple[Question[Any], Mapping[str, object], tuple[str, ...]]:
+    if not isinstance(question, str) or question.isidentifier():  # without loading the matcher
+        return _question(question), args, ()
     from mindstage.knowledge.sentences import resolve_question
 
     return resolve_question(kb, question, args)
