@@ -6,7 +6,11 @@
 3. Each mutant runs the fastest tests of its line in a forked process, in a copy of `src`, until one fails.
 
 A mutant is killed by a failed test, an error, or a time limit. The score is killed / all; a line without tests counts
-as survived. Results are in build/mutants: results.json, and survivors.txt with the changed line of each survivor.
+as survived. tests/mutants.toml lists survivors with the reason why no test is missing (mostly: the changed program
+behaves the same); they are reported apart from new ones.
+
+Results are in build/mutants: results.json, which is complete after each mutant, so that `--resume` continues a run that
+was interrupted, and survivors.txt with the changed line of each survivor.
 """
 
 from __future__ import annotations
@@ -24,6 +28,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -38,11 +43,12 @@ import pytest
 from libcst.metadata import MetadataWrapper, PositionProvider
 from mutmut.mutation.mutators import mutation_operators
 
-__all__ = ["Mutant", "main"]
+__all__ = ["ListedSurvivor", "Mutant", "SurvivorList", "main"]
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCE = ROOT / "src" / "mindstage"
 OUTPUT = ROOT / "build" / "mutants"
+LISTED = ROOT / "tests" / "mutants.toml"
 PACKAGES = {
     "scene": ["scene"],
     "engines": ["engines/*.py", "engines/mujoco"],
@@ -72,6 +78,12 @@ PRELOADED = ["pytest", "hypothesis", "numpy", "scipy.spatial", "mujoco", "pyoxig
 """Libraries that every run uses, imported once."""
 
 
+Change = tuple[str, str, str]
+"""A file, its text before, and the text after a mutation."""
+Result = tuple["Mutant", str]
+"""A mutant and its outcome: killed, survived, timeout (killed) or untested."""
+
+
 @dataclass(frozen=True)
 class Mutant:
     """One changed expression."""
@@ -89,6 +101,11 @@ class Mutant:
 
     def __str__(self) -> str:
         return f"{self.file}:{self.line} #{self.number}\n    - {self.before}\n    + {self.after}"
+
+    @property
+    def change(self) -> Change:
+        """What identifies it after lines above it were added or removed."""
+        return self.file, self.before, self.after
 
 
 class Mutation(NamedTuple):
@@ -300,8 +317,8 @@ class MutantRunner:
             shutil.copytree(SOURCE, tree / "mindstage", ignore=shutil.ignore_patterns("__pycache__"))
             self._trees.put(tree)
 
-    def run(self, sample: Sequence[tuple[Mutant, str]]) -> Iterator[tuple[Mutant, str]]:
-        """Yields each mutant with its outcome: killed, survived, timeout (killed) or untested."""
+    def run(self, sample: Sequence[tuple[Mutant, str]]) -> Iterator[Result]:
+        """Yields each mutant with its outcome."""
         with ThreadPoolExecutor(self._workers) as pool:
             for number, (mutant, outcome) in enumerate(pool.map(self._run_one, sample), 1):
                 print(f"{number:4}/{len(sample)} {outcome:9} {mutant.file}:{mutant.line}", flush=True)
@@ -337,20 +354,109 @@ class MutantRunner:
         return "timeout" if code is None else "survived" if code == 0 else "killed"
 
 
-def report(results: Sequence[tuple[Mutant, str]]) -> None:
-    """Writes the results and prints the score by package."""
+@dataclass(frozen=True)
+class ListedSurvivor:
+    """A mutant that no test needs to kill."""
+
+    file: str
+    """Path below src/mindstage."""
+    before: str
+    after: str
+    reason: str
+
+    @property
+    def change(self) -> Change:
+        """As of a mutant."""
+        return self.file, self.before, self.after
+
+    @property
+    def still_exists(self) -> bool:
+        """Whether its file has the line or lines that it changes."""
+        try:
+            lines = (SOURCE / self.file).read_text(encoding="utf-8").splitlines()
+        except FileNotFoundError:
+            return False
+        return self.before in " ".join(line.strip() for line in lines)
+
+
+class SurvivorList:
+    """The mutants that may survive, with reasons."""
+
+    def __init__(self, path: Path) -> None:
+        """Reads the list: tables `[[survivor]]` with the strings `file`, `before`, `after` and `reason`.
+
+        Raises:
+            ValueError: an entry has other fields, an empty one, or is there twice.
+        """
+        self._by_change: dict[Change, ListedSurvivor] = {}
+        for row in tomllib.loads(path.read_text(encoding="utf-8")).get("survivor", []):
+            if set(row) != {"file", "before", "after", "reason"} or not all(row.values()):
+                raise ValueError(f"{path.name}: an entry needs file, before, after and reason: {row}")
+            entry = ListedSurvivor(**row)
+            if entry.change in self._by_change:
+                raise ValueError(f"{path.name}: {entry.file} is listed twice with {entry.before!r}")
+            self._by_change[entry.change] = entry
+
+    def __len__(self) -> int:
+        return len(self._by_change)
+
+    def reason(self, mutant: Mutant) -> str | None:
+        """Returns why a mutant may survive; None if it is not listed."""
+        entry = self._by_change.get(mutant.change)
+        return None if entry is None else entry.reason
+
+    def outdated(self, results: Iterable[Result]) -> Iterator[str]:
+        """Yields what is to be removed: entries whose line no longer exists, or that a test kills."""
+        killed = {mutant.change for mutant, outcome in results if _is_killed(outcome)}
+        for entry in self._by_change.values():
+            if not entry.still_exists:
+                yield f"{entry.file} has no longer: {entry.before}"
+            elif entry.change in killed:
+                yield f"{entry.file}: a test fails now with: {entry.after}"
+
+
+def _is_killed(outcome: str) -> bool:
+    return outcome in ("killed", "timeout")
+
+
+def save_results(results: Iterable[Result]) -> None:
+    """Writes results.json at once, so that it is complete whenever the run is interrupted."""
     rows = [asdict(mutant) | {"outcome": outcome} for mutant, outcome in results]
-    (OUTPUT / "results.json").write_text(json.dumps(rows, indent=1), encoding="utf-8")
-    alive = [(mutant, outcome) for mutant, outcome in results if outcome in ("survived", "untested")]
-    text = "\n".join(f"{outcome} {mutant}" for mutant, outcome in alive)
+    partial = OUTPUT / "results.json.part"
+    partial.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+    partial.replace(OUTPUT / "results.json")
+
+
+def load_results() -> list[Result]:
+    """Reads results.json; empty if there is none."""
+    try:
+        rows = json.loads((OUTPUT / "results.json").read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return []
+    results = []
+    for row in rows:
+        outcome, function = row.pop("outcome"), tuple(row.pop("function"))
+        results.append((Mutant(**row, function=function), outcome))
+    return results
+
+
+def report(results: Sequence[Result], listed: SurvivorList) -> None:
+    """Writes the survivors and prints the score by package."""
+    alive = [(mutant, outcome) for mutant, outcome in results if not _is_killed(outcome)]
+    new = [f"{outcome} {mutant}" for mutant, outcome in alive if listed.reason(mutant) is None]
+    known = [f"{outcome} {mutant}\n    {reason}" for mutant, outcome in alive if (reason := listed.reason(mutant))]
+    text = "\n".join([f"{len(new)} new:", *new, "", f"{len(known)} listed with a reason:", *known])
     (OUTPUT / "survivors.txt").write_text(text + "\n", encoding="utf-8")
-    print(f"\n{'package':24}{'mutants':>8}{'killed':>8}{'untested':>9}{'score':>7}")
+    print(f"\n{'package':24}{'mutants':>8}{'killed':>8}{'listed':>8}{'new':>6}{'score':>7}")
     for name in (*PACKAGES, None):
-        outcomes = [outcome for mutant, outcome in results if name in (None, mutant.package)]
-        if outcomes:
-            killed = sum(outcome in ("killed", "timeout") for outcome in outcomes)
-            untested = outcomes.count("untested")
-            print(f"{name or 'all':24}{len(outcomes):8}{killed:8}{untested:9}{killed / len(outcomes):7.0%}")
+        rows = [(mutant, outcome) for mutant, outcome in results if name in (None, mutant.package)]
+        if rows:
+            killed = sum(_is_killed(outcome) for _, outcome in rows)
+            reasons = sum(listed.reason(mutant) is not None for mutant, outcome in rows if not _is_killed(outcome))
+            unlisted = len(rows) - killed - reasons
+            print(f"{name or 'all':24}{len(rows):8}{killed:8}{reasons:8}{unlisted:6}{killed / len(rows):7.0%}")
+    for entry in listed.outdated(results):
+        print(f"remove from {LISTED.name}: {entry}")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -361,29 +467,37 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--package", action="append", choices=list(PACKAGES), help="only this part; repeatable")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--keep-coverage", action="store_true", help="reuse the recorded coverage")
-    parser.add_argument("--survivors", action="store_true", help="run the survivors of the last results again")
+    again = parser.add_mutually_exclusive_group()
+    again.add_argument("--survivors", action="store_true", help="run the survivors of the last results again")
+    again.add_argument("--resume", action="store_true", help="continue an interrupted run with the same sample")
     parser.add_argument("--record", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.record:
         record_coverage()
         return
     begin = time.monotonic()
+    listed = SurvivorList(LISTED)
     sample = draw_sample(options.count, options.seed, options.package or list(PACKAGES))
-    known: list[tuple[Mutant, str]] = []
-    if options.survivors:
-        rows = json.loads((OUTPUT / "results.json").read_text(encoding="utf-8"))
-        outcomes = {(row["file"], row["before"], row["after"]): row["outcome"] for row in rows}
-        known = [
-            (mutant, outcome)
-            for mutant, _ in sample
-            if (outcome := outcomes.get((mutant.file, mutant.before, mutant.after))) in ("killed", "timeout")
-        ]
-        dead = {mutant for mutant, _ in known}
-        sample = [pair for pair in sample if pair[0] not in dead]
-    if not options.keep_coverage:
+    results: list[Result] = []
+    if options.resume:
+        before = dict(load_results())
+        results = [(mutant, before[mutant]) for mutant, _ in sample if mutant in before]
+    elif options.survivors:
+        dead = {mutant.change: outcome for mutant, outcome in load_results() if _is_killed(outcome)}
+        results = [(mutant, dead[mutant.change]) for mutant, _ in sample if mutant.change in dead]
+    done = {mutant for mutant, _ in results}
+    sample = [pair for pair in sample if pair[0] not in done]
+    OUTPUT.mkdir(parents=True, exist_ok=True)
+    save_results(results)  # those of an earlier run are not continued
+    recorded = (OUTPUT / "durations.json").exists()
+    if not (options.keep_coverage or (options.resume and recorded)):
+        (OUTPUT / "durations.json").unlink(missing_ok=True)
         subprocess.run([sys.executable, __file__, "--record"], check=True, cwd=ROOT)
-    results = [*known, *MutantRunner(TestSelector(), options.workers).run(sample)]
-    report(results)
+    if sample:
+        for result in MutantRunner(TestSelector(), options.workers).run(sample):
+            results.append(result)
+            save_results(results)
+    report(results, listed)
     print(f"{time.monotonic() - begin:.0f} s; survivors are listed in {OUTPUT / 'survivors.txt'}")
 
 

@@ -288,7 +288,8 @@ def view(
 ) -> Viewer:
     """Serves a web page that displays and edits a simulation, at `Viewer.url`.
 
-    The page is updated until the viewer or the simulation is closed; closing the simulation closes its viewers.
+    The page is updated until the viewer or the simulation is closed; closing the simulation closes its viewers. The
+    commands `mindstage ask`, `sparql` and `prolog` of the same user find the simulation with `--running`.
 
     Args:
         sim: the simulation.
@@ -309,6 +310,7 @@ def view(
     """
     from mindstage.bridge import VisitorLimits
     from mindstage.prolog import is_installed, solve_query
+    from mindstage.ros.queries import QueryServer
     from mindstage.viewer import Viewer
 
     prolog = solve_query if is_installed() else None
@@ -317,6 +319,7 @@ def view(
         sim, host=host, port=port, token=token, origins=origins, tls=tls, visitor_limits=limits, prolog=prolog
     )
     sim.on_close(page.close)
+    QueryServer.start(sim, page=page.url)
     if block:
         with page:
             _play(sim, duration_s)

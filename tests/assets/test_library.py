@@ -10,12 +10,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trimesh
+from msgspec.structs import replace
 from PIL import Image
 
 from mindstage.assets import MeshLibrary
 from mindstage.assets.mesh_import import import_meshes
-from mindstage.engines.collision_shapes import compile_geometry
 from mindstage.scene import Body, BodyGeometry, BodyId, CollisionShapeType, GeometrySource, Iri, Pose, Vector
+from mindstage.scene.collision_shapes import compile_geometry
 
 MUG = (0.08, 0.1, 0.12)
 
@@ -135,6 +136,18 @@ def test_a_mesh_is_scaled_and_centered_to_the_size_and_this_is_reported(folder: 
     (shape,) = geometry.collision_shapes
     assert shape.type is CollisionShapeType.HULL
     assert shape.size == pytest.approx(MUG, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("count", "names"), [(1, "t0"), (3, "t0, t1, t2"), (4, "t0, t1, t2 and 1 more"), (6, "t0, t1, t2 and 3 more")]
+)
+def test_a_change_to_the_mesh_of_several_bodies_is_reported_once(
+    folder: Path, cache: Path, count: int, names: str
+) -> None:
+    block((8.0, 10.0, 12.0)).export(folder / "mug.stl")
+    bodies = [replace(body(), id=BodyId(f"t{number}")) for number in range(count)]
+    (note,) = MeshLibrary([folder], cache=cache).geometry_for(bodies).notes
+    assert note == f"{names}: the mesh mug.stl is scaled by 0.01 to the map's size"
 
 
 def test_without_a_size_a_mesh_keeps_its_origin(folder: Path, cache: Path) -> None:

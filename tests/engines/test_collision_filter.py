@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mindstage.engines.collision_filter import CollisionFilter, CollisionFilterInput, compute_collision_filter
-from mindstage.engines.collision_shapes import hollow_box
 from mindstage.scene import BodyId
 from mindstage.scene.bounding_boxes import OrientedBoxes, contains, overlapping_pairs, penetration_depths
+from mindstage.scene.collision_shapes import hollow_box
 from mindstage.scene.transforms import normalize, pose_multiply
 
 
@@ -112,6 +112,17 @@ def test_contents_get_walls_and_a_floor_under_each_level(turn: tuple[float, ...]
 def test_without_a_door_the_top_is_open() -> None:
     bowl_and_apple = boxes_of((0, 0, 0.05, *UPRIGHT, 0.3, 0.3, 0.1), (0, 0, 0.05, *UPRIGHT, 0.07, 0.07, 0.07))
     assert hollow_box(bowl_and_apple, 0, [1], []).opening == "to the top"
+
+
+@pytest.mark.parametrize(
+    ("turn", "up", "opening"), [(UPRIGHT, 1.0, "to the front"), ((0.0, 1.0, 0.0, 0.0), -1.0, "to the front")]
+)
+def test_a_box_with_a_front_below_it_keeps_its_bottom(turn: tuple[float, ...], up: float, opening: str) -> None:
+    boxes = boxes_of((0, 0, 0, *turn, 0.6, 0.6, 0.4), (0, 0, 0, *turn, 0.1, 0.1, 0.1))
+    below, ahead = np.array([0.0, 0.0, -0.22]), np.array([0.32, 0.0, 0.0])
+    assert hollow_box(boxes, 0, [1], [below, ahead]).opening == opening
+    top = "to the top" if up > 0 else "to the bottom"
+    assert hollow_box(boxes, 0, [1], [below]).opening == top, "the contents would fall out of the bottom"
 
 
 def test_stacked_contents_get_no_floor_of_their_own() -> None:

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from mindstage.engines.collision_shapes import compile_geometry
 from mindstage.scene import CollisionShape, CollisionShapeType
+from mindstage.scene.collision_shapes import compile_geometry
 from mindstage.scene.mesh import convex_hull
 
 SHAPES = {

@@ -100,7 +100,24 @@ def test_a_drawer_in_a_cupboard_faces_outwards_along_its_slide(
     )
     geometries = fit_geometry(world(bodies, [slide_joint("cupboard", "drawer", turn=turn)]), bundled_knowledge).geometry
     assert panel_side(geometries[BodyId("drawer")], size) is BodySide.FRONT
+    assert geometries[BodyId("drawer")].reason.endswith("its front is away from what it closes")
     assert open_sides(geometries[BodyId("cupboard")], (0.6, 0.6, 0.3)) == {BodySide.FRONT}
+
+
+@pytest.mark.parametrize(("side", "front"), [(0.24, BodySide.FRONT), (-0.24, BodySide.BACK)])
+def test_a_drawer_with_a_handle_at_a_corner_faces_along_its_slide(
+    bundled_knowledge: KnowledgeBase, side: float, front: BodySide
+) -> None:
+    size = (0.5, 0.4, 0.2)
+    bodies = (
+        make_body("cupboard", "Cupboard", (0, 0, 0), (0.6, 0.6, 0.3)),
+        make_body("drawer", "Drawer", (0, 0, 0), size, is_free=True),
+        make_body("handle", "Handle", (side, 0.22, 0.0), (0.04, 0.04, 0.02)),
+    )
+    fitted = fit_geometry(
+        world(bodies, [slide_joint("cupboard", "drawer")], attached=[("drawer", "handle")]), bundled_knowledge
+    )
+    assert panel_side(fitted.geometry[BodyId("drawer")], size) is front
 
 
 def test_the_floor_of_a_drawer_is_right_below_its_contents(bundled_knowledge: KnowledgeBase) -> None:
@@ -218,6 +235,19 @@ def test_the_shell_of_a_room_is_hollow_with_openings_for_intersecting_bodies(
     assert has_clearance(geometry, (0.0, 0.0, 0.0), clearance=1.5)
     assert has_clearance(geometry, (2.45, 0.0, -0.75), clearance=0.2)
     assert not has_clearance(geometry, (2.45, 1.5, 0.0))
+
+
+def test_what_lies_loose_in_a_room_changes_neither_its_walls_nor_their_openings(
+    bundled_knowledge: KnowledgeBase,
+) -> None:
+    walls = make_body("walls", "WallOfAConstruction", (0, 0, 1.25), (5.0, 4.0, 2.5))
+    cupboard = make_body("cupboard", "Cupboard", (2.4, 0.0, 0.5), (0.6, 0.6, 1.0))
+    cup = make_body("cup", "Cup", (2.0, 1.5, 0.05), (0.1, 0.1, 0.1), is_free=True)
+    empty, furnished = (fit(bundled_knowledge, walls, cupboard, *more) for more in ((), (cup,)))
+    geometry = furnished.geometry[BodyId("walls")]
+    assert [note for note in furnished.notes if "walls" in note.ids] == []
+    assert geometry.collision_shapes == empty.geometry[BodyId("walls")].collision_shapes
+    assert has_clearance(geometry, (2.45, 0.0, -0.75), clearance=0.2)
 
 
 # -- orientation -------------------------------------------------------------------------------------------------------

@@ -7,8 +7,16 @@ import pytest
 
 from mindstage.errors import InvalidShapeError, ShapeNotFoundError
 from mindstage.geometry import SHAPE_TEMPLATES, BodySide, Cutout, build_geometry, template_by_name
-from mindstage.scene import AttachedLight, BodyGeometry, CollisionShapeType, GeometrySource, PbrMaterial, VisualMesh
-from mindstage.scene.transforms import Array
+from mindstage.scene import (
+    AttachedLight,
+    BodyGeometry,
+    CollisionShapeType,
+    GeometrySource,
+    LightType,
+    PbrMaterial,
+    VisualMesh,
+)
+from mindstage.scene.transforms import Array, quat_rotate
 from tests.geometry.geometry_checks import is_closed, is_inside, visual_bounds, volume
 
 
@@ -234,6 +242,23 @@ def test_an_attached_light_is_at_the_bulb() -> None:
     low, high = points_of(geometry, "glass")
     assert np.all(low < light.pose.position)
     assert np.all(light.pose.position < high)
+
+
+def test_a_spot_light_is_at_the_bulb_and_shines_away_from_the_upper_side_of_its_lamp() -> None:
+    template, size = template_by_name("lamp", {"style": "ceiling"}), (0.3, 0.3, 0.2)
+    (light,) = build_geometry(template, size, light=AttachedLight(type=LightType.SPOT)).lights
+    x, y, z = light.pose.position
+    assert (x, y) == pytest.approx((0.0, 0.0))
+    assert z < 0.0, "below the mount"
+    for up, front in ((BodySide.BACK, BodySide.TOP), (BodySide.LEFT, BodySide.FRONT), (BodySide.BOTTOM, BodySide.LEFT)):
+        extents = tuple(0.2 if each == up.axis else 0.3 for each in range(3))
+        (turned,) = build_geometry(
+            template, extents, light=AttachedLight(type=LightType.SPOT), up=up, front=front
+        ).lights
+        assert turned.pose.position == pytest.approx(z * np.array(up.vector), abs=1e-6)
+        assert quat_rotate(np.array(turned.pose.quaternion), (0.0, 0.0, -1.0)) == pytest.approx(-np.array(up.vector))
+    (bulb,) = build_geometry(template, extents, light=AttachedLight(), up=up, front=front).lights
+    assert bulb.pose.quaternion == (1.0, 0.0, 0.0, 0.0), "a point light shines in all directions"
 
 
 def test_a_body_too_thin_for_its_walls_is_a_plain_box_with_a_reason() -> None:

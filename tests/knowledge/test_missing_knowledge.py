@@ -147,7 +147,10 @@ def test_a_known_class_without_individuals_is_reported(tmp_path: Path) -> None:
 
 def test_empty_maps_and_individuals_without_a_map_are_reported(tmp_path: Path) -> None:
     path = tmp_path / "room.ttl"
-    path.write_text(room_map("k:Cup a owl:Class . :cup a k:Cup . e:Lonely a owl:Class ."), encoding="utf-8")
+    path.write_text(
+        room_map("k:Cup a owl:Class . :cup a k:Cup . e:Lonely a owl:Class . e:Only rdfs:subClassOf k:Cup ."),
+        encoding="utf-8",
+    )
     kb = knowledge_base_from(path)
     assert kb.ask("everything_in_map").missing == ()
     (missing,) = kb.ask("everything_in_map", map="room").missing
@@ -158,6 +161,8 @@ def test_empty_maps_and_individuals_without_a_map_are_reported(tmp_path: Path) -
     assert missing.reason == "Lonely has no superclass: there is no subClassOf statement"
     (missing,) = kb.ask("siblings", cls="Lonely").missing
     assert missing.reason == "Lonely has no such sibling: it has no subClassOf statement"
+    (missing,) = kb.ask("siblings", cls="Only", sibling="Lonely").missing
+    assert missing.reason == "Only has no such sibling: that class is not directly below Cup"
     (missing,) = kb.ask("identical_maps").missing
     assert missing.reason == "1 maps are loaded, and a comparison needs two"
     (missing,) = KnowledgeBase(bundled_ontology=False).ask("maps").missing

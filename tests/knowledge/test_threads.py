@@ -18,7 +18,7 @@ from mindstage.simulation import Simulation
 from tests.knowledge.maps import ROOM_NAMESPACE, body_turtle, room_map
 
 CONTAINER_FOR = "typePrimaryFunction-containerFor"
-ROUNDS = 60
+ROUNDS = 24
 PATIENCE_S = 120.0
 
 

@@ -83,9 +83,17 @@ def test_all_solutions_as_json(prolog: Path) -> None:
         {"Place": "http://mindstage.org/ontology#Breadbasket", "Steps": 0},
         {"Place": "http://knowrob.org/kb/knowrob.owl#Refrigerator", "Steps": 3},
     ]
+    assert printed["complete"]
     none = run("--json", "-g", "fail")
     assert (none.returncode, json.loads(none.stdout)["solutions"]) == (1, [])
     assert run("--json").returncode == 2
+
+
+def test_solutions_beyond_the_limit_are_said_to_be_missing(prolog: Path) -> None:
+    done = run("--no-bundled-ontology", "--json", "-g", "repeat", "--limit", 5)
+    printed = json.loads(done.stdout)
+    assert (done.returncode, printed["solutions"], printed["complete"]) == (0, [{}] * 5, False)
+    assert "the search stopped after 5 solutions; there may be more (--limit)" in done.stderr
 
 
 def test_a_goal_that_takes_too_long_ends_with_2(prolog: Path) -> None:
@@ -147,6 +155,26 @@ def test_the_toplevel_reads_a_pipe(prolog: Path) -> None:
     assert "M = kitchen:kitchen." in done.stdout
     assert "Unknown procedure: no_such_thing/1" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_pipe_answers_each_query_also_after_one_with_several_answers(prolog: Path) -> None:
+    typed = (
+        "member(X, [1, 2]).\nX = second.\nmember(Y, [7, 8, 9]).\n ; ;\n;\nY = last.\n"
+        "member(Z, [a, b]). % a comment\n\nZ = (x ; y), true.\nmember(End, [1, 2])."
+    )
+    done = run("--no-bundled-ontology", typed=typed)
+    assert done.returncode == 0
+    answers = [line for line in done.stdout.splitlines() if line.strip()]
+    assert answers == [
+        "X = 1 .",
+        "X = second.",
+        *("Y = 7 ;", "Y = 8 ;", "Y = 9."),
+        "Y = last.",
+        "Z = a .",
+        "Z = (x;y).",
+        "End = 1 .",
+    ]
+    assert done.stderr.count("a line with ; after a query prints the next one") == 1
 
 
 def test_the_toplevel_exits_at_the_end_of_input(prolog: Path) -> None:

@@ -41,8 +41,44 @@ def test_values_are_plain(value: str, expected: Any, kitchen: PrologConsole) -> 
     assert row == {"X": expected}
 
 
-def test_the_number_of_solutions_is_limited(kitchen: PrologConsole) -> None:
-    assert kitchen.solutions("between(1, inf, X)", limit=3) == [{"X": 1}, {"X": 2}, {"X": 3}]
+@pytest.mark.parametrize(
+    ("goal", "complete"), [("between(1, inf, X)", False), ("between(1, 3, X)", True), ("member(X, [1, 2])", True)]
+)
+def test_a_limit_of_solutions_that_cut_some_off_is_said(goal: str, complete: bool, kitchen: PrologConsole) -> None:
+    found = kitchen.solutions(goal, limit=3)
+    assert found == [{"X": number} for number in range(1, len(found) + 1)]
+    assert found.complete is complete
+    assert kitchen.solutions(goal.replace("inf", "2000"), limit=5000).complete
+    queried = kitchen.answers("member(X, [1, 2, 3, 4])", limit=3)
+    assert (queried, queried.complete) == ([{"X": 1}, {"X": 2}, {"X": 3}], False)
+
+
+def test_a_search_does_not_go_beyond_its_limit(kitchen: PrologConsole) -> None:
+    found = kitchen.solutions("( X = 1 ; repeat, fail )", limit=1, timeout_s=60.0)
+    assert (found, found.complete) == ([{"X": 1}], False)
+
+
+def test_the_time_limit_includes_the_conversion_of_the_solutions(
+    kitchen: PrologConsole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = iter(range(0, 10**9, 1000))  # each look at the clock is 1,000 s after the last one
+    monkeypatch.setattr("mindstage.prolog.console.time.monotonic", lambda: float(next(clock)))
+    with pytest.raises(PrologTimeoutError, match="did not end within 30 s"):
+        kitchen.solutions("between(1, 5, X)")
+
+
+def test_all_solutions_together_have_a_limit_while_they_are_found(kitchen: PrologConsole) -> None:
+    with pytest.raises(PrologGoalError, match="the text of the solutions is too long; ask for less"):
+        kitchen.answers("A = [1, 2, 3, 4, 5, 6, 7, 8, 9], member(_, _), member(_, [a, b])", limit=10**6)
+
+
+def test_the_message_about_a_large_term_is_short(kitchen: PrologConsole) -> None:
+    with pytest.raises(PrologGoalError, match="Type error") as refused:
+        kitchen.solutions("numlist(1, 900000, L), atom_length(f(L), _)")
+    assert len(str(refused.value)) < 3000
+    with pytest.raises(PrologGoalError, match="Type error") as refused:
+        kitchen.answers(f"A = '{'a' * 3000}', sort(f(A, A, A, A), L)")
+    assert len(refused.value.cause) < 2100
 
 
 @pytest.mark.parametrize("goal", ["repeat, fail", "length(L, N), fail", "sleep(60)", "thread_get_message(never)"])

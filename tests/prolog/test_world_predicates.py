@@ -73,7 +73,10 @@ def test_models_are_attached_to_one_another(console: PrologConsole, simulation: 
         ("highlight_likely_storage_place(Map, knowrob:'CowsMilk')", {"fridge"}),
         ("highlight_handle_of(Map, fridge_door)", {"fridge_door_handle"}),
         ("highlight_device_for_action(Map, knowrob:'BakingFood', _)", {"hob", "oven"}),
-        ("highlight_device_for_action(Map, knowrob:'BakingFood', kitchen:oven)", {"oven"}),
+        ("highlight_device_for_action(Map, knowrob:'BakingFood', knowrob:'HeatSource')", {"hob", "oven"}),
+        ("highlight_device_for_action(Map, knowrob:'BakingFood')", {"hob", "oven"}),
+        ("highlight_handle_of(Map, fridge_door, kitchen:fridge_door_handle)", {"fridge_door_handle"}),
+        ('highlight_models(["fridge", oven])', {"fridge", "oven"}),
         ("highlight(fridge)", {"fridge"}),
         ("highlight([fridge, kitchen:oven])", {"fridge", "oven"}),
     ],
@@ -85,9 +88,16 @@ def test_answers_are_highlighted(
     assert dict(simulation.state.highlights) == dict.fromkeys(highlighted, COLORS["green"])
 
 
-def test_each_device_is_an_answer_while_all_are_highlighted(console: PrologConsole) -> None:
+def test_the_classes_of_devices_for_an_action_are_answers(console: PrologConsole) -> None:
     goal = "spawn_semantic_map(Map), highlight_device_for_action(Map, knowrob:'BakingFood', X)"
-    assert [row["X"].partition("#")[2] for row in console.solutions(goal)] == ["hob", "oven"]
+    assert [row["X"].partition("#")[2] for row in console.solutions(goal)] == ["HeatSource"]
+
+
+def test_the_handles_of_an_individual_are_answers_while_all_are_highlighted(console: PrologConsole) -> None:
+    goal = "spawn_semantic_map(Map), highlight_handle_of(Map, X, Handle)"
+    rows = console.solutions("handle_of(_, X, Handle)")
+    handles = dict.fromkeys(row["Handle"] for row in rows)
+    assert [row["Handle"] for row in console.solutions(goal)] == list(handles)
 
 
 def test_highlights_are_labeled_with_the_question(console: PrologConsole, simulation: Simulation) -> None:

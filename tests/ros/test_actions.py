@@ -115,7 +115,7 @@ def test_stepping_is_exclusive_and_not_allowed_while_playing(send: Any, simulati
 def test_a_goal_times_out(simulation: Simulation) -> None:
     with LocalNode() as local_node, RosInterface(simulation, local_node, goal_timeout_s=0.2):
         goal = local_node.send_goal(STEPS, STEPS_TYPE, {"steps": FOR_EVER})
-        with pytest.raises(Exception, match=r"within 0\.2 s"):
+        with pytest.raises(Exception, match=r"simulate_steps did not finish within 0\.2 s"):
             goal.wait(TIMEOUT_S)
         assert local_node.call_service("/unreal/get_simulation_state")["result"]["result"] == 1
 

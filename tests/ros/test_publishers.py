@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from typing import Any
 
 import msgspec
@@ -38,6 +39,10 @@ def subscribed_messages(client: RosbridgeClient | LocalNode, topic: str) -> list
     received: list[Any] = []
     client.subscribe(topic, received.append)
     return received
+
+
+def status_values(message: Any) -> dict[str, str]:
+    return {each["key"]: each["value"] for each in message["status"][0]["values"]}
 
 
 def test_every_topic_has_messages_of_its_type(client: RosbridgeClient, simulation: Simulation) -> None:
@@ -209,6 +214,19 @@ def test_health_is_published_and_reports_a_failed_engine(knowledge: KnowledgeBas
         received = subscribed_messages(local_node, "/mindstage/health")
         eventually(lambda: received and received[-1]["status"][0]["level"] == 0)
         assert received[-1]["status"][0]["name"] == "mindstage: engine null"
+        values = status_values(received[-1])
+        assert values["bodies"] == "0"
+        assert 0.0 <= float(values["answered_in_s"]) < 2.0, "a ping is given up after 2 s"
+        count, may_go_on = len(received), threading.Event()
+        blocker = threading.Thread(target=simulation.run_on_engine, args=(lambda _: may_go_on.wait(20.0),))
+        blocker.start()
+        eventually(lambda: any(each["status"][0]["level"] == 2 for each in received[count:]))
+        late = next(each for each in received[count:] if each["status"][0]["level"] == 2)
+        assert "2 s" in late["status"][0]["message"]
+        assert status_values(late)["answered_in_s"] == "", "there was no answer"
+        may_go_on.set()
+        blocker.join(20.0)
+        eventually(lambda: received[-1]["status"][0]["level"] == 0)
         engine.close()
         eventually(lambda: received[-1]["status"][0]["level"] == 2)
         assert "is closed" in received[-1]["status"][0]["message"]

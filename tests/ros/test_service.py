@@ -162,10 +162,13 @@ def test_a_call_without_a_timeout_has_the_default_timeout(knowledge: KnowledgeBa
     ):
         client = RawClient(server.url)
         client.send_operation(op="call_service", id="begun", service="/unreal/mindstage/log_world")
+        client.send_operation(op="call_service", id="worlds", service="/unreal/get_available_worlds")
         answer = client.call_service("/unreal/mindstage/clear")
         assert answer["result"] is False
         assert "did not begin within 0.2 s" in answer["values"]
         engine.may_log.set()
+        # Listing worlds reads files, so it may wait as long as loading them.
+        assert client.receive("service_response", id="worlds")["result"] is True
         assert client.receive("service_response", id="begun")["result"] is True
         assert client.call_service("/unreal/mindstage/describe", timeout=TIMEOUT_S)["result"] is True
         client.close()

@@ -149,6 +149,7 @@ def test_an_arrow_can_be_given_by_two_points(send: Any, simulation: Simulation) 
     arrow = shown(simulation)["a/0"]
     assert arrow.size == pytest.approx((2.0, 0.1, 0.1))
     assert arrow.pose.position == (1, 1, 1)
+    assert (arrow.points, arrow.colors) == ((), ()), "the pose and the size say it all"
     half = 0.5**0.5
     assert arrow.pose.quaternion == pytest.approx((half, 0.0, -half, 0.0))
 

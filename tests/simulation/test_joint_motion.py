@@ -12,10 +12,12 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 import mindstage as ms
+from mindstage.engines import NullEngine
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NameNotFoundError
 from mindstage.knowledge import bundled_kitchen
-from mindstage.scene import BodyId, Mobility, Pose
+from mindstage.scene import Attachment, BodyId, Mobility, Pose
 from mindstage.simulation import JointMotion, Simulation
+from tests.kitchenette import kitchenette
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +81,25 @@ def test_furniture_opens_outwards(sim: Simulation) -> None:
         assert moved > 0.1, name
 
 
+def test_of_two_limits_it_opens_to_the_one_where_its_handle_is_farther_away() -> None:
+    kitchen = kitchenette()
+    knob = replace(kitchen.body("DrawerHandle"), pose=Pose((2.3, 0.0, 0.65)))
+    for side, handle in ((-0.45, kitchen.body("DrawerHandle")), (0.45, knob)):
+        # Without a size, nothing is decided about where the front of the drawer is.
+        drawer = replace(kitchen.body("Drawer"), size=None, pose=Pose((2.0, 0.0, 0.65)))
+        cupboard, mug = kitchen.body("Cupboard"), kitchen.body("Mug")
+        (slide,) = (replace(each, pose=drawer.pose) for each in kitchen.joints if each.id == "DrawerSlide")
+        attachments = (
+            Attachment(parent=drawer.id, child=handle.id),
+            Attachment(parent=cupboard.id, child=mug.id),
+        )
+        world = replace(kitchen, bodies=(cupboard, drawer, handle, mug), joints=(slide,), attachments=attachments)
+        with Simulation(ms.KnowledgeBase(bundled_ontology=False), NullEngine(), shapes=False) as sim:
+            sim.spawn(world)
+            assert sim.joint("Drawer").range == pytest.approx((-0.45, 0.45))
+            assert sim.joint("Drawer").open_position == pytest.approx(side)
+
+
 def test_an_obstacle_stops_it_and_the_result_is_false(sim: Simulation) -> None:
     wall = replace(
         sim.snapshot().body("fridge"),
@@ -114,6 +135,7 @@ def test_an_engine_without_physics_sets_the_pose_exactly(
     before = static_kitchen.snapshot().body(f"{joint.body}_handle").pose
     result = joint.open(fraction)
     assert result == JointMotion(arrived=True, position=joint.position, target=result.target, duration_s=0.0)
+    assert result.target == pytest.approx(joint.closed_position + fraction * joint.open_position)
     assert joint.openness == pytest.approx(fraction, abs=1e-6)
     if abs(fraction - 0.5) > 0.45:
         joint.close()

@@ -15,6 +15,7 @@ from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NoFreePlac
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
 from mindstage.simulation import Simulation
+from mindstage.simulation.placement_list import load_items, place_items
 
 
 @pytest.fixture(scope="module")
@@ -84,6 +85,34 @@ def test_invalid_arguments_are_rejected(kitchen: Simulation) -> None:
     with pytest.raises(InvalidArgumentError, match="the size of its instances is unknown"):
         kitchen.place("HumanScaleObject", on="table")
     assert kitchen.make_body("HumanScaleObject", size=(0.1, 0.1, 0.1)).size == (0.1, 0.1, 0.1)
+
+
+def test_a_list_of_items_is_placed_with_labels_counts_and_reasons(kitchen: Simulation, tmp_path: Path) -> None:
+    path = tmp_path / "items.ttl"
+    path.write_text(
+        """@prefix : <http://example.org/list#> . @prefix ms: <http://mindstage.org/ontology#> .
+        @prefix knowrob: <http://knowrob.org/kb/knowrob.owl#> .
+        @prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+        :bowls a knowrob:Bowl-Eating ; rdfs:label "a bowl" ; ms:count 2 ; ms:putOn "counter_west" ; :color "blue" .
+        :lost a knowrob:DinnerPlate ; ms:putOn "no_such_table" .
+        """,
+        encoding="utf-8",
+    )
+    items = load_items(path, kitchen.knowledge)
+    assert {item.label for item in items} == {"a bowl", None}
+    done: list[int] = []
+    report = place_items(kitchen, items, progress=done.append)
+    assert done == [1, 2, 3]
+    assert [(each.id, each.support_id) for each in report.placed] == [
+        ("bowls_1", "counter_west"),
+        ("bowls_2", "counter_west"),
+    ]
+    (unplaced,) = report.unplaced
+    assert unplaced.id == "lost"
+    assert "no_such_table" in unplaced.reason
+    bowl = kitchen.snapshot().body("bowls_2")
+    assert (bowl.label, bowl.iri) == ("a bowl", "http://example.org/list#bowls_2")
+    assert [fact.value.text for fact in bowl.facts if fact.property.endswith("#color")] == ["blue"]
 
 
 def test_on_the_mesh_of_a_bench_a_cup_is_placed_on_the_seat(tmp_path: Path) -> None:

@@ -165,6 +165,16 @@ def test_revisions_count_edits_and_not_motion(sim: Simulation) -> None:
     assert sim.state.revision > before
 
 
+def test_a_reset_is_published_as_an_edit(sim: Simulation) -> None:
+    sim.spawn(room())
+    sim.run_on_engine(lambda engine: engine.delete([BodyId("mug")]), edits=True)
+    before, notified = sim.state.revision, threading.Event()
+    sim.clients.on_edit(notified.set)
+    sim.reset()
+    assert sim.state.revision > before, "the pages draw what was restored"
+    assert notified.is_set()
+
+
 def test_long_steps_report_their_progress(sim: Simulation) -> None:
     seen: list[float] = []
     sim.step(0.35, progress=seen.append)

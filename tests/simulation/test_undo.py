@@ -153,6 +153,22 @@ def test_a_detached_body_is_restored_at_its_relative_pose_after_its_parent_moved
     assert [each.child for each in sim.snapshot().attachments if each.parent == DRAWER] == [HANDLE]
 
 
+def test_moving_an_attached_body_to_another_parent_is_undone_and_redone_at_both_poses(sim: Simulation) -> None:
+    stack, place = sim.undo_stack, (1.95, 0.1, 0.7)
+    stack.move(MUG, Pose(place))
+    stack.attach(DRAWER, MUG)
+    before = sim.snapshot()
+    stack.attach(FRIDGE, MUG)
+    after = sim.snapshot()
+    for _ in range(2):
+        stack.undo()
+        assert is_same(before, sim.snapshot())
+        assert poses(sim)[MUG][:3] == pytest.approx(place, abs=1e-6)
+        stack.redo()
+        assert is_same(after, sim.snapshot())
+        assert poses(sim)[MUG][:3] == pytest.approx(place, abs=1e-6)
+
+
 def test_an_edit_that_cannot_be_undone_is_removed_from_the_history(sim: Simulation) -> None:
     sim.undo_stack.delete([MUG])
     mug = kitchenette().body("Mug")
@@ -237,6 +253,19 @@ def test_a_pull_acts_far_from_the_hinge_and_targets_the_joint_position(sim: Simu
     assert pull.id == DOOR
     assert pull.point == pytest.approx((0.0, -0.3, 0.0)), "the side across from the hinge"
     assert np.linalg.norm(np.array(pull.target) - (1.68, 1.3, 0.9)) == pytest.approx(0.6)
+
+
+def test_a_pull_acts_on_the_far_side_of_a_door_that_is_the_parent_of_its_joint(sim: Simulation) -> None:
+    kitchen = sim.snapshot()
+    # The hinge is on the left of the door's center, and on the right of the center of what holds it.
+    fridge = replace(kitchen.body("Fridge"), pose=Pose((2.0, 1.6, 0.9)))
+    swapped = replace(next(each for each in kitchen.joints if each.id == "FridgeHinge"), parent=DOOR, child=FRIDGE)
+    bodies = {body.id: body for body in kitchen.bodies} | {FRIDGE: fridge}
+    world = replace(kitchen, bodies=tuple(bodies.values()), joints=(swapped,))
+    now = {id: np.array([*body.pose.position, *body.pose.quaternion]) for id, body in bodies.items()}
+    pull = JointHandle(swapped, bodies, SpawnRecord.from_worlds([world])).pull_target("swing1", 0.5, now)
+    assert pull.id == DOOR
+    assert pull.point == pytest.approx((0.0, -0.3, 0.0))
 
 
 def test_a_pull_opens_a_door_in_physics() -> None:

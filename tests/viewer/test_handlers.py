@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import json
+import threading
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
+import viser
 from msgspec.structs import replace
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.knowledge import bundled_kitchen, write_map
@@ -126,6 +132,7 @@ def test_invalid_requests_are_refused_and_change_nothing(
     with pytest.raises(RequestFailedError) as refused:
         client.ask(what, **arguments)
     assert refused.value.type != "Defect", str(refused.value)
+    assert "there is no such method" not in str(refused.value)
     assert physics_simulation.snapshot() == before
 
 
@@ -150,6 +157,48 @@ def test_details_of_the_selected_body_include_live_pose_and_joints(
         "the new joint position is received",
     )
     assert client.latest["live_details"]["pose"]["position"] == [1.75, 0.0, 0.65]
+
+
+def test_details_are_shown_during_a_long_step(
+    physics_simulation: Simulation, client: PageClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, may_end, timeouts = threading.Event(), threading.Event(), list[float]()
+
+    def step(duration_s: float, **_: Any) -> None:
+        begun.set()
+        if not may_end.wait(5.0):
+            timeouts.append(duration_s)
+
+    monkeypatch.setattr(physics_simulation, "step", step)
+    client.socket.send(json.dumps({"id": 1000, "method": "step", "params": {"duration_s": 1.0}}))
+    assert begun.wait(20.0)
+    assert client.ask("details", id="Drawer")["cls"] == "Drawer"
+    may_end.set()
+    client.ask("pause")
+    assert not timeouts, "the details came after the step"
+
+
+def test_a_body_is_added_where_the_camera_of_its_page_looks(page: Viewer, physics_simulation: Simulation) -> None:
+    camera = {
+        "type": "ViewerCameraMessage", "wxyz": LEVEL, "position": [0, -9, 5], "fov": 0.8, "near": 0.1, "far": 99.0,
+        "image_height": 300, "image_width": 400, "look_at": [-1.0, -1.5, 0.0], "up_direction": [0, 0, 1],
+    }  # fmt: skip
+    key, protocol = "0123456789abcdef", Subprotocol(f"viser-v{viser.__version__}")
+    address = f"{page.url.replace('http', 'ws', 1)}/view/{key}"
+    with (
+        connect_page_client(page.url, key=key) as client,
+        connect_page_client(page.url) as other,
+        connect(address, subprotocols=[protocol], max_size=None) as view,
+    ):
+        view.send(msgspec.msgpack.encode(camera))
+        wait_until(lambda: page.views.clients, "the view is connected, and shows the whole kitchen")
+        view.send(msgspec.msgpack.encode(camera))
+        (shown,) = page._server.get_clients().values()
+        wait_until(lambda: shown.camera.look_at.tolist() == [-1.0, -1.5, 0.0], "the camera is turned")
+        seen = client.ask("add", **{"class": "Cup", "size": [0.1, 0.1, 0.1]})
+        assert at(physics_simulation, seen)[:2] == pytest.approx((-1.0, -1.5))
+        elsewhere = other.ask("add", **{"class": "Cup", "size": [0.1, 0.1, 0.1]})
+        assert at(physics_simulation, elsewhere)[:2] == pytest.approx((0.0, 0.0)), "that page has no view"
 
 
 def test_details_include_storage_places_from_the_ontology() -> None:

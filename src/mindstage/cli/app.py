@@ -19,7 +19,7 @@ import typer
 from mindstage import __version__
 from mindstage.cli.ask import ask, questions, sparql, tell
 from mindstage.cli.maps import analyze, compare, convert, validate
-from mindstage.cli.options import ExitCode, command, discard_output
+from mindstage.cli.options import ExitCode, VerbCommand, command, discard_output
 from mindstage.cli.place import place
 from mindstage.cli.prolog import prolog
 from mindstage.cli.serve import serve
@@ -69,7 +69,7 @@ def _make_app(commands: Iterable[str]) -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     for name in commands:
-        app.command(name, hidden=name in _ALIASES)(command((_COMMANDS | _ALIASES)[name]))
+        app.command(name, cls=VerbCommand, hidden=name in _ALIASES)(command((_COMMANDS | _ALIASES)[name]))
     app.callback()(_options)
     return app
 

@@ -5,7 +5,7 @@ With `--highlight`, `ask` spawns the map and highlights the answers in the simul
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mindstage.cli.attach import open_running, running_target
 from mindstage.cli.options import (
     DEFAULT_READING,
     AsJson,
@@ -24,6 +25,7 @@ from mindstage.cli.options import (
     MapOptions,
     MapReading,
     Port,
+    Running,
     Seconds,
     StoreFolder,
     WithViewport,
@@ -52,7 +54,7 @@ from mindstage.cli.viewer import show_page
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine
-    from mindstage.knowledge import KnowledgeBase, RdfTerm
+    from mindstage.knowledge import KnowledgeBase, RdfTerm, SparqlResult
     from mindstage.knowledge.queries import Answers, Question
     from mindstage.scene import Color
     from mindstage.simulation import HighlightResult
@@ -175,6 +177,7 @@ def questions(*, as_json: AsJson = False) -> ExitCode:
 
 
 def sparql(
+    context: typer.Context,
     query: Annotated[
         str,
         typer.Argument(
@@ -183,6 +186,7 @@ def sparql(
     ],
     *,
     maps: MapOptions = None,
+    running: Running = None,
     timeout_s: Annotated[
         float,
         typer.Option("--timeout", metavar="SECONDS", min=0.0, callback=finite, help="The timeout."),
@@ -197,10 +201,11 @@ def sparql(
     as_json: AsJson = False,
 ) -> ExitCode:
     """Run a SPARQL query on the loaded sources, or on an endpoint; exit 1 for no result, or for the answer no."""
-    import msgspec
-
     from mindstage.errors import InvalidArgumentError
 
+    allowed = {"query", "running", "timeout_s", "as_json"}
+    if (target := running_target(context, running, maps, allowed=allowed)) is not None:
+        return _query_running(target, query, timeout_s=timeout_s, as_json=as_json)
     if closure and endpoint:
         cause = "an endpoint does not contain the statements that are derived here"
         raise InvalidArgumentError("--closure", cause=cause, remedy="omit it, or ask one of the questions")
@@ -208,19 +213,37 @@ def sparql(
         knowledge = knowledge_base(maps or [], reading, store=store, endpoint=endpoint, closure=closure)
         table = knowledge.sparql(query, timeout_s=timeout_s, allow_service=allow_service)
     findings = knowledge.findings()
-    if as_json:
+    if not as_json:
+        print_findings(findings, classes=class_lookup(knowledge))
+    return _print_sparql(table, as_json={"findings": findings_json(findings)} if as_json else None)
+
+
+def _query_running(target: str, query: str, *, timeout_s: float, as_json: bool) -> ExitCode:
+    """Runs a SPARQL query in a running simulation."""
+    import msgspec
+
+    from mindstage.knowledge import SparqlResult
+
+    with progress_spinner("querying"), open_running(target) as simulation:
+        result = simulation.query("sparql", query, timeout_s=timeout_s)
+    table = msgspec.convert(result | {"boolean": result["truth"]}, SparqlResult)
+    return _print_sparql(table, as_json={"running": simulation.address} if as_json else None)
+
+
+def _print_sparql(table: SparqlResult, *, as_json: Mapping[str, object] | None) -> ExitCode:
+    """Prints a result as a table, or as JSON with further fields."""
+    import msgspec
+
+    if as_json is not None:
         solutions = [
             {name: msgspec.to_builtins(term) for name, term in zip(table.columns, row, strict=True) if term is not None}
             for row in table.rows
         ]
-        output = {"columns": table.columns, "rows": solutions, "truth": table.boolean}
-        print_json(output | {"findings": findings_json(findings)})
+        print_json({"columns": table.columns, "rows": solutions, "truth": table.boolean, **as_json})
+    elif table.boolean is not None:
+        print_line("yes" if table.boolean else "no")
     else:
-        print_findings(findings, classes=class_lookup(knowledge))
-        if table.boolean is not None:
-            print_line("yes" if table.boolean else "no")
-        else:
-            print_table("", table.columns, [[_term_text(term) for term in row] for row in table.rows])
+        print_table("", table.columns, [[_term_text(term) for term in row] for row in table.rows])
     return ExitCode.OK if table.boolean or table.rows else ExitCode.NEGATIVE
 
 
@@ -354,6 +377,7 @@ def ask(
     args: Arguments = None,
     *,
     maps: MapOptions = None,
+    running: Running = None,
     why: Why = False,
     store: StoreFolder = None,
     endpoint: EndpointUrl = None,
@@ -370,11 +394,16 @@ def ask(
     """Ask a question; without an answer, print what is missing, and exit 1.
 
     A plain sentence (mindstage ask where is the milk) is understood by templates and names, and printed as a question.
-    With --highlight the question is asked about the state of the simulation.
+    With --highlight the question is asked about the state of the simulation, and with --running about that of a
+    running one.
     """
     # Before the map is read, so that a wrong name fails at once.
     sentence = _sentence(question, args or [])
     asked = None if sentence else _question_with_args(question, args or [])
+    allowed = {"question", "args", "running", "why", "highlight", "as_json"}
+    if (target := running_target(context, running, maps, allowed=allowed)) is not None:
+        return _ask_running(target, asked, sentence, why=why, highlight=highlight, as_json=as_json)
+
     if highlight is None:
         _require_highlight(context)
         run = None
@@ -437,6 +466,54 @@ def _understood(knowledge: KnowledgeBase, sentence: str) -> AskedQuestion:
     return understood.question, {name: str(value) for name, value in understood.args.items()}, understood.notes
 
 
+def _ask_running(
+    target: str, asked: AskedQuestion | None, sentence: str, *, why: bool, highlight: str | None, as_json: bool
+) -> ExitCode:
+    """Asks a running simulation."""
+    import msgspec
+
+    from mindstage.knowledge.queries import get_question
+
+    name, named = (asked[0].name, msgspec.json.encode(asked[1]).decode()) if asked else (sentence, "{}")
+    with progress_spinner("asking"), open_running(target) as simulation:
+        result = simulation.query("question", name, args=named, explain=why, highlight=highlight or "")
+    if as_json:
+        print_json({**result, "running": simulation.address})
+    else:
+        for note in result.get("notes", ()):
+            print_line(note)
+        _print_received(get_question(result["question"]), result, why=why)
+        for item in result.get("not_lit", ()):
+            warn(f"not highlighted: {item['id']}: {item['reason']}")
+        if highlight is not None:
+            print_line(f"{len(result['lit'])} highlighted in {simulation.address}")
+    return ExitCode.OK if result["answers"] else ExitCode.NEGATIVE
+
+
+def _print_received(question: Question[Any], result: Mapping[str, Any], *, why: bool) -> None:
+    """Prints the answers of a running simulation.
+
+    Raises:
+        InvalidArgumentError: the simulation is of a version with other columns.
+    """
+    import msgspec
+
+    from mindstage.errors import InvalidArgumentError
+    from mindstage.knowledge.queries import Answers, MissingKnowledge
+
+    records = result["answers"]
+    try:
+        rows = [msgspec.convert(record, question.row) for record in records]
+    except msgspec.ValidationError as error:
+        remedy = "use --json, or the same version on both sides"
+        raise InvalidArgumentError(question.name, cause=f"the answers differ: {error}", remedy=remedy) from error
+    missing = [MissingKnowledge(each["class"], each["property"], each["why"]) for each in result["missing"]]
+    answers = Answers(question, result["args"], rows, missing)
+    classes = {record["iri"]: record["class"] for record in records if "iri" in record}
+    reasons = [record["why"] for record in records] if why else None
+    _print_answers(answers, class_of=classes.get, reasons=reasons)
+
+
 def _print_result(
     knowledge: KnowledgeBase,
     notes: tuple[str, ...],
@@ -457,7 +534,8 @@ def _print_result(
         print_findings(findings, classes=class_lookup(knowledge))
         for note in (*notes, *answers.notes):
             print_line(note)
-        _print_answers(knowledge, answers, why=why)
+        reasons = [knowledge.explain(answers.question, row) for row in answers] if why else None
+        _print_answers(answers, class_of=knowledge.reasoner.class_of, reasons=reasons)
 
 
 def _require_highlight(context: typer.Context) -> None:
@@ -499,16 +577,24 @@ def named_args(question: Question[Any], args: list[str]) -> dict[str, str]:
     return {name: value for name, value in named.items() if value != _UNBOUND_ARGUMENT}
 
 
-def _print_answers(knowledge: KnowledgeBase, answers: Answers[Any], *, why: bool) -> None:
+def _print_answers(
+    answers: Answers[Any], *, class_of: Callable[[Any], str | None], reasons: Sequence[Sequence[str]] | None
+) -> None:
+    """Prints answers as a table, or as records if they have reasons or do not fit.
+
+    Args:
+        answers: the answers.
+        class_of: returns the class of an individual, or None.
+        reasons: the explanation of each answer; None for none.
+    """
     for missing in answers.missing:
         print_line(f"missing: {missing.reason}")
     if not answers and not answers.missing:
         print_line("no answer")
     if not answers:
         return
-    columns, rows = _table_cells(knowledge, answers)
-    if why:
-        reasons = (knowledge.explain(answers.question, row) for row in answers)
+    columns, rows = _table_cells(answers, class_of)
+    if reasons is not None:
         print_records([*columns, "why"], [[*cells, each] for cells, each in zip(rows, reasons, strict=True)])
     elif fits_table(columns, rows):
         print_table("", columns, rows)
@@ -516,7 +602,7 @@ def _print_answers(knowledge: KnowledgeBase, answers: Answers[Any], *, why: bool
         print_records(columns, rows)
 
 
-def _table_cells(knowledge: KnowledgeBase, answers: Answers[Any]) -> tuple[list[str], list[list[Cell]]]:
+def _table_cells(answers: Answers[Any], class_of: Callable[[Any], str | None]) -> tuple[list[str], list[list[Cell]]]:
     """The columns and rows of a table of answers, with the class of the subjects, since many names are numbers."""
     from mindstage.knowledge.names import EntityType
     from mindstage.knowledge.queries import cell_text, subject_column
@@ -524,7 +610,7 @@ def _table_cells(knowledge: KnowledgeBase, answers: Answers[Any]) -> tuple[list[
     columns, about = list(answers.question.columns), subject_column(answers)
     rows = [[cell_text(getattr(row, name)) for name in columns] for row in answers]
     if about and answers.question.columns[about] is EntityType.INDIVIDUAL and not {"cls", "classes"} & {*columns}:
-        classes = (knowledge.reasoner.class_of(getattr(row, about)) for row in answers)
+        classes = (class_of(getattr(row, about)) for row in answers)
         rows = [[*cells, cell_text(cls)] for cells, cls in zip(rows, classes, strict=True)]
         columns.append(f"class of {about}")
     return columns, rows

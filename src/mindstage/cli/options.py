@@ -9,7 +9,9 @@ from __future__ import annotations
 import errno
 import math
 import os
+import re
 import sys
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from contextvars import ContextVar
@@ -17,10 +19,12 @@ from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import wraps
 from inspect import Parameter, signature
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, get_args, get_type_hints
 
 import typer
+from typer.core import TyperCommand
 
 from mindstage.cli.output import one_line, print_json
 from mindstage.errors import AmbiguousMapError, MindstageError, WorldError
@@ -32,6 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DEFAULT_READING",
+    "REMOTE_SCHEMES",
     "AsJson",
     "AssetFolders",
     "Closure",
@@ -49,11 +54,13 @@ __all__ = [
     "PageToken",
     "PlainBoxes",
     "Port",
+    "Running",
     "Seconds",
     "StoreFolder",
     "Strict",
     "TlsCertificateFile",
     "TlsKeyFile",
+    "VerbCommand",
     "Verbose",
     "VisitorLimitOptions",
     "WithViewport",
@@ -165,6 +172,61 @@ def command(function: Callable[P, ExitCode]) -> Callable[P, None]:
     return run
 
 
+_NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|-inf|-nan", re.ASCII)
+
+
+class VerbCommand(TyperCommand):
+    """A verb whose arguments may be negative numbers, and whose option `--running` has an optional value.
+
+    click takes each argument that begins with - for an option, and knows no option with an optional value beside flags.
+    """
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parses the arguments, in which the options are moved before the positional ones if these have numbers."""
+        options, positional = self._sorted_arguments(args)
+        if any(_NEGATIVE_NUMBER.fullmatch(each) for each in positional):
+            return super().parse_args(ctx, [*options, "--", *positional])
+        return super().parse_args(ctx, _with_running_value(args))
+
+    def _sorted_arguments(self, args: Sequence[str]) -> tuple[list[str], list[str]]:
+        """The options with their values, and the positional arguments."""
+        options: list[str] = []
+        positional: list[str] = []
+        remaining = iter(_with_running_value(args))
+        for arg in remaining:
+            if arg == "--":
+                positional += remaining
+            elif not arg.startswith("-") or arg == "-" or _NEGATIVE_NUMBER.fullmatch(arg):
+                positional.append(arg)
+            else:
+                options.append(arg)
+                for value in islice(remaining, self._value_count(arg)):
+                    options.append(value)
+        return options, positional
+
+    def _value_count(self, arg: str) -> int:
+        """The number of following arguments that are values of an option."""
+        for parameter in self.params:
+            if arg in (*parameter.opts, *parameter.secondary_opts) and parameter.param_type_name == "option":
+                return 0 if getattr(parameter, "is_flag", False) or getattr(parameter, "count", False) else 1
+        return 0
+
+
+def _with_running_value(args: Sequence[str]) -> list[str]:
+    """The arguments, in which `--running` has a value: the address after it, or an empty text."""
+    given: list[str] = []
+    remaining = deque(args)
+    while remaining:
+        arg = remaining.popleft()
+        if arg == "--":
+            return [*given, arg, *remaining]
+        if arg == "--running":
+            has_address = remaining and remaining[0].startswith(REMOTE_SCHEMES)
+            arg = f"--running={remaining.popleft() if has_address else ''}"
+        given.append(arg)
+    return given
+
+
 def _replace_groups(run: Callable[..., None], function: Callable[..., object], hints: Mapping[str, object]) -> None:
     """Gives a verb the signature of its function, with the options of `MapReading` instead of a parameter for them."""
     options = get_type_hints(MapReading, include_extras=True)
@@ -221,6 +283,9 @@ def options_given(context: typer.Context, options: Mapping[str, str]) -> Iterato
         if source is not None and source.name == "COMMANDLINE":
             yield option
 
+
+REMOTE_SCHEMES = ("ros://", "ros+tls://")
+"""What the address of a simulation at a rosbridge begins with."""
 
 _MAP = "A semantic map (OWL or Turtle), or bundled:kitchen."
 
@@ -413,6 +478,17 @@ class MapReading:
 
 DEFAULT_READING = MapReading()
 """The options where none is given."""
+
+Running = Annotated[
+    str | None,
+    typer.Option(
+        "--running",
+        metavar="[ros://…]",
+        help="Ask a simulation that is running: the one on this machine, one of several by --running=PID or =MAP, or "
+        "that at ros://HOST:PORT. The address can also be given instead of a map.",
+        show_default=False,
+    ),
+]
 
 Strict = Annotated[bool, typer.Option("--strict", help="Reject a map with findings, and exit with 2.")]
 

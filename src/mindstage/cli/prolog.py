@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage import __version__
+from mindstage.cli.attach import open_running, print_running_solutions, prolog_lines, running_target, warn_of_limit
 from mindstage.cli.options import (
     DEFAULT_READING,
     EndpointUrl,
@@ -18,22 +19,27 @@ from mindstage.cli.options import (
     ExitCode,
     MapReading,
     Port,
+    Running,
     StoreFolder,
     finite,
 )
-from mindstage.cli.output import class_lookup, findings_json, print_findings, print_json, print_line, progress_spinner
+from mindstage.cli.output import (
+    class_lookup,
+    findings_json,
+    print_findings,
+    print_json,
+    print_line,
+    progress_spinner,
+)
 from mindstage.cli.setup import knowledge_base, make_engine, simulation_from_options
 from mindstage.cli.viewer import open_viewer
 
 if TYPE_CHECKING:
     from mindstage.knowledge import Finding
-    from mindstage.prolog import PrologConsole
+    from mindstage.prolog import PrologConsole, Solutions
     from mindstage.simulation import Simulation
 
 __all__ = ["prolog"]
-
-_MAX_SOLUTIONS = 1_000_000
-"""Limit of the solutions of `--goal` with `--json`."""
 
 
 _SomeMaps = Annotated[
@@ -60,16 +66,22 @@ _Consult = Annotated[
 _Timeout = Annotated[
     float, typer.Option("--timeout", metavar="SECONDS", min=0.001, callback=finite, help="The timeout of --goal.")
 ]
+_Limit = Annotated[
+    int, typer.Option("--limit", metavar="NUMBER", min=1, help="The maximum number of solutions that --json prints.")
+]
 _WithViewport = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page of the simulation.")]
 _AllAsJson = Annotated[bool, typer.Option("--json", help="With --goal: find all solutions, and print them as JSON.")]
 
 
 def prolog(
+    context: typer.Context,
     maps: _SomeMaps = None,
     *,
+    running: Running = None,
     goal: _Goal = None,
     consult: _Consult = None,
     timeout_s: _Timeout = 30.0,
+    limit: _Limit = 1_000_000,
     store: StoreFolder = None,
     endpoint: EndpointUrl = None,
     reading: MapReading = DEFAULT_READING,
@@ -78,38 +90,59 @@ def prolog(
     port: Port = 8080,
     as_json: _AllAsJson = False,
 ) -> ExitCode:
-    """Start SWI-Prolog with each question as a predicate, or run one goal."""
+    """Start SWI-Prolog with each question as a predicate, or run one goal.
+
+    With --running, queries of questions and their combinations are answered by a running simulation.
+    """
     from mindstage.prolog import PrologConsole, load_library
 
     if as_json and goal is None:
         raise typer.BadParameter("it requires --goal", param_hint="--json")
+    allowed = {"running", "goal", "timeout_s", "limit", "as_json"}
+    if (target := running_target(context, running, maps, allowed=allowed)) is not None:
+        return _solve_running(target, goal, timeout_s=timeout_s, limit=limit, as_json=as_json)
     load_library()  # before the map is read, so that a missing SWI-Prolog fails at once
-    running = make_engine(engine)
+    chosen = make_engine(engine)
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps or [], reading, store=store, endpoint=endpoint)
     if not as_json:
         print_findings(knowledge.findings(), classes=class_lookup(knowledge))
     with ExitStack() as closing:
         closing.callback(knowledge.close)
-        simulation = closing.enter_context(simulation_from_options(knowledge, running))
+        simulation = closing.enter_context(simulation_from_options(knowledge, chosen))
         console = closing.enter_context(PrologConsole(simulation, at_halt=closing.close))
         if with_viewport:
             _open_viewer(simulation, closing, port=port)
         _consult(console, consult or [], strict=goal is not None)
         if goal is not None:
-            return _run(console, goal, timeout_s=timeout_s, findings=knowledge.findings() if as_json else None)
+            if not as_json:
+                return ExitCode.OK if console.holds(goal, timeout_s=timeout_s) else ExitCode.NEGATIVE
+            solutions = console.solutions(goal, limit=limit, timeout_s=timeout_s)
+            return _print_solutions(goal, solutions, findings=knowledge.findings())
         _print_banner(simulation)
         console.toplevel()
     return ExitCode.OK
 
 
-def _run(console: PrologConsole, goal: str, *, timeout_s: float, findings: Sequence[Finding] | None) -> ExitCode:
-    """Runs a goal until its first solution; with findings, prints all solutions and the findings as JSON."""
-    if findings is None:
-        return ExitCode.OK if console.holds(goal, timeout_s=timeout_s) else ExitCode.NEGATIVE
-    found = console.solutions(goal, limit=_MAX_SOLUTIONS, timeout_s=timeout_s)
-    print_json({"goal": goal, "solutions": found, "findings": findings_json(findings)})
-    return ExitCode.OK if found else ExitCode.NEGATIVE
+def _solve_running(target: str, goal: str | None, *, timeout_s: float, limit: int, as_json: bool) -> ExitCode:
+    """Solves one goal, or those on standard input, in a running simulation."""
+    with open_running(target) as simulation:
+        if goal is None:
+            return prolog_lines(simulation, timeout_s=timeout_s, limit=limit)
+        wanted = limit if as_json else 1
+        result = simulation.query("prolog", goal, timeout_s=timeout_s, limit=wanted)
+        if as_json:
+            print_running_solutions(simulation, result)
+    return ExitCode.OK if result["solutions"] else ExitCode.NEGATIVE
+
+
+def _print_solutions(goal: str, solutions: Solutions, *, findings: Sequence[Finding]) -> ExitCode:
+    """Prints solutions as JSON; if the search stopped at the limit, that is a warning too."""
+    output = {"goal": goal, "solutions": solutions, "complete": solutions.complete}
+    print_json(output | {"findings": findings_json(findings)})
+    if not solutions.complete:
+        warn_of_limit(solutions)
+    return ExitCode.OK if solutions else ExitCode.NEGATIVE
 
 
 def _open_viewer(simulation: Simulation, closing: ExitStack, *, port: int) -> None:

@@ -202,6 +202,7 @@ def serve(
         output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name, **spawned}
         if with_viewport:
             output["page"] = _serve_page(resources, simulation, page_port, access)
+        _answer_queries(simulation, page=output.get("page", ""))
         if with_foxglove:
             output["foxglove"] = _serve_foxglove(resources, simulation, foxglove_port)
         _announce(output, connected=connect is not None, seconds=seconds, as_json=as_json)
@@ -260,6 +261,13 @@ def _serve_page(resources: ExitStack, simulation: Simulation, port: int, access:
     viewer = open_viewer(simulation, port=port, access=access)
     resources.callback(viewer.close)
     return viewer.url
+
+
+def _answer_queries(simulation: Simulation, *, page: object) -> None:
+    """Makes the simulation answer the queries of `--running`."""
+    from mindstage.ros.queries import QueryServer
+
+    QueryServer.start(simulation, page=str(page))
 
 
 def _serve_foxglove(resources: ExitStack, simulation: Simulation, port: int) -> str:

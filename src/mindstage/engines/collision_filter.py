@@ -28,9 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.engines.base import SpawnNote, SpawnNoteKind
-from mindstage.engines.collision_shapes import CollisionShapeBatch, WallPanel, hollow_box
 from mindstage.scene import BodyId
 from mindstage.scene.bounding_boxes import Indices, OrientedBoxes, contains, overlapping_pairs, penetration_depths
+from mindstage.scene.collision_shapes import CollisionShapeBatch, WallPanel, hollow_box
 from mindstage.scene.spatial import find_enclosing_bodies
 from mindstage.scene.transforms import Array
 

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.engines.base import SpawnNote, SpawnNoteKind
-from mindstage.engines.collision_shapes import (
+from mindstage.engines.registry import EntityRegistry
+from mindstage.scene import BodyGeometry, BodyId, GeometryMap, PrimitiveType, Vector
+from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene.collision_shapes import (
     CollisionShapeBatch,
     CompiledGeometry,
     compile_geometry,
     fallback_collision_shape,
 )
-from mindstage.engines.registry import EntityRegistry
-from mindstage.scene import BodyGeometry, BodyId, GeometryMap, PrimitiveType, Vector
-from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.transforms import Array, quat_rotate
 
 __all__ = ["ASSUMED_SIZE_M", "MASS_RANGE_KG", "MassProperties"]

@@ -26,12 +26,6 @@ from mindstage.engines.collision_filter import (
     compute_collision_filter,
     sorted_pair,
 )
-from mindstage.engines.collision_shapes import (
-    CollisionShapeBatch,
-    compile_geometry,
-    fallback_collision_shape,
-    wall_collision_shapes,
-)
 from mindstage.engines.kinematic_tree import (
     JointAxis,
     KinematicForest,
@@ -59,6 +53,12 @@ from mindstage.scene import (
     Pose,
     Vector,
     World,
+)
+from mindstage.scene.collision_shapes import (
+    CollisionShapeBatch,
+    compile_geometry,
+    fallback_collision_shape,
+    wall_collision_shapes,
 )
 from mindstage.scene.kinematics import handles_by_body, outward_joints
 from mindstage.scene.transforms import (

@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.engines.base import SpawnNote, SpawnNoteKind
-from mindstage.engines.collision_shapes import CollisionShapeBatch
 from mindstage.scene import BodyId
 from mindstage.scene.bounding_boxes import Indices
+from mindstage.scene.collision_shapes import CollisionShapeBatch
 from mindstage.scene.transforms import Array
 
 __all__ = ["KEPT_POSE_TOLERANCE_M", "Settlement", "SettlingInput", "nested_notes", "settle"]

@@ -35,7 +35,7 @@ from mindstage.geometry.orientation import (
 )
 from mindstage.geometry.procedural import SHAPE_TEMPLATES
 from mindstage.geometry.procedural.build import build_geometry, template_by_name
-from mindstage.geometry.procedural.builder import BodySide, turn_between
+from mindstage.geometry.procedural.builder import BodySide
 from mindstage.knowledge.shape_rules import DEFAULT_ROLE, ShapeRule
 from mindstage.scene import (
     AttachedLight,
@@ -45,9 +45,7 @@ from mindstage.scene import (
     GeometryMap,
     GeometrySource,
     Iri,
-    LightType,
     PbrMaterial,
-    Pose,
     PrimitiveType,
     World,
 )
@@ -218,7 +216,7 @@ class GeometryFitter:
             up=orientation.up,
             front=orientation.front,
             materials=materials | _map_color(body, materials[DEFAULT_ROLE]),
-            light=_attached_light(rule, orientation),
+            light=_attached_light(rule),
             friction=rule.default_material.friction,
             restitution=rule.default_material.restitution,
             density=rule.default_material.density,
@@ -259,12 +257,9 @@ def _level_parameters(cavity: Cavity, up: BodySide, fields: tuple[str, ...]) -> 
         return {"levels": levels}
     if "level" in fields:
         return {"level": levels[0]}
-    found: dict[str, Any] = {}
-    if "floor" in fields:
-        found["floor"] = max(levels[0] + float(cavity.half[up.axis]), 0.0005)
-    if "wall" in fields:
-        found["wall"] = min(cavity.wall_thickness(side, 0.008) for side in BodySide if side.axis != up.axis)
-    return found
+    if "wall" in fields and "free" not in fields:  # a vessel; the walls of a room keep their thickness
+        return {"wall": min(cavity.wall_thickness(side, 0.008) for side in BodySide if side.axis != up.axis)}
+    return {}
 
 
 def _cylinder_axis(context: SceneContext, row: int, orientation: Orientation) -> BodySide:
@@ -288,13 +283,11 @@ def _map_color(body: Body, material: PbrMaterial) -> dict[str, PbrMaterial]:
     return {} if color is None else {DEFAULT_ROLE: replace(material, color=color)}
 
 
-def _attached_light(rule: ShapeRule, orientation: Orientation) -> AttachedLight | None:
+def _attached_light(rule: ShapeRule) -> AttachedLight | None:
     light = rule.light
     if light is None:
         return None
-    turned = light.light_type is not LightType.POINT and orientation.up is not BodySide.TOP
-    pose = Pose(quaternion=turn_between(orientation.front, orientation.up).quaternion) if turned else Pose()
-    return AttachedLight(type=light.light_type, pose=pose, color=light.color, intensity=light.intensity)
+    return AttachedLight(type=light.light_type, color=light.color, intensity=light.intensity)
 
 
 _NEIGHBORHOOD_SHAPES = (

@@ -442,6 +442,18 @@ class KnowledgeBase:
         }
         return tuple(sorted(facts, key=repr))
 
+    def statements(
+        self, *, property: Iri | None = None, runtime_only: bool = False
+    ) -> tuple[tuple[Iri, PropertyAssertion], ...]:
+        """All asserted statements with a property, or all that were asserted at run time, with their subjects."""
+        predicate = None if property is None else ox.NamedNode(property)
+        quads = self._store.quads_for_pattern(None, predicate, None, RUNTIME_GRAPH if runtime_only else None)
+        return tuple(
+            (Iri(quad.subject.value), PropertyAssertion(Iri(quad.predicate.value), _value(quad.object)))
+            for quad in quads
+            if quad.graph_name != INFERRED_GRAPH and isinstance(quad.subject, ox.NamedNode)
+        )
+
     def scene_entity(self, individual: Iri, map: Iri) -> Body | Joint | Light | None:
         """The body, joint or light of a map that an individual describes; None if it has no pose there."""
         if map not in self._scene_entities:

@@ -26,7 +26,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, StrEnum
 from functools import cached_property
 from itertools import islice, product
 from math import prod
@@ -43,8 +43,23 @@ from mindstage.knowledge.map_statistics import MapStatistics
 from mindstage.knowledge.names import EntityType, NamedThing, NameIndex
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import Reasoner
+from mindstage.knowledge.shape_rules import ShapeRule
 from mindstage.knowledge.vocabulary import TYPE
-from mindstage.scene import Body, BodyId, Iri, IriRef, Joint, Light, Literal, Pose, PropertyAssertion, Tag, World
+from mindstage.scene import (
+    NO_GEOMETRY,
+    Body,
+    BodyId,
+    GeometryMap,
+    Iri,
+    IriRef,
+    Joint,
+    Light,
+    Literal,
+    Pose,
+    PropertyAssertion,
+    Tag,
+    World,
+)
 from mindstage.scene.display import counted, html_table
 
 __all__ = [
@@ -52,6 +67,8 @@ __all__ = [
     "AnswerCache",
     "AnswerRow",
     "Answers",
+    "Claim",
+    "ClaimKind",
     "ClassName",
     "IndividualName",
     "MapName",
@@ -113,6 +130,11 @@ class QuestionContext(Protocol):
     def facts_of(self, individual: Iri, *, runtime_only: bool = False) -> tuple[PropertyAssertion, ...]:
         """The assertions about an individual."""
 
+    def statements(
+        self, *, property: Iri | None = None, runtime_only: bool = False
+    ) -> tuple[tuple[Iri, PropertyAssertion], ...]:
+        """All asserted statements with a property, or all that were asserted at run time, with their subjects."""
+
     def scene_entity(self, individual: Iri, map: Iri) -> Body | Joint | Light | None:
         """The body, joint or light of a map that an individual describes."""
 
@@ -121,6 +143,9 @@ class QuestionContext(Protocol):
 
     def explain(self, question: Question[Any] | str, row: Any) -> tuple[str, ...]:
         """The statements that led to an answer."""
+
+    def shape_rule(self, cls: Iri) -> ShapeRule:
+        """The shape and the typical size of objects of a class."""
 
 
 class WorldState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -134,6 +159,13 @@ class WorldState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Displacement of each joint since then: x, y, z [m], twist, swing2, swing1 [rad]; None if it is unknown."""
     source: str = MAP_SOURCE
     """Where the state comes from: the name of the engine, or "map"."""
+    geometry: GeometryMap = NO_GEOMETRY
+    """The collision shapes and support surfaces of its bodies; those without an entry are boxes."""
+
+    @property
+    def shape_source(self) -> str:
+        """Where the state and the shapes of its bodies come from."""
+        return self.source if self.geometry else f"{self.source}, bounding boxes"
 
     def map_of_body(self) -> dict[BodyId, Iri]:
         """The map that each body came from."""
@@ -297,6 +329,50 @@ class AnswerRow(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 R = TypeVar("R", bound=AnswerRow)
 
 
+class ClaimKind(StrEnum):
+    """What a `Claim` states about the graph; None stands for anything."""
+
+    NO_STATEMENT = "no statement"
+    """No statement has this subject, property (or a subproperty) and object; poses and limits do not count."""
+    NO_SOURCE = "no source"
+    """No loaded file describes the map `subject`."""
+    FEWER_MAPS = "fewer maps"
+    """Loaded files describe fewer maps than `object`."""
+    NO_CLASS = "no class"
+    """`subject` is an individual without a class."""
+    NOT_INSTANCE = "not an instance"
+    """The individual `subject` is not a member of the class `object`."""
+    NO_INSTANCE = "no instance"
+    """No individual in `map` is a member of the class `object`."""
+    NOT_SUBCLASS = "not a subclass"
+    """The class `subject` is not a subclass of the other class `object`."""
+    NOT_SIBLING = "not a sibling"
+    """The classes `subject` and `object` have no common direct superclass."""
+    NO_RESTRICTION = "no restriction"
+    """No superclass of `subject`, or itself, needs a value of `property` of a class that has `object` as a subclass."""
+    NO_NARROWER_RESTRICTION = "no narrower restriction"
+    """As before, of a class that is `object` or a subclass of it."""
+    NO_STATED_RESTRICTION = "no stated restriction"
+    """Neither `subject` nor a superclass of it has a restriction of any type on `property` with the filler `object`."""
+    RESTRICTION = "restriction"
+    """`subject` or a superclass of it has a restriction on `property` whose filler names `object`."""
+    NOT_PART = "not a part"
+    """`object` is not a part of `subject`, except through a joint."""
+    PART = "part"
+    """`object` is a part of `subject`, if not otherwise then through a joint."""
+
+
+class Claim(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A fact about the graph that the reason of a `MissingKnowledge` states."""
+
+    kind: ClaimKind
+    subject: Iri | None = None
+    property: Iri | None = None
+    object: str | None = None
+    """A class, an individual or a map; the text of a literal or an expression; a number."""
+    map: Iri | None = None
+
+
 class MissingKnowledge(msgspec.Struct, frozen=True):
     """A statement whose absence explains why a question has no answer."""
 
@@ -305,6 +381,8 @@ class MissingKnowledge(msgspec.Struct, frozen=True):
     reason: str
     is_filler: bool = False
     """Whether `cls` is missing as the filler of the property, rather than as its subject."""
+    claims: tuple[Claim, ...] = ()
+    """What `reason` states about the graph, each of which is so."""
 
 
 class Answers(Sequence[R]):
@@ -701,7 +779,15 @@ def answers_to_builtins(kb: QuestionContext, answers: Answers[Any], *, explain: 
         "question": answers.question.name,
         "args": dict(answers.args),
         "answers": [_answer(kb, answers, column, row, explain=explain) for row in answers],
-        "missing": [{"class": lack.cls, "property": lack.property, "why": lack.reason} for lack in answers.missing],
+        "missing": [
+            {
+                "class": lack.cls,
+                "property": lack.property,
+                "why": lack.reason,
+                "claims": msgspec.to_builtins(lack.claims),
+            }
+            for lack in answers.missing
+        ],
         "notes": list(answers.notes),
     }
 

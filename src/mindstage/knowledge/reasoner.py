@@ -10,7 +10,7 @@ by `KnowledgeBase.derive`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from functools import cached_property
 
@@ -140,6 +140,12 @@ class IndividualIndex:
         for individual, maps in described.items():
             before = (*self.maps_of.get(individual, ()), *self._nested_resources.get(individual, ()))
             self._set_maps(individual, {*before, *_map_names(individual, maps)})
+
+    def nested_maps(self, resource: Iri | None = None) -> Collection[Iri]:
+        """The maps of a resource that only belongs to another individual, such as a pose; of all of them, if None."""
+        if resource is not None:
+            return self._nested_resources.get(resource, ())
+        return {map for maps in self._nested_resources.values() for map in maps}
 
     def update(self, individual: Iri, types: Iterable[object], maps: Iterable[object]) -> None:
         """Replaces everything about an individual by its current types and maps."""
@@ -587,6 +593,10 @@ class Reasoner:
     def is_a(self, cls: Iri, ancestor: Iri) -> bool:
         """Whether a class is another class or one of its subclasses."""
         return ancestor in self.classes.above(cls)
+
+    def equivalents(self, cls: Iri) -> Iterator[Iri]:
+        """The class itself, and the classes that have the same members by definition."""
+        return (each for each in self.classes.above(cls) if cls in self.classes.above(each))
 
     def are_disjoint(self, first: Iri, second: Iri) -> bool:
         """Whether two classes have no common member: they, or two of their superclasses, are asserted disjoint."""

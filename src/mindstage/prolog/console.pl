@@ -6,10 +6,13 @@
 :- use_module(prefixes).
 :- use_module(semweb, []).
 :- use_module(veit2019_compat, []).
+:- use_module(knowrob_objects, []).
+:- use_module(knowrob_language, []).
 :- use_module(library(apply)).
 :- use_module(library(error)).
 :- use_module(library(lists)).
-:- use_module(library(solution_sequences)).
+:- use_module(library(prolog_wrap)).
+:- use_module(library(yall)).
 :- use_module(library(time)).
 
 % start(-Alarm): called for each console. Alarm is nudge if SIGUSR2 wakes Prolog without ending the process, else none.
@@ -23,7 +26,7 @@ start(Alarm) :-
 
 create_user_module :- module_property(mindstage, exports(_)), import_module(user, mindstage), !.
 create_user_module :-
-    forall(( member(Module, [mindstage_veit2019_compat, mindstage_semweb]), module_property(Module, exports(Names)) ),
+    forall(( member(Module, [mindstage_veit2019_compat, mindstage_knowrob_objects, mindstage_knowrob_language, mindstage_semweb]), module_property(Module, exports(Names)) ),
            forall(member(Name, Names), mindstage:import(Module:Name))),
     forall(member(Name, [questions/0, why/1, missing/2, ask_sentence/2, ask_sentence/3]), mindstage:import(mindstage_questions:Name)),
     delete_import_module(mindstage, user),
@@ -32,18 +35,16 @@ create_user_module :-
 
 % -- goals -------------------------------------------------------------------------------------------------------------
 
-% solve(+Text, +Limit, +Seconds, -End): End is found(Rows), error_reply(Kind, Sentence), timed_out or interrupted.
+% solve(+Text, +Limit, +Seconds, -End): End is found(Names, Rows, Complete), error_reply(Kind, Sentence), timed_out
+% or interrupted. Names are those of the variables, and a row has their values. Complete is false if the search stopped at the limit and the goal had choice points left.
 solve(Text, Limit, Seconds, End) :-
     catch(solutions(Text, Limit, Seconds, End), Error, error_end(Error, End)),
     flush_output(user_output).
 
-solutions(Text, Limit, Seconds, found(Rows)) :-
+solutions(Text, Limit, Seconds, found(Names, Rows, Complete)) :-
     term_string(Goal, Text, [variable_names(Variables), module(user)]),
     (   Goal == end_of_file -> syntax_error(end_of_file) ; true ),
-    max_characters(user, Most),
-    call_with_time_limit(Seconds, (
-        findall(Variables, ( limit(Limit, user:Goal), require_size(Variables) ), Solutions),
-        rows(Solutions, Most, Rows) )).
+    call_with_time_limit(Seconds, collect(user:Goal, Limit, Variables, user, Names, Rows, Complete)).
 
 % solve_query(+Text, +Limit, +Seconds, -End): the same for a query of an untrusted client, with a memory limit.
 solve_query(Text, Limit, Seconds, End) :-
@@ -57,14 +58,39 @@ solve_query(Text, Limit, Seconds, End) :-
 
 max_memory_bytes(33554432).
 
-query_solutions(Text, Limit, Seconds, found(Rows)) :-
+query_solutions(Text, Limit, Seconds, found(Names, Rows, Complete)) :-
     query_goal(Text, Variables, Goal),
-    max_characters(client, Most),
-    call_with_time_limit(Seconds, (
-        findall(Variables, ( limit(Limit, call_bounded(Goal)), acyclic_term(Variables) ), Solutions),
-        rows(Solutions, Most, Rows) )).
+    call_with_time_limit(Seconds, collect(call_bounded(Goal), Limit, Variables, client, Names, Rows, Complete)).
 
 % -- answers -----------------------------------------------------------------------------------------------------------
+
+% collect(:Goal, +Limit, +Variables, +Whom, -Names, -Rows, -Complete): the values of the variables in each solution. Solutions
+% are measured one by one, because findall/3 keeps them outside of the stacks, which alone have a memory limit.
+collect(Goal, Limit, Variables, Whom, Names, Rows, Complete) :-
+    max_characters(Whom, Most),
+    exclude(is_hidden, Variables, Shown),
+    maplist([Name=Value, Name, Value]>>true, Shown, Names, Values),
+    State = state(Most, 0, true),
+    findall(Values, ( limited(Goal, Limit, State), is_convertible(Whom, Variables), measure(Values, State) ), Solutions),
+    arg(3, State, Complete),
+    maplist(maplist(cell), Solutions, Rows).
+
+is_hidden(Name=_) :- sub_atom(Name, 0, _, _, '_').
+
+% limited(:Goal, +Limit, !State): as limit/2; the third argument of State becomes false if solutions may be left.
+limited(Goal, Limit, State) :-
+    call_cleanup(Goal, Ended = true),
+    arg(2, State, Before),
+    Count is Before + 1,
+    nb_setarg(2, State, Count),
+    (   Count < Limit -> true
+    ;   (   Ended == true -> true ; nb_setarg(3, State, false) ),
+        !  % which runs the cleanup
+    ).
+
+% Solutions with cyclic terms are dropped for untrusted clients; there, they can arise from X = f(X) only.
+is_convertible(client, Variables) :- acyclic_term(Variables).
+is_convertible(user, _).
 
 % max_characters(+Whom, -Most): the limit of the text of all solutions together.
 max_characters(user, 256000000).
@@ -72,21 +98,19 @@ max_characters(client, 4000000).
 
 max_parts(2000000).
 
-% require_size(+Term): findall/3 copies a term, and then subterms that were shared are so no longer.
-require_size(Term) :-
+% measure(+Term, !State): throws if a solution, or the text of all of them, is too large. findall/3 copies a term, and then
+% subterms that were shared are so no longer.
+measure([], _) :- !.
+measure(Term, _) :- cyclic_term(Term), !.
+measure(Term, State) :-
     max_parts(Most),
     (   size_abstract_term(Most, t(Term), Part), Part == t(Term) -> true
-    ;   cyclic_term(Term) -> true
     ;   format(string(Sentence), "a solution has more than ~D parts", [Most]),
         throw(mindstage_error(answer_refused, Sentence))
-    ).
-
-% rows(+Solutions, +Characters, -Rows): throws if the text of the solutions is longer.
-rows([], _, []).
-rows([Variables|Solutions], Left, [Row|Rows]) :-
-    (   cyclic_term(Variables) -> Next = Left ; text_cost(Variables, Left, Next) ),
-    row(Variables, Row),
-    rows(Solutions, Next, Rows).
+    ),
+    arg(1, State, Left),
+    text_cost(Term, Left, Next),
+    nb_setarg(1, State, Next).
 
 % text_cost(+Term, +Left, -Next): subtracts the approximate length of the text of a term.
 text_cost(Term, Left, Next) :-
@@ -95,9 +119,6 @@ text_cost(Term, Left, Next) :-
     Rest is Left - Length - 2,
     (   Rest < 0 -> throw(mindstage_error(answer_refused, "the text of the solutions is too long; ask for less")) ; true ),
     foldl(text_cost, Parts, Rest, Next).
-
-row(Variables, Row) :-
-    findall([Name, Cell], ( member(Name=Value, Variables), \+ sub_atom(Name, 0, _, _, '_'), cell(Value, Cell) ), Row).
 
 % Compound terms are converted to text.
 cell(Value, Value) :- \+ compound(Value), !.
@@ -113,11 +134,24 @@ error_end(error(resource_error(What), _), error_reply(prolog, Sentence)) :- !,
     format(string(Sentence), "the memory limit was exceeded (~w)", [What]).
 error_end(Error, error_reply(Kind, Sentence)) :-
     (   Error = mindstage_error(Kind, _) -> true ; Kind = prolog ),
-    error_message(Error, Sentence).
+    error_message(Error, Text),
+    string_length(Text, Length),
+    max_message_characters(Most),
+    (   Length > Most -> sub_string(Text, 0, Most, _, Start), string_concat(Start, " …", Sentence) ; Sentence = Text ).
 
-% Prolog's error message in one line. The context is internal, except for syntax errors.
+max_message_characters(2000).
+max_message_parts(200).
+
+% Prolog's error message in one line. The context is internal, except for syntax errors. Large subterms, such as the culprit
+% of a type error, are left out: the message is made after the end of the time limit.
 error_message(error(Formal, Context), Sentence) :- Formal \= syntax_error(_), nonvar(Context), !,
     error_message(error(Formal, _), Sentence).
+error_message(Error, Sentence) :-
+    max_message_parts(Most),
+    size_abstract_term(Most, t(Error), t(Small)),
+    Small \== Error,
+    \+ Small = mindstage_error(_, _), !,
+    error_message(Small, Sentence).
 error_message(Error, Sentence) :-
     '$messages':translate_message(Error, Lines, []),
     with_output_to(string(Text), print_message_lines(current_output, '', Lines)),
@@ -142,6 +176,41 @@ on_interrupt(Action, true) :- on_signal(int, _, Action).
 
 interrupted(_) :- throw(mindstage_interrupted).
 
+% -- queries in a pipe -------------------------------------------------------------------------------------------------
+
+% In a terminal, the toplevel reads a key after an answer that may not be the last. From a pipe it would read, and discard,
+% the following lines. There, only ; is such a key: whatever else follows is the next query.
+:- initialization((
+       wrap_predicate('$toplevel':get_respons(Action, _), mindstage_pipe, Wrapped,
+                      mindstage_console:pipe_action(Wrapped, Action)),
+       wrap_predicate('$toplevel':read_query_line(_, _), mindstage_pipe, Read, mindstage_console:read_pipe_query(Read)))).
+
+:- dynamic explained_pipe/0.
+
+pipe_action(FromTerminal, _) :- stream_property(user_input, tty(true)), !, call(FromTerminal).
+pipe_action(_, redo) :- flush_output(user_output), skipped_layout(';'), !,
+    get_char(user_input, _),
+    format(user_output, ";~n", []).
+pipe_action(_, continue) :-
+    write(user_output, '.'),
+    (   explained_pipe -> true
+    ;   assertz(explained_pipe),
+        print_message(warning, mindstage_more_answers)
+    ).
+
+read_pipe_query(Read) :- \+ stream_property(user_input, tty(true)), skipped_layout(';'), !,  % after the last answer
+    get_char(user_input, _),
+    read_pipe_query(Read).
+read_pipe_query(Read) :- call(Read).
+
+% skipped_layout(?Next): skips layout; Next is the character after it, which is not consumed.
+skipped_layout(Next) :-
+    peek_char(user_input, Character),
+    (   Character \== end_of_file, char_type(Character, space)
+    ->  get_char(user_input, _), skipped_layout(Next)
+    ;   Next = Character
+    ).
+
 % -- exit --------------------------------------------------------------------------------------------------------------
 
 % The last at_halt goal: Python ends the process, see PrologConsole._on_halt in console.py.
@@ -160,6 +229,8 @@ at_exit :-
 
 prolog:message(mindstage_error(Kind, Sentence)) --> [ '~w'-[Sentence] ], mindstage_console:hint(Kind).
 prolog:message(mindstage_interrupted) --> [ 'interrupted' ].
+prolog:message(mindstage_more_answers) -->
+    [ 'There may be further answers: a line with ; after a query prints the next one, as the key does in a terminal' ].
 prolog:message(mindstage_unknown_name(Sentence)) --> [ '~w'-[Sentence] ].
 prolog:message(mindstage_failed(Number)) -->
     [ '~D items could not be spawned; debug_failed_items lists them'-[Number] ].

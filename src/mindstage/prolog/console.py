@@ -10,13 +10,14 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from mindstage.errors import PrologGoalError, PrologTimeoutError, PrologUnavailableError, SourceParseError
+from mindstage.prolog.object_predicates import ObjectPredicates
 from mindstage.prolog.predicates import Handler, QuestionPredicates, RdfPredicates, WorldPredicates, answer
 from mindstage.prolog.swipl import (
     Atom,
@@ -31,10 +32,22 @@ from mindstage.prolog.swipl import (
 )
 from mindstage.simulation import Simulation
 
-__all__ = ["PrologConsole", "Solution", "solve_query"]
+__all__ = ["PrologConsole", "Solution", "Solutions", "solve_query"]
 
 Solution = dict[str, Any]
 """The values of a goal's variables by name: texts, numbers, lists; None if a variable is unbound."""
+
+
+class Solutions(list[Solution]):
+    """The solutions of a goal, in Prolog's order."""
+
+    __slots__ = ("complete",)
+
+    def __init__(self, rows: Iterable[Solution] = (), *, complete: bool = True) -> None:
+        super().__init__(rows)
+        self.complete = complete
+        """False if the search stopped at the limit of solutions, so that there may be more."""
+
 
 _WAKE_DELAY_S = 0.05
 """Time after the end of a time limit at which a blocked goal is interrupted by a signal [s]."""
@@ -80,11 +93,13 @@ class PrologConsole:
         if PrologConsole._instance is not None:
             raise PrologUnavailableError("another console is open in this process", remedy="close it first")
         self._library = load_library()
+        self.simulation = simulation
         self._at_halt = at_halt
         self.handlers: Mapping[str, Handler] = {
             **QuestionPredicates(simulation).handlers,
             **RdfPredicates(simulation.knowledge).handlers,
             **WorldPredicates(simulation).handlers,
+            **ObjectPredicates(simulation).handlers,
             "halting": self._on_halt,
         }
         """The requests that Prolog can send to Python, by name."""
@@ -98,12 +113,12 @@ class PrologConsole:
             self.close()
             raise
 
-    def solutions(self, goal: str, *, limit: int = 1000, timeout_s: float = 30.0) -> list[Solution]:
+    def solutions(self, goal: str, *, limit: int = 1000, timeout_s: float = 30.0) -> Solutions:
         """Finds the solutions of a goal, in Prolog's order; empty if it fails. May be called from any thread.
 
         Args:
             goal: the goal, with or without the full stop.
-            limit: the maximum number of solutions.
+            limit: the maximum number of solutions; `Solutions.complete` is False if there may be more.
             timeout_s: the time limit [s].
 
         Raises:
@@ -113,7 +128,7 @@ class PrologConsole:
         """
         return self._solve("solve", goal, limit, timeout_s)
 
-    def answers(self, query: str, *, limit: int = 1000, timeout_s: float = 10.0) -> list[Solution]:
+    def answers(self, query: str, *, limit: int = 1000, timeout_s: float = 10.0) -> Solutions:
         """Finds the solutions of an untrusted query. May be called from any thread.
 
         Only questions and their combinations are allowed (`line_queries.pl`): a query cannot call, change, read or
@@ -121,7 +136,7 @@ class PrologConsole:
 
         Args:
             query: the query, with or without the full stop.
-            limit: the maximum number of solutions.
+            limit: the maximum number of solutions; `Solutions.complete` is False if there may be more.
             timeout_s: the time limit [s].
 
         Raises:
@@ -130,20 +145,21 @@ class PrologConsole:
         """
         return self._solve("solve_query", query, limit, timeout_s)
 
-    def _solve(self, predicate: str, goal: str, limit: int, timeout_s: float) -> list[Solution]:
+    def _solve(self, predicate: str, goal: str, limit: int, timeout_s: float) -> Solutions:
         if limit < 1 or not 0.0 < timeout_s < float("inf"):
             raise ValueError(f"limit and timeout_s must be positive and finite, not {limit} and {timeout_s} s")
         reading = ReadLimit(max_parts=_MAX_ANSWER_PARTS, deadline_s=time.monotonic() + timeout_s)
         try:
             with _wake_after(timeout_s=timeout_s if self._can_wake else None):
                 end = self._run(predicate, goal, limit, float(timeout_s), reading=reading)
+            if isinstance(end, Compound) and end.name == "found":
+                names, rows, complete = end.arguments
+                return _solutions(names, rows, complete, reading=reading)
         except TimeoutError:
             raise PrologTimeoutError(goal, timeout_s=timeout_s) from None
         except ValueError as error:
             raise PrologGoalError(goal, error_type="answer_refused", cause=str(error)) from error
         match end:
-            case Compound("found", (rows,)):
-                return [dict(row) for row in _to_python(rows)]
             case Compound("error_reply", (kind, cause)):
                 raise PrologGoalError(goal, error_type=str(kind), cause=str(cause))
             case "timed_out":
@@ -245,17 +261,19 @@ class PrologConsole:
             os._exit(status if isinstance(status, int) else 2)
 
 
-def solve_query(simulation: Simulation, query: str, *, limit: int, timeout_s: float) -> list[Solution]:
-    """Finds the solutions of an untrusted query in a console of its own; concurrent calls wait for one another.
+def solve_query(simulation: Simulation, query: str, *, limit: int, timeout_s: float) -> Solutions:
+    """Finds the solutions of an untrusted query; concurrent calls wait for one another.
+
+    It uses the open console of the same simulation if there is one, and otherwise a console of its own.
 
     Args:
         simulation: the simulation that is queried.
         query: the query, see `PrologConsole.answers`.
-        limit: the maximum number of solutions.
+        limit: the maximum number of solutions; `Solutions.complete` is False if there may be more.
         timeout_s: the time limit [s].
 
     Raises:
-        PrologUnavailableError: Prolog is not installed, or another console is open.
+        PrologUnavailableError: Prolog is not installed, or a console of another simulation is open.
         PrologGoalError: the query has a syntax error, contains a goal that is not allowed, or threw an exception.
         PrologTimeoutError: the time limit was exceeded, or other queries took all of the time.
     """
@@ -263,7 +281,12 @@ def solve_query(simulation: Simulation, query: str, *, limit: int, timeout_s: fl
     if not _query_lock.acquire(timeout=timeout_s):
         raise PrologTimeoutError(query, timeout_s=timeout_s)
     try:
-        with PrologConsole(simulation) as console:
+        open_console = PrologConsole._instance
+        with ExitStack() as closing:
+            if open_console is not None and open_console.simulation is simulation:
+                console = open_console
+            else:
+                console = closing.enter_context(PrologConsole(simulation))
             return console.answers(query, limit=limit, timeout_s=max(end_s - time.monotonic(), _MIN_TIMEOUT_S))
     finally:
         _query_lock.release()
@@ -322,6 +345,19 @@ def _handle_request(request: int, library: SwiProlog, handlers: Mapping[str, Han
         write_term(library, other, Compound("error_reply", (Atom("defect"), str(error))))
         return other
     return term
+
+
+def _solutions(names: Value, rows: Value, complete: Value, *, reading: ReadLimit) -> Solutions:
+    """The solutions in the reply of `console.pl`.
+
+    Raises:
+        TimeoutError: the time of the limit is over.
+    """
+    columns, found = _to_python(names), Solutions(complete=complete != "false")
+    for row in rows if isinstance(rows, list) else ():
+        reading.check_time()
+        found.append({name: _to_python(value) for name, value in zip(columns, row, strict=True)})
+    return found
 
 
 def _to_python(value: Value) -> Any:

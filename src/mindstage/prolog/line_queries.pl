@@ -112,6 +112,19 @@ allowed_question(identical_maps(_, _)).
 allowed_question(identical_maps(_, _, _)).
 allowed_question(Head) :-
     functor(Head, Name, Arity),
+    memberchk(Name/Arity,
+              [ get_timepoint/1, get_timepoint/2, current_object_pose/2, object_pose_at_time/3, object_pose_at_time/4,
+                object_detection/3, object_distance/3, object_dimensions/4, object_color/2, object_mesh_path/2,
+                object_affordance/2, object_frame_name/2, storagePlaceFor/2, storagePlaceForBecause/3,
+                map_root_objects/2, map_child_object/2, map_child_objects/2, map_object_info/1, map_object_type/2,
+                map_object_label/2, map_object_dimensions/4, map_connection_type/3, map_joint_name/3,
+                on_Physical/2, in_ContGeneric/2, comp_toTheLeftOf/2, comp_toTheRightOf/2, comp_toTheSideOf/2,
+                comp_inFrontOf/2, comp_inCenterOf/2, comp_above_of/2, comp_below_of/2,
+                holds/1, holds/2, holds/3, holds/4, occurs/1, occurs/2, occurs/3,
+                triple/3, has_type/2, instance_of/2, subclass_of/2, is_a/2, is_individual/1, is_class/1,
+                is_at/2, has_part/2, is_inside_of/2, is_supported_by/2, entity/2 ]).
+allowed_question(Head) :-
+    functor(Head, Name, Arity),
     functor(General, Name, Arity),
     predicate_property(mindstage:General, defined),
     \+ predicate_property(mindstage:General, imported_from(_)),

@@ -240,7 +240,16 @@ class ReadLimit:
         self._parts_left -= 1
         if self._parts_left < 0:
             raise ValueError("the term is too large")
-        if self._parts_left % _CLOCK_INTERVAL == 0 and time.monotonic() > self._deadline_s:
+        if self._parts_left % _CLOCK_INTERVAL == 0:
+            self.check_time()
+
+    def check_time(self) -> None:
+        """Reads the clock.
+
+        Raises:
+            TimeoutError: the time is over.
+        """
+        if time.monotonic() > self._deadline_s:
             raise TimeoutError
 
 
@@ -317,12 +326,12 @@ def write_term(library: SwiProlog, term: int, value: Value) -> None:
 
 def _read_list(library: SwiProlog, term: int, limit: ReadLimit, depth: int) -> Value:
     values: list[Value] = []
-    rest, head = library.copy(term), library.new_terms(1)
-    while library.get_list(rest, head, rest):
-        with library.frame():
+    with library.frame():
+        rest, head = library.copy(term), library.new_terms(1)
+        while library.get_list(rest, head, rest):
             values.append(read_term(library, head, limit=limit, depth=depth))
-    if not library.get_nil(rest):  # a partial list
-        return Compound("[|]", (*values, read_term(library, rest, limit=limit, depth=depth)))
+        if not library.get_nil(rest):  # a partial list
+            return Compound("[|]", (*values, read_term(library, rest, limit=limit, depth=depth)))
     return values
 
 

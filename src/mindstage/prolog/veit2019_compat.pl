@@ -5,10 +5,12 @@
           [ map_instance/1, map_root_object/2, get_subclass_in_map/3,
             likely_storage_place/2, likely_storage_place_in_environment/3, owl_class_properties/3,
             analyse_semantic_map/6, identical_maps/2, identical_maps/3,
-            highlight/1, highlight/2, unhighlight/0,
+            highlight/1, highlight/2, highlight_models/1, unhighlight/0,
             highlight_everything_that_is/2, highlight_likely_storage_place/2,
-            highlight_handle_of/2, highlight_device_for_action/3,
+            highlight_handle_of/2, highlight_handle_of/3,
+            highlight_device_for_action/2, highlight_device_for_action/3,
             spawn_semantic_map/1, spawn_models/2, spawn_constraints/2, spawn_relations/3,
+            spawn_model/9, spawn_constraint/1, attach_model_to_parent/2,
             attach_model/2, debug_failed_items/0, failed_item/3, owl_parse/1 ]).
 :- use_module(questions).
 :- use_module(prefixes).
@@ -80,6 +82,29 @@ failed_item(Kind, Id, Reason) :- request(failed_items, Items), member(failed(Kin
 
 debug_failed_items :- forall(failed_item(Kind, Id, Reason), format("~w ~w: ~w~n", [Kind, Id, Reason])).
 
+% The foreign predicates that the thesis's spawn_semantic_map.pl calls. They fail, with a warning that has the reason, if
+% nothing was spawned.
+% spawn_model(+Id, +Class, +X, +Y, +Z, +QX, +QY, +QZ, +QW): a body of a loaded map, or a new one of the class.
+spawn_model(Id, Class, X, Y, Z, Qx, Qy, Qz, Qw) :-
+    request(spawn_model(Id, Class, [X, Y, Z, Qx, Qy, Qz, Qw]), Done),
+    check_done(Id, Done).
+
+% spawn_constraint(+Parts): parent, child, position, quaternion, three linear motions, limit, soft, stiffness, damping, three
+% angular motions and limits, and soft, stiffness and damping of swing and of twist.
+spawn_constraint(Parts) :-
+    request(spawn_constraint(Parts), Done),
+    check_done(constraint, Done).
+
+attach_model_to_parent(Parent, Child) :-
+    request(attach_models(Parent, Child), Done),
+    check_done(Child, Done).
+
+check_done(_, true) :- !.
+check_done(Id, Reason) :- print_message(warning, mindstage_not_spawned(Id, Reason)), fail.
+
+:- multifile prolog:message//1.
+prolog:message(mindstage_not_spawned(Id, Reason)) --> [ '~w was not spawned: ~w'-[Id, Reason] ].
+
 attach_model(Parent, Child) :- request(attach(Parent, Child), _).
 
 owl_parse(Source) :-
@@ -94,6 +119,11 @@ highlight(Individuals) :- highlight(Individuals, green).
 % highlight(+Individuals, +Color): an individual or a list; a color name, '#rrggbb', rgb(R, G, B) from 0 to 1, or none.
 highlight(Individuals, Color) :- highlight_bodies(Individuals, Color, '').
 
+% highlight_models(+Ids): ids of bodies or names of individuals, as texts.
+highlight_models(Ids) :-
+    must_be(list, Ids),
+    highlight_bodies(Ids, green, '').
+
 unhighlight :- request(unhighlight, _).
 
 highlight_everything_that_is(Map, Class) :-
@@ -102,9 +132,17 @@ highlight_likely_storage_place(Map, ItemClass) :-
     highlight_answers(Individual, likely_storage_place_in_environment(Map, ItemClass, Individual), _).
 highlight_handle_of(Map, Individual) :-
     highlight_answers(Handle, handle_of(Map, Individual, Handle), _).
-highlight_device_for_action(Map, ActionClass, Device) :-
-    highlight_answers(Device, device_for_action_in_environment(Map, ActionClass, Device), Devices),
-    member(Device, Devices).
+highlight_handle_of(Map, Individual, Handle) :-
+    highlight_answers(Handle, handle_of(Map, Individual, Handle), Handles),
+    member(Handle, Handles).
+
+highlight_device_for_action(Map, ActionClass) :-
+    highlight_answers(Device, device_for_action_in_environment(Map, ActionClass, Device), _).
+
+% highlight_device_for_action(?Map, ?ActionClass, ?DeviceClass): the individuals of each class of devices in turn.
+highlight_device_for_action(Map, ActionClass, DeviceClass) :-
+    question(device_for_action, [ActionClass, DeviceClass]),
+    highlight_everything_that_is(Map, DeviceClass).
 
 % highlight_answers(?Answer, :Question, -Answers): highlights all answers at once; fails without changes if there is none.
 highlight_answers(Answer, Question, Answers) :-

@@ -32,6 +32,7 @@ from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.engine_services import EngineServices
 from mindstage.ros.named_poses import NamedPoseServices
 from mindstage.ros.publishers import HighlightSubscriber, PublishRates, StatePublisher
+from mindstage.ros.queries import QueryServices, parse_arguments
 from mindstage.ros.robot_description import DescriptionPublisher
 from mindstage.ros.rosapi import ParameterServer, RosapiServices
 from mindstage.ros.service import (
@@ -108,7 +109,7 @@ class QuestionServices:
 
     def handle_ask(self, request: mindstage_msgs.Ask.Request) -> mindstage_msgs.Ask.Response:
         """Answers any question; an empty answer is a success."""
-        answers = self._simulation.ask(request.question, **_parse_arguments(request.args))
+        answers = self._simulation.ask(request.question, **parse_arguments(request.args))
         rows = answers_to_builtins(self._simulation.knowledge, answers)
         return mindstage_msgs.Ask.Response(success=True, answers=msgspec.json.encode(rows).decode())
 
@@ -124,26 +125,6 @@ class QuestionServices:
             return self.handle_ask(msgspec.structs.replace(request, question=name))
 
         return handle
-
-
-def _parse_arguments(text: str) -> dict[str, object]:
-    """Decodes the arguments of a question.
-
-    Raises:
-        MessageValidationError: the text is not a JSON object.
-    """
-    try:
-        args = msgspec.json.decode(text or "{}", type=dict[str, object])
-    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-        remedy = 'send an object in a string, such as {"item": "CowsMilk"}'
-        raise MessageValidationError(
-            "mindstage_msgs/AskRequest", path="args", cause=str(error), remedy=remedy
-        ) from error
-    if "question" in args or "self" in args:
-        raise MessageValidationError(
-            "mindstage_msgs/AskRequest", path="args", cause="the argument names question and self are reserved"
-        )
-    return args
 
 
 class _ServiceGroup(Protocol):
@@ -274,6 +255,7 @@ class RosInterface:
             self._control_services,
             self._engine_services,
             QuestionServices(simulation),
+            QueryServices(simulation),
             *rosapi,
         )
 

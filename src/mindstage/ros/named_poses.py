@@ -28,8 +28,9 @@ from mindstage.ros.simulation_interfaces import bounds_of, has_tags
 from mindstage.ros.state import StateReader
 from mindstage.scene import Body, BodyId, Iri, Pose, Vector
 from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene.placement import PlacementSampler, PlacementSurface, support_surfaces
 from mindstage.scene.transforms import Array, normalize, pose_from_array
-from mindstage.simulation.placement import PlacementSampler, PlacementSurface, enclosing_body_ids, support_surfaces
+from mindstage.simulation.placement import enclosing_body_ids
 
 __all__ = ["NamedPoseServices"]
 

@@ -17,7 +17,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 from mindstage.bridge import GoalResult, Refusal, RosbridgeClient, ServerGoalHandle
@@ -103,12 +102,16 @@ def service_handler(
     ros: RosVersion,
 ) -> Callable[[object], object]:
     """Returns the handler of a service for a node, which decodes and encodes messages and maps errors to responses."""
-    encode_result = _result_encoder(name, service, diagnostics=diagnostics, ros=ros)
+    failure_to_response = _error_mapping(name, service, diagnostics=diagnostics, ros=ros)
 
     def handle(args: object) -> object:
-        request = _result_of(partial(decode_arguments, service.Request, args))
-        result = request if isinstance(request, Exception) else _result_of(partial(handler, request))
-        return encode_result(result, request)
+        request = None
+        try:
+            request = decode_arguments(service.Request, args)
+            response = handler(request)
+        except (MindstageError, ResultError) as error:
+            response = failure_to_response(error, request)
+        return encode(response, ros=ros)
 
     return handle
 
@@ -122,49 +125,51 @@ def batch_handler(
     ros: RosVersion,
 ) -> Callable[[list[object]], list[object]]:
     """Returns the handler of consecutive calls of a service, as `service_handler`; see `ServiceSpec.batch`."""
-    encode_result = _result_encoder(name, service, diagnostics=diagnostics, ros=ros)
+    failure_to_response = _error_mapping(name, service, diagnostics=diagnostics, ros=ros)
+
+    def encode_result(result: Any, request: object) -> object:
+        try:
+            response = failure_to_response(result, request) if isinstance(result, Exception) else result
+            return encode(response, ros=ros)
+        except Exception as error:
+            return error
 
     def handle(calls: list[object]) -> list[object]:
-        requests = [_result_of(partial(decode_arguments, service.Request, args)) for args in calls]
+        requests: list[Any] = []
+        for args in calls:
+            try:
+                requests.append(decode_arguments(service.Request, args))
+            except MindstageError as error:
+                requests.append(error)
         valid = [request for request in requests if not isinstance(request, Exception)]
         results = iter(handler(valid) if valid else ())
         answers = [request if isinstance(request, Exception) else next(results) for request in requests]
-        return [_result_of(partial(encode_result, *each)) for each in zip(answers, requests, strict=True)]
+        return [encode_result(*each) for each in zip(answers, requests, strict=True)]
 
     return handle
 
 
-def _result_of(compute: Callable[[], object]) -> object:
-    """The result of a function, or its exception."""
-    try:
-        return compute()
-    except Exception as error:
-        return error
-
-
-def _result_encoder(
+def _error_mapping(
     name: str, service: type[Service], *, diagnostics: DiagnosticsPublisher, ros: RosVersion
-) -> Callable[[Any, object], object]:
-    """Returns a function that encodes the response to a request, and maps an exception to a response or raises it."""
+) -> Callable[[Exception, object], Message]:
+    """Returns a function that reports the error of a request and returns the response for it, or raises another."""
 
-    def encode_result(response: Any, request: object) -> object:
-        try:
-            if isinstance(response, Exception):
-                raise response
-        except WorldError as error:
-            diagnostics.report_refusal(name, error)
-            response = refusal_response(service.Response, error)
-        except ResultError as error:
-            diagnostics.report_failures(name, [(str(getattr(request, "entity", "")), str(error))])
-            response = service.Response(result=error.result)
-        except MindstageError as error:
-            diagnostics.report_error(name, error)
-            text = error_text(error) if isinstance(error, EngineError) else str(error)
-            failure = encode(failure_response(service.Response, error, text), ros=ros)
-            raise FailureResponseError(text, response=failure) from error
-        return encode(response, ros=ros)
+    def failure_to_response(error: Exception, request: object) -> Message:
+        match error:
+            case WorldError():
+                diagnostics.report_refusal(name, error)
+                return refusal_response(service.Response, error)
+            case ResultError():
+                diagnostics.report_failures(name, [(str(getattr(request, "entity", "")), str(error))])
+                return service.Response(result=error.result)
+            case MindstageError():
+                diagnostics.report_error(name, error)
+                text = error_text(error) if isinstance(error, EngineError) else str(error)
+                failure = encode(failure_response(service.Response, error, text), ros=ros)
+                raise FailureResponseError(text, response=failure) from error
+        raise error
 
-    return encode_result
+    return failure_to_response
 
 
 def failure_response(response: type[Message], error: MindstageError, text: str) -> Message:

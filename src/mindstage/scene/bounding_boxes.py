@@ -23,6 +23,7 @@ __all__ = [
     "Bounds",
     "Indices",
     "OrientedBoxes",
+    "clip_polygons",
     "contains",
     "face_coverage",
     "footprints",
@@ -245,11 +246,11 @@ def polygon_gaps(polygons: Array, a: Indices, b: Indices) -> Array:
 def _overlap_area(one: Array, other: Array) -> Array:
     clipped = one
     for at in range(_CORNERS):
-        clipped = _clip(clipped, other[:, at], other[:, (at + 1) % _CORNERS])
+        clipped = clip_polygons(clipped, other[:, at], other[:, (at + 1) % _CORNERS])
     return polygon_areas(clipped)
 
 
-def _clip(polygons: Array, start: Array, end: Array) -> Array:
+def clip_polygons(polygons: Array, start: Array, end: Array) -> Array:
     """Clips each convex polygon to the left half-plane of a line (Sutherland and Hodgman 1974).
 
     Each side that crosses the line adds a corner. The result has one corner more than the input; unused ones repeat

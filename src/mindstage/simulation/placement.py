@@ -1,26 +1,17 @@
 """Places new bodies on or in other bodies, at collision-free poses at which they come to rest.
 
-Candidate poses are sampled on a grid over the level support surfaces of the holder, nearest to the center first, and
-tested in one batch against the collision shapes of all bodies nearby. The free ones are simulated until the body rests,
-slides or falls over.
+The free candidate poses (`scene.placement`) are simulated until the body rests, slides or falls over.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
 
 import msgspec
 import numpy as np
 
 from mindstage.engines.base import Capability, Engine, SpawnNoteKind
-from mindstage.engines.collision_shapes import (
-    CollisionShapeBatch,
-    CompiledGeometry,
-    compile_geometry,
-    fallback_collision_shape,
-)
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NoFreePlacementError
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.rdf import local_name
@@ -29,217 +20,23 @@ from mindstage.scene import (
     BodyGeometry,
     BodyId,
     BodyPhysics,
-    CollisionShape,
     GeometryMap,
     Iri,
     Mobility,
     Pose,
-    SupportSurface,
     Vector,
     World,
 )
-from mindstage.scene.bounding_boxes import OrientedBoxes
-from mindstage.scene.transforms import (
-    Array,
-    normalize,
-    pose_from_array,
-    pose_multiply,
-    quat_conjugate,
-    quat_multiply,
-    quat_rotate,
-)
+from mindstage.scene.placement import PlacementSampler, PlacementSurface, support_surfaces
+from mindstage.scene.transforms import Array, normalize, quat_conjugate, quat_multiply, quat_rotate
 from mindstage.simulation.state import EngineSession
 
 __all__ = [
     "PlacementResult",
-    "PlacementSampler",
-    "PlacementSurface",
     "enclosing_body_ids",
     "make_body",
     "place_body",
-    "support_surfaces",
 ]
-
-
-_MIN_UP_COSINE = 0.985
-"""Cosine of the maximal slope of a support surface, ten degrees."""
-_DROP_HEIGHT_M = 0.001
-"""Distance above the support surface from which a body is dropped."""
-_MARGIN_M = 0.004
-"""Distance from the edges of the support surface."""
-_MIN_GRID_STEP_M = 0.02
-_MAX_CANDIDATES = 625
-"""Approximate limit of the candidates for each orientation on one surface."""
-_ASSUMED_SIZE_M: Vector = (0.1, 0.1, 0.1)
-
-
-@dataclass(frozen=True, slots=True)
-class PlacementSurface:
-    """A level support surface at its current pose."""
-
-    body_id: BodyId
-    surface: SupportSurface
-    pose: Array
-    """The pose of its center in the world frame, seven numbers: z is up, x and y are along its sides."""
-    size: tuple[float, float]
-    """Extents along x and y [m]."""
-
-
-def support_surfaces(
-    body: Body, geometry: BodyGeometry | None, pose: Array, *, inside: bool
-) -> Iterator[PlacementSurface]:
-    """Yields the support surfaces of a body that are level at its current pose.
-
-    Args:
-        body: the body.
-        geometry: its geometry; without one it is a box, with the upper side as the only surface.
-        pose: its pose in the world frame, seven numbers.
-        inside: whether surfaces in it are yielded, such as shelves, or surfaces on it.
-    """
-    body_pose = np.concatenate([pose[:3], normalize(pose[3:])])
-    known = geometry.support_surfaces if geometry is not None else ()
-    surfaces = [surface for surface in known if surface.is_inside is inside]
-    if not inside and not known:
-        surfaces = list(_box_surfaces(body))
-    for surface in surfaces:
-        if quat_rotate(body_pose[3:], surface.normal)[2] >= _MIN_UP_COSINE:
-            yield _placement_surface(body.id, surface, body_pose)
-
-
-def _box_surfaces(body: Body) -> Iterator[SupportSurface]:
-    """The six sides of a box."""
-    size = body.size or _ASSUMED_SIZE_M
-    for axis in range(3):
-        across = [other for other in range(3) if other != axis]
-        for sign in (1.0, -1.0):
-            up, center = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
-            up[axis], center[axis] = sign, sign * size[axis] / 2
-            extent = (size[across[0]], size[across[1]])
-            yield SupportSurface(center=(center[0], center[1], center[2]), size=extent, normal=(up[0], up[1], up[2]))
-
-
-def _placement_surface(id: BodyId, surface: SupportSurface, body_pose: Array) -> PlacementSurface:
-    along = np.eye(3)[next(axis for axis in range(3) if axis != np.argmax(np.abs(surface.normal)))]
-    x = quat_rotate(body_pose[3:], along)
-    yaw = float(np.arctan2(x[1], x[0]))
-    middle = body_pose[:3] + quat_rotate(body_pose[3:], surface.center)
-    frame = np.array([*middle, np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
-    return PlacementSurface(id, surface, frame, surface.size)
-
-
-class PlacementSampler:
-    """Samples collision-free poses among the bodies of a world."""
-
-    def __init__(
-        self,
-        bodies: Mapping[BodyId, Body],
-        geometry: GeometryMap,
-        ids: Sequence[BodyId],
-        poses: Array,
-        ignored_ids: frozenset[str],
-    ) -> None:
-        """Prepares the collision shapes of the obstacles.
-
-        Args:
-            bodies: the bodies by id.
-            geometry: their geometry.
-            ids: the bodies that exist.
-            poses: their poses, n x 7, in the order of `ids`.
-            ignored_ids: bodies that are not obstacles.
-        """
-        rows = [row for row, id in enumerate(ids) if id in bodies and id not in ignored_ids]
-        self._poses = (
-            np.concatenate([poses[rows, :3], normalize(poses[rows, 3:])], axis=1) if rows else np.zeros((0, 7))
-        )
-        cache: dict[object, CompiledGeometry] = {}
-        self._compiled = [_compiled_geometry(bodies[ids[row]], geometry.get(ids[row]), cache) for row in rows]
-        corners = [each.bounds for each in self._compiled]
-        low, high = (np.array([pair[end] for pair in corners]).reshape(-1, 3) for end in (0, 1))
-        middles = self._poses.copy()
-        if rows:
-            middles[:, :3] += quat_rotate(self._poses[:, 3:], (low + high) / 2)
-        self._low, self._high = OrientedBoxes.from_poses(middles, high - low).bounds()
-
-    def candidate_poses(
-        self, body: Body, geometry: BodyGeometry | None, surface: PlacementSurface, *, max_tested: int | None = None
-    ) -> tuple[list[Pose], str]:
-        """The free poses of a body on a surface, nearest to the center first; if there are none, also the reason.
-
-        Args:
-            body: the body.
-            geometry: its geometry.
-            surface: the surface.
-            max_tested: how many of the poses are tested, spread evenly over them; None for all.
-        """
-        low, high = _compiled_geometry(body, geometry, {}).bounds
-        if surface.surface.clearance is not None and high[2] - low[2] > surface.surface.clearance:
-            return [], f"it is {high[2] - low[2]:.2f} m high, and the clearance is {surface.surface.clearance:.2f} m"
-        candidates = np.concatenate([_grid_poses(surface, low, high, quarter) for quarter in (0, 1)])
-        if not len(candidates):
-            return [], "it is larger than the support surface"
-        order = np.argsort(np.linalg.norm(candidates[:, :3] - surface.pose[:3], axis=1), kind="stable")
-        if max_tested is not None:
-            order = order[np.unique(np.linspace(0, len(order) - 1, max_tested).astype(int))]
-        candidates = candidates[order]
-        free = self._is_free(_bounding_geometry(low, high), candidates)
-        reason = "" if free.any() else "other bodies occupy the space"
-        return [pose_from_array(row) for row in candidates[free]], reason
-
-    def _is_free(self, compiled: CompiledGeometry, candidates: Array) -> Array:
-        reach = float(np.linalg.norm(np.maximum(np.abs(compiled.bounds[0]), np.abs(compiled.bounds[1]))))
-        low, high = candidates[:, :3].min(axis=0) - reach, candidates[:, :3].max(axis=0) + reach
-        near = np.flatnonzero(np.all((self._low <= high) & (self._high >= low), axis=1))
-        count = len(candidates)
-        if not len(near):
-            return np.ones(count, dtype=bool)
-        parts = CollisionShapeBatch.from_compiled(
-            np.concatenate([candidates, self._poses[near]]), [compiled] * count + [self._compiled[row] for row in near]
-        )
-        center = candidates[:, None, :3]
-        overlap = np.all((center - reach <= self._high[near]) & (self._low[near] <= center + reach), axis=2)
-        a, b = np.nonzero(overlap)
-        penetrates = parts.penetration_depths(a, b + count, np.full(len(a), np.inf)) > 0.0
-        return np.asarray(np.bincount(a[penetrates], minlength=count) == 0)
-
-
-def _compiled_geometry(
-    body: Body, geometry: BodyGeometry | None, cache: dict[object, CompiledGeometry]
-) -> CompiledGeometry:
-    key: object = geometry.key if geometry is not None else (body.shape, body.size)
-    if key not in cache:
-        cache[key] = compile_geometry(
-            geometry.collision_shapes
-            if geometry is not None
-            else (fallback_collision_shape(body, body.size or _ASSUMED_SIZE_M),)
-        )
-    return cache[key]
-
-
-def _bounding_geometry(low: Array, high: Array) -> CompiledGeometry:
-    """The bounding box of a body as its collision shape, which also reserves the space inside its concavities."""
-    (x, y, z), (a, b, c) = ((low + high) / 2).tolist(), (high - low).tolist()
-    return compile_geometry((CollisionShape(size=(a, b, c), pose=Pose((x, y, z))),))
-
-
-def _grid_poses(surface: PlacementSurface, low: Array, high: Array, quarter: int) -> Array:
-    """Poses on a grid over a surface, rotated about z by quarter turns, for a body with the bounds low and high [m]."""
-    turn = np.array([np.cos(quarter * np.pi / 4), 0.0, 0.0, np.sin(quarter * np.pi / 4)])
-    corners = quat_rotate(turn, np.array([low, high]))
-    least, most = corners.min(axis=0), corners.max(axis=0)
-    room = np.array(surface.size) - (most - least)[:2] - 2 * _MARGIN_M
-    if (room < 0.0).any():
-        return np.zeros((0, 7))
-    finest = max(_MIN_GRID_STEP_M, float(np.sqrt(room.prod() / _MAX_CANDIDATES)))
-    steps = [np.linspace(-extent / 2, extent / 2, 2 * int(extent / finest / 2) + 1) for extent in room]
-    x, y = np.meshgrid(*steps, indexing="ij")
-    offset = -(least + most)[:2] / 2
-    local = np.zeros((x.size, 7))
-    local[:, 0], local[:, 1] = x.reshape(-1) + offset[0], y.reshape(-1) + offset[1]
-    local[:, 2] = _DROP_HEIGHT_M - least[2]
-    local[:, 3:] = turn
-    placed = pose_multiply(np.tile(surface.pose, (len(local), 1)), local)
-    placed[:, 3:] = normalize(quat_multiply(surface.pose[3:], local[:, 3:]))
-    return placed
 
 
 _MAX_ATTEMPTS = 12

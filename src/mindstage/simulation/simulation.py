@@ -467,11 +467,17 @@ class Simulation:
         return self.run_on_engine(lambda engine: engine.snapshot(), label="snapshot")
 
     def current_state(self) -> WorldState:
-        """The current world and joint positions, for questions about them."""
+        """The current world, joint positions and geometry, for questions about them."""
 
         def take(engine: Engine) -> WorldState:
             joints = engine.joint_positions() if Capability.JOINTS in engine.capabilities else None
-            return WorldState(world=engine.snapshot(), spawned=self.worlds, joint_positions=joints, source=engine.name)
+            return WorldState(
+                world=engine.snapshot(),
+                spawned=self.worlds,
+                joint_positions=joints,
+                source=engine.name,
+                geometry=self.geometry,
+            )
 
         return self.run_on_engine(take, label="current state")
 

@@ -141,7 +141,7 @@ class AttachAt(msgspec.Struct, frozen=True):
 
     def apply(self, engine: Engine) -> EditCommand:
         """See `EditCommand`."""
-        previous_parent, pose = parent_of(engine, self.child), current_pose(engine, self.child)
+        inverse, pose = _restore_parent(engine, self.child, self.label), current_pose(engine, self.child)
         parent = normalized_pose_array(current_pose(engine, self.parent))
         engine.set_pose(
             self.child, pose_from_array(pose_multiply(parent, normalized_pose_array(self.parent_from_child)))
@@ -151,9 +151,7 @@ class AttachAt(msgspec.Struct, frozen=True):
         except Exception:
             engine.set_pose(self.child, pose)
             raise
-        if previous_parent is None:
-            return DetachBody(self.child, self.label)
-        return AttachAt(previous_parent, self.child, self.parent_from_child, self.label)
+        return inverse
 
 
 class RestoreState(msgspec.Struct, frozen=True):

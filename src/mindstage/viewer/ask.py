@@ -7,7 +7,7 @@ has a timeout, so that neither the simulation nor other requests of the page wai
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import count
 from typing import Any, Protocol
@@ -37,6 +37,7 @@ __all__ = [
     "HighlightAnswersRequest",
     "MissingFact",
     "PrologRequest",
+    "PrologSolutions",
     "PrologSolver",
     "QuestionForm",
     "SparqlRequest",
@@ -89,6 +90,8 @@ class AnswerTable(msgspec.Struct, frozen=True, kw_only=True):
     """Whether rows can be explained."""
     boolean: bool | None = None
     """The answer to a yes-or-no query."""
+    complete: bool = True
+    """False if the search stopped at a limit, so that there may be more than `total`."""
     notes: tuple[str, ...] = ()
     """How a sentence or a name was understood."""
 
@@ -166,9 +169,9 @@ def answer_table(kb: KnowledgeBase, answers: Answers[Any], bodies: Mapping[str, 
     )
 
 
-def prolog_table(rows: Sequence[Mapping[str, Any]], bodies: Mapping[str, BodyId], *, title: str) -> AnswerTable:
+def prolog_table(rows: PrologSolutions, bodies: Mapping[str, BodyId], *, title: str) -> AnswerTable:
     """Converts the solutions of a Prolog query to a table of its variables, or to yes or no if it has none."""
-    columns = tuple(rows[0]) if rows else ()
+    columns = tuple(next(iter(rows), {}))
     cells = [tuple(_cell(row[name], bodies) for name in columns) for row in rows]
     return AnswerTable(
         title=title,
@@ -177,6 +180,7 @@ def prolog_table(rows: Sequence[Mapping[str, Any]], bodies: Mapping[str, BodyId]
         ids=tuple(map(_row_id, cells)) if columns else (),
         total=len(rows),
         boolean=None if columns else bool(rows),
+        complete=rows.complete or not columns,
     )
 
 
@@ -218,13 +222,22 @@ def _row_id(cells: Sequence[TableCell] | Iterable[TableCell]) -> str:
     return next((cell.id for cell in cells if cell.id), "")
 
 
+class PrologSolutions(Protocol):
+    """The solutions of a Prolog query, as the values of its variables by name."""
+
+    complete: bool
+    """False if the search stopped at the limit."""
+
+    def __len__(self) -> int: ...
+
+    def __iter__(self) -> Iterator[Mapping[str, Any]]: ...
+
+
 class PrologSolver(Protocol):
     """Solves Prolog queries of untrusted clients; `mindstage.prolog.solve_query` is one."""
 
-    def __call__(
-        self, simulation: Simulation, query: str, *, limit: int, timeout_s: float
-    ) -> Sequence[Mapping[str, Any]]:
-        """Returns the solutions of a query, as the values of its variables by name.
+    def __call__(self, simulation: Simulation, query: str, *, limit: int, timeout_s: float) -> PrologSolutions:
+        """Returns the solutions of a query.
 
         Args:
             simulation: the simulation that is queried.

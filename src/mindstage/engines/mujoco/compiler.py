@@ -25,7 +25,6 @@ import mujoco
 import numpy as np
 
 from mindstage.engines.collision_filter import JOINT_TOUCH_TOLERANCE_M
-from mindstage.engines.collision_shapes import MEAN_SQUARES, CompiledGeometry, primitive_collision_type
 from mindstage.engines.kinematic_tree import (
     JointAxis,
     KinematicForest,
@@ -40,6 +39,7 @@ from mindstage.engines.physics_model import PhysicsModelBuilder
 from mindstage.errors import EngineUnavailableError
 from mindstage.scene import AxisMotion, Body, BodyGeometry, BodyId, CollisionShape, CollisionShapeType, Mobility, Vector
 from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene.collision_shapes import MEAN_SQUARES, CompiledGeometry, primitive_collision_type
 from mindstage.scene.transforms import Array, mesh_scale, pose_inverse, pose_multiply, quat_rotate
 
 __all__ = [

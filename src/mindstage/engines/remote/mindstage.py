@@ -40,7 +40,6 @@ from mindstage.engines.base import (
     SpawnOptions,
     SpawnReport,
 )
-from mindstage.engines.collision_shapes import compile_geometry
 from mindstage.engines.registry import EntityRegistry, pose_error
 from mindstage.engines.remote.client import TIMEOUT_PER_ENTITY_S, RemoteProfile, ServiceClient
 from mindstage.engines.remote.engine import RemoteEngine
@@ -69,6 +68,7 @@ from mindstage.scene import (
     Vector,
     World,
 )
+from mindstage.scene.collision_shapes import compile_geometry
 from mindstage.scene.kinematics import without_lost_masters
 
 __all__ = ["MeshExporter", "MindstageRemoteEngine", "encode_geometry", "encode_world"]

@@ -26,7 +26,7 @@ from mindstage.geometry.procedural.builder import (
     turn_between,
 )
 from mindstage.geometry.procedural.primitives import BoxShape
-from mindstage.scene import IDENTITY, Pose, Vector
+from mindstage.scene import IDENTITY, LightType, Pose, Vector
 from mindstage.scene.geometry import (
     AttachedLight,
     BodyGeometry,
@@ -92,7 +92,7 @@ def build_geometry(
         up: the side of the body that faces up in normal use.
         front: the side from which the body is viewed, opened or pulled.
         materials: materials by role; roles that the template does not have are ignored.
-        light: an attached light; without a pose it is placed at the bulb of the shape.
+        light: an attached light; without a pose it is placed at the bulb of the shape and turned with the shape.
         friction: coefficient of sliding friction of all collision shapes.
         restitution: coefficient of restitution of all collision shapes.
         density: density of all collision shapes [kg/m³].
@@ -233,10 +233,12 @@ def _support_surface(surface: LocalSupportSurface, turn: AxisPermutation) -> Sup
 
 
 def _placed_light(light: AttachedLight, builder: GeometryBuilder, turn: AxisPermutation) -> AttachedLight:
-    if light.pose != IDENTITY or builder.light is None:
+    if light.pose != IDENTITY:
         return light
-    x, y, z = builder.light.tolist()
-    return msgspec.structs.replace(light, pose=Pose(turn.vector_to_body((x, y, z))))
+    x, y, z = (0.0, 0.0, 0.0) if builder.light is None else builder.light.tolist()
+    # A spot or directional light shines downwards while the shape is upright, so it is turned with the shape.
+    quaternion = IDENTITY.quaternion if light.type is LightType.POINT else turn.quaternion
+    return msgspec.structs.replace(light, pose=Pose(turn.vector_to_body((x, y, z)), quaternion))
 
 
 def _digest(visuals: tuple[VisualMesh, ...], other_fields: tuple[Any, ...]) -> str:

@@ -11,6 +11,7 @@ import os
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 
 import pyoxigraph as ox
@@ -39,8 +40,10 @@ __all__ = [
     "SourceFile",
     "bundled_kitchen",
     "bundled_ontology",
+    "is_bundled",
     "map_path",
     "read_file",
+    "soma_alignment",
 ]
 
 
@@ -86,6 +89,16 @@ def bundled_kitchen() -> Path:
 def bundled_ontology() -> Path:
     """Returns the path of the bundled household ontology, which every `KnowledgeBase` loads by default."""
     return _bundled_path("household.ttl")
+
+
+def soma_alignment() -> Path:
+    """Returns the path of the bundled alignment of SOMA's and DUL's terms with those of the household ontology."""
+    return _bundled_path("soma.ttl")
+
+
+def is_bundled(path: Path, bundled: Path) -> bool:
+    """Whether a path is that of a bundled file, in this installation or in the one that wrote a store folder."""
+    return path == bundled or (path.name, path.parent.name) == (bundled.name, bundled.parent.name)
 
 
 def _bundled_path(name: str) -> Path:
@@ -355,6 +368,17 @@ class Source:
     def has_class_sizes(self) -> bool:
         """Whether it gives sizes for all members of a class."""
         return any(True for codec in SIZE for _ in self._quads_with_predicate(ON_PROPERTY, codec.property))
+
+    def terms_of(self, namespaces: tuple[str, ...]) -> list[Iri]:
+        """Returns the classes of its individuals in these namespaces, or else the first other name there; sorted."""
+        classes = {
+            quad.object.value for quad in self._quads_with_predicate(TYPE) if isinstance(quad.object, ox.NamedNode)
+        }
+        if found := sorted(Iri(name) for name in classes if name.startswith(namespaces)):
+            return found
+        quads = self.store.quads_for_pattern(None, None, None, self.graph)
+        names = (node.value for quad in quads for node in quad.triple if isinstance(node, ox.NamedNode))
+        return [Iri(name) for name in islice((name for name in names if name.startswith(namespaces)), 1)]
 
     def _quads_with_predicate(self, property: Iri, value: Iri | None = None) -> Iterator[ox.Quad]:
         node: ObjectNode | None = None if value is None else ox.NamedNode(value)

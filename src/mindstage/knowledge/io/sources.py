@@ -30,7 +30,15 @@ from mindstage.knowledge.dialects.membership import (
     without_other_maps,
 )
 from mindstage.knowledge.endpoint import SparqlEndpoint, SparqlEndpointStore
-from mindstage.knowledge.io.files import SUFFIXES, Source, SourceFile, bundled_ontology, read_file
+from mindstage.knowledge.io.files import (
+    SUFFIXES,
+    Source,
+    SourceFile,
+    bundled_ontology,
+    is_bundled,
+    read_file,
+    soma_alignment,
+)
 from mindstage.knowledge.io.ros_packages import RosPackagePath, file_from_iri
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH
 from mindstage.knowledge.rdf import (
@@ -47,7 +55,16 @@ from mindstage.knowledge.store import OxigraphStore
 from mindstage.knowledge.store_folder import StoreDirectory, StoreManifest
 from mindstage.knowledge.urdf.in_maps import ClassNameIndex, UrdfSources, linked_individuals
 from mindstage.knowledge.urdf.parse import is_urdf, read_urdf
-from mindstage.knowledge.vocabulary import IMPORTS, ONTOLOGY, POSE_PROPERTIES, RDF, TYPE, VERSION_IRI
+from mindstage.knowledge.vocabulary import (
+    DUL,
+    IMPORTS,
+    ONTOLOGY,
+    POSE_PROPERTIES,
+    RDF,
+    SOMA_NAMESPACES,
+    TYPE,
+    VERSION_IRI,
+)
 from mindstage.scene import Iri, IriRef
 
 __all__ = ["LoadTransaction", "SourceRegistry", "StrPath", "preprocess", "read_map_file"]
@@ -57,6 +74,9 @@ _END_TAG = re.compile(rb"</([\w.-]+:)?RDF\s*>")
 _BEGIN_IMPLIED, _END_IMPLIED = "The statements below are implied:", "The statements above are implied."
 _IMPLIED = re.compile(rf"(?:<!--|#) {_BEGIN_IMPLIED}(?: -->)?\n(.*?)(?:<!--|#) {_END_IMPLIED}".encode(), re.DOTALL)
 """The statements that `preprocess` has appended to a text, between two comments."""
+_ALIGNED_NAMESPACES = (*SOMA_NAMESPACES, DUL)
+_ALIGNED_MARKERS = tuple(namespace.rpartition("/")[2].rstrip("#").encode() for namespace in _ALIGNED_NAMESPACES)
+"""The names of the files of SOMA and DUL: a text that uses their terms contains one, whatever its prefixes are."""
 _POSE_MARKERS = tuple(local_name(property).encode() for property in POSE_PROPERTIES)
 
 
@@ -173,6 +193,7 @@ class LoadTransaction:
     findings: list[Finding] = field(default_factory=list)
     assumptions: list[Assumption] = field(default_factory=list)
     _unresolved_imports: list[tuple[Source, str]] = field(default_factory=list)
+    _may_use_soma: list[Path] = field(default_factory=list)
 
     def run(self, maps: Iterable[Path], ontologies: Iterable[Path]) -> None:
         """Loads files and everything that they import, each once.
@@ -202,6 +223,7 @@ class LoadTransaction:
                 for path, is_map, is_explicit in batch:
                     self._load(path, robots, is_map=is_map, is_explicit=is_explicit)
                 self._follow_imports(known)
+            self._align_soma()
             self.findings += robots.findings
             self.assumptions += robots.assumptions
         except BaseException:
@@ -238,6 +260,8 @@ class LoadTransaction:
                 preprocess(repaired, urdf_sources) if is_map and urdf_sources else repaired, graph
             )
         self.findings += file.findings()
+        if any(marker in file.data for marker in _ALIGNED_MARKERS) and not is_bundled(path, bundled_ontology()):
+            self._may_use_soma.append(path)
         self.sources[path] = Source(str(path), graph, self.store, self.store_text(file), is_map, is_explicit)
 
     def _load_repaired(self, file: SourceFile, graph: ox.NamedNode) -> SourceFile:
@@ -246,6 +270,22 @@ class LoadTransaction:
         except SyntaxError as error:
             raise file.parse_error(error) from error
         return file
+
+    def _align_soma(self) -> None:
+        """Loads the alignment of SOMA and DUL beside the household ontology, if a new source uses their terms."""
+        if not any(is_bundled(path, bundled_ontology()) for path in self.sources):
+            return
+        for source in [self.sources[path] for path in self._may_use_soma if path in self.sources]:
+            terms = source.terms_of(_ALIGNED_NAMESPACES)
+            if not terms:
+                continue
+            if not any(is_bundled(path, soma_alignment()) for path in self.sources):
+                self._load(soma_alignment(), is_explicit=True)
+            maps = sorted(source.maps()) or [Iri(source.name)]
+            named = f"{', '.join(map(local_name, terms[:3]))}{f' and {len(terms) - 3} more' if terms[3:] else ''}"
+            evidence = f"it uses {named}; the bundled soma.ttl, loaded as a source, states the corresponding terms"
+            value = "terms of SOMA and DUL are aligned with KnowRob's"
+            self.assumptions += [Assumption(each, "vocabulary", value, evidence) for each in maps]
 
     def _store_graph(self, file: SourceFile, graph: ox.NamedNode) -> None:
         try:

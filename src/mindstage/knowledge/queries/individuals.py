@@ -12,11 +12,14 @@ from mindstage.knowledge.explain import (
     membership_lines,
     missing_description,
     missing_file,
+    missing_instance,
     statement_line,
     subclass_line,
 )
 from mindstage.knowledge.questions import (
     AnswerRow,
+    Claim,
+    ClaimKind,
     ClassName,
     IndividualName,
     MapName,
@@ -116,15 +119,30 @@ def _explain_part(kb: QuestionContext, row: PartOf) -> Iterator[str]:
 def _missing_parts(
     kb: QuestionContext, part: Iri | None = None, whole: Iri | None = None, map: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
-    if individual := whole or part:
-        if map and map not in kb.reasoner.maps_of.get(individual, ()):
-            yield from missing_description(kb.reasoner, individual, map)
-            return
-        what = (
-            f"no part of {local_name(whole)}" if part and whole else "a part of nothing" if part else "made of nothing"
-        )
-        why = f"{local_name(part or individual)} is {what}: neither child, parent nor a part-of property relates them"
-        yield MissingKnowledge(kb.reasoner.class_of(individual) or THING, CHILD, why)
+    index = kb.reasoner
+    individual = whole or part
+    if individual is None or not _is_described(index, individual, map):
+        yield from missing_description(index, individual, map)
+        return
+    found = whole if part is None else part
+    steps = index.wholes(part) if part else index.parts(individual)
+    if any(whole in {None, step.individual} for step in steps):
+        where = f"in {local_name(map)}" if map else "in any map"
+        claim = Claim(kind=ClaimKind.PART, subject=whole, object=part)
+        reason = f"{local_name(part or individual)} is a part, but nothing that it is a part of is {where}"
+        yield MissingKnowledge(index.class_of(individual) or THING, CHILD, reason, claims=(claim,))
+        return
+    what = f"no part of {local_name(whole)}" if part and whole else "a part of nothing" if part else "made of nothing"
+    why = "neither child, parent nor a part-of property relates them"
+    if (
+        any(whole in {None, step.individual} for step in index.wholes(part, through_joints=True))
+        if part
+        else any(True for _ in index.parts(individual, through_joints=True))
+    ):
+        why = "only joints connect it to other bodies, which does not make a part"
+    claim = Claim(kind=ClaimKind.NOT_PART, subject=whole, object=part)
+    reason = f"{local_name(found or individual)} is {what}: {why}"
+    yield MissingKnowledge(index.class_of(individual) or THING, CHILD, reason, claims=(claim,))
 
 
 class HandleOf(AnswerRow, frozen=True, kw_only=True):
@@ -195,18 +213,51 @@ def _missing_handle(
 ) -> Iterator[MissingKnowledge]:
     index = kb.reasoner
     if handle and not index.is_member(handle, _HANDLE_CLASS):
-        yield MissingKnowledge(index.class_of(handle) or THING, TYPE, f"{individual_text(index, handle)} is no Handle")
-    elif individual and map and map not in index.maps_of.get(individual, ()):
+        claim = Claim(kind=ClaimKind.NOT_INSTANCE, subject=handle, object=_HANDLE_CLASS)
+        reason = f"{individual_text(index, handle)} is no Handle"
+        yield MissingKnowledge(index.class_of(handle) or THING, TYPE, reason, claims=(claim,))
+    elif individual is not None and not _is_described(index, individual, map):
         yield from missing_description(index, individual, map)
     elif individual is not None:
-        others = ", ".join(local_name(each) for each in _find_handles(index, individual))
-        lacks = f"has another handle, {others}" if others else "has no handle: none of its parts is a Handle"
-        yield MissingKnowledge(
-            index.class_of(individual) or THING, CHILD, f"{individual_text(index, individual)} {lacks}"
-        )
+        yield _missing_handle_of(index, individual, handle)
     elif handle:
-        why = f"{individual_text(index, handle)} is the handle of nothing: it is a part of nothing"
-        yield MissingKnowledge(index.class_of(handle) or THING, CHILD, why)
+        steps = list(index.wholes(handle, through_joints=True))
+        name = individual_text(index, handle)
+        claim = Claim(kind=ClaimKind.NOT_PART, object=handle)
+        why = f"{name} is the handle of nothing: it is a part of nothing"
+        if wholes := [step.individual for step in steps if not index.is_member(step.individual, CONSTRAINT)]:
+            where = local_name(map) if map else "any map"
+            why = (
+                f"{name} is a part of {', '.join(local_name(each) for each in wholes)}, and none of them is in {where}"
+            )
+            claim = Claim(kind=ClaimKind.PART, subject=wholes[0], object=handle)
+        yield MissingKnowledge(index.class_of(handle) or THING, CHILD, why, claims=(claim,))
+    else:
+        yield from missing_instance(index, _HANDLE_CLASS, None, map)
+
+
+def _is_described(reasoner: Reasoner, individual: Iri, map: Iri | None) -> bool:
+    """Whether an individual is in a map, or in any map."""
+    places = reasoner.maps_of.get(individual, ())
+    return bool(places) if map is None else map in places
+
+
+def _missing_handle_of(reasoner: Reasoner, individual: Iri, handle: Iri | None) -> MissingKnowledge:
+    """The missing statement if an individual of a map has no handle, or not the given one."""
+    others = list(_find_handles(reasoner, individual))
+    parts = [] if others else [step.individual for step in reasoner.parts(individual, through_joints=True)]
+    if others:
+        lacks = f"has another handle, {', '.join(local_name(each) for each in others)}"
+        claims = [Claim(kind=ClaimKind.PART, subject=individual, object=each) for each in others]
+    elif reasoner.is_member(individual, CONSTRAINT):
+        lacks, claims = "has no handle: it is a joint, which has no parts", []
+    else:
+        lacks = f"has no handle: {'none of its parts is a Handle' if parts else 'it has no parts'}"
+        claims = [Claim(kind=ClaimKind.NOT_INSTANCE, subject=each, object=_HANDLE_CLASS) for each in parts]
+    if (not parts and not others) or handle:
+        claims.append(Claim(kind=ClaimKind.NOT_PART, subject=individual, object=handle))
+    reason = f"{individual_text(reasoner, individual)} {lacks}"
+    return MissingKnowledge(reasoner.class_of(individual) or THING, CHILD, reason, claims=tuple(claims))
 
 
 def _part_lines(parts: Iterator[PartOfStep], part: Iri) -> Iterator[str]:

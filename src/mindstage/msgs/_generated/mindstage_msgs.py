@@ -36,6 +36,7 @@ __all__ = [
     "Note",
     "Photograph",
     "Push",
+    "Query",
     "Refusal",
     "RestoreState",
     "SaveScene",
@@ -352,6 +353,32 @@ class Push(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+
+
+class Query(base.Service):
+    """Runs a query on the knowledge base and the present state: a question, SPARQL or Prolog, with limits."""
+
+    class Request(base.Message, frozen=True):
+        language: base.String = ""
+        """`question`, `sparql` or `prolog`."""
+        query: base.String = ""
+        """Name of the question, or text of the query."""
+        args: base.String = ""
+        """JSON object with the arguments of a question by name; empty for none."""
+        explain: base.Bool = False
+        """Whether each answer to a question has an explanation, `why`."""
+        highlight: base.String = ""
+        """Color in which the answers to a question are highlighted, such as `green`; empty for no change."""
+        limit: base.Uint32 = 0
+        """Of Prolog: the maximum number of solutions; 0 for the default."""
+        timeout_s: base.Float64 = 0.0
+        """Time limit of SPARQL and Prolog, which is bounded; 0 for the default."""
+
+    class Response(base.Message, frozen=True):
+        success: base.Bool = False
+        refusal: Refusal = Refusal()
+        answers: base.String = ""
+        """The JSON that `mindstage ask`, `sparql` and `prolog` print with --json, without findings."""
 
 
 class RestoreState(base.Service):

@@ -15,7 +15,7 @@ export function answerTable(answers, askAgain) {
 }
 
 function header(answers) {
-  const count = answers.boolean === true ? "yes" : answers.boolean === false ? "no" : answers.total === 1 ? "1 answer" : `${answers.total} answers`;
+  const count = answers.boolean === true ? "yes" : answers.boolean === false ? "no" : answers.complete === false ? `the first ${answers.total} answers, there may be more` : answers.total === 1 ? "1 answer" : `${answers.total} answers`;
   const shown = answers.rows.length < answers.total ? `, the first ${answers.rows.length} shown` : "";
   return el("div", { class: "row answers-header" },
     el("strong", { class: "grow", role: "status" }, `${count}${shown}`),

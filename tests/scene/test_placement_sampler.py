@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.engines.scenes import body
 
 from mindstage.scene import Body, BodyGeometry, BodyId, CollisionShape, Pose, SupportSurface, Vector
 from mindstage.scene.bounding_boxes import OrientedBoxes, penetration_depths
+from mindstage.scene.placement import PlacementSampler, support_surfaces
 from mindstage.scene.transforms import pose_array
-from mindstage.simulation.placement import PlacementSampler, support_surfaces
-from tests.engines.scenes import body
 
 CUP: Vector = (0.08, 0.08, 0.1)
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.engines.geometries import bin_geometry, box_shape, wedge_geometry
 
-from mindstage.engines.collision_shapes import CollisionShapeBatch, CompiledGeometry, compile_geometry
 from mindstage.scene import CollisionShape, CollisionShapeType, Pose
 from mindstage.scene.bounding_boxes import OrientedBoxes, penetration_depths
+from mindstage.scene.collision_shapes import CollisionShapeBatch, CompiledGeometry, compile_geometry
 from mindstage.scene.transforms import normalize, pose_multiply, quat_rotate
-from tests.engines.geometries import bin_geometry, box_shape, wedge_geometry
 
 HERE = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 numbers = st.floats(-0.6, 0.6)

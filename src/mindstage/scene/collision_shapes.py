@@ -19,9 +19,10 @@ from math import hypot, isfinite, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.scene import Body, CollisionShape, CollisionShapeType, Pose, PrimitiveType, Vector
 from mindstage.scene.bounding_boxes import Indices, OrientedBoxes, penetration_depths
+from mindstage.scene.geometry import CollisionShape, CollisionShapeType
 from mindstage.scene.mesh import Hull, convex_hull
+from mindstage.scene.model import Body, Pose, PrimitiveType, Vector
 from mindstage.scene.transforms import Array, cross, normalize, pose_array, pose_multiply, rotation_matrix
 
 __all__ = [

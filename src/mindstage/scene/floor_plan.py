@@ -1,0 +1,449 @@
+"""Floor plans: the free space of a disc-shaped robot on the floor, paths in it, what blocks it, and rooms within walls.
+
+The obstacles are the footprints of all collision shapes between the height of a step and the height of the robot. Their
+exact distances are computed at the centers of square cells. A cell is free if its center is at least
+
+    sqrt(radius^2 + cell^2 / 2)
+
+from every footprint: then no straight move between two neighboring free cells, which is at most sqrt(2) cell long,
+comes nearer than the radius to a convex footprint (the squared distance along a segment of length L is at least
+min(d1, d2)^2 - L^2 / 4). Paths are shortest on the grid with eight neighbors (Dijkstra), then shortened by straight
+lines that keep the same clearance exactly.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection
+from dataclasses import dataclass
+from math import ceil, hypot, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt, label
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from mindstage.scene.bounding_boxes import Indices, footprints, polygon_areas
+from mindstage.scene.kinematics import RigidGroups
+from mindstage.scene.model import World
+from mindstage.scene.proximity import BodyBoxes
+from mindstage.scene.ray_casting import ShapeScene
+from mindstage.scene.transforms import Array
+
+__all__ = ["FloorPath", "FloorPlan", "WallRooms", "find_floor", "wall_rooms"]
+
+CELL_M = 0.05
+"""Extent of a cell; larger on floors of more than `_MAX_CELLS`."""
+_MAX_CELLS = 200_000
+STEP_HEIGHT_M = 0.03
+"""A robot drives over lower things, such as carpets and thresholds."""
+_MARGIN_M = 1.0
+"""Free space around everything, where there is no floor body."""
+_MIN_FLOOR_AREA_M2, _MAX_FLOOR_THICKNESS_M = 4.0, 0.5
+_SAME_LEVEL_M = 0.03
+_MOVABLE_PENALTY, _FIXED_PENALTY = 100.0, 10_000.0
+"""Cost of a blocked cell in cells, for the question which bodies are in the way: movable ones first."""
+_POINTS_AT_ONCE = 64
+_NEIGHBORS = ((1, 0), (0, 1), (1, 1), (1, -1))
+
+
+def find_floor(bodies: BodyBoxes, *, below: float | None = None) -> tuple[float, tuple[int, ...]]:
+    """Returns the height of the floor [m], and the rows of the bodies that it is made of.
+
+    A floor is a level slab of at least 4 m² and at most 0.5 m thick. Of several the highest one below a height is
+    used; without any, the floor is the plane at the lowest point of all bodies.
+
+    Args:
+        bodies: the boxes of all bodies.
+        below: the height of what stands on the floor [m]; None for the lowest floor.
+    """
+    if not bodies.bodies:
+        return 0.0, ()
+    extent = bodies.high - bodies.low
+    area = polygon_areas(footprints(bodies.boxes))
+    slab = (extent[:, 2] <= _MAX_FLOOR_THICKNESS_M) & (area >= _MIN_FLOOR_AREA_M2)
+    slab &= extent[:, 2] < np.minimum(extent[:, 0], extent[:, 1])
+    top = bodies.high[:, 2]
+    if below is not None:
+        slab &= top <= below + _SAME_LEVEL_M
+    rows = np.flatnonzero(slab)
+    if not len(rows):
+        return float(bodies.low[:, 2].min()), ()
+    level = float(top[rows].min() if below is None else top[rows].max())
+    return level, tuple(rows[np.abs(top[rows] - level) <= _SAME_LEVEL_M].tolist())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorPath:
+    """A shortest path of a robot's center on the floor."""
+
+    points: Array
+    """k x 2 [m]; one point if the start is the goal."""
+    length: float
+    """[m]."""
+    clearance: float
+    """The smallest distance between the path and a footprint, less the radius of the robot [m]; infinite without
+    any."""
+
+
+class FloorPlan:
+    """The free space of a robot on the floor."""
+
+    def __init__(
+        self,
+        world: World,
+        scene: ShapeScene,
+        *,
+        radius: float,
+        height: float,
+        level: float,
+        floor: Collection[int] = (),
+        ignored: Collection[int] = (),
+    ) -> None:
+        """Computes the grid.
+
+        Args:
+            world: the bodies.
+            scene: their shapes, in the same order.
+            radius: radius of the robot [m].
+            height: height of the robot [m]: it passes below what is higher.
+            level: height of the floor [m].
+            floor: rows of the bodies that are the floor; the robot stays above them. Without any it may go anywhere.
+            ignored: rows of bodies that are no obstacles, such as the robot and the walls that enclose everything.
+        """
+        self.radius, self.level = radius, level
+        boxes = scene.shape_boxes
+        low, high = boxes.bounds()
+        skipped = np.isin(scene.owner, [*ignored, *floor])
+        tall = (high[:, 2] > level + STEP_HEIGHT_M) & (low[:, 2] < level + height)
+        rows = np.flatnonzero(tall & ~skipped)
+        self._owner = scene.owner[rows]
+        prints = footprints(boxes)
+        self._polygons = prints[rows]
+        slabs = prints[np.isin(scene.owner, list(floor))]
+        everything = (slabs if len(slabs) else self._polygons).reshape(-1, 2)
+        edge = 0.0 if len(slabs) else _MARGIN_M + 2 * radius
+        first, last = (
+            (everything.min(axis=0) - edge, everything.max(axis=0) + edge)
+            if len(everything)
+            else (np.full(2, -_MARGIN_M), np.full(2, _MARGIN_M))
+        )
+        self.cell = max(CELL_M, sqrt(float(np.prod(last - first)) / _MAX_CELLS))
+        self.shape = tuple(max(1, ceil(extent / self.cell)) for extent in (last - first).tolist())
+        self._origin = first + self.cell / 2
+        self._required = sqrt(radius * radius + self.cell * self.cell / 2)
+        self._distance = self._distance_field()
+        self.is_floor = self._within(slabs) if len(slabs) else np.ones(self.shape, dtype=bool)
+        self.is_free = self.is_floor & (self._distance >= self._required)
+        groups = RigidGroups.from_world(world)
+        self._is_movable = (
+            (groups.is_dynamic | groups.is_jointed)[self._owner] if len(world.bodies) else np.zeros(0, bool)
+        )
+
+    # -- cells ---------------------------------------------------------------------------------------------------------
+
+    def centers(self, cells: Indices) -> Array:
+        """The centers of cells, n x 2 [m]; cells are indices into the flat grid."""
+        return np.asarray(self._origin + np.stack(np.unravel_index(cells, self.shape), axis=1) * self.cell)
+
+    def _window(self, low: Array, high: Array) -> tuple[slice, slice]:
+        start = np.clip(np.floor((low - self._origin) / self.cell).astype(int), 0, None)
+        end = np.clip(np.ceil((high - self._origin) / self.cell).astype(int) + 1, 0, None)
+        return slice(start[0], min(end[0], self.shape[0])), slice(start[1], min(end[1], self.shape[1]))
+
+    def _grid_points(self, window: tuple[slice, slice]) -> Array:
+        x = self._origin[0] + np.arange(window[0].start, max(window[0].start, window[0].stop)) * self.cell
+        y = self._origin[1] + np.arange(window[1].start, max(window[1].start, window[1].stop)) * self.cell
+        return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+
+    def _distance_field(self) -> Array:
+        """The distance of each cell's center to the nearest footprint, as far as it is below the required one [m]."""
+        field = np.full(self.shape, np.inf)
+        reach = self._required + self.cell
+        for polygon in self._polygons:
+            window = self._window(polygon.min(axis=0) - reach, polygon.max(axis=0) + reach)
+            points = self._grid_points(window)
+            if points.size:
+                near = _point_polygon_distances(points.reshape(-1, 2), polygon[None])[:, 0]
+                field[window] = np.minimum(field[window], near.reshape(points.shape[:2]))
+        return field
+
+    def _within(self, polygons: Array) -> NDArray[np.bool_]:
+        inside = np.zeros(self.shape, dtype=bool)
+        for polygon in polygons:
+            window = self._window(polygon.min(axis=0), polygon.max(axis=0))
+            points = self._grid_points(window)
+            if points.size:
+                found = _point_polygon_distances(points.reshape(-1, 2), polygon[None])[:, 0] <= 0.0
+                inside[window] |= found.reshape(points.shape[:2])
+        return inside
+
+    def cells_near(self, polygons: Array, reach: float) -> Indices:
+        """The free cells whose centers are within a distance of some polygons [m]."""
+        found = []
+        for polygon in polygons:
+            window = self._window(polygon.min(axis=0) - reach, polygon.max(axis=0) + reach)
+            points = self._grid_points(window)
+            if points.size:
+                near = _point_polygon_distances(points.reshape(-1, 2), polygon[None])[:, 0] <= reach
+                rows = np.flatnonzero(near & self.is_free[window].reshape(-1))
+                columns = points.shape[1]
+                found.append((rows // columns + window[0].start) * self.shape[1] + rows % columns + window[1].start)
+        return np.unique(np.concatenate(found)) if found else np.zeros(0, dtype=np.intp)
+
+    def nearest_cell(self, point: Array, *, free: bool) -> int | None:
+        """The cell nearest to a point, or the nearest free one within the radius and two cells; None without one."""
+        if not free:
+            at = np.round((point - self._origin) / self.cell).astype(int)
+            inside = np.all((at >= 0) & (at < self.shape))
+            return int(at[0] * self.shape[1] + at[1]) if inside else None
+        cells = self.cells_near(np.tile(point, (1, 6, 1)), self.radius + 2 * self.cell)
+        if not len(cells):
+            return None
+        return int(cells[np.argmin(np.linalg.norm(self.centers(cells) - point, axis=1))])
+
+    # -- paths ---------------------------------------------------------------------------------------------------------
+
+    def distances_from(self, starts: Indices) -> Array:
+        """The length of the shortest path from some cells to each cell, flat [m]; infinite without one."""
+        return np.asarray(self._search(starts)[0])
+
+    def path(self, starts: Indices, goals: Indices) -> FloorPath | None:
+        """The shortest path from one of some free cells to one of others; None if there is none."""
+        if not len(starts) or not len(goals):
+            return None
+        length, previous = self._search(starts)
+        goal = int(goals[np.argmin(length[goals])])
+        if not np.isfinite(length[goal]):
+            return None
+        points = self._shortened(self.centers(_trace(previous, goal)))
+        steps = np.diff(points, axis=0)
+        distance = _segment_polygon_distances(points, self._polygons).min(initial=np.inf)
+        return FloorPath(points, float(np.hypot(steps[:, 0], steps[:, 1]).sum()), float(distance) - self.radius)
+
+    def blockers(self, starts: Indices, goals: Indices) -> tuple[int, ...]:
+        """Rows of the bodies on the easiest way from one cell to another: movable ones are easier than fixed ones.
+
+        Empty if not even the removal of all obstacles would open a way.
+        """
+        penalty = np.zeros(self.shape)
+        movable = np.full(self.shape, True)
+        for polygon, is_movable in zip(self._polygons, self._is_movable.tolist(), strict=True):
+            if not is_movable:
+                window = self._window(polygon.min(axis=0) - self._required, polygon.max(axis=0) + self._required)
+                points = self._grid_points(window)
+                if points.size:
+                    near = _point_polygon_distances(points.reshape(-1, 2), polygon[None])[:, 0] < self._required
+                    movable[window] &= ~near.reshape(points.shape[:2])
+        blocked = ~self.is_free
+        penalty[blocked] = np.where(movable[blocked], _MOVABLE_PENALTY, _FIXED_PENALTY) * self.cell
+        length, previous = self._search(starts, passable=self.is_floor, penalty=penalty)
+        if not len(goals) or not np.isfinite(length[goals]).any():
+            return ()
+        cells = _trace(previous, int(goals[np.argmin(length[goals])]))
+        crossed = cells[blocked.reshape(-1)[cells]]
+        if not len(crossed) or not len(self._polygons):
+            return ()
+        found: dict[int, None] = {}
+        for start in range(0, len(crossed), _POINTS_AT_ONCE):
+            centers = self.centers(crossed[start : start + _POINTS_AT_ONCE])
+            near = _point_polygon_distances(centers, self._polygons) < self._required
+            found |= dict.fromkeys(self._owner[np.nonzero(near)[1]].tolist())
+        return tuple(found)
+
+    def all_cells_near(self, polygons: Array, reach: float) -> Indices:
+        """The cells of the floor, free or not, within a distance of some polygons [m]."""
+        free, self.is_free = self.is_free, self.is_floor
+        try:
+            return self.cells_near(polygons, reach)
+        finally:
+            self.is_free = free
+
+    def _search(
+        self, starts: Indices, *, passable: NDArray[np.bool_] | None = None, penalty: Array | None = None
+    ) -> tuple[Array, Indices]:
+        """Dijkstra's algorithm from several cells at once: lengths and predecessors of all cells, flat."""
+        allowed = self.is_free if passable is None else passable
+        count = self.shape[0] * self.shape[1]
+        number = np.arange(count).reshape(self.shape)
+        sources, targets, weights = [], [], []
+        for dx, dy in _NEIGHBORS:
+            here = (slice(0, self.shape[0] - dx), slice(max(0, -dy), self.shape[1] - max(0, dy)))
+            there = (slice(dx, self.shape[0]), slice(max(0, dy), self.shape[1] - max(0, -dy)))
+            open_ = allowed[here] & allowed[there]
+            a, b = number[here][open_], number[there][open_]
+            weight = np.full(len(a), hypot(dx, dy) * self.cell)
+            if penalty is not None:
+                weight = weight + (penalty[here][open_] + penalty[there][open_]) / 2
+            sources.append(a)
+            targets.append(b)
+            weights.append(weight)
+        graph = csr_matrix(
+            (np.concatenate(weights), (np.concatenate(sources), np.concatenate(targets))), (count, count)
+        )
+        if not len(starts):
+            return np.full(count, np.inf), np.full(count, -9999, dtype=np.intp)
+        length, previous, _ = dijkstra(graph, directed=False, indices=starts, return_predecessors=True, min_only=True)
+        return length, previous
+
+    def _shortened(self, points: Array) -> Array:
+        """A path with straight lines in place of detours, as far as they keep the clearance and stay on the floor."""
+        kept, at = [0], 0
+        corners = [0, *_corner_indices(points), len(points) - 1]
+        while at < len(points) - 1:
+            ahead = [corner for corner in corners if corner > at]
+            low, high = 0, len(ahead) - 1
+            while low < high:  # the farthest of the corners that can be seen, assuming that nearer ones can be, too
+                middle = (low + high + 1) // 2
+                low, high = (middle, high) if self._is_clear(points[at], points[ahead[middle]]) else (low, middle - 1)
+            at = ahead[low]
+            kept.append(at)
+        return points[kept] if len(points) > 1 else points
+
+    def _is_clear(self, a: Array, b: Array) -> bool:
+        distance = _segment_polygon_distances(np.stack([a, b]), self._polygons).min(initial=np.inf)
+        if distance < self.radius:
+            return False
+        count = max(2, ceil(float(np.linalg.norm(b - a)) / (self.cell / 4)))
+        samples = np.linspace(a, b, count)
+        at = np.round((samples - self._origin) / self.cell).astype(int)
+        return bool(self.is_floor[at[:, 0], at[:, 1]].all())
+
+
+def _trace(previous: Indices, goal: int) -> Indices:
+    cells = [goal]
+    while previous[cells[-1]] >= 0:
+        cells.append(int(previous[cells[-1]]))
+    return np.array(cells[::-1])
+
+
+def _corner_indices(points: Array) -> list[int]:
+    """Where the direction of a path changes."""
+    steps = np.diff(points, axis=0).round(9)
+    return (np.flatnonzero(np.any(steps[1:] != steps[:-1], axis=1)) + 1).tolist()
+
+
+def _point_polygon_distances(points: Array, polygons: Array) -> Array:
+    """The distance of each point to each convex polygon, n x m [m]; 0 inside."""
+    start, end = polygons, np.roll(polygons, -1, axis=1)
+    side = end - start
+    away = points[:, None, None, :] - start[None]
+    squared = np.sum(side * side, axis=-1)
+    share = np.divide(np.sum(away * side, axis=-1), squared, out=np.zeros(away.shape[:-1]), where=squared > 1e-18)
+    off = away - np.clip(share, 0.0, 1.0)[..., None] * side
+    distance = np.sqrt(np.sum(off * off, axis=-1).min(axis=2))
+    cross = side[..., 0] * away[..., 1] - side[..., 1] * away[..., 0]
+    flat = polygon_areas(polygons) <= 1e-12
+    inside = np.all((cross >= 0.0) | (squared <= 1e-18), axis=2) & ~flat
+    return np.asarray(np.where(inside, 0.0, distance))
+
+
+def _segment_polygon_distances(points: Array, polygons: Array) -> Array:
+    """The distance of each segment of a path to each convex polygon, k-1 x m [m]; of a single point, 1 x m."""
+    if not len(polygons):
+        return np.full((1, 1), np.inf)
+    if len(points) < 2:
+        return _point_polygon_distances(points, polygons)
+    ends = _point_polygon_distances(points, polygons)
+    found = np.minimum(ends[:-1], ends[1:])
+    corners = polygons.reshape(-1, 2)
+    for row, (a, b) in enumerate(itertools.pairwise(points)):
+        along = b - a
+        squared = max(float(along @ along), 1e-300)
+        share = np.clip(((corners - a) @ along) / squared, 0.0, 1.0)
+        off = corners - a - share[:, None] * along
+        near = np.sqrt(np.sum(off * off, axis=1)).reshape(polygons.shape[:2]).min(axis=1)
+        side = along[0] * (polygons[..., 1] - a[1]) - along[1] * (polygons[..., 0] - a[0])
+        found[row] = np.where(_crosses(a, b, polygons, side), 0.0, np.minimum(found[row], near))
+    return found
+
+
+def _crosses(a: Array, b: Array, polygons: Array, side: Array) -> NDArray[np.bool_]:
+    """Whether a segment crosses a side of each polygon; `side` is the side of the line on which each corner is."""
+    start, end = polygons, np.roll(polygons, -1, axis=1)
+    edge = end - start
+    from_a = edge[..., 0] * (a[1] - start[..., 1]) - edge[..., 1] * (a[0] - start[..., 0])
+    from_b = edge[..., 0] * (b[1] - start[..., 1]) - edge[..., 1] * (b[0] - start[..., 0])
+    other_side = np.roll(side, -1, axis=1)
+    return np.asarray(np.any((side * other_side < 0.0) & (from_a * from_b < 0.0), axis=1))
+
+
+# -- rooms -------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WallRooms:
+    """Rooms as regions of the floor that walls surround."""
+
+    origin: Array
+    cell: float
+    number: NDArray[np.intp]
+    """For each cell, the number of its room, from 1 in decreasing order of areas; 0 outside of rooms."""
+    areas: tuple[float, ...]
+    """[m²]."""
+    walls: tuple[tuple[int, ...], ...]
+    """For each room, the walls around it, as rows of the given footprints."""
+
+    def room_at(self, points: Array) -> Indices:
+        """The number of the room at each point, n x 2 [m]; 0 outside of rooms."""
+        at = np.round((points - self.origin) / self.cell).astype(int)
+        inside = np.all((at >= 0) & (at < self.number.shape), axis=1)
+        clipped = np.clip(at, 0, np.array(self.number.shape) - 1)
+        return np.asarray(np.where(inside, self.number[clipped[:, 0], clipped[:, 1]], 0))
+
+
+def wall_rooms(walls: Array, *, opening: float = 1.3, min_area: float = 1.0) -> WallRooms:
+    """Finds the rooms within walls, by morphological segmentation (Bormann et al. 2016, "Room segmentation").
+
+    Free space narrower than `opening` is a door and separates rooms; the remaining regions that do not reach the
+    outside are rooms. Each other free cell belongs to the room with the nearest such cell.
+
+    Args:
+        walls: the footprints of walls, closed doors and windows, n x 6 x 2 [m].
+        opening: the largest width of a door [m].
+        min_area: the smallest area of a room [m²].
+    """
+    if not len(walls):
+        return WallRooms(np.zeros(2), CELL_M, np.zeros((1, 1), dtype=np.intp), (), ())
+    low, high = walls.reshape(-1, 2).min(axis=0) - opening, walls.reshape(-1, 2).max(axis=0) + opening
+    cell = max(CELL_M, sqrt(float(np.prod(high - low)) / _MAX_CELLS))
+    shape = tuple(ceil(extent / cell) + 1 for extent in (high - low).tolist())
+    is_wall = np.zeros(shape, dtype=bool)
+    owners = np.full(shape, -1, dtype=np.intp)
+    for row, polygon in enumerate(walls):
+        start = np.clip(np.floor((polygon.min(axis=0) - low) / cell).astype(int) - 1, 0, None)
+        end = np.ceil((polygon.max(axis=0) - low) / cell).astype(int) + 2
+        x, y = (low[axis] + np.arange(start[axis], min(end[axis], shape[axis])) * cell for axis in (0, 1))
+        points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+        covered = (_point_polygon_distances(points.reshape(-1, 2), polygon[None])[:, 0] <= cell * 0.71).reshape(
+            len(x), len(y)
+        )
+        window = (slice(start[0], start[0] + len(x)), slice(start[1], start[1] + len(y)))
+        is_wall[window] |= covered
+        owners[window][covered] = row
+    space = distance_transform_edt(~is_wall) * cell
+    cores, count = label(space > opening / 2, structure=np.ones((3, 3)))
+    outside = set(np.concatenate([cores[0], cores[-1], cores[:, 0], cores[:, -1]]).tolist())
+    _, nearest = distance_transform_edt(cores == 0, return_indices=True)
+    grown = np.where(is_wall, 0, cores[nearest[0], nearest[1]])
+    sizes = np.bincount(grown.reshape(-1), minlength=count + 1) * cell * cell
+    kept = [each for each in range(1, count + 1) if each not in outside and sizes[each] >= min_area]
+    kept.sort(key=lambda each: (-sizes[each], each))
+    numbers = np.zeros(count + 1, dtype=np.intp)
+    numbers[kept] = np.arange(1, len(kept) + 1)
+    number = numbers[grown]
+    return WallRooms(
+        low, cell, number, tuple(float(sizes[each]) for each in kept), _walls_around(number, owners, len(kept))
+    )
+
+
+def _walls_around(number: NDArray[np.intp], owners: Indices, count: int) -> tuple[tuple[int, ...], ...]:
+    """The walls with a cell next to each room."""
+    found: list[set[int]] = [set() for _ in range(count)]
+    for dx, dy in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+        shifted = np.roll(number, (dx, dy), axis=(0, 1))
+        meets = (shifted > 0) & (owners >= 0)
+        for room, wall in set(zip(shifted[meets].tolist(), owners[meets].tolist(), strict=True)):
+            found[room - 1].add(wall)
+    return tuple(tuple(sorted(each)) for each in found)
