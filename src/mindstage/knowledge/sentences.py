@@ -90,6 +90,12 @@ _CHOICE_SYNONYMS = {
     "above": ("over",),
     "below": ("under", "beneath", "underneath"),
     "next_to": ("beside", "near", "by"),
+    "onto": ("on", "on top of"),
+    "into": ("in", "inside"),
+    "left": ("left of", "to the left of", "on the left of", "on the left side of"),
+    "right": ("right of", "to the right of", "on the right of", "on the right side of"),
+    "front": ("in front of",),
+    "behind": ("in back of",),
     "open": ("opened",),
     "closed": ("shut",),
 }
@@ -526,6 +532,8 @@ class _Matcher:
         if isinstance(value_type, EntityType):
             found = self._kb.names.things(text, value_type, partial=value_type is not EntityType.MAP)
             for each in found:
+                if value_type is EntityType.INDIVIDUAL and each.iri in self._kb.reasoner.members_by_map:
+                    continue  # a map is no thing in it
                 exact = each.quality is NameQuality.EXACT
                 yield _Candidate(each.iri, each.quality, "" if exact else each.note)
             body = self._find_body(text) if self._find_body and value_type is EntityType.INDIVIDUAL else None
