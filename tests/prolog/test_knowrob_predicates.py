@@ -174,7 +174,7 @@ def test_joints_have_poses(kitchen: PrologConsole, world: World) -> None:
 
 
 def test_the_present_is_that_of_the_simulation(console: PrologConsole, simulation: Simulation) -> None:
-    assert console.holds("spawn_semantic_map(_), get_timepoint(T), nb_setval(before, T)")
+    assert console.holds("spawn_semantic_map(_)")
     moved = Pose((0.5, -0.25, 3.0), (0.0, 0.0, 0.0, 1.0))
     simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("milk_carton_1"), moved), edits=True)
     (row,) = console.solutions("is_at(milk_carton_1, [map, Position, Quaternion])")
@@ -186,17 +186,16 @@ def test_the_present_is_that_of_the_simulation(console: PrologConsole, simulatio
 
 
 def test_earlier_states_that_were_observed_can_be_asked(console: PrologConsole, simulation: Simulation) -> None:
-    assert console.holds("spawn_semantic_map(_), get_timepoint(T), nb_setval(before, T)")
-    assert console.holds(
-        "tell(is_at(milk_carton_1, [map, [0, 0, 5], [0, 0, 0, 1]])), get_timepoint(T), nb_setval(after, T)"
-    )
-    then = "nb_getval(before, T), object_pose_at_time(milk_carton_1, T, P, _)"
-    (row,) = console.solutions(then)
+    (row,) = console.solutions("spawn_semantic_map(_), get_timepoint(T)")
+    before = f"'{row['T']}'"
+    (row,) = console.solutions("tell(is_at(milk_carton_1, [map, [0, 0, 5], [0, 0, 0, 1]])), get_timepoint(T)")
+    after = f"'{row['T']}'"
+    (row,) = console.solutions(f"object_pose_at_time(milk_carton_1, {before}, P, _)")
     assert row["P"] == pytest.approx(simulation.knowledge.world().body("milk_carton_1").pose.position)
-    assert console.holds("nb_getval(before, T), holds(in_ContGeneric(milk_carton_1, fridge), T)")
-    assert not console.holds("nb_getval(after, T), holds(in_ContGeneric(milk_carton_1, fridge), T)")
-    assert console.holds("nb_getval(before, T), holds(milk_carton_1, knowrob:'in-ContGeneric', kitchen:fridge, T)")
-    (row,) = console.solutions("nb_getval(after, T), object_pose_at_time(milk_carton_1, T, [map, _, P, _])")
+    assert console.holds(f"holds(in_ContGeneric(milk_carton_1, fridge), {before})")
+    assert not console.holds(f"holds(in_ContGeneric(milk_carton_1, fridge), {after})")
+    assert console.holds(f"holds(milk_carton_1, knowrob:'in-ContGeneric', kitchen:fridge, {before})")
+    (row,) = console.solutions(f"object_pose_at_time(milk_carton_1, {after}, [map, _, P, _])")
     assert row["P"] == [0.0, 0.0, 5.0]
 
 

@@ -7,7 +7,7 @@ Methods may be called from any thread: `KnowledgeBase.lock` serializes them.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import chain
@@ -89,6 +89,7 @@ class KnowledgeBase:
         self._worlds: dict[Iri, World] = {}
         self._assumptions: dict[tuple[Iri, str], Assumption] = {}
         self._mesh_bounds: MeshBounds | None = None
+        self._change_callbacks: list[Callable[[Sequence[ox.Quad] | None], None]] = []
         try:
             self._registry.open(bundled=bundled_ontology)
         except BaseException:
@@ -170,6 +171,18 @@ class KnowledgeBase:
     def sources(self) -> tuple[Path, ...]:
         """The files that are loaded, including imported ones."""
         return tuple(self._registry.sources)
+
+    def package_folder(self, name: str) -> Path | None:
+        """The folder of a ROS package in one of the folders that were loaded; None if there is none."""
+        return self._registry.package_folder(name)
+
+    def on_change(self, callback: Callable[[Sequence[ox.Quad] | None], None]) -> None:
+        """Registers a callback for every change of the store, with the lock held.
+
+        Args:
+            callback: receives the statements that were added or removed; None if any others may have been as well.
+        """
+        self._change_callbacks.append(callback)
 
     def maps(self) -> tuple[Iri, ...]:
         """The maps that are loaded, in the order of their sources."""
@@ -494,6 +507,11 @@ class KnowledgeBase:
             self._worlds.clear()
             self._drop_cached("_scene_entities", "_taxonomy")
         self._drop_cached("_answer_cache", "_shape_resolver")
+        self._report_change(quads)
+
+    def _report_change(self, quads: Sequence[ox.Quad] | None) -> None:
+        for callback in self._change_callbacks:
+            callback(quads)
 
     def _invalidate_all(self, graphs: Iterable[ox.NamedNode] | None = None) -> None:
         """Drops everything that was derived from the statements.
@@ -509,6 +527,7 @@ class KnowledgeBase:
             self.names.add(names)
         self._worlds.clear()
         self._drop_cached("_scene_entities", "_taxonomy", "_answer_cache", "_shape_resolver")
+        self._report_change(None)
 
     def _drop_cached(self, *names: str) -> None:
         for name in names:

@@ -608,6 +608,10 @@ class Reasoner:
         for owner in self.classes.above(cls):
             yield from self.axioms.class_restrictions(owner)
 
+    def expression(self, cls: Iri) -> Expression | None:
+        """The class expression of a node, which may be a blank node `_:label`; None if it is none."""
+        return self.axioms.parser.parse(node_from_label(cls))
+
     def restricted_classes(self) -> Iterable[Iri]:
         """The classes that have restrictions of their own."""
         return self.axioms.restricted_classes()

@@ -359,6 +359,10 @@ class OxigraphStore:
     def __iter__(self) -> Iterator[ox.Quad]:
         return iter(self._store)
 
+    def dump(self) -> bytes:
+        """All statements as N-Quads."""
+        return self._store.dump(format=ox.RdfFormat.N_QUADS) or b""
+
     def add(self, quad: ox.Quad, /) -> None:
         """Adds a statement; has no effect if it exists."""
         with self._exclusive_write():

@@ -4,7 +4,10 @@
 :- use_module(questions).
 :- use_module(line_queries).
 :- use_module(prefixes).
+:- use_module(rdf_mirror, [mark_stale/0]).
 :- use_module(semweb, []).
+:- use_module(owl_predicates, []).
+:- use_module(user_files, []).
 :- use_module(veit2019_compat, []).
 :- use_module(knowrob_objects, []).
 :- use_module(knowrob_language, []).
@@ -22,11 +25,20 @@ start(Alarm) :-
     create_user_module,
     request(prefixes, Pairs),
     set_default_prefixes(Pairs),
-    define_questions.
+    define_questions,
+    mark_stale.
+
+% The modules whose predicates users call; the first one that exports a name provides it.
+user_module(mindstage_veit2019_compat).
+user_module(mindstage_knowrob_objects).
+user_module(mindstage_knowrob_language).
+user_module(mindstage_semweb).
+user_module(mindstage_owl).
+user_module(mindstage_user_files).
 
 create_user_module :- module_property(mindstage, exports(_)), import_module(user, mindstage), !.
 create_user_module :-
-    forall(( member(Module, [mindstage_veit2019_compat, mindstage_knowrob_objects, mindstage_knowrob_language, mindstage_semweb]), module_property(Module, exports(Names)) ),
+    forall(( user_module(Module), module_property(Module, exports(Names)) ),
            forall(member(Name, Names), mindstage:import(Module:Name))),
     forall(member(Name, [questions/0, why/1, missing/2, ask_sentence/2, ask_sentence/3]), mindstage:import(mindstage_questions:Name)),
     delete_import_module(mindstage, user),

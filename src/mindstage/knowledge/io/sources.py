@@ -475,6 +475,10 @@ class SourceRegistry:
         beside = (file_from_iri(name, source.path) for source in self.sources.values() if source.is_map)
         return next((path for path in beside if path is not None and path.is_file()), None)
 
+    def package_folder(self, name: str) -> Path | None:
+        """The folder of a ROS package among the folders that are searched; None if there is none."""
+        return self._package_path.package_folder(name)
+
     def _new_transaction(self, packages: RosPackagePath, sources: dict[Path, Source]) -> LoadTransaction:
         transaction = LoadTransaction(self.store, packages, dict(sources))
         if self._directory:

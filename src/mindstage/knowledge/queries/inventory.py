@@ -530,6 +530,8 @@ def _storage(
     kb: QuestionContext, bodies: PlacedBodies, cls: Iri
 ) -> tuple[tuple[Iri, ...], tuple[Iri, ...], frozenset[Iri]]:
     """The classes of places that store things of a class, and the bodies of these classes, also as a set."""
+    if not kb.reasoner.is_class(cls):  # nothing but the body mentions it
+        return (), (), frozenset()
     belongs = tuple(row.place for row in storage_place.ask(kb, {"item": cls}))
     stores = tuple(
         dict.fromkeys(
@@ -587,7 +589,7 @@ def _missing_misplaced(
     found = list(missing_bodies(kb, (thing,), map, present))
     yield from found
     own = kb.reasoner.class_of(thing)
-    if found or own is None:
+    if found or own is None or not kb.reasoner.is_class(own):
         return
     places = storage_place.ask(kb, {"item": own})
     if not places:

@@ -37,7 +37,14 @@ from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner_classes import ClassRestriction
 from mindstage.knowledge.vocabulary import HAS_POSE, THING, knowrob, ms
 from mindstage.scene import Body, BodyGeometry, BodyId, Iri, Pose, Vector
-from mindstage.scene.placement import FreePlace, PlacementSampler, PlacementSurface, spread_places, support_surfaces
+from mindstage.scene.placement import (
+    MIN_UP_COSINE,
+    FreePlace,
+    PlacementSampler,
+    PlacementSurface,
+    spread_places,
+    support_surfaces,
+)
 from mindstage.scene.ray_casting import ShapeScene, retained_volume
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_array
 
@@ -275,13 +282,20 @@ def _spaces(kb: QuestionContext, bodies: PlacedBodies, row: int) -> Iterator[tup
     """The extents of the free spaces above and in a body; the height may be infinite."""
     body = bodies.placed.bodies[row]
     geometry = bodies.state.geometry.get(body.id)
+    if geometry is None and body.size is not None:
+        if kb.reasoner.is_a(body.cls, _CONTAINER):
+            yield PlaceRelation.INTO, body.size
+        up = np.abs(bodies.placed.boxes.rotation[row, 2])
+        axis = int(np.argmax(up))
+        if up[axis] >= MIN_UP_COSINE:
+            one, two = (body.size[other] for other in range(3) if other != axis)
+            yield PlaceRelation.ONTO, (one, two, np.inf)
+        return
     pose = normalized_pose_array(body.pose)
     for relation, inside in ((PlaceRelation.ONTO, False), (PlaceRelation.INTO, True)):
         for surface in support_surfaces(body, geometry, pose, inside=inside):
             height = surface.surface.clearance
             yield relation, (*surface.size, np.inf if height is None else height)
-    if geometry is None and body.size is not None and kb.reasoner.is_a(body.cls, _CONTAINER):
-        yield PlaceRelation.INTO, body.size
 
 
 def _best_fits(size: Vector, spaces: list[tuple[PlaceRelation, Vector]]) -> Iterator[tuple[PlaceRelation, float, bool]]:
@@ -433,8 +447,11 @@ def _free_places(
     usable = bodies.comparable()
     ignored = {body.id for row, body in enumerate(placed.bodies) if body.iri in group or not usable[row]}
     body = placed.bodies[support]
-    by_id = {each.id: each for each in placed.bodies}
-    poses = pose_array(each.pose for each in placed.bodies)
+    reach = float(np.linalg.norm(item[0].size or (0.0, 0.0, 0.0)))
+    near = np.all(placed.low <= placed.high[support] + (0.0, 0.0, reach), axis=1)
+    near &= np.all(placed.high >= placed.low[support], axis=1)
+    by_id = {placed.bodies[row].id: placed.bodies[row] for row in np.flatnonzero(near).tolist()}
+    poses = pose_array(each.pose for each in by_id.values())
     sampler = PlacementSampler(by_id, state.geometry, list(by_id), poses, frozenset(ignored))
     found, reasons = list[tuple[PlaceRelation, FreePlace, str]](), list[str]()
     for each, surface in _surfaces(body, state.geometry.get(body.id), relation):
@@ -620,10 +637,12 @@ def _missing_liquid(
         return
     what = individual_text(kb.reasoner, thing) if thing is not None else "nothing here"
     cls = kb.reasoner.class_of(thing) if thing is not None else None
+    verb = "is no" if thing is not None else "is a"
+    what = f"{what} {verb} container for liquids"
     if basis is not LiquidBasis.SHAPE:
-        reason = f"{what} holds no liquid by its class: no {local_name(_CONTAINER_FOR)} names a liquid"
+        reason = f"{what} by its class: no {local_name(_CONTAINER_FOR)} names a liquid"
         yield MissingKnowledge(cls or _CONTAINER, _CONTAINER_FOR, reason)
     if basis is not LiquidBasis.CLASS:
         known = any(state.geometry for state in present.states(map))
         why = "its shape retains less than 5 ml" if known else "its shape is known to a running simulation only"
-        yield MissingKnowledge(cls or _CONTAINER, HAS_POSE, f"{what} holds no liquid by its shape: {why}")
+        yield MissingKnowledge(cls or _CONTAINER, HAS_POSE, f"{what} by its shape: {why}")
