@@ -40,7 +40,7 @@ import msgspec
 
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError, QuestionNotFoundError
 from mindstage.knowledge.map_statistics import MapStatistics
-from mindstage.knowledge.names import EntityType, NamedThing, NameIndex
+from mindstage.knowledge.names import EntityType, NamedThing, NameIndex, NameQuality
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.shape_rules import ShapeRule
@@ -705,7 +705,8 @@ class Question(Generic[R]):
             if may_be_spawned and (spawned := state_access.find_individual(name)) is not None:
                 return NamedThing(spawned)
             raise
-        if found.members == () and may_be_spawned and (spawned := state_access.find_individual(name)) is not None:
+        is_vague = found.quality is not NameQuality.EXACT or found.members == ()
+        if is_vague and may_be_spawned and (spawned := state_access.find_individual(name)) is not None:
             return NamedThing(spawned)
         return found
 

@@ -531,14 +531,16 @@ class _Matcher:
         value_type = argument.value_type
         if isinstance(value_type, EntityType):
             found = self._kb.names.things(text, value_type, partial=value_type is not EntityType.MAP)
+            if value_type is EntityType.INDIVIDUAL and all(each.quality or each.members == () for each in found):
+                body = self._find_body(text) if self._find_body else None  # one that was spawned without a map
+                if body:
+                    yield _Candidate(body)
+                    return
             for each in found:
                 if value_type is EntityType.INDIVIDUAL and each.iri in self._kb.reasoner.members_by_map:
                     continue  # a map is no thing in it
                 exact = each.quality is NameQuality.EXACT
                 yield _Candidate(each.iri, each.quality, "" if exact else each.note)
-            body = self._find_body(text) if self._find_body and value_type is EntityType.INDIVIDUAL else None
-            if body and not found:
-                yield _Candidate(body)
         elif argument.choices:
             key = "".join(name_words(text))
             for choice in argument.choices:

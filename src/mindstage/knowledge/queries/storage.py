@@ -187,7 +187,7 @@ def _affordances(
 def _disposed_individuals(reasoner: Reasoner) -> Iterator[tuple[Iri, Iri, ObjectTriple]]:
     """The individuals that have a disposition as a node of its own, the tasks that it affords, and the statement."""
     properties = reasoner.properties
-    for individual in sorted(set(properties.candidate_subjects(HAS_DISPOSITION))):
+    for individual in sorted(set(properties.candidate_subjects(HAS_DISPOSITION, backwards=False))):
         for disposition in properties.values(HAS_DISPOSITION, individual):
             statement = ObjectTriple(individual, HAS_DISPOSITION, disposition)
             for cls in reasoner.types_of(disposition):
