@@ -155,6 +155,7 @@ class SentencePattern:
     """The items as they are written, with articles and inflections."""
     constants: Mapping[str, str] = field(default_factory=dict)
     """Arguments that the wording implies."""
+    template: str = ""
 
     @property
     def words(self) -> frozenset[str]:
@@ -279,7 +280,7 @@ def sentence_patterns(question: Question[Any]) -> tuple[SentencePattern, ...]:
     found: dict[tuple[object, ...], SentencePattern] = {}
     for template in question.sentences:
         expansions = _expand(template + ("" if "{map}" in template else suffix))
-        for words in expansions:
+        for words in sorted(expansions, key=lambda each: "{map}" in each):
             pattern = _pattern(template, words, arguments)
             found.setdefault((pattern.items, tuple(pattern.constants.items())), pattern)
     return tuple(found.values())
@@ -304,7 +305,7 @@ def _pattern(template: str, words: Sequence[str], arguments: Mapping[str, Questi
         else:
             shown.append(word)
             items += [same for same in map(_same_word, name_words(word)) if same not in _DROPPED]
-    return SentencePattern(tuple(items), tuple(shown), MappingProxyType(constants))
+    return SentencePattern(tuple(items), tuple(shown), MappingProxyType(constants), template)
 
 
 def _expand(template: str) -> list[tuple[str, ...]]:
