@@ -132,7 +132,9 @@ UNDERSTOOD = {
     "which classes are siblings of the class Oven": None,
     "what are the siblings of Dishwasher": "siblings cls=Dishwasher",
     "what are the properties of Dishwasher": "class_properties cls=Dishwasher",
-    # directions, distances and sizes
+    # poses, directions, distances and sizes
+    "what is the pose of the fridge?": "pose_of thing=fridge",
+    "where exactly is the milk": "pose_of thing=Milk",
     "what is to the left of the fridge?": "direction_of direction=left other=fridge",
     "is the milk behind the lettuce head?": "direction_of thing=Milk direction=behind other=lettuce_head_1",
     "what is in front of the oven seen from the table": (

@@ -16,9 +16,9 @@ from functools import cached_property
 import pyoxigraph as ox
 
 from mindstage.errors import AmbiguousNameError, NameNotFoundError
-from mindstage.knowledge.rdf import QuadSource, local_name, namespace_of
+from mindstage.knowledge.rdf import PREFIXES, QuadSource, local_name, namespace_of
 from mindstage.knowledge.reasoner import Reasoner
-from mindstage.knowledge.vocabulary import DUL, KNOWROB, LABEL, MS, OWL, RDF, RDFS, SOMA, SYNONYM, TYPE, XSD
+from mindstage.knowledge.vocabulary import LABEL, RDFS, SYNONYM, TYPE
 from mindstage.scene import Iri
 from mindstage.scene.display import counted
 
@@ -32,18 +32,6 @@ __all__ = [
     "expand_prefix",
     "name_words",
 ]
-
-PREFIXES = {
-    "knowrob": KNOWROB,
-    "ms": MS,
-    "owl": OWL,
-    "rdf": RDF,
-    "rdfs": RDFS,
-    "xsd": XSD,
-    "dul": DUL,
-    "soma": SOMA,
-}
-"""The prefixes that names may have, with their namespaces."""
 
 _MAX_NAME = 80
 """The number of characters of a name that are compared with others."""
@@ -140,10 +128,25 @@ class NameIndex:
     It stores names only; what a name refers to at present is looked up in the reasoner.
     """
 
-    def __init__(self, store: QuadSource, reasoner: Reasoner) -> None:
-        """Reads nothing yet."""
+    def __init__(
+        self, store: QuadSource, reasoner: Reasoner, *, names: dict[str, dict[Iri, None]] | None = None
+    ) -> None:
+        """Reads nothing yet.
+
+        Args:
+            store: the statements.
+            reasoner: what names refer to.
+            names: the IRIs by local name, if they are known.
+        """
         self._store = store
         self._reasoner = reasoner
+        if names is not None:
+            self._names = names
+
+    @property
+    def by_local_name(self) -> dict[str, dict[Iri, None]]:
+        """The IRIs by local name; may contain those of removed entities."""
+        return self._names
 
     def add(self, names: Iterable[Iri]) -> None:
         """Adds the names of new statements."""
@@ -213,10 +216,10 @@ class NameIndex:
             return [NamedThing(iri) for iri in exact]
         empty: list[NamedThing] = []
         for quality, iris in self._by_words(name, partial=partial):
-            found = self._of_type(name, iris, entity_type, quality)
-            if any(each.members != () for each in found):
-                return found
-            empty = empty or found  # a class without individuals: "kettle" is rather a water kettle that exists
+            named = self._of_type(name, iris, entity_type, quality)
+            if any(each.members != () for each in named):
+                return named
+            empty = empty or named  # a class without individuals: "kettle" is rather a water kettle that exists
         return empty
 
     def nearest(self, name: str, entity_type: EntityType, *, limit: int = 5) -> tuple[str, ...]:

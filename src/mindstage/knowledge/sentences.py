@@ -27,10 +27,10 @@ from types import MappingProxyType
 from typing import Any
 
 from mindstage.errors import AmbiguousSentenceError, SentenceNotUnderstoodError
-from mindstage.knowledge.names import PREFIXES, EntityType, NameQuality, name_words
+from mindstage.knowledge.names import EntityType, NameQuality, name_words
 from mindstage.knowledge.queries import Question, QuestionArgument, get_question, list_questions
 from mindstage.knowledge.questions import QuestionContext
-from mindstage.knowledge.rdf import local_name
+from mindstage.knowledge.rdf import PREFIXES, local_name
 from mindstage.scene import Iri
 
 __all__ = [
@@ -75,7 +75,7 @@ _SAME_WORDS = {
 }
 """Words that templates and sentences may exchange, after the plural was removed."""
 _CONTRACTIONS = {f"{word}'s": word for word in ("where", "what", "which", "who", "there", "how")}
-_FILLERS = frozenset({"please", "currently", "now", "exactly", "hello", "hey", "thanks"})
+_FILLERS = frozenset({"please", "currently", "now", "hello", "hey", "thanks"})
 _DROPPED = frozenset(["the", "a", "an", "any", "some", "all", "every", "each", "my", "our", "your", "these", "those"])
 _OPENINGS = tuple(
     tuple(words.split())
@@ -245,7 +245,12 @@ def understand(kb: QuestionContext, sentence: str, *, find_body: FindBody | None
 
 
 def resolve_question(
-    kb: QuestionContext, question: Question[Any] | str, args: Mapping[str, object], *, find_body: FindBody | None = None
+    kb: QuestionContext,
+    question: Question[Any] | str,
+    args: Mapping[str, object],
+    *,
+    positional: Sequence[object] = (),
+    find_body: FindBody | None = None,
 ) -> tuple[Question[Any], Mapping[str, object], tuple[str, ...]]:
     """The question that a name or a plain sentence refers to, its arguments, and how a sentence was understood.
 
@@ -253,6 +258,7 @@ def resolve_question(
         kb: the knowledge base.
         question: a question, its name, or a sentence.
         args: arguments that are given by name, which supersede those of a sentence.
+        positional: arguments in the order of the question.
         find_body: see `understand`.
 
     Raises:
@@ -260,12 +266,12 @@ def resolve_question(
         SentenceNotUnderstoodError: see `understand`.
         AmbiguousSentenceError: see `understand`.
     """
-    if not isinstance(question, str):
-        return question, args, ()
-    if not is_sentence(question):
-        return get_question(question), args, ()
+    if not isinstance(question, str) or not is_sentence(question):
+        declared = get_question(question) if isinstance(question, str) else question
+        return declared, declared.bind(positional, args), ()
     understood = understand(kb, question, find_body=find_body)
-    return understood.question, {**understood.args, **args}, understood.notes
+    given = understood.question.bind(positional, args)
+    return understood.question, {**understood.args, **given}, understood.notes
 
 
 @lru_cache(maxsize=512)
@@ -411,7 +417,7 @@ class _Matcher:
         self._words = [token.word for token in tokens]
         self._find_body = find_body
         self._steps = 0
-        self._candidates: dict[tuple[object, _Span], Sequence[_Candidate]] = {}
+        self._candidates: dict[object, Sequence[_Candidate]] = {}
 
     def readings(self) -> Iterator[_Reading]:
         """All readings of the sentence in which every name is known."""
@@ -425,7 +431,7 @@ class _Matcher:
 
     def not_understood(self) -> SentenceNotUnderstoodError:
         """Why there is no reading: the unknown name in the nearest wording, or the unknown words."""
-        failures = []
+        failures: list[tuple[int, int, int, list[tuple[QuestionArgument, _Span]], SentencePattern, Question[Any]]] = []
         for question, pattern in self._possible_patterns():
             for spans in islice(self._matches(pattern.items, 0, 0, known_only=False), _MAX_CANDIDATES):
                 unknown = [(slot.argument, span) for slot, span in spans if not self._resolve(slot, span)]
