@@ -7,7 +7,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from mindstage.knowledge.explain import individual_text
+from mindstage.knowledge.explain import individual_text, source_text
 from mindstage.knowledge.questions import (
     MAP_SOURCE,
     AnswerRow,
@@ -27,7 +27,7 @@ from mindstage.scene.kinematics import JointDisplacement, RigidGroups, joint_dis
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import normalize, pose_array
 
-__all__ = ["JointOpenness", "OpenState", "SpatialRelationRow", "missing_pose", "openings", "source_text", "where_is"]
+__all__ = ["JointOpenness", "OpenState", "SpatialRelationRow", "missing_pose", "openings", "where_is"]
 
 
 _RELATION_ORDER = {relation: at for at, relation in enumerate(SpatialRelation)}
@@ -119,13 +119,6 @@ def _explain_relation(kb: QuestionContext, row: SpatialRelationRow) -> Iterator[
         case _:
             yield f"{gap} from the top of {other} up to {thing}, which share {share} of the smaller footprint"
     yield source_text(row.source)
-
-
-def source_text(source: str) -> str:
-    """Where the poses and shapes of an answer come from, in words."""
-    state, _, shapes = source.partition(", ")
-    note = f"; bodies are taken as their {shapes}" if shapes else ""
-    return ("as the map has it; no simulation is running" if state == MAP_SOURCE else f"as {state} has it now") + note
 
 
 @where_is.missing
