@@ -88,7 +88,7 @@ def test_the_output_is_that_of_the_loaded_map(run: Run, kitchen: Simulation, arg
 @pytest.mark.parametrize(
     "args",
     [
-        ["ask", "what_is", "fridge", "--why"],
+        ["ask", "part_of", "fridge_door", "--why"],
         ["sparql", "SELECT ?x { ?x rdfs:subClassOf knowrob:Door } ORDER BY ?x"],
         ["sparql", "ASK { knowrob:Door rdfs:subClassOf knowrob:Cup }"],
     ],
