@@ -10,24 +10,12 @@ from functools import cached_property
 import pyoxigraph as ox
 
 from mindstage.errors import AmbiguousNameError, NameNotFoundError
-from mindstage.knowledge.rdf import QuadSource, local_name, namespace_of
+from mindstage.knowledge.rdf import PREFIXES, QuadSource, local_name, namespace_of
 from mindstage.knowledge.reasoner import Reasoner
-from mindstage.knowledge.vocabulary import DUL, KNOWROB, MS, OWL, RDF, RDFS, SOMA, TYPE, XSD
+from mindstage.knowledge.vocabulary import RDFS, TYPE
 from mindstage.scene import Iri
 
 __all__ = ["PREFIXES", "EntityType", "NameIndex", "compact_iri", "expand_prefix"]
-
-PREFIXES = {
-    "knowrob": KNOWROB,
-    "ms": MS,
-    "owl": OWL,
-    "rdf": RDF,
-    "rdfs": RDFS,
-    "xsd": XSD,
-    "dul": DUL,
-    "soma": SOMA,
-}
-"""The prefixes that names may have, with their namespaces."""
 
 _BUILT_IN_PROPERTIES = (TYPE, *(Iri(RDFS + name) for name in ("subClassOf", "subPropertyOf", "label", "comment")))
 
@@ -52,10 +40,25 @@ class NameIndex:
     It stores names only; what a name refers to at present is looked up in the reasoner.
     """
 
-    def __init__(self, store: QuadSource, reasoner: Reasoner) -> None:
-        """Reads nothing yet."""
+    def __init__(
+        self, store: QuadSource, reasoner: Reasoner, *, names: dict[str, dict[Iri, None]] | None = None
+    ) -> None:
+        """Reads nothing yet.
+
+        Args:
+            store: the statements.
+            reasoner: what names refer to.
+            names: the IRIs by local name, if they are known.
+        """
         self._store = store
         self._reasoner = reasoner
+        if names is not None:
+            self._names = names
+
+    @property
+    def by_local_name(self) -> dict[str, dict[Iri, None]]:
+        """The IRIs by local name; may contain those of removed entities."""
+        return self._names
 
     def add(self, names: Iterable[Iri]) -> None:
         """Adds the names of new statements."""

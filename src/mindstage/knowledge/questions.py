@@ -185,6 +185,10 @@ class StateAccess:
         elsewhere = (each for each in self._kb.maps() if each not in spawned and map in {None, each})
         return (*here, *(self._map_state(each) for each in elsewhere))
 
+    def running(self) -> WorldState | None:
+        """The state of the simulated scene; None without a simulation."""
+        return self._engine_state
+
     def find_individual(self, name: str) -> Iri | None:
         """The IRI of a simulated body, by IRI or body id: it may have been spawned without any map."""
         bodies = self._engine_state.world.bodies if self._engine_state else ()
@@ -525,6 +529,22 @@ class Question(Generic[R]):
         """The fields of its rows, with the entity type of names and the Python type of plain values."""
         hints = get_type_hints(self.row, include_extras=True)
         return {name: _value_type(hints[name]) for name in self.row.__struct_fields__}
+
+    def bind(self, positional: Sequence[object], named: Mapping[str, object]) -> dict[str, object]:
+        """The arguments of a call by name; positional ones are in the order of the declaration.
+
+        Raises:
+            InvalidArgumentError: there are too many, or one is given twice.
+        """
+        names = [argument.name for argument in self.arguments]
+        takes = f"it takes {', '.join(names)}" if names else "it takes no arguments"
+        if len(positional) > len(names):
+            cause = f"{positional[len(names)]!r} is one argument too many"
+            raise InvalidArgumentError(self.name, cause=cause, remedy=takes)
+        bound = dict(zip(names, positional, strict=False))
+        if twice := next((name for name in bound if name in named), None):
+            raise InvalidArgumentError(self.name, cause=f"{twice} is given twice", remedy=takes)
+        return bound | dict(named)
 
     def explain(self, function: Callable[[QuestionContext, R], Iterator[str]]) -> Callable[..., Iterator[str]]:
         """Registers the function that explains an answer."""

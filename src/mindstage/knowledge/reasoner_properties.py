@@ -318,7 +318,7 @@ class PropertyHierarchy:
                 if isinstance(value := self._parser.parse(quad.object), LiteralValue):
                     yield value, (ObjectTriple(individual, Iri(iri.value), Iri(value.literal.text)),)
 
-    def candidate_subjects(self, property: Iri, *, backwards: bool) -> Iterator[Iri]:
+    def candidate_subjects(self, property: Iri, *, backwards: bool = False) -> Iterator[Iri]:
         """A superset of the individuals that have a value of the property."""
         waiting: dict[PropertyExpression, None] = {(property, not backwards): None}
         done: set[PropertyExpression] = set()

@@ -102,14 +102,14 @@ def _missing_use(
     chosen = [members for place, members in reasoner.members_by_map.items() if map in {None, place}]
     members = {individual} if individual else {member for members in chosen for member in members}
     classes = sorted({cls for member in members for cls in reasoner.types_of(member)})
-    claims = tuple(
-        Claim(
-            kind=ClaimKind.NO_RESTRICTION,
-            subject=None if fillers else cls,
-            property=property,
-            object=cls if fillers else None,
-        )
-        for cls in classes
+    classless = (member for member in sorted(members) if not reasoner.types_of(member))
+    restrictions = ((None, cls) if fillers else (cls, None) for cls in classes)
+    claims = (
+        *(Claim(kind=ClaimKind.NO_CLASS, subject=member) for member in classless),
+        *(
+            Claim(kind=ClaimKind.NO_RESTRICTION, subject=subject, property=property, object=filler)
+            for subject, filler in restrictions
+        ),
     )
     if individual:
         cls, owner = reasoner.class_of(individual) or THING, individual_text(reasoner, individual)
@@ -187,7 +187,7 @@ def _affordances(
 def _disposed_individuals(reasoner: Reasoner) -> Iterator[tuple[Iri, Iri, ObjectTriple]]:
     """The individuals that have a disposition as a node of its own, the tasks that it affords, and the statement."""
     properties = reasoner.properties
-    for individual in sorted(set(properties.candidate_subjects(HAS_DISPOSITION))):
+    for individual in sorted(set(properties.candidate_subjects(HAS_DISPOSITION, backwards=False))):
         for disposition in properties.values(HAS_DISPOSITION, individual):
             statement = ObjectTriple(individual, HAS_DISPOSITION, disposition)
             for cls in reasoner.types_of(disposition):
