@@ -348,6 +348,20 @@ def test_maps_of_other_generations_answer(name: str, prolog: Path, shared_data: 
         assert values(console, "map_child_object(A, B)", "A", "B") <= parts
 
 
+def test_a_soma_map_answers_in_both_vocabularies(prolog: Path, shared_data: Path) -> None:
+    knowledge = KnowledgeBase()
+    knowledge.load(shared_data / "maps" / "soma-iai-room.owl")
+    bodies = knowledge.world().bodies
+    handles = {(local(each.iri),) for each in bodies if each.cls.endswith("#DesignedHandle") and "#" in each.iri}
+    with Simulation(knowledge, NullEngine()) as simulation, PrologConsole(simulation) as console:
+        for goal in ("entity(X, [an, object, [type, handle]])", "has_type(X, knowrob:'Handle'), is_at(X, _)"):
+            assert values(console, goal, "X") == handles
+        assert len(handles) > 10
+        assert console.solutions("object_color(drawer_sinkblock_upper_handle, X)") == [{"X": [0.2, 0.2, 0.2, 1.0]}]
+        assert values(console, "object_affordance(drawer_sinkblock_upper_handle, X)", "X") == {("Graspability",)}
+        assert values(console, "storagePlaceFor(X, knowrob:'CowsMilk')", "X")
+
+
 def test_a_map_that_is_spawned_in_part_keeps_the_poses_of_the_rest(
     console: PrologConsole, simulation: Simulation
 ) -> None:
