@@ -7,12 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.engines import NullEngine
 from mindstage.errors import PrologGoalError
-from mindstage.knowledge import KnowledgeBase
 from mindstage.prolog import PrologConsole
 from mindstage.scene.colors import COLORS
 from mindstage.simulation import MarkerType, Simulation
+from tests.prolog.test_cli import run
 from tests.prolog.test_knowrob_predicates import values
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "prolog.md").read_text(encoding="utf-8")
@@ -188,7 +187,7 @@ def test_predicates_of_the_table_can_be_called(kitchen: PrologConsole) -> None:
     listed = ", ".join(f"'{name}'/{arity}" for name, arity in _indicators("as KnowRob", "differs"))
     goal = (
         f"member(Name/Arity, [{listed}]), functor(Head, Name, Arity), "
-        "\\+ predicate_property(user:Head, defined), \\+ predicate_property(mindstage:Head, defined)"
+        "\\+ predicate_property(mindstage:Head, visible), \\+ current_op(_, fx, Name)"
     )
     assert [(row["Name"], row["Arity"]) for row in kitchen.solutions(goal)] == []
 
@@ -219,11 +218,8 @@ def test_every_predicate_of_these_modules_is_in_the_table(kitchen: PrologConsole
 def test_definitions_of_users_take_precedence(prolog: Path, tmp_path: Path) -> None:
     rules = tmp_path / "rules.pl"
     rules.write_text("urdf_load(robot, done).\nget_timepoint(noon).\n", encoding="utf-8")
-    with Simulation(KnowledgeBase(), NullEngine()) as simulation, PrologConsole(simulation) as console:
-        assert console.consult(rules) == 0
-        assert console.solutions("urdf_load(X, done)") == [{"X": "robot"}]
-        assert console.solutions("get_timepoint(X)") == [{"X": "noon"}]
-        assert console.holds(f"unload_file('{rules}')")
+    done = run("--consult", str(rules), "-g", "urdf_load(X, done), get_timepoint(T), write(X-T)")
+    assert done.stdout.strip() == "robot-noon"
 
 
 def _indicators(*statuses: str) -> list[tuple[str, int]]:

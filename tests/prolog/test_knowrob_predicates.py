@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from mindstage.engines import NullEngine
 from mindstage.errors import PrologGoalError
@@ -167,6 +170,20 @@ def test_poses_have_both_forms_of_knowrob(kitchen: PrologConsole, world: World) 
         assert term[3] == pytest.approx((x, y, z, w), abs=1e-6)
 
 
+@given(quaternion=arrays(np.float64, 4, elements=st.floats(-1.0, 1.0)).filter(lambda q: float(q @ q) > 1e-3))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@example(quaternion=np.array([0.0, 1.0, 0.0, 0.0]))
+@example(quaternion=np.array([0.0, 0.0, 0.0, -1.0]))
+@example(quaternion=np.array([1e-9, 0.0, 1.0, 0.0]))
+def test_a_pose_is_the_same_after_a_matrix(quaternion: np.ndarray[Any, Any], kitchen: PrologConsole) -> None:
+    unit = (quaternion / np.linalg.norm(quaternion)).tolist()
+    module = "mindstage_knowrob_objects"
+    (row,) = kitchen.solutions(f"{module}:matrix([1, 2, 3], {unit}, M), {module}:matrix_pose(M, P, Q)")
+    assert row["P"] == [1, 2, 3]
+    assert abs(np.dot(row["Q"], unit)) == pytest.approx(1.0, abs=1e-9)
+    assert np.linalg.norm(row["Q"]) == pytest.approx(1.0, abs=1e-9)
+
+
 def test_joints_have_poses(kitchen: PrologConsole, world: World) -> None:
     joint = world.joints[0]
     (row,) = kitchen.solutions(f"current_object_pose({joint.id}, [_, _, Position, _])")
@@ -174,7 +191,7 @@ def test_joints_have_poses(kitchen: PrologConsole, world: World) -> None:
 
 
 def test_the_present_is_that_of_the_simulation(console: PrologConsole, simulation: Simulation) -> None:
-    assert console.holds("spawn_semantic_map(_), get_timepoint(T), nb_setval(before, T)")
+    assert console.holds("spawn_semantic_map(_)")
     moved = Pose((0.5, -0.25, 3.0), (0.0, 0.0, 0.0, 1.0))
     simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("milk_carton_1"), moved), edits=True)
     (row,) = console.solutions("is_at(milk_carton_1, [map, Position, Quaternion])")
@@ -186,17 +203,16 @@ def test_the_present_is_that_of_the_simulation(console: PrologConsole, simulatio
 
 
 def test_earlier_states_that_were_observed_can_be_asked(console: PrologConsole, simulation: Simulation) -> None:
-    assert console.holds("spawn_semantic_map(_), get_timepoint(T), nb_setval(before, T)")
-    assert console.holds(
-        "tell(is_at(milk_carton_1, [map, [0, 0, 5], [0, 0, 0, 1]])), get_timepoint(T), nb_setval(after, T)"
-    )
-    then = "nb_getval(before, T), object_pose_at_time(milk_carton_1, T, P, _)"
-    (row,) = console.solutions(then)
+    (row,) = console.solutions("spawn_semantic_map(_), get_timepoint(T)")
+    before = f"'{row['T']}'"
+    (row,) = console.solutions("tell(is_at(milk_carton_1, [map, [0, 0, 5], [0, 0, 0, 1]])), get_timepoint(T)")
+    after = f"'{row['T']}'"
+    (row,) = console.solutions(f"object_pose_at_time(milk_carton_1, {before}, P, _)")
     assert row["P"] == pytest.approx(simulation.knowledge.world().body("milk_carton_1").pose.position)
-    assert console.holds("nb_getval(before, T), holds(in_ContGeneric(milk_carton_1, fridge), T)")
-    assert not console.holds("nb_getval(after, T), holds(in_ContGeneric(milk_carton_1, fridge), T)")
-    assert console.holds("nb_getval(before, T), holds(milk_carton_1, knowrob:'in-ContGeneric', kitchen:fridge, T)")
-    (row,) = console.solutions("nb_getval(after, T), object_pose_at_time(milk_carton_1, T, [map, _, P, _])")
+    assert console.holds(f"holds(in_ContGeneric(milk_carton_1, fridge), {before})")
+    assert not console.holds(f"holds(in_ContGeneric(milk_carton_1, fridge), {after})")
+    assert console.holds(f"holds(milk_carton_1, knowrob:'in-ContGeneric', kitchen:fridge, {before})")
+    (row,) = console.solutions(f"object_pose_at_time(milk_carton_1, {after}, [map, _, P, _])")
     assert row["P"] == [0.0, 0.0, 5.0]
 
 
@@ -332,6 +348,20 @@ def test_maps_of_other_generations_answer(name: str, prolog: Path, shared_data: 
         assert values(console, "map_child_object(A, B)", "A", "B") <= parts
 
 
+def test_a_soma_map_answers_in_both_vocabularies(prolog: Path, shared_data: Path) -> None:
+    knowledge = KnowledgeBase()
+    knowledge.load(shared_data / "maps" / "soma-iai-room.owl")
+    bodies = knowledge.world().bodies
+    handles = {(local(each.iri),) for each in bodies if each.cls.endswith("#DesignedHandle") and "#" in each.iri}
+    with Simulation(knowledge, NullEngine()) as simulation, PrologConsole(simulation) as console:
+        for goal in ("entity(X, [an, object, [type, handle]])", "has_type(X, knowrob:'Handle'), is_at(X, _)"):
+            assert values(console, goal, "X") == handles
+        assert len(handles) > 10
+        assert console.solutions("object_color(drawer_sinkblock_upper_handle, X)") == [{"X": [0.2, 0.2, 0.2, 1.0]}]
+        assert values(console, "object_affordance(drawer_sinkblock_upper_handle, X)", "X") == {("Graspability",)}
+        assert values(console, "storagePlaceFor(X, knowrob:'CowsMilk')", "X")
+
+
 def test_a_map_that_is_spawned_in_part_keeps_the_poses_of_the_rest(
     console: PrologConsole, simulation: Simulation
 ) -> None:
@@ -357,6 +387,8 @@ def test_an_unknown_object_fails_with_close_names(kitchen: PrologConsole, capfd:
 
 def test_relations_are_properties(kitchen: PrologConsole) -> None:
     inside = values(kitchen, "in_ContGeneric(X, fridge)", "X")
+    assert values(kitchen, "rdf_has(X, knowrob:'in-ContGeneric', kitchen:fridge)", "X") == inside
+    assert values(kitchen, "rdf_triple(knowrob:'in-ContGeneric', X, kitchen:fridge)", "X") == inside
     assert values(kitchen, "holds(X, knowrob:'in-ContGeneric', kitchen:fridge)", "X") == inside
     assert values(kitchen, "holds(knowrob:'in-ContGeneric'(X, fridge))", "X") == inside
     goal = f"clause(mindstage_semweb:computable('{KNOWROB}in-ContGeneric', X, fridge), G), call(G)"

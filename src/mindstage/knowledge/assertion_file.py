@@ -97,7 +97,7 @@ class AssertionFile:
                 raise InvalidArgumentError(str(self.path), cause=cause, remedy="remove the statement in an editor")
             if text != self._graph_text:
                 self._reload(text)
-            graph = ox.NamedNode(self.path.as_uri())
+            graph = self._knowledge.source_graph(self.path)
             before = self._quads(graph)
             self._knowledge.retract(subject, property, value)
             left = self._quads(graph)
@@ -118,11 +118,12 @@ class AssertionFile:
 
     def _reload(self, text: str) -> None:
         """Reads the statements that another process, or an earlier call, has written to the file."""
-        graph, knowledge = ox.NamedNode(self.path.as_uri()), self._knowledge
+        knowledge = self._knowledge
         with knowledge.lock:
             if self.path in knowledge.sources():
+                graph = knowledge.source_graph(self.path)
                 try:
-                    new = list(ox.parse(text, ox.RdfFormat.TURTLE, base_iri=graph.value))
+                    new = list(ox.parse(text, ox.RdfFormat.TURTLE, base_iri=self.path.as_uri()))
                 except SyntaxError as error:
                     raise SourceParseError(str(self.path), cause=str(error)) from error
                 knowledge.store.remove_graph(graph)

@@ -16,7 +16,7 @@ from mindstage.knowledge.owl import (
     RestrictionType,
     UnionOf,
 )
-from mindstage.knowledge.questions import Claim, ClaimKind, MissingKnowledge
+from mindstage.knowledge.questions import MAP_SOURCE, Claim, ClaimKind, MissingKnowledge
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import InferenceRule, Justification, Reasoner
 from mindstage.knowledge.reasoner_properties import ObjectTriple
@@ -32,6 +32,7 @@ __all__ = [
     "missing_instance",
     "restriction_line",
     "restriction_text",
+    "source_text",
     "statement_line",
     "subclass_line",
     "subproperty_line",
@@ -200,3 +201,10 @@ def individual_text(reasoner: Reasoner, individual: Iri) -> str:
     """An individual with its class, since the names of individuals are often generated."""
     cls = reasoner.class_of(individual)
     return local_name(individual) if cls is None else f"{local_name(individual)} ({local_name(cls)})"
+
+
+def source_text(source: str) -> str:
+    """Where the poses and shapes of an answer come from, in words."""
+    state, _, shapes = source.partition(", ")
+    note = f"; bodies are taken as their {shapes}" if shapes else ""
+    return ("as the map has it; no simulation is running" if state == MAP_SOURCE else f"as {state} has it now") + note

@@ -136,10 +136,13 @@ stated_triple(Subject, Property, Value) :-
     ;   var(Pattern)
     ->  mindstage:rdf_has(Subject, Property, Found),
         literal_value(Found, Value)
+    ;   atom(Value), \+ sub_atom(Value, _, _, _, :)
+    ->  (   request(name_kinds(Value), Kinds), member(Kind, Kinds), arg(1, Kind, Resource),
+            mindstage:rdf_has(Subject, Property, Resource)
+        ;   mindstage:rdf_has(Subject, Property, literal(Literal)),
+            literal_value(literal(Literal), Value)
+        )
     ;   mindstage:rdf_has(Subject, Property, Pattern)
-    ;   atom(Value), \+ sub_atom(Value, _, _, _, ://),
-        mindstage:rdf_has(Subject, Property, literal(Literal)),
-        literal_value(literal(Literal), Value)
     ).
 
 plain(Value, Value) :- number(Value).
@@ -238,7 +241,7 @@ is_supported_by(Object, Support) :- distinct(Object-Support, question(where_is, 
 %   Description is a class, an individual, or [Article, Type|Properties] as in openEASE: Type is object or event, and a
 %   property is [type, Class], [name, Individual], [pose, [a, pose, Position, Quaternion]], [on, Other] and the other
 %   relations of where_is, or [Property, Value], in which Value may be a description. An unbound description is built.
-entity(Entity, Description) :- var(Description), !,
+entity(Entity, Description) :- is_partial(Description), !,
     full_name(Entity, individual, Iri),
     distinct(Iri, current_object_pose(Iri, [map|_])),
     once(map_object_type(Iri, Class)),
@@ -259,6 +262,10 @@ entity(Entity, [Article, Type|Properties]) :-
     maplist(valid_property, Properties),
     selective_first(Properties, Ordered),
     distinct(Entity, described(Kind, Entity, Ordered)).
+
+% is_partial(@Term): a variable, or a list with a variable at its end.
+is_partial(Term) :- var(Term), !.
+is_partial([_|Rest]) :- is_partial(Rest).
 
 candidates(Type, _, _) :- var(Type), !, instantiation_error(Type).
 candidates(object, _, object) :- !.

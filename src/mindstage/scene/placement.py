@@ -31,10 +31,10 @@ from mindstage.scene.transforms import (
     rotation_matrix,
 )
 
-__all__ = ["FreePlace", "PlacementSampler", "PlacementSurface", "spread_places", "support_surfaces"]
+__all__ = ["MIN_UP_COSINE", "FreePlace", "PlacementSampler", "PlacementSurface", "spread_places", "support_surfaces"]
 
 
-_MIN_UP_COSINE = 0.985
+MIN_UP_COSINE = 0.985
 """Cosine of the maximal slope of a support surface, ten degrees."""
 _DROP_HEIGHT_M = 0.001
 """Distance above the support surface from which a body is dropped."""
@@ -75,7 +75,7 @@ def support_surfaces(
     if not inside and not known:
         surfaces = list(_box_surfaces(body))
     for surface in surfaces:
-        if quat_rotate(body_pose[3:], surface.normal)[2] >= _MIN_UP_COSINE:
+        if quat_rotate(body_pose[3:], surface.normal)[2] >= MIN_UP_COSINE:
             yield _placement_surface(body.id, surface, body_pose)
 
 

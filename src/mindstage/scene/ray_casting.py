@@ -17,8 +17,14 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mindstage.scene.bounding_boxes import Indices, OrientedBoxes
-from mindstage.scene.collision_shapes import SHAPE_TYPES, CompiledGeometry, compile_geometry, fallback_collision_shape
-from mindstage.scene.geometry import CollisionShapeType, GeometryMap
+from mindstage.scene.collision_shapes import (
+    MIN_THICKNESS_M,
+    SHAPE_TYPES,
+    CompiledGeometry,
+    compile_geometry,
+    primitive_collision_type,
+)
+from mindstage.scene.geometry import GeometryMap
 from mindstage.scene.mesh import convex_hull
 from mindstage.scene.model import Body
 from mindstage.scene.proximity import BodyBoxes
@@ -65,43 +71,42 @@ class ShapeScene:
             geometry: their geometry, in their frames.
         """
         self.bodies = tuple(bodies)
-        kept = BodyBoxes.from_bodies(self.bodies)
-        poses, sizes, types, owners, hulls = [np.zeros((0, 7))], [np.zeros((0, 3))], [], [], dict[int, _HullPlanes]()
-        body_poses = pose_array(body.pose for body in kept.bodies)
+        kept = BodyBoxes.from_bodies(self.bodies).bodies
+        body_poses = pose_array(body.pose for body in kept)
         body_poses[:, 3:] = normalize(body_poses[:, 3:])
         rows = {body.id: row for row, body in enumerate(self.bodies)}
+        simple = [at for at, body in enumerate(kept) if body.id not in geometry and body.size is not None]
+        extents = np.array([kept[at].size for at in simple], dtype=np.float64).reshape(-1, 3)
+        poses, sizes = [body_poses[simple]], [np.maximum(extents, MIN_THICKNESS_M)]
+        types = [SHAPE_TYPES.index(primitive_collision_type(kept[at])) for at in simple]
+        owners, hulls = [rows[kept[at].id] for at in simple], dict[int, _HullPlanes]()
         planes = dict[tuple[CompiledGeometry, int], _HullPlanes | None]()
-        count = 0
-        for body, pose in zip(kept.bodies, body_poses, strict=True):
+        for body, pose in zip(kept, body_poses, strict=True):
             own = geometry.get(body.id)
-            if own is None and body.size is None:
+            compiled = compile_geometry(own.collision_shapes) if own is not None else None
+            if compiled is None or not len(compiled.shapes):
                 continue
-            shapes = (
-                own.collision_shapes if own is not None else (fallback_collision_shape(body, body.size or (0, 0, 0)),)
-            )
-            compiled = compile_geometry(shapes)
-            if not len(compiled.shapes):
-                continue
-            poses.append(pose_multiply(np.tile(pose, (len(compiled.shapes), 1)), compiled.poses))
-            sizes.append(compiled.sizes)
-            types += compiled.types.tolist()
-            owners += [rows[body.id]] * len(compiled.shapes)
             for at, points, _ in compiled.hulls:
                 key = (compiled, at)
                 if key not in planes:
                     planes[key] = _hull_planes(points)
                 if (found := planes[key]) is not None:
-                    hulls[count + at] = found
-            count += len(compiled.shapes)
-        placed = np.concatenate(poses)
-        self.owner: Indices = np.array(owners, dtype=np.intp)
+                    hulls[len(owners) + at] = found
+            poses.append(pose_multiply(np.tile(pose, (len(compiled.shapes), 1)), compiled.poses))
+            sizes.append(compiled.sizes)
+            types += compiled.types.tolist()
+            owners += [rows[body.id]] * len(compiled.shapes)
+        order = np.argsort(owners, kind="stable")
+        placed, count = np.concatenate(poses)[order], len(owners)
+        self.owner: Indices = np.array(owners, dtype=np.intp)[order]
         self._center = placed[:, :3]
         self._rotation = rotation_matrix(normalize(placed[:, 3:])) if count else np.zeros((0, 3, 3))
-        self._half = np.concatenate(sizes) / 2
-        self._type = np.array(types, dtype=np.intp)
-        self._hulls = hulls
-        box_like = np.array([SHAPE_TYPES[each] is CollisionShapeType.SPHERE for each in types], dtype=bool)
-        self._reach = np.where(box_like, self._half.max(axis=1, initial=0.0), np.linalg.norm(self._half, axis=1))
+        self._half = np.concatenate(sizes)[order] / 2
+        self._type = np.array(types, dtype=np.intp)[order]
+        at_new = {old: new for new, old in enumerate(order.tolist())}
+        self._hulls = {at_new[at]: each for at, each in hulls.items()}
+        is_round = self._type == _SPHERE
+        self._reach = np.where(is_round, self._half.max(axis=1, initial=0.0), np.linalg.norm(self._half, axis=1))
 
     @property
     def shape_boxes(self) -> OrientedBoxes:
@@ -363,9 +368,9 @@ def retained_volume(scene: ShapeScene, row: int, low: Array, high: Array) -> flo
     x, y = (low[axis] + (np.arange(_HEIGHT_GRID) + 0.5) * step[axis] for axis in (0, 1))
     grid_x, grid_y = np.meshgrid(x, y, indexing="ij")
     height = scene.top_heights(row, grid_x.reshape(-1), grid_y.reshape(-1)).reshape(_HEIGHT_GRID, _HEIGHT_GRID)
-    depth = _filled(np.pad(height, 1, constant_values=-np.inf))[1:-1, 1:-1] - height
-    depth[~np.isfinite(depth)] = 0.0
-    return float(depth.sum() * step.prod())
+    level = _filled(np.pad(height, 1, constant_values=-np.inf))[1:-1, 1:-1]
+    solid = np.isfinite(height)
+    return float((level[solid] - height[solid]).sum() * step.prod())
 
 
 def _filled(height: Array) -> Array:

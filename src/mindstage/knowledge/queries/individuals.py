@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 from typing import ClassVar
 
 import msgspec
@@ -13,10 +14,12 @@ from mindstage.knowledge.explain import (
     missing_description,
     missing_file,
     missing_instance,
+    source_text,
     statement_line,
     subclass_line,
 )
 from mindstage.knowledge.questions import (
+    MAP_SOURCE,
     AnswerRow,
     Claim,
     ClaimKind,
@@ -25,20 +28,24 @@ from mindstage.knowledge.questions import (
     MapName,
     MissingKnowledge,
     QuestionContext,
+    StateAccess,
+    WorldState,
     question,
 )
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import PartOfStep, Reasoner
-from mindstage.knowledge.vocabulary import CHILD, CONSTRAINT, THING, TYPE, knowrob
+from mindstage.knowledge.vocabulary import CHILD, CONSTRAINT, HAS_POSE, THING, TYPE, knowrob
 from mindstage.scene import (
     AngularLimits,
     AxisMotion,
     Body,
     Iri,
     Joint,
+    Light,
     LinearLimits,
     Pose,
     PropertyAssertion,
+    Quaternion,
     Tag,
     Vector,
     World,
@@ -50,14 +57,18 @@ __all__ = [
     "JointSummary",
     "MapCounts",
     "PartOf",
+    "PoseRow",
     "analyse",
     "handle_of",
     "part_of",
+    "pose_of",
     "what_is",
 ]
 
 
 _HANDLE_CLASS = knowrob("Handle")
+_FRAME = "map"
+"""The frame of poses; also the root of tf."""
 
 
 class PartOf(AnswerRow, frozen=True, kw_only=True):
@@ -71,7 +82,18 @@ class PartOf(AnswerRow, frozen=True, kw_only=True):
     """The map that the whole is described in."""
 
 
-@question
+@question(
+    sentences=(
+        "what are the parts of {whole}",
+        "which parts does {whole} have",
+        "what does {whole} consist of",
+        "what is {part} [a] part of",
+        "what does {part} belong to",
+        "(is|are) {part} [a] part of {whole}",
+        "what is {whole} made up of",
+        "list [the] parts of {whole}",
+    )
+)
 def part_of(
     kb: QuestionContext,
     part: IndividualName | None = None,
@@ -144,7 +166,20 @@ class HandleOf(AnswerRow, frozen=True, kw_only=True):
     """The map that the individual is described in."""
 
 
-@question
+@question(
+    sentences=(
+        "(where|what|which) is the handle of {individual}",
+        "which handle does {individual} have",
+        "what are the handles of {individual}",
+        "how do i open {individual}",
+        "where do i (grasp|grip) {individual}",
+        "what does {handle:Handle} open",
+        "does {individual} have a handle",
+        "which handle opens {individual}",
+        "whose handle is {handle:Handle}",
+        "what is {handle:Handle} the handle of",
+    )
+)
 def handle_of(
     kb: QuestionContext,
     individual: IndividualName | None = None,
@@ -221,15 +256,17 @@ def _is_described(reasoner: Reasoner, individual: Iri, map: Iri | None) -> bool:
 def _missing_handle_of(reasoner: Reasoner, individual: Iri, handle: Iri | None) -> MissingKnowledge:
     """The missing statement if an individual of a map has no handle, or not the given one."""
     others = list(_find_handles(reasoner, individual))
-    parts = [] if others else [step.individual for step in reasoner.parts(individual, through_joints=True)]
+    is_joint = reasoner.is_member(individual, CONSTRAINT)
+    steps = () if others or is_joint else reasoner.parts(individual, through_joints=True)
+    parts = [step.individual for step in steps]
     if others:
         lacks = f"has another handle, {', '.join(local_name(each) for each in others)}"
-        claims = [Claim(kind=ClaimKind.PART, subject=individual, object=each) for each in others]
-    elif reasoner.is_member(individual, CONSTRAINT):
-        lacks, claims = "has no handle: it is a joint, which has no parts", []
+    elif is_joint:
+        lacks = "has no handle: it is a joint, which has no parts"
     else:
         lacks = f"has no handle: {'none of its parts is a Handle' if parts else 'it has no parts'}"
-        claims = [Claim(kind=ClaimKind.NOT_INSTANCE, subject=each, object=_HANDLE_CLASS) for each in parts]
+    claims = [Claim(kind=ClaimKind.PART, subject=individual, object=each) for each in others]
+    claims += [Claim(kind=ClaimKind.NOT_INSTANCE, subject=each, object=_HANDLE_CLASS) for each in parts]
     if (not parts and not others) or handle:
         claims.append(Claim(kind=ClaimKind.NOT_PART, subject=individual, object=handle))
     reason = f"{individual_text(reasoner, individual)} {lacks}"
@@ -269,6 +306,88 @@ def _unlocked_axes(joint: JointSummary) -> Iterator[str]:
             yield f"{axis} {motion.name.lower()}{text if motion is AxisMotion.LIMITED else ''}"
 
 
+class PoseRow(AnswerRow, frozen=True, kw_only=True):
+    """Where a body, joint or light is, and how it is oriented."""
+
+    thing: IndividualName
+    position: Vector
+    """x, y, z [m] in `frame`."""
+    quaternion: Quaternion
+    """w, x, y, z: the rotation from the axes of the thing to those of `frame`."""
+    frame: str
+    """The frame of the pose: "map", whose z axis points up and which tf and all maps that are spawned share."""
+    map: MapName
+    """The map that the thing is described in."""
+    source: str
+    """Where the pose comes from: the name of the engine, or "map"."""
+
+
+@question(
+    sentences=(
+        "what is the (pose|position|orientation) of {thing}",
+        "where exactly is {thing}",
+        "at which position is {thing}",
+        "what are the coordinates of {thing}",
+        "which (pose|position|orientation) does {thing} have",
+    )
+)
+def pose_of(
+    kb: QuestionContext, thing: IndividualName | None = None, map: MapName | None = None, *, present: StateAccess
+) -> Iterator[PoseRow]:
+    """Where a body, joint or light is at present: its position [m], and its orientation as a quaternion w, x, y, z.
+
+    The pose is that of the center of the box of a body, in the frame of the map. It comes from the running simulation;
+    if that does not have the thing, or there is none, from the map.
+
+    Examples:
+        pose_of milk_carton_1
+        pose_of fridge_door
+    """
+    running = present.running()
+    simulated = {world.iri for world in running.spawned} if running else set()
+    if running and map in {None, *simulated}:
+        homes = {each.iri: world.iri for world in reversed(running.spawned) for each in _entities(world)}
+        for entity in _entities(running.world):
+            if thing in {None, entity.iri}:
+                yield _pose_row(entity, homes.get(entity.iri, running.world.iri), running.source)
+    described = kb.reasoner.maps_of.get(thing, ()) if thing else kb.maps()
+    for place in sorted(described):
+        if place not in simulated and map in {None, place}:
+            entities = _entities(kb.world(place)) if thing is None else [kb.scene_entity(thing, place)]
+            yield from (_pose_row(entity, place, MAP_SOURCE) for entity in entities if entity is not None)
+
+
+def _entities(world: World) -> Iterator[Body | Joint | Light]:
+    return chain(world.bodies, world.joints, world.lights)
+
+
+def _pose_row(entity: Body | Joint | Light, map: Iri, source: str) -> PoseRow:
+    pose = entity.pose
+    return PoseRow(
+        thing=entity.iri, position=pose.position, quaternion=pose.quaternion, frame=_FRAME, map=map, source=source
+    )
+
+
+@pose_of.explain
+def _explain_pose(kb: QuestionContext, row: PoseRow) -> Iterator[str]:
+    x, y, z = row.position
+    yield f"the center of {local_name(row.thing)} is at {x:g} {y:g} {z:g} m in the frame {row.frame}"
+    yield source_text(row.source)
+
+
+@pose_of.missing
+def _missing_pose(
+    kb: QuestionContext, thing: Iri | None = None, map: Iri | None = None, *, present: StateAccess
+) -> Iterator[MissingKnowledge]:
+    if thing is None:
+        yield from missing_description(kb.reasoner, None, map)
+    elif map and map not in kb.reasoner.maps_of.get(thing, ()):
+        yield from missing_description(kb.reasoner, thing, map)
+    else:
+        why = f"{individual_text(kb.reasoner, thing)} has no pose: no map or simulation that was asked places it"
+        yield MissingKnowledge(kb.reasoner.class_of(thing) or THING, HAS_POSE, why)
+
+
 class IndividualDescription(AnswerRow, frozen=True, kw_only=True):
     """Everything that is known about an individual."""
 
@@ -288,29 +407,61 @@ class IndividualDescription(AnswerRow, frozen=True, kw_only=True):
     tags: tuple[Tag, ...] = ()
     facts: tuple[PropertyAssertion, ...] = ()
     """All other statements: those of the map that have no field here, and those asserted at run time."""
+    source: str | None = None
+    """Where the pose comes from: the name of the engine, or "map"; None without a pose."""
 
 
-@question
+@question(
+    sentences=(
+        "what is {individual}",
+        "describe {individual}",
+        "what do you know about {individual}",
+        "tell me about {individual}",
+        "how (big|large|heavy|tall|wide|high|deep) is {individual}",
+        "what (size|mass) does {individual} have",
+        "what is the (size|mass|weight|height|width|mesh|joint limit) of {individual}",
+        "which properties does {individual} have",
+        "what kind of thing is {individual}",
+        "how much does {individual} weigh",
+    )
+)
 def what_is(
-    kb: QuestionContext, individual: IndividualName | None = None, map: MapName | None = None
+    kb: QuestionContext, individual: IndividualName | None = None, map: MapName | None = None, *, present: StateAccess
 ) -> Iterator[IndividualDescription]:
     """What an individual is: its classes, pose, size, mass, mesh, tags, joint limits, and all other statements.
 
     Classes that are not asserted are inferred from definitions, and from the domains and ranges of properties. Classes
-    and other statements include those asserted at run time; everything else is as the map's file gives it.
+    and other statements include those asserted at run time. The pose is that of the running simulation, if it has the
+    individual, as `source` says; everything else is as the map's file gives it.
 
     Examples:
         what_is milk_carton_1
         what_is fridge_door_hinge
     """
     index = kb.reasoner
-    for each in sorted(index.maps_of) if individual is None else (individual,):
+    running = present.running()
+    spawned = {world.iri for world in running.spawned} if running else set()
+    live = {entity.iri: entity for entity in _entities(running.world)} if running else {}
+    for each in sorted({*index.maps_of, *live}) if individual is None else (individual,):
         classes = _most_specific_first(index, each)
         places = index.maps_of.get(each, ()) if map is None else [map] if map in index.maps_of.get(each, ()) else []
+        entity = live.get(each)
         for place in places:
-            yield _description(kb, each, classes, place)
+            described = _description(kb, each, classes, place)
+            yield _with_current_pose(described, entity, running) if place in spawned else described
         if not places and map is None:
-            yield _description(kb, each, classes, None)
+            if not classes and isinstance(entity, Body):
+                classes = (entity.cls,)
+            yield _with_current_pose(_description(kb, each, classes, None), entity, running)
+
+
+def _with_current_pose(
+    description: IndividualDescription, entity: Body | Joint | Light | None, running: WorldState | None
+) -> IndividualDescription:
+    """The description with the pose that the engine has."""
+    if entity is None or running is None:
+        return description
+    return msgspec.structs.replace(description, pose=entity.pose, source=running.source)
 
 
 def _most_specific_first(reasoner: Reasoner, individual: Iri) -> tuple[Iri, ...]:
@@ -329,7 +480,13 @@ def _description(
         return IndividualDescription(individual=individual, classes=classes, map=map, facts=kb.facts_of(individual))
     facts = tuple(dict.fromkeys((*entity.facts, *kb.facts_of(individual, runtime_only=True))))
     description = IndividualDescription(
-        individual=individual, classes=classes, map=map, pose=entity.pose, tags=entity.tags, facts=facts
+        individual=individual,
+        classes=classes,
+        map=map,
+        pose=entity.pose,
+        tags=entity.tags,
+        facts=facts,
+        source=MAP_SOURCE,
     )
     match entity:
         case Body(physics=physics):
@@ -364,7 +521,7 @@ def _explain_individual(kb: QuestionContext, row: IndividualDescription) -> Iter
 
 @what_is.missing
 def _missing_individual(
-    kb: QuestionContext, individual: Iri | None = None, map: Iri | None = None
+    kb: QuestionContext, individual: Iri | None = None, map: Iri | None = None, *, present: StateAccess
 ) -> Iterator[MissingKnowledge]:
     yield from missing_description(kb.reasoner, individual, map)
 
@@ -380,7 +537,15 @@ class MapCounts(AnswerRow, frozen=True, kw_only=True):
     relations: int
 
 
-@question
+@question(
+    sentences=(
+        "how many things are in {map}",
+        "count everything",
+        "what does {map} contain in numbers",
+        "how big is the map {map}",
+        "how many (objects|joints|individuals|things) are there",
+    )
+)
 def analyse(kb: QuestionContext, map: MapName | None = None) -> Iterator[MapCounts]:
     """Counts of what a map describes, as its files state it: the numbers of the thesis's analyse_semantic_map.
 

@@ -9,14 +9,13 @@ from enum import StrEnum
 import numpy as np
 
 from mindstage.errors import InvalidArgumentError
-from mindstage.knowledge.explain import individual_text, missing_instance
+from mindstage.knowledge.explain import individual_text, missing_instance, source_text
 from mindstage.knowledge.queries.proximity import (
     PlacedBodies,
     missing_arguments,
     missing_bodies,
     placed_states,
 )
-from mindstage.knowledge.queries.spatial import source_text
 from mindstage.knowledge.queries.storage import storage_place
 from mindstage.knowledge.questions import (
     MAP_SOURCE,
@@ -93,7 +92,17 @@ class LargerRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses come from: the name of the engine, or "map"."""
 
 
-@question
+@question(
+    sentences=(
+        "(is {thing}|what is|which {thing} is) (larger|bigger) than {other} {measure=volume}",
+        "(is {thing}|what is|which {thing} is) (taller|higher) than {other} {measure=height}",
+        "(is {thing}|what is|which {thing} is) longer than {other} {measure=length}",
+        "(is {thing}|what is|which {thing} is) heavier than {other} {measure=mass}",
+        "(is {other}|what is) smaller than {thing} {measure=volume}",
+        "(is {other}|what is) lighter than {thing} {measure=mass}",
+        "(is {other}|what is) shorter than {thing} {measure=height}",
+    )
+)
 def larger_than(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -218,7 +227,16 @@ class ClassCount(AnswerRow, frozen=True, kw_only=True):
     """Where the poses come from, if a place was given: the name of the engine, or "map"."""
 
 
-@question
+@question(
+    sentences=(
+        "how many {cls} are there",
+        "how many {cls} do we have",
+        "how many {cls} are (on|in|inside) {place}",
+        "how many {cls} are in {map}",
+        "how many {cls} does {place} (have|contain|hold)",
+        "count [the] {cls}",
+    )
+)
 def how_many(
     kb: QuestionContext,
     cls: ClassName | None = None,
@@ -320,7 +338,15 @@ class SimilarRow(AnswerRow, frozen=True, kw_only=True):
     """The map that `other` is described in."""
 
 
-@question
+@question(
+    sentences=(
+        "what is (like|similar to|the same as) {thing}",
+        "is {thing} (like|similar to|the same as) {other}",
+        "(what|which things) (looks|look) like {thing}",
+        "find something like {thing}",
+        "are {thing} and {other} (alike|similar|the same)",
+    )
+)
 def similar_to(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -450,7 +476,17 @@ class MisplacedRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses come from: the name of the engine, or "map"."""
 
 
-@question
+@question(
+    sentences=(
+        "(what|which {cls}) is misplaced",
+        "is {thing} misplaced",
+        "what is not (where it belongs|in its place)",
+        "which {cls} are not (where they belong|in their place)",
+        "what is in the wrong place",
+        "is {thing} where it belongs",
+        "what (should be|has to be) put away",
+    )
+)
 def misplaced(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -493,6 +529,8 @@ def _storage(
     kb: QuestionContext, bodies: PlacedBodies, cls: Iri
 ) -> tuple[tuple[Iri, ...], tuple[Iri, ...], frozenset[Iri]]:
     """The classes of places that store things of a class, and the bodies of these classes, also as a set."""
+    if not kb.reasoner.is_class(cls):  # nothing but the body mentions it
+        return (), (), frozenset()
     belongs = tuple(row.place for row in storage_place.ask(kb, {"item": cls}))
     stores = tuple(
         dict.fromkeys(
@@ -550,7 +588,7 @@ def _missing_misplaced(
     found = list(missing_bodies(kb, (thing,), map, present))
     yield from found
     own = kb.reasoner.class_of(thing)
-    if found or own is None:
+    if found or own is None or not kb.reasoner.is_class(own):
         return
     places = storage_place.ask(kb, {"item": own})
     if not places:
@@ -578,7 +616,22 @@ class StateRow(AnswerRow, frozen=True, kw_only=True):
     """Whether it was asserted at run time, rather than by a file."""
 
 
-@question
+@question(
+    sentences=(
+        "what is the state of {thing}",
+        "which states does {thing} have",
+        "what was told about {thing}",
+        "(is {thing}|what is|which {thing} is|which things are) clean {value=clean}",
+        "(is {thing}|what is|which {thing} is|which things are) dirty {value=dirty}",
+        "(is {thing}|what is|which {thing} is|which things are) on {value=on}",
+        "(is {thing}|what is|which {thing} is|which things are) off {value=off}",
+        "(is {thing}|what is|which {thing} is|which things are) full {value=full}",
+        "(is {thing}|what is|which {thing} is|which things are) empty {value=empty}",
+        "(is {thing}|what is|which {thing} is|which things are) hot {value=hot}",
+        "(is {thing}|what is|which {thing} is|which things are) cold {value=cold}",
+        "(is {thing}|what is|which {thing} is|which things are) broken {value=broken}",
+    )
+)
 def states(
     kb: QuestionContext,
     thing: IndividualName | None = None,

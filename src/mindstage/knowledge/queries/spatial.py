@@ -7,7 +7,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from mindstage.knowledge.explain import individual_text
+from mindstage.knowledge.explain import individual_text, source_text
 from mindstage.knowledge.questions import (
     MAP_SOURCE,
     AnswerRow,
@@ -27,7 +27,7 @@ from mindstage.scene.kinematics import JointDisplacement, RigidGroups, joint_dis
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import normalize, pose_array
 
-__all__ = ["JointOpenness", "OpenState", "SpatialRelationRow", "missing_pose", "openings", "source_text", "where_is"]
+__all__ = ["JointOpenness", "OpenState", "SpatialRelationRow", "missing_pose", "openings", "where_is"]
 
 
 _RELATION_ORDER = {relation: at for at, relation in enumerate(SpatialRelation)}
@@ -38,7 +38,7 @@ _OPEN_M, _OPEN_RAD = 0.02, 0.1
 """For joints without limits."""
 _FRONT_CLASSES = (knowrob("PortalCovering"), knowrob("StorageConstruct"))
 _CONTAINER = knowrob("Container")
-_HANDLE = knowrob("Handle")
+_HANDLE, _DRAWER = knowrob("Handle"), knowrob("Drawer")
 _STATE_PROPERTY = knowrob("stateOfObject")
 
 
@@ -58,7 +58,25 @@ class SpatialRelationRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses come from: the name of the engine, or "map"."""
 
 
-@question
+@question(
+    sentences=(
+        "where is {thing}",
+        "where can i find {thing}",
+        "where do i find {thing}",
+        "(find|locate) {thing}",
+        "(what|which thing|which object) is {relation} {other}",
+        "what is there {relation} {other}",
+        "what lies {relation} {other}",
+        "what stands {relation} {other}",
+        "is {thing} {relation} {other}",
+        "(is|are) there {thing} {relation} {other}",
+        "what is {thing} {relation}",
+        "(what|which thing) does {other} contain {relation=inside}",
+        "what is the content of {other} {relation=inside}",
+        "which {thing} is {relation} {other}",
+    ),
+    is_relation=True,
+)
 def where_is(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -121,13 +139,6 @@ def _explain_relation(kb: QuestionContext, row: SpatialRelationRow) -> Iterator[
     yield source_text(row.source)
 
 
-def source_text(source: str) -> str:
-    """Where the poses and shapes of an answer come from, in words."""
-    state, _, shapes = source.partition(", ")
-    note = f"; bodies are taken as their {shapes}" if shapes else ""
-    return ("as the map has it; no simulation is running" if state == MAP_SOURCE else f"as {state} has it now") + note
-
-
 @where_is.missing
 def _missing_relation(
     kb: QuestionContext,
@@ -182,7 +193,21 @@ class JointOpenness(AnswerRow, frozen=True, kw_only=True):
     """Where the displacement comes from: the name of the engine, or "map"."""
 
 
-@question
+@question(
+    sentences=(
+        "which (thing|container) is {state}",
+        "what is {state}",
+        "(is|which) {thing} [is] {state}",
+        "(is|which) {front:PortalCovering,Drawer} [is] {state}",
+        "how far is {thing} (open|opened)",
+        "how far is {front:PortalCovering,Drawer} (open|opened)",
+        "how open is {thing}",
+        "what opens {thing}",
+        "which doors and drawers does {thing} have",
+        "what does {front:PortalCovering,Drawer} (open|close)",
+    ),
+    is_relation=True,
+)
 def openings(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -220,7 +245,7 @@ def _find_openings(kb: QuestionContext, world_state: WorldState, front: Iri | No
         displacement, source = _displacement(joint, world_state)
         if displacement is None or front not in {None, moving.iri}:
             continue
-        if _is_front(kb, moving) or (displacement.is_prismatic and _is_handle_of_front(kb, moving, holder)):
+        if _is_front(kb, moving) or (displacement.is_prismatic and _is_drawer_handle(kb, moving, holder)):
             yield JointOpenness(
                 thing=furniture.container_of(moving, holder).iri,
                 state=OpenState.OPEN if _is_open(displacement) else OpenState.CLOSED,
@@ -281,9 +306,9 @@ def _is_front(kb: QuestionContext, body: Body) -> bool:
     return len(above) <= 1 or any(kb.reasoner.is_a(body.cls, cls) for cls in _FRONT_CLASSES)
 
 
-def _is_handle_of_front(kb: QuestionContext, moving: Body, holder: Body) -> bool:
+def _is_drawer_handle(kb: QuestionContext, moving: Body, holder: Body) -> bool:
     """Whether a sliding body is the handle of a drawer, which maps of SOMA name as the child of the drawer's joint."""
-    return kb.reasoner.is_a(moving.cls, _HANDLE) and _is_front(kb, holder)
+    return kb.reasoner.is_a(moving.cls, _HANDLE) and kb.reasoner.is_a(holder.cls, _DRAWER)
 
 
 def _displacement(joint: Joint, world_state: WorldState) -> tuple[JointDisplacement | None, str]:

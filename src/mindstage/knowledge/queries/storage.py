@@ -102,14 +102,14 @@ def _missing_use(
     chosen = [members for place, members in reasoner.members_by_map.items() if map in {None, place}]
     members = {individual} if individual else {member for members in chosen for member in members}
     classes = sorted({cls for member in members for cls in reasoner.types_of(member)})
-    claims = tuple(
-        Claim(
-            kind=ClaimKind.NO_RESTRICTION,
-            subject=None if fillers else cls,
-            property=property,
-            object=cls if fillers else None,
-        )
-        for cls in classes
+    classless = (member for member in sorted(members) if not reasoner.types_of(member))
+    restrictions = ((None, cls) if fillers else (cls, None) for cls in classes)
+    claims = (
+        *(Claim(kind=ClaimKind.NO_CLASS, subject=member) for member in classless),
+        *(
+            Claim(kind=ClaimKind.NO_RESTRICTION, subject=subject, property=property, object=filler)
+            for subject, filler in restrictions
+        ),
     )
     if individual:
         cls, owner = reasoner.class_of(individual) or THING, individual_text(reasoner, individual)
@@ -187,7 +187,7 @@ def _affordances(
 def _disposed_individuals(reasoner: Reasoner) -> Iterator[tuple[Iri, Iri, ObjectTriple]]:
     """The individuals that have a disposition as a node of its own, the tasks that it affords, and the statement."""
     properties = reasoner.properties
-    for individual in sorted(set(properties.candidate_subjects(HAS_DISPOSITION))):
+    for individual in sorted(set(properties.candidate_subjects(HAS_DISPOSITION, backwards=False))):
         for disposition in properties.values(HAS_DISPOSITION, individual):
             statement = ObjectTriple(individual, HAS_DISPOSITION, disposition)
             for cls in reasoner.types_of(disposition):
@@ -206,7 +206,18 @@ class ActionDevice(AnswerRow, frozen=True, kw_only=True):
     """The action's class, or the superclass that has the restriction."""
 
 
-@question
+@question(
+    sentences=(
+        "what [device] is used for {action}",
+        "what do i need (for|to) {action}",
+        "what can {device} be used for",
+        "what is {device} [used] for",
+        "what can i do with {device}",
+        "which devices are [used] for {action}",
+        "what kind of device is used for {action}",
+        "what does one need for {action}",
+    )
+)
 def device_for_action(
     kb: QuestionContext, action: ClassName | None = None, device: ClassName | None = None
 ) -> Iterator[ActionDevice]:
@@ -352,7 +363,17 @@ class ActionDeviceInMap(AnswerRow, frozen=True, kw_only=True):
     map: MapName
 
 
-@question
+@question(
+    sentences=(
+        "where can i [do] {action}",
+        "with what can i [do] {action}",
+        "what [here] can i use for {action}",
+        "which (thing|object) can i use for {action}",
+        "what can {individual} do",
+        "how do i {action}",
+        "what is {individual} good for",
+    )
+)
 def device_for_action_in_environment(
     kb: QuestionContext,
     action: ClassName | None = None,
@@ -432,7 +453,18 @@ class StoragePlace(AnswerRow, frozen=True, kw_only=True):
     """The number of classes between `item` and `because_of`; the most specific answers, with the fewest, come first."""
 
 
-@question
+@question(
+    sentences=(
+        "(what kind of|which kind of) (place|container) is {item} (stored|kept) in",
+        "where is {item} (stored|kept) in general",
+        "where are {item} usually (stored|kept)",
+        "what is (stored|kept) in {place} in general",
+        "what belongs (in|into) {place} in general",
+        "what kinds of things go (in|into) {place}",
+        "what kinds of things are (stored|kept) in {place}",
+        "what do we (store|keep) in {place}",
+    )
+)
 def storage_place(
     kb: QuestionContext, item: ClassName | None = None, place: ClassName | None = None
 ) -> Iterator[StoragePlace]:
@@ -598,7 +630,24 @@ class StoragePlaceInMap(AnswerRow, frozen=True, kw_only=True):
     map: MapName
 
 
-@question
+@question(
+    sentences=(
+        "where is {item} (stored|kept)",
+        "where does {item} belong",
+        "where does {item} go",
+        "where (should|do|can) i put {item}",
+        "where do i (store|keep) {item}",
+        "where should {item} be [stored|kept]",
+        "what is the (storage place|place) of {item}",
+        "put away {item}",
+        "where do we (store|keep) {item}",
+        "is {item} (stored|kept) in {individual}",
+        "what is (stored|kept) in {individual}",
+        "what belongs (in|into) {individual}",
+        "what (goes|should go) (in|into) {individual}",
+        "what should be in {individual}",
+    )
+)
 def storage_place_in_environment(
     kb: QuestionContext,
     item: ClassName | None = None,

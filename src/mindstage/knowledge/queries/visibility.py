@@ -13,7 +13,7 @@ from itertools import permutations
 import numpy as np
 
 from mindstage.errors import InvalidArgumentError
-from mindstage.knowledge.explain import individual_text, restriction_line, subclass_line
+from mindstage.knowledge.explain import individual_text, restriction_line, source_text, subclass_line
 from mindstage.knowledge.owl import named_classes
 from mindstage.knowledge.queries.proximity import (
     PlacedBodies,
@@ -22,7 +22,6 @@ from mindstage.knowledge.queries.proximity import (
     missing_bodies,
     placed_states,
 )
-from mindstage.knowledge.queries.spatial import source_text
 from mindstage.knowledge.questions import (
     AnswerRow,
     ClassName,
@@ -37,7 +36,14 @@ from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner_classes import ClassRestriction
 from mindstage.knowledge.vocabulary import HAS_POSE, THING, knowrob, ms
 from mindstage.scene import Body, BodyGeometry, BodyId, Iri, Pose, Vector
-from mindstage.scene.placement import FreePlace, PlacementSampler, PlacementSurface, spread_places, support_surfaces
+from mindstage.scene.placement import (
+    MIN_UP_COSINE,
+    FreePlace,
+    PlacementSampler,
+    PlacementSurface,
+    spread_places,
+    support_surfaces,
+)
 from mindstage.scene.ray_casting import ShapeScene, retained_volume
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_array
 
@@ -79,7 +85,19 @@ class VisibilityRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses and shapes come from: the name of the engine, or "map, bounding boxes"."""
 
 
-@question
+@question(
+    sentences=(
+        "what is visible from {viewer}",
+        "what can be seen from {viewer}",
+        "what can (i|robot) see from {viewer}",
+        "is {thing} visible from {viewer}",
+        "what does {viewer} see",
+        "can {viewer} see {thing}",
+        "from where is {thing} visible",
+        "what hides {thing} from {viewer}",
+        "what is visible from the position {viewer_pose}",
+    )
+)
 def visible_from(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -200,7 +218,14 @@ class FitRow(AnswerRow, frozen=True, kw_only=True):
     """Where the shapes come from: the name of the engine, or "map, bounding boxes"."""
 
 
-@question
+@question(
+    sentences=(
+        "(does|can|would) {thing} fit {relation} {place}",
+        "(what|which {thing}) fits {relation} {place}",
+        "where does {thing} fit",
+        "is {place} large enough for {thing} {relation=into}",
+    )
+)
 def fits(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -256,13 +281,20 @@ def _spaces(kb: QuestionContext, bodies: PlacedBodies, row: int) -> Iterator[tup
     """The extents of the free spaces above and in a body; the height may be infinite."""
     body = bodies.placed.bodies[row]
     geometry = bodies.state.geometry.get(body.id)
+    if geometry is None and body.size is not None:
+        if kb.reasoner.is_a(body.cls, _CONTAINER):
+            yield PlaceRelation.INTO, body.size
+        up = np.abs(bodies.placed.boxes.rotation[row, 2])
+        axis = int(np.argmax(up))
+        if up[axis] >= MIN_UP_COSINE:
+            one, two = (body.size[other] for other in range(3) if other != axis)
+            yield PlaceRelation.ONTO, (one, two, np.inf)
+        return
     pose = normalized_pose_array(body.pose)
     for relation, inside in ((PlaceRelation.ONTO, False), (PlaceRelation.INTO, True)):
         for surface in support_surfaces(body, geometry, pose, inside=inside):
             height = surface.surface.clearance
             yield relation, (*surface.size, np.inf if height is None else height)
-    if geometry is None and body.size is not None and kb.reasoner.is_a(body.cls, _CONTAINER):
-        yield PlaceRelation.INTO, body.size
 
 
 def _best_fits(size: Vector, spaces: list[tuple[PlaceRelation, Vector]]) -> Iterator[tuple[PlaceRelation, float, bool]]:
@@ -329,7 +361,17 @@ class FreePlaceRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses and shapes come from: the name of the engine, or "map, bounding boxes"."""
 
 
-@question
+@question(
+    sentences=(
+        "where is [there] [free] (room|space) for {thing} [{relation} {support}]",
+        "is there [free] (room|space) for {thing} {relation} {support}",
+        "where can i place {thing} {relation} {support}",
+        "where is [there] [free] (room|space) {relation} {support}",
+        "find a free place {relation} {support}",
+        "find a free place for {thing} {relation} {support}",
+        "where can i place another {cls} {relation} {support}",
+    )
+)
 def free_place(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -404,8 +446,11 @@ def _free_places(
     usable = bodies.comparable()
     ignored = {body.id for row, body in enumerate(placed.bodies) if body.iri in group or not usable[row]}
     body = placed.bodies[support]
-    by_id = {each.id: each for each in placed.bodies}
-    poses = pose_array(each.pose for each in placed.bodies)
+    reach = float(np.linalg.norm(item[0].size or (0.0, 0.0, 0.0)))
+    near = np.all(placed.low <= placed.high[support] + (0.0, 0.0, reach), axis=1)
+    near &= np.all(placed.high >= placed.low[support], axis=1)
+    by_id = {placed.bodies[row].id: placed.bodies[row] for row in np.flatnonzero(near).tolist()}
+    poses = pose_array(each.pose for each in by_id.values())
     sampler = PlacementSampler(by_id, state.geometry, list(by_id), poses, frozenset(ignored))
     found, reasons = list[tuple[PlaceRelation, FreePlace, str]](), list[str]()
     for each, surface in _surfaces(body, state.geometry.get(body.id), relation):
@@ -497,7 +542,14 @@ class LiquidContainerRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses and shapes come from: the name of the engine, or "map, bounding boxes"."""
 
 
-@question
+@question(
+    sentences=(
+        "(what|which {thing}) can (hold|contain) (liquid|liquids|water)",
+        "can {thing} (hold|contain) (liquid|liquids|water)",
+        "how much (liquid|water) can {thing} (hold|contain)",
+        "what can i pour (liquid|water) into",
+    )
+)
 def can_hold_liquid(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -584,10 +636,12 @@ def _missing_liquid(
         return
     what = individual_text(kb.reasoner, thing) if thing is not None else "nothing here"
     cls = kb.reasoner.class_of(thing) if thing is not None else None
+    verb = "is no" if thing is not None else "is a"
+    what = f"{what} {verb} container for liquids"
     if basis is not LiquidBasis.SHAPE:
-        reason = f"{what} holds no liquid by its class: no {local_name(_CONTAINER_FOR)} names a liquid"
+        reason = f"{what} by its class: no {local_name(_CONTAINER_FOR)} names a liquid"
         yield MissingKnowledge(cls or _CONTAINER, _CONTAINER_FOR, reason)
     if basis is not LiquidBasis.CLASS:
         known = any(state.geometry for state in present.states(map))
         why = "its shape retains less than 5 ml" if known else "its shape is known to a running simulation only"
-        yield MissingKnowledge(cls or _CONTAINER, HAS_POSE, f"{what} holds no liquid by its shape: {why}")
+        yield MissingKnowledge(cls or _CONTAINER, HAS_POSE, f"{what} by its shape: {why}")
