@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 
 from benchmarks import Measure, median_runs
+from mindstage.knowledge.io.files import bundled_kitchen, bundled_ontology
 
 # The libraries that `mindstage check` needs.
 _LIBRARIES = "import numpy, scipy.spatial, msgspec, pyoxigraph, mujoco, typer, rich.console, rich.table"
@@ -28,6 +29,28 @@ def measure() -> Iterator[Measure]:
     yield Measure(
         what="mindstage --help", ours=1000 * shown.seconds, unit="ms", at_most=300.0, memory_mb=shown.memory_mb
     )
+
+    # The same ontology and map, loaded into SWI-Prolog's own store.
+    files = [(bundled_ontology(), "turtle"), (bundled_kitchen(), "xml")]
+    loads = ", ".join(f"rdf_load('{path}', [format({format}), silent(true)])" for path, format in files)
+    load = f"use_module(library(semweb/rdf11)), use_module(library(semweb/turtle)), {loads}"
+    swipl = ["swipl", "-g", load, "-t", "halt"]
+    for what, words in (
+        ("ask storage_place", "storage_place CowsMilk"),
+        ("ask where_is", "where_is milk_carton_1"),
+        ("ask a sentence", "where is the milk?"),
+    ):
+        ask = [*mindstage, "ask", *words.split(), "--map", "bundled:kitchen"]
+        theirs, ours = median_runs(swipl, ask)
+        yield Measure(
+            what=f"mindstage {what}, bundled kitchen, new process",
+            ours=ours.seconds,
+            peer="swipl -t halt with rdf11 and the same two files loaded",
+            theirs=theirs.seconds,
+            at_most=1.5,
+            memory_mb=ours.memory_mb,
+            their_memory_mb=theirs.memory_mb,
+        )
 
     libraries, check = median_runs([*python, _LIBRARIES], [*mindstage, "check", "bundled:kitchen"])
     yield Measure(

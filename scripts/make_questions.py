@@ -10,12 +10,15 @@ from typing import Any
 
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.knowledge.queries import Answers, Question, cell_text, list_questions
+from mindstage.knowledge.sentences import SentencePattern, sentence_patterns
 
 __all__ = ["main"]
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "questions.md"
 SHOWN = 3
 """The number of answers shown for each example; the others are counted."""
+SHOWN_WORDINGS = 6
+"""The number of sentences shown for each question."""
 
 HEAD = """# Questions
 
@@ -30,8 +33,8 @@ mindstage ask storage_place CowsMilk --map bundled:kitchen
     knowledge.ask("storage_place", item="CowsMilk")
 
 Arguments are positional or named (`item=CowsMilk`). Arguments that are left out are the unknowns; `_` leaves out a
-positional one. Names are short (`CowsMilk`), prefixed (`knowrob:CowsMilk`) or full IRIs; a class name denotes an
-individual if the class has exactly one. `--why` (`knowledge.explain(question, row)`) explains an answer. Without an
+positional one. Names are short (`CowsMilk`), prefixed (`knowrob:CowsMilk`), full IRIs or words (`"cow's milk"`);
+a class stands for all its individuals. `--why` (`knowledge.explain(question, row)`) explains an answer. Without an
 answer, `missing` lists the statements that would give one; `knowledge.tell` and `knowledge.retract` change them.
 
 Each answer is a row with the columns listed below. The examples are answered for the bundled kitchen.
@@ -50,11 +53,20 @@ def section(kb: KnowledgeBase, question: Question[Any]) -> Iterator[str]:
     arguments = ", ".join(f"`{argument.name}` ({argument.type_text})" for argument in question.arguments)
     columns = ", ".join(f"`{name}`" for name in question.columns)
     yield from (f"## {question.name}", "", question.text, "")
-    yield from (f"- arguments: {arguments}", f"- answers: {columns}", "")
+    yield from (f"- arguments: {arguments}", f"- answers: {columns}")
+    yield from (f"- in words: {', '.join(f'`{each.text()}`' for each in wordings(question))}", "")
     for example in question.examples:
         yield f"    mindstage ask {example} --map bundled:kitchen"
         yield from (f"        {line}" for line in answer_lines(kb, kb.ask(question, **args(question, example))))
         yield ""
+
+
+def wordings(question: Question[Any]) -> list[SentencePattern]:
+    """The first wording of each template, without an ending that all templates have."""
+    first: dict[str, SentencePattern] = {}
+    for each in sentence_patterns(question):
+        first.setdefault(each.template, each)
+    return list(first.values())[:SHOWN_WORDINGS]
 
 
 def answer_lines(kb: KnowledgeBase, answers: Answers[Any]) -> Iterator[str]:

@@ -46,7 +46,10 @@ MESSAGES: list[tuple[MindstageError, str]] = [
         AmbiguousNameError("cup", entity_type="class", candidates=["a#cup", "b#cup"]),
         "'cup' may be any of 2 class names: a#cup, b#cup; give one of them in full",
     ),
-    (QuestionNotFoundError("zzz", known={"what_is": 0}.keys()), "no question 'zzz'; there is what_is"),
+    (
+        QuestionNotFoundError("zzz", known={"what_is": 0}.keys()),
+        "no question 'zzz'; `mindstage questions` lists all of them",
+    ),
     (QuestionNotFoundError("what_i", known=["what_is"]), "no question 'what_i'; near: 'what_is'"),
     (ShapeNotFoundError("zzz", known=["mug", "bag"]), "no shape 'zzz'; there is bag, mug"),
     (EndpointError("e", cause="c", remedy="r", status=400), "the endpoint e returned an error: c; r"),

@@ -28,7 +28,9 @@ EVERYTHING = sorted(
     path for folder in ("src", "tests", "scripts", "benchmarks") for path in (ROOT / folder).rglob("*.py")
 )
 
-LONG_MODULES: dict[str, str] = {}
+LONG_MODULES: dict[str, str] = {
+    "src/mindstage/errors.py": "every exception class stands beside the others, and the docstring has the tree",
+}
 """Modules over 1,000 lines, each with the reason."""
 
 

@@ -18,6 +18,8 @@
     │   ├── NameNotFoundError           no entity of that kind has the name
     │   ├── AmbiguousNameError          several entities have the name
     │   ├── QuestionNotFoundError       no question has that name
+    │   ├── SentenceNotUnderstoodError  a plain sentence that asks no declared question, or with an unknown name
+    │   ├── AmbiguousSentenceError      a plain sentence that asks several questions, or about several things
     │   ├── QuestionTimeoutError        a question was not answered before its timeout
     │   ├── QueryLimitError             the limit of concurrent questions is reached
     │   ├── InvalidArgumentError        an invalid argument of a question or an assertion
@@ -78,6 +80,7 @@ __all__ = [
     "AdvertiseError",
     "AmbiguousMapError",
     "AmbiguousNameError",
+    "AmbiguousSentenceError",
     "AttachmentError",
     "AuthenticationError",
     "BodyExistsError",
@@ -121,6 +124,7 @@ __all__ = [
     "QuestionTimeoutError",
     "ReasonerUnavailableError",
     "RestoreError",
+    "SentenceNotUnderstoodError",
     "ServiceCallError",
     "ServiceNotFoundError",
     "ServiceTimeoutError",
@@ -143,6 +147,8 @@ __all__ = [
 
 # -- "did you mean" ----------------------------------------------------------------------------------------------------
 
+_MAX_SHOWN = 80
+"""Longer texts of clients are cut in messages."""
 _MIN_SUBSTRING = 3
 """Shorter strings are part of nearly every name."""
 
@@ -456,7 +462,49 @@ class QuestionNotFoundError(KnowledgeError):
     @property
     def remedy(self) -> str:
         """The end of the message where no name is similar."""
-        return f"there is {', '.join(self.known)}"
+        return "`mindstage questions` lists all of them"
+
+
+@dataclass(eq=False)
+class SentenceNotUnderstoodError(KnowledgeError):
+    """A plain sentence asks no declared question, or contains a name that is unknown."""
+
+    code = "SentenceNotUnderstood"
+
+    sentence: str
+    _: KW_ONLY
+    unknown: Sequence[str] = ()
+    """The words that are neither a name nor part of a question."""
+    cause: str = ""
+    """What is wrong, instead of the unknown words."""
+    names: Sequence[str] = ()
+    """Known names that resemble the unknown words."""
+    questions: Sequence[str] = ()
+    """The questions that are nearest, as sentences."""
+
+    def __str__(self) -> str:
+        shown = self.sentence if len(self.sentence) <= _MAX_SHOWN else f"{self.sentence[: _MAX_SHOWN - 1]}…"
+        unknown = f"unknown: {', '.join(map(repr, self.unknown))}" if self.unknown else ""
+        cause = self.cause or unknown or "no question is put like this"
+        more = [_near_names(self.names), f"can be asked: {' | '.join(self.questions)}" if self.questions else ""]
+        return "; ".join([f"{shown!r} is not understood: {cause}", *filter(None, more)])
+
+
+@dataclass(eq=False)
+class AmbiguousSentenceError(KnowledgeError):
+    """A plain sentence can be understood in several ways."""
+
+    code = "SentenceAmbiguous"
+
+    sentence: str
+    _: KW_ONLY
+    candidates: Sequence[str]
+    """What it may mean, each as a question with its arguments."""
+
+    def __str__(self) -> str:
+        shown = " | ".join(self.candidates[:5]) + (" | …" if len(self.candidates) > 5 else "")
+        text = self.sentence if len(self.sentence) <= _MAX_SHOWN else f"{self.sentence[: _MAX_SHOWN - 1]}…"
+        return f"{text!r} may mean {len(self.candidates)} questions: {shown}; ask one of them"
 
 
 @dataclass(eq=False)

@@ -16,7 +16,7 @@ def test_the_fields_of_the_json_output(run: Run) -> None:
     result = run("ask", "storage_place_in_environment", "CowsMilk", *KITCHEN, "--json", "--why")
     assert result.exit_code == 0
     answer = json_output(result)
-    assert list(answer) == ["question", "args", "answers", "missing", "assumptions", "findings"]
+    assert list(answer) == ["question", "args", "answers", "missing", "notes", "assumptions", "findings"]
     (place,) = answer["answers"]
     assert place["id"] == "fridge"
     assert place["iri"].endswith("#fridge")
@@ -152,3 +152,51 @@ def test_invalid_queries_exit_2(args: tuple[str, ...], message: str, run: Run) -
     result = run("sparql", *args)
     assert result.exit_code == 2
     assert message in result.stderr
+
+
+# -- sentences ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("words", [["where is the milk?"], ["where", "is", "milk"], ["Where", "is", "the", "milk"]])
+def test_a_sentence_shows_what_was_understood_and_its_answers(run: Run, words: list[str]) -> None:
+    result = run("ask", *words, *KITCHEN)
+    assert result.exit_code == 0
+    assert result.stdout.splitlines()[0] == "understood: where_is thing=Milk"
+    assert "is the class knowrob:Milk with 2 individuals: milk_carton_1, milk_carton_2" in result.stdout
+    assert "fridge" in result.stdout
+
+
+def test_a_sentence_in_json_has_the_fields_of_its_question(run: Run) -> None:
+    sentence = json_output(run("ask", "what is in the fridge?", *KITCHEN, "--json"))
+    named = json_output(run("ask", "where_is", "relation=inside", "other=fridge", *KITCHEN, "--json"))
+    assert sentence["notes"] == ["understood: where_is relation=inside other=fridge"]
+    assert sentence | {"notes": []} == named
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["where is the milc?"], "unknown: 'milc'; near: 'Milk'"),
+        (["wher", "is", "milk"], "unknown: 'wher'; near: 'where'"),
+        (["where is the left drawer"], "may mean 5 questions: where_is thing=drawer_dresser_left | "),
+        (["where is " + "x" * 10_000], "it has 10,009 characters, more than 1,000"),
+        (["xyzzy"], "no question 'xyzzy'; `mindstage questions` lists all of them"),
+    ],
+)
+def test_what_is_not_understood_is_named_in_a_short_message(run: Run, words: list[str], message: str) -> None:
+    result = run("ask", *words, *KITCHEN)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert len(result.stderr) < 700
+
+
+def test_a_class_as_an_argument_names_its_individuals(run: Run) -> None:
+    result = run("ask", "where_is", "CowsMilk", "inside", *KITCHEN)
+    assert result.exit_code == 0
+    assert "'CowsMilk' is the class knowrob:CowsMilk with 2 individuals" in result.stdout
+    assert "milk_carton_2" in result.stdout
+
+
+def test_the_sentences_of_each_question_are_listed(run: Run) -> None:
+    listed = json_output(run("questions", "--json"))
+    assert all(each["sentences"] for each in listed)

@@ -134,7 +134,7 @@ def test_an_unknown_name_fails_and_is_warned_about_once(
 @pytest.mark.parametrize(
     ("goal", "kind"),
     [
-        ("handle_of(_, 'Handle', _)", "name_ambiguous"),
+        ("ask_sentence('where is the left drawer', _)", "sentence_ambiguous"),
         ("storage_place(17, _)", "argument_refused"),
         ("identical_maps(kitchen, kitchen, -1)", "argument_refused"),
         ("why(handle_off(_, _, _))", "question_unknown"),
@@ -177,3 +177,27 @@ def test_structured_answers_are_terms(kitchen: PrologConsole) -> None:
     assert row["Kg"] == pytest.approx(1.05)
     assert (row["X"], row["W"]) == (pytest.approx(-1.567), pytest.approx(0.707107))
     assert row["Classes"] == ["http://mindstage.org/ontology#MilkCarton"]
+
+
+def test_a_plain_sentence_is_asked(kitchen: PrologConsole) -> None:
+    rows = kitchen.solutions("ask_sentence('what is in the fridge?', where_is(_, Thing, inside, Where, _, _, _))")
+    assert {row["Where"] for row in rows} == {KITCHEN + "fridge"}
+    asked = kitchen.solutions("where_is(_, Thing, inside, kitchen:fridge)")
+    assert [row["Thing"] for row in rows] == [row["Thing"] for row in asked]
+    assert len(rows) > 1
+
+
+def test_what_was_understood_is_a_question(kitchen: PrologConsole) -> None:
+    query = 'ask_sentence("where is the milk", _, Question), Question =.. [Name, Map, Thing|_], var(Map)'
+    row = kitchen.solutions(query)[0]
+    assert (row["Name"], row["Thing"]) == ("where_is", KNOWROB + "Milk")
+
+
+def test_a_sentence_that_is_not_understood_is_an_error(kitchen: PrologConsole) -> None:
+    with pytest.raises(PrologGoalError, match=r"unknown: 'wher'; near: 'where'"):
+        kitchen.solutions("ask_sentence('wher is the milk', Answer)")
+
+
+def test_a_class_stands_for_all_its_individuals(kitchen: PrologConsole) -> None:
+    rows = kitchen.solutions("where_is(_, knowrob:'CowsMilk', inside, Where)")
+    assert [row["Where"] for row in rows] == [KITCHEN + "fridge"]

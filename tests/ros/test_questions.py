@@ -103,3 +103,16 @@ def test_invalid_queries_are_errors(call: Call, args: dict[str, str], text: str)
     with pytest.raises(ServiceCallError) as failure:
         call("/mindstage/query", **args)
     assert text in str(failure.value)
+
+
+def test_a_plain_sentence_is_a_question(call: Call) -> None:
+    reply = call("/mindstage/ask", question="where is the Mug?", args='{"relation": "on"}')
+    answers = json.loads(reply["answers"])
+    assert answers["question"] == "where_is"
+    assert answers["notes"] == ["understood: where_is thing=Mug"]
+    assert {row["other"].rpartition("#")[2] for row in answers["answers"]} == {"Cupboard"}
+
+
+def test_a_sentence_that_is_not_understood_is_an_error(call: Call) -> None:
+    with pytest.raises(ServiceCallError, match="'wher'"):
+        call("/mindstage/ask", question="wher is the mug?")

@@ -308,3 +308,17 @@ def test_a_question_has_a_timeout_and_other_requests_are_answered(
         assert simulation.ping() < 10.0
     finally:
         enough.set()
+
+
+# -- sentences ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_sentence_is_answered_with_what_was_understood(page: FakePage) -> None:
+    table = page.ask("ask", question="where is the milk?")
+    assert table["notes"][0] == "understood: where_is thing=Milk"
+    assert {"milk_carton_1", "milk_carton_2"} == {*texts(table, "thing")}
+
+
+def test_a_sentence_that_is_not_understood_is_an_error_with_the_nearest_names(page: FakePage) -> None:
+    with pytest.raises(RequestFailedError, match="near: 'Milk'"):
+        page.ask("ask", question="where is the milc?")

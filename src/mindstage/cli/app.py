@@ -29,6 +29,9 @@ from mindstage.cli.viewer import demo
 
 __all__ = ["app", "main"]
 
+app: typer.Typer
+"""The application with all verbs."""
+
 _COMMANDS: dict[str, Callable[..., ExitCode]] = {
     function.__name__: function
     for function in (
@@ -116,5 +119,9 @@ def _options(
     """Options of the command itself."""
 
 
-app = _make_app([*_COMMANDS, *_ALIASES])
-"""The application with all verbs."""
+def __getattr__(name: str) -> object:
+    """Makes `app`, the application with all verbs, at its first use: a command needs one verb only."""
+    if name != "app":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()["app"] = made = _make_app([*_COMMANDS, *_ALIASES])
+    return made

@@ -161,6 +161,7 @@ def questions(*, as_json: AsJson = False) -> ExitCode:
                     "question": each.name,
                     "arguments": [{"name": argument.name, "kind": argument.type_text} for argument in each.arguments],
                     "text": each.text,
+                    "sentences": list(each.sentences),
                     "examples": list(each.examples),
                 }
                 for each in listed
@@ -341,7 +342,9 @@ _UNBOUND_ARGUMENT = "_"
 QuestionName = Annotated[
     str,
     typer.Argument(
-        metavar="QUESTION", help="The name of a question; `mindstage questions` lists them.", show_default=False
+        metavar="QUESTION",
+        help="The name of a question, which `mindstage questions` lists, or a sentence: where is the milk?",
+        show_default=False,
     ),
 ]
 
@@ -390,23 +393,23 @@ def ask(
 ) -> ExitCode:
     """Ask a question; without an answer, print what is missing, and exit 1.
 
+    A plain sentence (mindstage ask where is the milk) is understood by templates and names, and printed as a question.
     With --highlight the question is asked about the state of the simulation, and with --running about that of a
     running one.
     """
-    from mindstage.knowledge.queries import get_question
-    from mindstage.scene.colors import parse_color
-
+    # Before the map is read, so that a wrong name fails at once.
+    sentence = _sentence(question, args or [])
+    asked = None if sentence else _question_with_args(question, args or [])
     allowed = {"question", "args", "running", "why", "highlight", "as_json"}
     if (target := running_target(context, running, maps, allowed=allowed)) is not None:
-        return _ask_running(target, question, args or [], why=why, highlight=highlight, as_json=as_json)
+        return _ask_running(target, asked, sentence, why=why, highlight=highlight, as_json=as_json)
 
-    # Before the map is read, so that a wrong name fails at once.
-    resolved = get_question(question)
-    named = named_args(resolved, args or [])
     if highlight is None:
         _require_highlight(context)
         run = None
     else:
+        from mindstage.scene.colors import parse_color
+
         run = HighlightRun(
             color=parse_color(highlight),
             engine=make_engine(engine),
@@ -422,7 +425,8 @@ def ask(
             endpoint=endpoint,
             closure=closure,
         )
-    print_answers = partial(_print_result, knowledge, why=why, as_json=as_json)
+    resolved, named, notes = asked or _understood(knowledge, sentence)
+    print_answers = partial(_print_result, knowledge, notes, why=why, as_json=as_json)
     if run is None:
         answers = knowledge.ask(resolved, **named)
         print_answers(answers, {})
@@ -431,22 +435,54 @@ def ask(
     return ExitCode.OK if answers else ExitCode.NEGATIVE
 
 
+AskedQuestion = tuple["Question[Any]", Mapping[str, str], tuple[str, ...]]
+"""A question, its arguments as text, and how they were understood."""
+
+
+def _sentence(question: str, args: list[str]) -> str:
+    """The plain sentence that the arguments of the command are; empty if they name a question."""
+    from mindstage.knowledge.queries import list_questions
+
+    words = [question, *(arg for arg in args if "=" not in arg)]
+    if not question.replace("-", "_").isidentifier():
+        from mindstage.knowledge.sentences import is_sentence  # not needed for most questions, and slow to load
+
+        return " ".join(words) if is_sentence(question) else ""
+    is_name = question.replace("-", "_") in {each.name for each in list_questions()}
+    return "" if is_name or not question.isalpha() or len(words) == 1 else " ".join(words)
+
+
+def _question_with_args(question: str, args: list[str]) -> AskedQuestion:
+    from mindstage.knowledge.queries import get_question
+
+    resolved = get_question(question)
+    return resolved, named_args(resolved, args), ()
+
+
+def _understood(knowledge: KnowledgeBase, sentence: str) -> AskedQuestion:
+    from mindstage.knowledge.sentences import understand
+
+    understood = understand(knowledge, sentence)
+    return understood.question, {name: str(value) for name, value in understood.args.items()}, understood.notes
+
+
 def _ask_running(
-    target: str, question: str, args: list[str], *, why: bool, highlight: str | None, as_json: bool
+    target: str, asked: AskedQuestion | None, sentence: str, *, why: bool, highlight: str | None, as_json: bool
 ) -> ExitCode:
     """Asks a running simulation."""
     import msgspec
 
     from mindstage.knowledge.queries import get_question
 
-    resolved = get_question(question)
-    named = msgspec.json.encode(named_args(resolved, args)).decode()
+    name, named = (asked[0].name, msgspec.json.encode(asked[1]).decode()) if asked else (sentence, "{}")
     with progress_spinner("asking"), open_running(target) as simulation:
-        result = simulation.query("question", resolved.name, args=named, explain=why, highlight=highlight or "")
+        result = simulation.query("question", name, args=named, explain=why, highlight=highlight or "")
     if as_json:
         print_json({**result, "running": simulation.address})
     else:
-        _print_received(resolved, result, why=why)
+        for note in result.get("notes", ()):
+            print_line(note)
+        _print_received(get_question(result["question"]), result, why=why)
         for item in result.get("not_lit", ()):
             warn(f"not highlighted: {item['id']}: {item['reason']}")
         if highlight is not None:
@@ -479,16 +515,25 @@ def _print_received(question: Question[Any], result: Mapping[str, Any], *, why: 
 
 
 def _print_result(
-    knowledge: KnowledgeBase, answers: Answers[Any], fields: dict[str, object], *, why: bool, as_json: bool
+    knowledge: KnowledgeBase,
+    notes: tuple[str, ...],
+    answers: Answers[Any],
+    fields: dict[str, object],
+    *,
+    why: bool,
+    as_json: bool,
 ) -> None:
     from mindstage.knowledge.queries import answers_to_builtins
 
     findings = knowledge.findings()
     if as_json:
         output = answers_to_builtins(knowledge, answers, explain=why) | fields
+        output["notes"] = [*notes, *answers.notes]
         print_json(output | {"assumptions": assumptions_json(knowledge), "findings": findings_json(findings)})
     else:
         print_findings(findings, classes=class_lookup(knowledge))
+        for note in (*notes, *answers.notes):
+            print_line(note)
         reasons = [knowledge.explain(answers.question, row) for row in answers] if why else None
         _print_answers(answers, class_of=knowledge.reasoner.class_of, reasons=reasons)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import atexit
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import chain
@@ -20,7 +20,6 @@ from weakref import ref
 import pyoxigraph as ox
 
 from mindstage.errors import AmbiguousMapError, InvalidArgumentError, MapNotFoundError
-from mindstage.knowledge.dialects import read_world
 from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
 from mindstage.knowledge.dialects.membership import individuals_by_map, without_other_maps
 from mindstage.knowledge.dialects.source_map import MeshBounds, SourceMap
@@ -247,6 +246,8 @@ class KnowledgeBase:
         with self.lock:
             iri = self._resolve_map(map)
             if iri not in self._worlds:
+                from mindstage.knowledge.dialects.registry import read_world  # many questions need no world
+
                 with gc_paused():
                     self._worlds[iri] = read_world(self._source_map(iri))
             return self._worlds[iri]
@@ -317,33 +318,37 @@ class KnowledgeBase:
     def ask(self, question: Question[Any] | str, /, *positional: object, **args: object) -> Answers[Any]:
         """All answers to a question.
 
+        A question with several words, or with a question mark, is a plain sentence: `ask("where is the milk?")`. How it
+        was understood is `Answers.question`, `Answers.args` and `Answers.notes`.
+
         Examples:
             >>> from mindstage.knowledge import KnowledgeBase
             >>> [row.place for row in KnowledgeBase().ask("storage_place", "CowsMilk")]
             ['http://knowrob.org/kb/knowrob.owl#Refrigerator']
 
         Args:
-            question: its name, or the question itself, which types the rows.
+            question: its name, the question itself, which types the rows, or a sentence.
             *positional: arguments in the order of the question; None leaves one open.
             **args: arguments by name; those that are left out are open. Names of entities are local, with a prefix, or
-                whole IRIs.
+                whole IRIs. A class stands for all its individuals where an individual is asked for.
 
         Raises:
             QuestionNotFoundError: no question has that name.
+            SentenceNotUnderstoodError: no question is put like this sentence, or it has an unknown name.
+            AmbiguousSentenceError: the sentence may mean several questions.
             InvalidArgumentError: the question has no such argument, or the value is not valid for it.
             NameNotFoundError: a name is unknown.
             AmbiguousNameError: several entities have a name.
         """
-        declared = _question(question)
-        args = declared.bind(positional, args)
-        key = (declared, *args.items())
+        declared, known, notes = _resolve_question(self, question, positional, args)
+        key = (declared, notes, *known.items())
         cache = self._answer_cache  # a change during the question drops this cache, and with it an outdated answer
         try:
             if (cached := cache.get(key)) is not None:
                 return cached
         except TypeError:  # an unhashable value such as a list, which the question itself refuses
             key = ()
-        answers = declared.ask(self, args)
+        answers = declared.ask(self, known, notes=notes)
         if self._is_index_due:
             self._save_index()
         if key and not declared.uses_current_state:
@@ -654,6 +659,18 @@ class KnowledgeBase:
 
     def _add_finding(self, severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
         self._registry.findings[Finding(severity, individual, property, problem, action)] = None
+
+
+def _resolve_question(
+    kb: KnowledgeBase, question: Question[Any] | str, positional: Sequence[object], args: Mapping[str, object]
+) -> tuple[Question[Any], Mapping[str, object], tuple[str, ...]]:
+    """The question of a sentence, its arguments, and how it was understood; of any other question, the question."""
+    if not isinstance(question, str) or question.isidentifier():  # without loading the matcher
+        declared = _question(question)
+        return declared, declared.bind(positional, args), ()
+    from mindstage.knowledge.sentences import resolve_question
+
+    return resolve_question(kb, question, args, positional=positional)
 
 
 def _save_index_of(knowledge: ref[KnowledgeBase]) -> None:

@@ -1,10 +1,16 @@
-"""Names of entities: local names (`CowsMilk`), prefixed names (`knowrob:CowsMilk`) and whole IRIs."""
+"""Names of entities: local names (`CowsMilk`), prefixed names (`knowrob:CowsMilk`), whole IRIs, and words.
+
+Words are compared with the words of local names, labels (`rdfs:label`) and synonyms (`skos:altLabel`), without case,
+articles, plurals and separators: "the fridge doors" are those of the class `FridgeDoor`.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
-from enum import StrEnum
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from enum import IntEnum, StrEnum
 from functools import cached_property
 
 import pyoxigraph as ox
@@ -12,11 +18,48 @@ import pyoxigraph as ox
 from mindstage.errors import AmbiguousNameError, NameNotFoundError
 from mindstage.knowledge.rdf import PREFIXES, QuadSource, local_name, namespace_of
 from mindstage.knowledge.reasoner import Reasoner
-from mindstage.knowledge.vocabulary import RDFS, TYPE
+from mindstage.knowledge.vocabulary import LABEL, RDFS, SYNONYM, TYPE
 from mindstage.scene import Iri
+from mindstage.scene.display import counted
 
-__all__ = ["PREFIXES", "EntityType", "NameIndex", "compact_iri", "expand_prefix"]
+__all__ = [
+    "PREFIXES",
+    "EntityType",
+    "NameIndex",
+    "NameQuality",
+    "NamedThing",
+    "compact_iri",
+    "expand_prefix",
+    "name_words",
+]
 
+_MAX_NAME = 80
+"""The number of characters of a name that are compared with others."""
+_MAX_COMPARED = 20_000
+"""The maximum number of names that are compared letter by letter; of more, those that begin alike."""
+_MAX_NAMED = 3
+_MIN_PLURAL = 4
+_MIN_GERUND = 5
+_ARTICLES = frozenset(
+    ("the", "a", "an", "any", "some", "all", "every", "each", "my", "our", "your", "this", "that", "these", "those")
+)
+_IRREGULAR_PLURALS = {
+    "knives": "knife",
+    "shelves": "shelf",
+    "loaves": "loaf",
+    "leaves": "leaf",
+    "halves": "half",
+    "scarves": "scarf",
+    "potatoes": "potato",
+    "tomatoes": "tomato",
+    "mangoes": "mango",
+    "people": "person",
+    "men": "man",
+    "women": "woman",
+    "children": "child",
+    "feet": "foot",
+    "mice": "mouse",
+}
 _BUILT_IN_PROPERTIES = (TYPE, *(Iri(RDFS + name) for name in ("subClassOf", "subPropertyOf", "label", "comment")))
 
 
@@ -32,6 +75,51 @@ class EntityType(StrEnum):
 
 
 _NAMED_TYPES = (EntityType.CLASS, EntityType.INDIVIDUAL, EntityType.MAP, EntityType.PROPERTY)
+
+
+class NameQuality(IntEnum):
+    """How a name was found, the best first."""
+
+    EXACT = 0
+    """By its local name, prefixed name or IRI."""
+    WORDS = 1
+    """By the words of its local name or label."""
+    SYNONYM = 2
+    """By the words of a synonym."""
+    PARTIAL = 3
+    """By some of its words."""
+
+
+@dataclass(frozen=True, slots=True)
+class NamedThing:
+    """What a name refers to."""
+
+    iri: Iri
+    members: Sequence[Iri] | None = None
+    """The individuals of the class `iri` where an individual is asked for; None for anything else."""
+    note: str = ""
+    """How the name was understood, if it is not the name of exactly this entity."""
+    quality: NameQuality = NameQuality.EXACT
+
+
+@dataclass(slots=True)
+class _WordIndex:
+    """Names by their words."""
+
+    by_key: dict[str, dict[Iri, NameQuality]] = field(default_factory=dict)
+    by_word: dict[str, dict[tuple[str, ...], None]] = field(default_factory=dict)
+    """The names that contain a word."""
+    by_stem: dict[str, dict[Iri, None]] = field(default_factory=dict)
+    """Names without the endings of verbs."""
+
+    def add(self, text: str, iri: Iri, quality: NameQuality) -> None:
+        words = name_words(text)
+        if words:
+            iris = self.by_key.setdefault("".join(words), {})
+            iris[iri] = min(quality, iris.get(iri, quality))
+            self.by_stem.setdefault(_stem(words), {})[iri] = None
+            for word in words:
+                self.by_word.setdefault(word, {})[words] = None
 
 
 class NameIndex:
@@ -62,6 +150,7 @@ class NameIndex:
 
     def add(self, names: Iterable[Iri]) -> None:
         """Adds the names of new statements."""
+        self.__dict__.pop("_words", None)
         if "_names" in self.__dict__:
             for name in names:
                 self._add_name(self._names, name)
@@ -89,6 +178,67 @@ class NameIndex:
                 name, entity_type=entity_type.value, known=(*self._names_of_type(entity_type), *of_classes)
             )
         return found
+
+    def find_thing(self, name: str, entity_type: EntityType) -> NamedThing:
+        """Resolves a name of a given type as `find` does, or else by its words.
+
+        Where an individual is asked for, a class stands for all its individuals (`NamedThing.members`), unless it has
+        only one.
+
+        Raises:
+            NameNotFoundError: nothing of that type has the name.
+            AmbiguousNameError: several entities of that type have it.
+        """
+        found = self.things(name, entity_type)
+        if len(found) > 1:
+            iris = [each.iri for each in found]
+            raise AmbiguousNameError(name, entity_type=entity_type.value, candidates=iris)
+        if found:
+            return found[0]
+        return NamedThing(self.find(name, entity_type))  # raises, or takes a text as a value
+
+    def things(self, name: str, entity_type: EntityType, *, partial: bool = False) -> list[NamedThing]:
+        """Everything that a name may refer to equally well.
+
+        Args:
+            name: a local name, a prefixed name, an IRI, or words.
+            entity_type: what is asked for.
+            partial: whether names that contain the words are found as well, if there is no other.
+        """
+        exact = self._candidates(name, entity_type)
+        if not exact and entity_type is EntityType.INDIVIDUAL:
+            if classes := self._candidates(name, EntityType.CLASS):
+                return self._as_members(name, classes, NameQuality.EXACT)
+            exact = self._mentioned_only(name)
+        elif entity_type is EntityType.VALUE:
+            exact = [found[0]] if (found := self.find_any(name)) else []
+        if exact:
+            return [NamedThing(iri) for iri in exact]
+        empty: list[NamedThing] = []
+        for quality, iris in self._by_words(name, partial=partial):
+            named = self._of_type(name, iris, entity_type, quality)
+            if any(each.members != () for each in named):
+                return named
+            empty = empty or named  # a class without individuals: "kettle" is rather a water kettle that exists
+        return empty
+
+    def nearest(self, name: str, entity_type: EntityType, *, limit: int = 5) -> tuple[str, ...]:
+        """Names that resemble one: those with a word in common, and similar spellings."""
+        index, words = self._words, name_words(name[:_MAX_NAME])
+        key = "".join(words)
+        keys: Iterable[str] = index.by_key
+        if len(index.by_key) > _MAX_COMPARED:
+            keys = [each for each in keys if each[:2] == key[:2]]
+        similar = get_close_matches(key, list(keys), n=4 * limit, cutoff=0.65)
+        sharing = ("".join(each) for word in words for each in sorted(index.by_word.get(word, ()), key=len))
+        types = (entity_type, EntityType.CLASS) if entity_type is EntityType.INDIVIDUAL else (entity_type,)
+        found: dict[str, None] = {}
+        for each in (*similar, *sharing):
+            names = (local_name(iri) for iri in index.by_key[each] if any(self._has_type(iri, kind) for kind in types))
+            found |= dict.fromkeys(names)
+            if len(found) >= limit:
+                break
+        return tuple(found)[:limit]
 
     def find_any(self, name: str) -> tuple[Iri, EntityType] | None:
         """Resolves a name of any type; returns the IRI and its type, or None.
@@ -175,6 +325,78 @@ class NameIndex:
             return [whole]
         return sorted(iri for iri in self._names.get(name, ()) if self._has_type(iri, entity_type))
 
+    def _by_words(self, name: str, *, partial: bool) -> Iterator[tuple[NameQuality, list[Iri]]]:
+        """The entities with the words of a name, the best first."""
+        index, words = self._words, name_words(name)
+        own = index.by_key.get("".join(words), {})
+        for quality in (NameQuality.WORDS, NameQuality.SYNONYM):
+            yield quality, sorted(iri for iri in own if own[iri] is quality)
+        if not partial or not words:
+            return
+        fewest = min((index.by_word.get(word, {}) for word in words), key=len)
+        ending = [each for each in fewest if each[-len(words) :] == words]  # an office chair is a chair
+        inside = [each for each in fewest if any(each[at : at + len(words)] == words for at in range(len(each)))]
+        any_order = [each for each in fewest if {*words} <= {*each}]
+        for names in (ending, inside, any_order):
+            yield NameQuality.PARTIAL, sorted({iri for each in names for iri in index.by_key["".join(each)]})
+        stem = _stem(words)
+        yield NameQuality.PARTIAL, sorted(index.by_stem.get(stem, ()))
+
+    def _of_type(self, name: str, iris: list[Iri], entity_type: EntityType, quality: NameQuality) -> list[NamedThing]:
+        found = [iri for iri in iris if self._has_type(iri, entity_type)]
+        if quality is NameQuality.PARTIAL and entity_type is EntityType.INDIVIDUAL:
+            found = self._of_head_noun(name, [iri for iri in found if iri in self._reasoner.maps_of])  # no pose of one
+        if entity_type is EntityType.INDIVIDUAL and (not found or quality is NameQuality.PARTIAL):
+            classes = [iri for iri in iris if self._has_type(iri, EntityType.CLASS)]
+            of_classes = self._as_members(name, classes, quality) if classes else []
+            if any(each.members != () for each in of_classes) or not found:
+                return of_classes
+        if entity_type is EntityType.CLASS:
+            if not found:
+                individuals = [iri for iri in iris if self._has_type(iri, EntityType.INDIVIDUAL)]
+                return self._as_class(name, individuals)
+            found = self._most_general(found)
+        return [NamedThing(iri, note=f"{name!r} is {_shown(iri)}", quality=quality) for iri in found]
+
+    def _of_head_noun(self, name: str, individuals: list[Iri]) -> list[Iri]:
+        """Those that belong to the class that the last word names: a "left drawer" is a drawer, not its handle."""
+        last = name_words(name)[-1:]
+        classes = [iri for iri in self._words.by_key.get("".join(last), ()) if self._has_type(iri, EntityType.CLASS)]
+        members = [iri for iri in individuals if any(self._reasoner.is_member(iri, cls) for cls in classes)]
+        return members or individuals
+
+    def _as_members(self, name: str, classes: Sequence[Iri], quality: NameQuality) -> list[NamedThing]:
+        """Classes that stand for all their individuals; those without an individual only if no other has one."""
+        members = {cls: tuple(self._reasoner.members(cls)) for cls in classes}
+        inhabited = {cls: each for cls, each in members.items() if each} or members
+        kept = self._most_general(list(inhabited))
+        by_members = {inhabited[cls]: cls for cls in reversed(kept)}
+        return [self._all_of(name, cls, each, quality) for each, cls in by_members.items()]
+
+    @staticmethod
+    def _all_of(name: str, cls: Iri, members: Sequence[Iri], quality: NameQuality) -> NamedThing:
+        shown = ", ".join(map(local_name, members[:_MAX_NAMED])) + (", …" if members[_MAX_NAMED:] else "")
+        if len(members) == 1:
+            note = "" if quality is NameQuality.EXACT else f"{name!r} is {shown}, the only {local_name(cls)}"
+            return NamedThing(members[0], note=note, quality=quality)
+        note = f"{name!r} is the class {_shown(cls)} with {counted(len(members), 'individual')}"
+        if name == cls:
+            return NamedThing(cls, members, quality=quality)
+        return NamedThing(cls, members, f"{note}: {shown}" if shown else note, quality)
+
+    def _as_class(self, name: str, individuals: Sequence[Iri]) -> list[NamedThing]:
+        """The classes of individuals, where a class is asked for."""
+        classes = {cls: each for each in individuals if (cls := self._reasoner.class_of(each))}
+        return [
+            NamedThing(cls, note=f"{local_name(each)} is a {_shown(cls)}", quality=NameQuality.SYNONYM)
+            for cls, each in classes.items()
+        ]
+
+    def _most_general(self, classes: list[Iri]) -> list[Iri]:
+        """The class that is above all others, if there is one; else all of them."""
+        above = self._reasoner.classes.above
+        return next(([cls] for cls in classes if all(cls in above(other) for other in classes)), classes)
+
     def _sole_members(self, name: str) -> list[Iri]:
         return sorted(
             {member for cls in self._candidates(name, EntityType.CLASS) for member in self._reasoner.members(cls)}
@@ -218,6 +440,19 @@ class NameIndex:
             self._add_name(names, iri)
         return names
 
+    @cached_property
+    def _words(self) -> _WordIndex:
+        """Names by their words; may contain those of removed entities."""
+        index = _WordIndex()
+        for name, iris in self._names.items():
+            for iri in iris:
+                index.add(name, iri, NameQuality.WORDS)
+        for property, quality in ((LABEL, NameQuality.WORDS), (SYNONYM, NameQuality.SYNONYM)):
+            for quad in self._store.quads_for_pattern(None, ox.NamedNode(property), None):
+                if isinstance(quad.subject, ox.NamedNode) and isinstance(quad.object, ox.Literal):
+                    index.add(quad.object.value, Iri(quad.subject.value), quality)
+        return index
+
     def _add_name(self, names: dict[str, dict[Iri, None]], iri: Iri) -> None:
         if not iri.startswith("_:"):
             names.setdefault(local_name(iri), {})[iri] = None
@@ -234,6 +469,62 @@ def expand_prefix(name: str) -> Iri:
 def compact_iri(iri: Iri) -> str:
     """The prefixed name of an IRI if there is a prefix for it, else the IRI."""
     return next((f"{prefix}:{iri[len(base) :]}" for prefix, base in PREFIXES.items() if iri.startswith(base)), iri)
+
+
+def name_words(text: str) -> tuple[str, ...]:
+    """The words of a name in lower case and singular, without articles: ("milk", "carton", "1") for MilkCartons_1."""
+    plain = text.replace("\u2019", "'")
+    words = [_singular(word) for word in _split_words(plain)]
+    kept = tuple(word for word in words if word not in _ARTICLES)
+    return kept or tuple(words)
+
+
+def _split_words(text: str) -> Iterator[str]:
+    """Splits at separators, between lower and upper case (`CowsMilk`), and between letters and digits (`W60H140`)."""
+    word = ""
+    for at, char in enumerate(text):
+        if not char.isalnum():
+            if char == "'" and text[at + 1 : at + 2] in {"s", "S"} and not text[at + 2 : at + 3].isalnum():
+                continue  # cow's: a word in the plural, which is made singular
+            if word:
+                yield word.casefold()
+            word = ""
+            continue
+        previous = word[-1:]
+        follows_lower = char.isupper() and (previous.islower() or text[at + 1 : at + 2].islower())
+        if previous and (follows_lower or previous.isdigit() != char.isdigit()):
+            yield word.casefold()
+            word = ""
+        word += char
+    if word:
+        yield word.casefold()
+
+
+def _singular(word: str) -> str:
+    """The singular of an English noun by its ending; the same for both sides of a comparison, so it need not exist."""
+    if word in _IRREGULAR_PLURALS:
+        return _IRREGULAR_PLURALS[word]
+    if len(word) < _MIN_PLURAL or not word.endswith("s") or word.endswith(("ss", "us", "is")):
+        return word
+    if word.endswith("ies") and len(word) > _MIN_PLURAL:
+        return word[:-3] + "y"
+    return word[:-2] if word.endswith(("sses", "shes", "ches", "xes", "zes")) else word[:-1]
+
+
+def _stem(words: Sequence[str]) -> str:
+    """The words without the endings of verbs: the same for "bake food" and "baking food"."""
+    return "".join(_verb_stem(word) for word in words)
+
+
+def _verb_stem(word: str) -> str:
+    stem = word.removesuffix("ing") if len(word) > _MIN_GERUND else word
+    stem = stem[:-1] if stem != word and stem[-1:] == stem[-2:-1] else stem  # cutting
+    return stem.removesuffix("e")
+
+
+def _shown(iri: Iri) -> str:
+    short = compact_iri(iri)
+    return local_name(iri) if short == iri else short
 
 
 def _starts_with(name: str, prefix: str) -> bool:

@@ -12,9 +12,13 @@ type declares the columns of the answers. Every argument is optional. Further fu
     @siblings.missing           # which statements are missing if there is no answer
     def _missing(kb: QuestionContext, cls: ClassName | None = None) -> Iterator[MissingKnowledge]: ...
 
+    @question(sentences=("what is like {cls}",))  # plain sentences that ask it, see `mindstage.knowledge.sentences`
+
 A question about the current state has the additional keyword argument `present: StateAccess`, and so has its function
 for missing statements. It is passed by `Question.ask` and is not part of any interface. Without a simulation, the
 state is that of the maps.
+
+An argument that is an individual may be given as a class: the answers are then those for each of its individuals.
 """
 
 from __future__ import annotations
@@ -24,6 +28,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, StrEnum
 from functools import cached_property
+from itertools import islice, product
+from math import prod
 from operator import attrgetter
 from threading import Lock, RLock
 from types import MappingProxyType
@@ -34,10 +40,11 @@ import msgspec
 
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError, QuestionNotFoundError
 from mindstage.knowledge.map_statistics import MapStatistics
-from mindstage.knowledge.names import EntityType, NameIndex
+from mindstage.knowledge.names import EntityType, NamedThing, NameIndex, NameQuality
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.shape_rules import ShapeRule
+from mindstage.knowledge.vocabulary import TYPE
 from mindstage.scene import (
     NO_GEOMETRY,
     Body,
@@ -91,6 +98,12 @@ PropertyName = Annotated[Iri, EntityType.PROPERTY]
 ValueName = Annotated[str, EntityType.VALUE]
 _MAX_NAMED_ROWS = 3
 """The number of rows that are named in the repr of answers."""
+_MAX_COMBINATIONS = 20_000
+"""The maximum number of combinations of individuals, if arguments are given as classes."""
+_FEW_COMBINATIONS = 8
+"""The number of individuals that are asked about one by one, even if a question is a relation."""
+_MAX_MISSING = 20
+"""The maximum number of missing statements for the individuals of a class."""
 _QUESTIONS: dict[str, Question[Any]] = {}
 
 
@@ -172,6 +185,7 @@ class StateAccess:
         """
         self._kb = kb
         self._fetch_state = fetch_state
+        self._map_states: dict[Iri, WorldState] = {}
 
     def fetch(self) -> None:
         """Fetches the state of the engine now, which would otherwise happen at its first use."""
@@ -199,8 +213,10 @@ class StateAccess:
         return self._fetch_state() if self._fetch_state else None
 
     def _map_state(self, map: Iri) -> WorldState:
-        world = self._kb.world(map)
-        return WorldState(world=world, spawned=(world,))
+        if map not in self._map_states:
+            world = self._kb.world(map)
+            self._map_states[map] = WorldState(world=world, spawned=(world,))
+        return self._map_states[map]
 
 
 class AnswerCache:
@@ -384,10 +400,16 @@ class Answers(Sequence[R]):
         missing: Sequence[MissingKnowledge],
         *,
         kb: QuestionContext | None = None,
+        classes: Mapping[str, Sequence[Iri]] | None = None,
+        notes: Iterable[str] = (),
     ) -> None:
         self.question = question
         self.args: Mapping[str, object] = MappingProxyType(dict(args))
         """The given arguments, with names resolved to IRIs."""
+        self.classes: Mapping[str, Sequence[Iri]] = MappingProxyType(dict(classes or {}))
+        """The arguments that are individuals but were given as a class, with the individuals that were asked about."""
+        self.notes = tuple(notes)
+        """How a sentence or a name was understood, if it was not given exactly."""
         self.missing = tuple(missing)
         self._rows = tuple(rows)
         self._kb = None if kb is None else ref(kb)  # weak, since the knowledge base caches answers
@@ -478,8 +500,17 @@ class QuestionArgument:
 class Question(Generic[R]):
     """A declared question."""
 
-    def __init__(self, function: Callable[..., Iterator[R]]) -> None:
+    def __init__(
+        self, function: Callable[..., Iterator[R]], *, sentences: Sequence[str] = (), is_relation: bool = False
+    ) -> None:
         self.name = function.__name__
+        self.sentences = tuple(sentences)
+        """Templates of plain sentences that ask this question; `mindstage.knowledge.sentences` describes them."""
+        self.is_relation = is_relation
+        """Whether the answers for an individual are the rows with it among all answers, which are not many more.
+
+        If so, a class is asked about at once, instead of each of its individuals.
+        """
         self.text = inspect.cleandoc(function.__doc__ or "").partition("\n\nExamples:\n")[0]
         self.examples = tuple(
             line.strip() for line in inspect.cleandoc(function.__doc__ or "").partition("Examples:\n")[2].splitlines()
@@ -556,13 +587,22 @@ class Question(Generic[R]):
         self._find_missing = function
         return function
 
-    def ask(self, kb: QuestionContext, args: Mapping[str, object], *, present: StateAccess | None = None) -> Answers[R]:
+    def ask(
+        self,
+        kb: QuestionContext,
+        args: Mapping[str, object],
+        *,
+        present: StateAccess | None = None,
+        notes: Iterable[str] = (),
+    ) -> Answers[R]:
         """All answers.
 
         Args:
             kb: the knowledge base.
-            args: names: local, with a prefix, or whole IRIs; None leaves an argument open.
+            args: names: local, with a prefix, or whole IRIs; None leaves an argument open. An individual may be given
+                by its class: the answers are then those for all individuals of the class.
             present: access to the current state; without it, the state of the maps is used.
+            notes: how the question was understood, for `Answers.notes`.
 
         Raises:
             InvalidArgumentError: the question has no such argument, or the value is not valid for it.
@@ -573,29 +613,85 @@ class Question(Generic[R]):
         if self.uses_current_state:
             now.fetch()  # before taking the lock, since the engine may take a while
         with kb.lock:
-            return self._answers(kb, args, now)
+            return self._answers(kb, args, now, notes)
 
     def explain_answer(self, kb: QuestionContext, row: R) -> tuple[str, ...]:
         """The statements and classes that led to an answer, one per line."""
         with kb.lock:
             return tuple(self._explain(kb, row)) if self._explain else ()
 
-    def _answers(self, kb: QuestionContext, args: Mapping[str, object], state_access: StateAccess) -> Answers[R]:
-        found = {
-            name: value
-            for name in args
-            if (value := self._parse_argument(kb, state_access, name, args[name])) is not None
-        }
+    def _answers(
+        self, kb: QuestionContext, args: Mapping[str, object], state_access: StateAccess, notes: Iterable[str]
+    ) -> Answers[R]:
+        found: dict[str, object] = {}
+        classes: dict[str, Sequence[Iri]] = {}
+        told = list(notes)
+        for name in args:
+            value = self._parse_argument(kb, state_access, name, args[name])
+            if isinstance(value, NamedThing):
+                if value.members is not None:
+                    classes[name] = value.members
+                told += [f"{name}: {value.note}"] if value.note else []
+                value = value.iri
+            if value is not None:
+                found[name] = value
+        rows: dict[R, None] = {}
+        if self.is_relation and {*classes} <= self._fields and prod(map(len, classes.values())) > _FEW_COMBINATIONS:
+            given = {name: value for name, value in found.items() if name not in classes}
+            members = [(attrgetter(name), frozenset(each)) for name, each in classes.items()]
+            rows = dict.fromkeys(
+                row for row in self._rows(kb, given, state_access) if all(value(row) in each for value, each in members)
+            )
+        else:
+            for bound in self._combinations(found, classes):
+                rows |= dict.fromkeys(self._rows(kb, bound, state_access))
+        missing = () if rows else tuple(self._missing(kb, found, classes, state_access))
+        return Answers(self, found, tuple(rows), missing, kb=kb, classes=classes, notes=told)
+
+    def _combinations(
+        self, found: Mapping[str, object], classes: Mapping[str, Sequence[Iri]]
+    ) -> Iterator[Mapping[str, object]]:
+        """The arguments for each combination of individuals of the classes that were given.
+
+        Raises:
+            InvalidArgumentError: there are too many.
+        """
+        count = prod(map(len, classes.values()))
+        if count > _MAX_COMBINATIONS:
+            sizes = " and ".join(f"{counted(len(each), 'individual')} for {name}" for name, each in classes.items())
+            cause = f"{sizes} are {count:,} combinations, more than {_MAX_COMBINATIONS:,}"
+            raise InvalidArgumentError(self.name, cause=cause, remedy="give an individual, or a class with fewer")
+        for members in product(*classes.values()):
+            if len({*members}) == len(members):
+                yield {**found, **dict(zip(classes, members, strict=True))}
+
+    def _rows(self, kb: QuestionContext, args: Mapping[str, object], state_access: StateAccess) -> Iterable[R]:
         view = {"present": state_access} if self.uses_current_state else {}
-        rows: Iterable[R] = dict.fromkeys(self._function(kb, **found, **view))
-        bound = [name for name in found if name in self._fields]
-        if bound:
-            values_of, given = attrgetter(*bound), [found[name] for name in bound]
-            wanted = given[0] if len(bound) == 1 else tuple(given)
-            rows = [row for row in rows if values_of(row) == wanted]
-        answers = tuple(rows)
-        missing = () if answers or self._find_missing is None else tuple(self._find_missing(kb, **found, **view))
-        return Answers(self, found, answers, missing, kb=kb)
+        rows = self._function(kb, **args, **view)
+        bound = [name for name in args if name in self._fields]
+        if not bound:
+            return rows
+        values_of, given = attrgetter(*bound), [args[name] for name in bound]
+        wanted = given[0] if len(bound) == 1 else tuple(given)
+        return (row for row in rows if values_of(row) == wanted)
+
+    def _missing(
+        self,
+        kb: QuestionContext,
+        found: Mapping[str, object],
+        classes: Mapping[str, Sequence[Iri]],
+        state_access: StateAccess,
+    ) -> Iterator[MissingKnowledge]:
+        for name, members in classes.items():
+            if not members:
+                cls = Iri(str(found[name]))
+                reason = f"{local_name(cls)} has no individual: none of it or of a subclass is in a loaded map"
+                yield MissingKnowledge(cls, TYPE, reason)
+        if self._find_missing is None:
+            return
+        view = {"present": state_access} if self.uses_current_state else {}
+        lacks = (lack for args in self._combinations(found, classes) for lack in self._find_missing(kb, **args, **view))
+        yield from islice(dict.fromkeys(islice(lacks, _MAX_COMBINATIONS)), _MAX_MISSING if classes else None)
 
     def _parse_argument(self, kb: QuestionContext, state_access: StateAccess, name: str, value: object) -> object:
         argument = self._arguments_by_name.get(name)
@@ -618,28 +714,49 @@ class Question(Generic[R]):
             remedy = f"there is {choices}" if choices else ""
             raise InvalidArgumentError(f"{self.name}, {name}", cause=cause, remedy=remedy) from error
 
-    def _resolve_name(self, kb: QuestionContext, state_access: StateAccess, name: str, entity_type: EntityType) -> Iri:
+    def _resolve_name(
+        self, kb: QuestionContext, state_access: StateAccess, name: str, entity_type: EntityType
+    ) -> NamedThing:
         """Resolves a name; for a question about the current state also that of a body which only the engine has."""
+        may_be_spawned = self.uses_current_state and entity_type is EntityType.INDIVIDUAL
         try:
-            return kb.names.find(name, entity_type)
+            found = kb.names.find_thing(name, entity_type)
         except NameNotFoundError:
-            spawned = (
-                state_access.find_individual(name)
-                if self.uses_current_state and entity_type is EntityType.INDIVIDUAL
-                else None
-            )
-            if spawned is None:
-                raise
-            return spawned
+            if may_be_spawned and (spawned := state_access.find_individual(name)) is not None:
+                return NamedThing(spawned)
+            raise
+        is_vague = found.quality is not NameQuality.EXACT or found.members == ()
+        if is_vague and may_be_spawned and (spawned := state_access.find_individual(name)) is not None:
+            return NamedThing(spawned)
+        return found
 
 
-def question(function: Callable[..., Iterator[R]]) -> Question[R]:
-    """Declares a question under the function's name, which must be unique."""
-    declared = Question(function)
-    if declared.name in _QUESTIONS:
-        raise ValueError(f"there are two questions {declared.name}")
-    _QUESTIONS[declared.name] = declared
-    return declared
+@overload
+def question(function: Callable[..., Iterator[R]]) -> Question[R]: ...
+@overload
+def question(
+    *, sentences: Sequence[str] = (), is_relation: bool = False
+) -> Callable[[Callable[..., Iterator[R]]], Question[R]]: ...
+def question(
+    function: Callable[..., Iterator[R]] | None = None, *, sentences: Sequence[str] = (), is_relation: bool = False
+) -> Question[R] | Callable[[Callable[..., Iterator[R]]], Question[R]]:
+    """Declares a question under the function's name, which must be unique.
+
+    Args:
+        function: the generator function, if this is used without arguments.
+        sentences: templates of plain sentences that ask the question, such as "where is {thing}"; see
+            `mindstage.knowledge.sentences` for their syntax.
+        is_relation: see `Question.is_relation`.
+    """
+
+    def declare(function: Callable[..., Iterator[R]]) -> Question[R]:
+        declared = Question(function, sentences=sentences, is_relation=is_relation)
+        if declared.name in _QUESTIONS:
+            raise ValueError(f"there are two questions {declared.name}")
+        _QUESTIONS[declared.name] = declared
+        return declared
+
+    return declare if function is None else declare(function)
 
 
 def list_questions() -> tuple[Question[Any], ...]:
@@ -692,6 +809,7 @@ def answers_to_builtins(kb: QuestionContext, answers: Answers[Any], *, explain: 
             }
             for lack in answers.missing
         ],
+        "notes": list(answers.notes),
     }
 
 

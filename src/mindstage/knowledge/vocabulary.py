@@ -98,6 +98,7 @@ __all__ = [
     "START_TIME",
     "STORAGE",
     "SUBCLASS_OF",
+    "SYNONYM",
     "TAGS_DATA",
     "TAGS_JSON",
     "TASK_AFFORDED_BY",
@@ -146,6 +147,7 @@ def xsd(name: str) -> Iri:
 
 TYPE = Iri(RDF + "type")
 LABEL = Iri(RDFS + "label")
+SYNONYM = Iri("http://www.w3.org/2004/02/skos/core#altLabel")
 SUBCLASS_OF = Iri(RDFS + "subClassOf")
 EQUIVALENT_CLASS = Iri(OWL + "equivalentClass")
 ON_PROPERTY = Iri(OWL + "onProperty")

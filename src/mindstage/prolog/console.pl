@@ -40,7 +40,7 @@ create_user_module :- module_property(mindstage, exports(_)), import_module(user
 create_user_module :-
     forall(( user_module(Module), module_property(Module, exports(Names)) ),
            forall(member(Name, Names), mindstage:import(Module:Name))),
-    forall(member(Name, [questions/0, why/1, missing/2]), mindstage:import(mindstage_questions:Name)),
+    forall(member(Name, [questions/0, why/1, missing/2, ask_sentence/2, ask_sentence/3]), mindstage:import(mindstage_questions:Name)),
     delete_import_module(mindstage, user),
     add_import_module(mindstage, system, start),
     add_import_module(user, mindstage, start).

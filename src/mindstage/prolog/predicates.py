@@ -36,6 +36,7 @@ from mindstage.knowledge.owl import (
 from mindstage.knowledge.owl import LiteralValue as Constant
 from mindstage.knowledge.queries import AnswerRow, Answers, Question, get_question, list_questions
 from mindstage.knowledge.rdf import local_name, namespace_of
+from mindstage.knowledge.sentences import is_sentence
 from mindstage.knowledge.vocabulary import OWL, RDF, RDFS, TYPE, XSD
 from mindstage.prolog.swipl import FREE, Atom, Compound, Unbound, Value
 from mindstage.scene import Attachment, BodyId, Color, Iri, IriRef, Joint, Literal, World
@@ -102,6 +103,7 @@ class QuestionPredicates:
             "rows": self.rows,
             "reasons": self.reasons,
             "missing": self.missing,
+            "sentence": self.sentence,
             "prefixes": self.prefixes,
         }
 
@@ -136,6 +138,15 @@ class QuestionPredicates:
         """The missing facts, one sentence each; empty if there is an answer."""
         answers, _ = self._ask(name, args)
         return [Atom(fact.reason) for fact in answers.missing]
+
+    def sentence(self, text: Value) -> Value:
+        """The answers to a plain sentence as understood(Question, Arguments, Rows), with all columns."""
+        asked = str(text)
+        answers = self._simulation.ask(asked if is_sentence(asked) else f"{asked}?")
+        columns = _columns(answers.question)
+        given = [term_of(answers.args[column]) if column in answers.args else FREE for column in columns]
+        rows = dict.fromkeys(_row_values(row, answers, (), len(columns)) for row in answers)
+        return Compound("understood", (Atom(answers.question.name), given, [list(row) for row in rows]))
 
     def prefixes(self) -> Value:
         """The prefixes of IRIs; each map adds one for its namespace if the prefix is free."""

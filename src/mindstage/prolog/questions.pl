@@ -4,7 +4,7 @@
 % error_reply(Kind, Sentence) or interrupted.
 
 :- module(mindstage_questions, [request/2, question/2, answers/1, answers/2, define_questions/0, questions/0,
-                             why/1, missing/2]).
+                             why/1, missing/2, ask_sentence/2, ask_sentence/3]).
 :- use_module(prefixes).
 :- use_module(library(apply)).
 :- use_module(library(error)).
@@ -70,6 +70,22 @@ missing(Question, Sentence) :-
     Given =.. [Name|Arguments],
     request(missing(Name, Arguments), Sentences),
     member(Sentence, Sentences).
+
+%!  ask_sentence(+Sentence, -Answer) is nondet.
+%!  ask_sentence(+Sentence, -Answer, -Understood) is nondet.
+%
+%   The answers to a plain sentence, such as "where is the milk?": each is a goal of the question with all its columns.
+%   Understood is the question as it was understood, with the arguments bound that the sentence gives. Fails without an
+%   answer; throws if the sentence is not understood, or ambiguous.
+ask_sentence(Sentence, Answer) :- ask_sentence(Sentence, Answer, _).
+ask_sentence(Sentence, Answer, Understood) :-
+    must_be(text, Sentence),
+    text_to_string(Sentence, String),
+    atom_string(Text, String),
+    request(sentence(Text), understood(Name, Given, Rows)),
+    Understood =.. [Name|Given],
+    member(Row, Rows),
+    Answer =.. [Name|Row].
 
 % -- predicates --------------------------------------------------------------------------------------------------------
 

@@ -43,8 +43,9 @@ from mindstage.errors import (
     SimulationError,
 )
 from mindstage.knowledge import KnowledgeBase, SparqlResult
-from mindstage.knowledge.queries import AnswerRow, Answers, Question, get_question
+from mindstage.knowledge.queries import AnswerRow, Answers, Question
 from mindstage.knowledge.questions import StateAccess, WorldState
+from mindstage.knowledge.sentences import resolve_question
 from mindstage.scene import NO_GEOMETRY, Body, BodyGeometry, BodyId, Color, GeometryMap, GeometrySource, Vector, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.colors import color_from
@@ -651,13 +652,15 @@ class Simulation:
     @overload
     def ask(self, question: str, /, *positional: object, **args: object) -> Answers[Any]: ...
     def ask(self, question: Question[Any] | str, /, *positional: object, **args: object) -> Answers[Any]:
-        """All answers to a question, for the current state; see `KnowledgeBase.ask`.
+        """All answers to a question or a plain sentence, for the current state; see `KnowledgeBase.ask`.
 
         The state is read from the engine at most once, and only by questions about it.
         """
-        resolved = get_question(question) if isinstance(question, str) else question
-        bound = resolved.bind(positional, args)
-        return resolved.ask(self.knowledge, bound, present=StateAccess(self.knowledge, self.current_state))
+        present = StateAccess(self.knowledge, self.current_state)
+        resolved, known, notes = resolve_question(
+            self.knowledge, question, args, positional=positional, find_body=present.find_individual
+        )
+        return resolved.ask(self.knowledge, known, present=present, notes=notes)
 
     def sparql(self, query: str, *, timeout_s: float = 30.0, allow_service: bool = False) -> SparqlResult:
         """Runs a SPARQL query; see `KnowledgeBase.sparql`.

@@ -19,6 +19,7 @@ from mindstage.knowledge import KnowledgeBase, RdfTerm, SparqlResult
 from mindstage.knowledge.names import EntityType, compact_iri
 from mindstage.knowledge.queries import Answers, Question, cell_text, get_question, list_questions, subject_column
 from mindstage.knowledge.rdf import local_name
+from mindstage.knowledge.sentences import is_sentence
 from mindstage.knowledge.tell import parse_value
 from mindstage.scene import BodyId
 from mindstage.scene.colors import hex_color, parse_color
@@ -91,6 +92,8 @@ class AnswerTable(msgspec.Struct, frozen=True, kw_only=True):
     """The answer to a yes-or-no query."""
     complete: bool = True
     """False if the search stopped at a limit, so that there may be more than `total`."""
+    notes: tuple[str, ...] = ()
+    """How a sentence or a name was understood."""
 
 
 class _Parameter(msgspec.Struct, frozen=True):
@@ -162,6 +165,7 @@ def answer_table(kb: KnowledgeBase, answers: Answers[Any], bodies: Mapping[str, 
             for fact in answers.missing
         ),
         explainable=answers.question.has_explanation,
+        notes=answers.notes,
     )
 
 
@@ -183,7 +187,7 @@ def prolog_table(rows: PrologSolutions, bodies: Mapping[str, BodyId], *, title: 
 def _columns(kb: KnowledgeBase, answers: Answers[Any], individual: str | None) -> list[str]:
     """The columns that are shown, the individual first; without arguments and a single map, which are constant."""
     all_columns = answers.question.columns
-    constant = {*answers.args}
+    constant = {*answers.args} - {*answers.classes}
     if len(kb.maps()) == 1:
         constant |= {name for name, kind in all_columns.items() if kind is EntityType.MAP}
     columns = [name for name in all_columns if name != individual and name not in constant]
@@ -249,7 +253,7 @@ class PrologSolver(Protocol):
 
 
 class AskRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Parameters of `ask`: a declared question. Arguments that `args` does not contain are unbound."""
+    """Parameters of `ask`: a question, or a plain sentence. Arguments that `args` does not contain are unbound."""
 
     question: str
     args: dict[str, str] = {}
@@ -393,9 +397,9 @@ class AskHandler:
     # -- questions -----------------------------------------------------------------------------------------------------
 
     def _ask(self, session: ClientSession, request: AskRequest) -> AnswerTable:
-        question = get_question(request.question)
+        question = request.question if is_sentence(request.question) else get_question(request.question).name
         args = {name: value for name, value in request.args.items() if value.strip()}
-        title = " ".join([question.name, *(f"{name}={value}" for name, value in args.items())])
+        title = _title(" ".join([question, *(f"{name}={value}" for name, value in args.items())]))
 
         def answer() -> _KeptAnswers:
             answers = self._simulation.ask(question, **_checked_args(args))

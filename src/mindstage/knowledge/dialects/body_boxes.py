@@ -475,7 +475,9 @@ class _SizeSolver:
             distance = np.linalg.norm(bodies.positions[a] - bodies.positions[b], axis=1)
             near = (distance < _SAME_PLACE * small) & (large < _SIMILAR_SIZE * small)
             pairs.append(np.stack([a[near], b[near]], axis=1))
-        both = np.unique(np.concatenate([*pairs, *(pair[:, ::-1] for pair in pairs)]), axis=0)
+        both = np.concatenate([*pairs, *(pair[:, ::-1] for pair in pairs)])
+        both = both[np.lexsort((both[:, 1], both[:, 0]))]
+        both = both[np.diff(both, axis=0, prepend=-1).any(axis=1)]  # np.unique would load numpy.ma, which is slow
         return np.searchsorted(both[:, 0], np.arange(count + 1)), both[:, 1]
 
     def _protrusion(self, group: _Group, box: Array, sizes: Array) -> float:
@@ -633,8 +635,9 @@ def _choice(group: _Group, absolute: Array) -> _Choice:
     flat = bool(_PANE_WORD.search(local_name(group.cls)))
     boxes: list[Array] = []
     priors: list[float] = []
-    _, first = np.unique(np.round(absolute[group.rows], 6), axis=0, return_index=True)
-    for rank, at in enumerate(np.sort(first)[:_MAX_ORIENTATIONS].tolist()):
+    rounded = (np.round(absolute[group.rows], 6) + 0.0).reshape(len(group.rows), -1).tolist()
+    first = dict(zip(map(tuple, reversed(rounded)), range(len(rounded) - 1, -1, -1), strict=True))
+    for rank, at in enumerate(sorted(first.values())[:_MAX_ORIENTATIONS]):
         if len(boxes) >= _MAX_CANDIDATES:
             break
         proportions = None if group.mesh is None else group.mesh[0]

@@ -82,7 +82,18 @@ class PartOf(AnswerRow, frozen=True, kw_only=True):
     """The map that the whole is described in."""
 
 
-@question
+@question(
+    sentences=(
+        "what are the parts of {whole}",
+        "which parts does {whole} have",
+        "what does {whole} consist of",
+        "what is {part} [a] part of",
+        "what does {part} belong to",
+        "(is|are) {part} [a] part of {whole}",
+        "what is {whole} made up of",
+        "list [the] parts of {whole}",
+    )
+)
 def part_of(
     kb: QuestionContext,
     part: IndividualName | None = None,
@@ -155,7 +166,20 @@ class HandleOf(AnswerRow, frozen=True, kw_only=True):
     """The map that the individual is described in."""
 
 
-@question
+@question(
+    sentences=(
+        "(where|what|which) is the handle of {individual}",
+        "which handle does {individual} have",
+        "what are the handles of {individual}",
+        "how do i open {individual}",
+        "where do i (grasp|grip) {individual}",
+        "what does {handle:Handle} open",
+        "does {individual} have a handle",
+        "which handle opens {individual}",
+        "whose handle is {handle:Handle}",
+        "what is {handle:Handle} the handle of",
+    )
+)
 def handle_of(
     kb: QuestionContext,
     individual: IndividualName | None = None,
@@ -298,7 +322,15 @@ class PoseRow(AnswerRow, frozen=True, kw_only=True):
     """Where the pose comes from: the name of the engine, or "map"."""
 
 
-@question
+@question(
+    sentences=(
+        "what is the (pose|position|orientation) of {thing}",
+        "where exactly is {thing}",
+        "at which position is {thing}",
+        "what are the coordinates of {thing}",
+        "which (pose|position|orientation) does {thing} have",
+    )
+)
 def pose_of(
     kb: QuestionContext, thing: IndividualName | None = None, map: MapName | None = None, *, present: StateAccess
 ) -> Iterator[PoseRow]:
@@ -379,7 +411,20 @@ class IndividualDescription(AnswerRow, frozen=True, kw_only=True):
     """Where the pose comes from: the name of the engine, or "map"; None without a pose."""
 
 
-@question
+@question(
+    sentences=(
+        "what is {individual}",
+        "describe {individual}",
+        "what do you know about {individual}",
+        "tell me about {individual}",
+        "how (big|large|heavy|tall|wide|high|deep) is {individual}",
+        "what (size|mass) does {individual} have",
+        "what is the (size|mass|weight|height|width|mesh|joint limit) of {individual}",
+        "which properties does {individual} have",
+        "what kind of thing is {individual}",
+        "how much does {individual} weigh",
+    )
+)
 def what_is(
     kb: QuestionContext, individual: IndividualName | None = None, map: MapName | None = None, *, present: StateAccess
 ) -> Iterator[IndividualDescription]:
@@ -492,7 +537,15 @@ class MapCounts(AnswerRow, frozen=True, kw_only=True):
     relations: int
 
 
-@question
+@question(
+    sentences=(
+        "how many things are in {map}",
+        "count everything",
+        "what does {map} contain in numbers",
+        "how big is the map {map}",
+        "how many (objects|joints|individuals|things) are there",
+    )
+)
 def analyse(kb: QuestionContext, map: MapName | None = None) -> Iterator[MapCounts]:
     """Counts of what a map describes, as its files state it: the numbers of the thesis's analyse_semantic_map.
 

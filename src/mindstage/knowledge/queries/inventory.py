@@ -92,7 +92,17 @@ class LargerRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses come from: the name of the engine, or "map"."""
 
 
-@question
+@question(
+    sentences=(
+        "(is {thing}|what is|which {thing} is) (larger|bigger) than {other} {measure=volume}",
+        "(is {thing}|what is|which {thing} is) (taller|higher) than {other} {measure=height}",
+        "(is {thing}|what is|which {thing} is) longer than {other} {measure=length}",
+        "(is {thing}|what is|which {thing} is) heavier than {other} {measure=mass}",
+        "(is {other}|what is) smaller than {thing} {measure=volume}",
+        "(is {other}|what is) lighter than {thing} {measure=mass}",
+        "(is {other}|what is) shorter than {thing} {measure=height}",
+    )
+)
 def larger_than(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -217,7 +227,16 @@ class ClassCount(AnswerRow, frozen=True, kw_only=True):
     """Where the poses come from, if a place was given: the name of the engine, or "map"."""
 
 
-@question
+@question(
+    sentences=(
+        "how many {cls} are there",
+        "how many {cls} do we have",
+        "how many {cls} are (on|in|inside) {place}",
+        "how many {cls} are in {map}",
+        "how many {cls} does {place} (have|contain|hold)",
+        "count [the] {cls}",
+    )
+)
 def how_many(
     kb: QuestionContext,
     cls: ClassName | None = None,
@@ -319,7 +338,15 @@ class SimilarRow(AnswerRow, frozen=True, kw_only=True):
     """The map that `other` is described in."""
 
 
-@question
+@question(
+    sentences=(
+        "what is (like|similar to|the same as) {thing}",
+        "is {thing} (like|similar to|the same as) {other}",
+        "(what|which things) (looks|look) like {thing}",
+        "find something like {thing}",
+        "are {thing} and {other} (alike|similar|the same)",
+    )
+)
 def similar_to(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -449,7 +476,17 @@ class MisplacedRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses come from: the name of the engine, or "map"."""
 
 
-@question
+@question(
+    sentences=(
+        "(what|which {cls}) is misplaced",
+        "is {thing} misplaced",
+        "what is not (where it belongs|in its place)",
+        "which {cls} are not (where they belong|in their place)",
+        "what is in the wrong place",
+        "is {thing} where it belongs",
+        "what (should be|has to be) put away",
+    )
+)
 def misplaced(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -579,7 +616,22 @@ class StateRow(AnswerRow, frozen=True, kw_only=True):
     """Whether it was asserted at run time, rather than by a file."""
 
 
-@question
+@question(
+    sentences=(
+        "what is the state of {thing}",
+        "which states does {thing} have",
+        "what was told about {thing}",
+        "(is {thing}|what is|which {thing} is|which things are) clean {value=clean}",
+        "(is {thing}|what is|which {thing} is|which things are) dirty {value=dirty}",
+        "(is {thing}|what is|which {thing} is|which things are) on {value=on}",
+        "(is {thing}|what is|which {thing} is|which things are) off {value=off}",
+        "(is {thing}|what is|which {thing} is|which things are) full {value=full}",
+        "(is {thing}|what is|which {thing} is|which things are) empty {value=empty}",
+        "(is {thing}|what is|which {thing} is|which things are) hot {value=hot}",
+        "(is {thing}|what is|which {thing} is|which things are) cold {value=cold}",
+        "(is {thing}|what is|which {thing} is|which things are) broken {value=broken}",
+    )
+)
 def states(
     kb: QuestionContext,
     thing: IndividualName | None = None,

@@ -53,7 +53,14 @@ class MapInfo(AnswerRow, frozen=True, kw_only=True):
     individuals: int
 
 
-@question
+@question(
+    sentences=(
+        "which maps are (loaded|there)",
+        "what maps are (loaded|there)",
+        "list [all] maps",
+        "which environments are (loaded|there)",
+    )
+)
 def maps(kb: QuestionContext, map: MapName | None = None) -> Iterator[MapInfo]:
     """All semantic maps that are loaded, with the number of their individuals.
 
@@ -86,7 +93,20 @@ class MapMember(AnswerRow, frozen=True, kw_only=True):
     map: MapName
 
 
-@question
+@question(
+    sentences=(
+        "what is in {map}",
+        "list everything",
+        "what is there",
+        "what things are there",
+        "what objects are there",
+        "which (things|objects) are in {map}",
+        "what does the map {map} contain",
+        "show everything",
+        "is {individual} in {map}",
+        "does {individual} exist",
+    )
+)
 def everything_in_map(
     kb: QuestionContext, individual: IndividualName | None = None, map: MapName | None = None
 ) -> Iterator[MapMember]:
@@ -122,7 +142,23 @@ class InstanceOfClass(AnswerRow, frozen=True, kw_only=True):
     map: MapName
 
 
-@question
+@question(
+    sentences=(
+        "which {cls} are there",
+        "what {cls} are there",
+        "list [all] {cls}",
+        "show [me] [all] {cls}",
+        "is there a {cls}",
+        "are there {cls}",
+        "which things are {cls}",
+        "what class does {individual} have",
+        "which classes does {individual} have",
+        "is {individual} a kind of {cls}",
+        "is {individual} an instance of {cls}",
+        "what are the instances of {cls}",
+        "do we have {cls}",
+    )
+)
 def individual_of_class(
     kb: QuestionContext,
     cls: ClassName | None = None,
@@ -185,7 +221,14 @@ class MapEquality(AnswerRow, frozen=True, kw_only=True):
     """The ids of entities that only one of the maps has, or that differ by more than the tolerance."""
 
 
-@question
+@question(
+    sentences=(
+        "are {a} and {b} (identical|equal|same|the same)",
+        "is {a} identical to {b}",
+        "is {a} the same map as {b}",
+        "are {a} and {b} identical within {tolerance}",
+    )
+)
 def identical_maps(
     kb: QuestionContext, a: MapName | None = None, b: MapName | None = None, tolerance: float = 0.0
 ) -> Iterator[MapEquality]:
@@ -223,7 +266,15 @@ class MapDifference(AnswerRow, frozen=True, kw_only=True):
     """The difference of the two values, in meters, radians or kilograms; None if they are not numbers."""
 
 
-@question
+@question(
+    sentences=(
+        "how do {a} and {b} differ",
+        "what is the difference between {a} and {b}",
+        "what has changed (from|between) {a} (to|and) {b}",
+        "compare {a} (and|with) {b}",
+        "how does {a} differ from {b} by more than {tolerance}",
+    )
+)
 def differences(
     kb: QuestionContext, a: MapName | None = None, b: MapName | None = None, tolerance: float = 0.0
 ) -> Iterator[MapDifference]:

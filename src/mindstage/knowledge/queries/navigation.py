@@ -188,7 +188,15 @@ class FloorPathRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses and shapes come from: the name of the engine, or "map, bounding boxes"."""
 
 
-@question
+@question(
+    sentences=(
+        "how do i get from {start} to {goal} [with [a] radius [of] {radius}]",
+        "what is the [shortest] (way|path) from {start} to {goal} [with [a] radius [of] {radius}]",
+        "can (i|robot) (go|drive|get) from {start} to {goal} [with [a] radius [of] {radius}]",
+        "what blocks the way from {start} to {goal}",
+        "what is the [shortest] (way|path) from the position {start_position} to {goal}",
+    )
+)
 def path(
     kb: QuestionContext,
     start: IndividualName | None = None,
@@ -305,7 +313,16 @@ class ReachabilityRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses and shapes come from: the name of the engine, or "map, bounding boxes"."""
 
 
-@question
+@question(
+    sentences=(
+        "what can (i|robot) reach from {start} {reachable=true}",
+        "what is reachable from {start} {reachable=true}",
+        "what is not reachable from {start} {reachable=false}",
+        "is {goal} reachable from {start}",
+        "can (i|robot) reach {goal} from {start}",
+        "which things can be reached from {start} {reachable=true}",
+    )
+)
 def reachable(
     kb: QuestionContext,
     start: IndividualName | None = None,
@@ -427,7 +444,16 @@ class RoomRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses come from: the name of the engine, or "map"."""
 
 
-@question
+@question(
+    sentences=(
+        "(which|what) room is {thing} in",
+        "in which room is {thing}",
+        "what is in {room:RoomInAConstruction,Room}",
+        "what is in the region {region}",
+        "is {thing} in {room:RoomInAConstruction,Room}",
+        "which {thing} is in {room:RoomInAConstruction,Room}",
+    )
+)
 def in_room(
     kb: QuestionContext,
     thing: IndividualName | None = None,

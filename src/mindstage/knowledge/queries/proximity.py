@@ -215,7 +215,17 @@ class DirectionRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses come from: the name of the engine, or "map"."""
 
 
-@question
+@question(
+    sentences=(
+        "(what|which thing) is {direction} {other}",
+        "is {thing} {direction} {other}",
+        "which {thing} is {direction} {other}",
+        "where is {thing} relative to {other}",
+        "on which side of {other} is {thing}",
+        "what is {direction} {other} seen from {viewer} {frame=viewer}",
+        "what is {direction} {other} on the map {frame=map}",
+    )
+)
 def direction_of(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -385,7 +395,14 @@ class DistanceRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses come from: the name of the engine, or "map"."""
 
 
-@question
+@question(
+    sentences=(
+        "how far is {thing} [away] from {other}",
+        "how far apart are {thing} and {other}",
+        "what is the distance (between {thing} and|from {thing} to) {other}",
+        "how close is {thing} to {other}",
+    )
+)
 def distance(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -503,7 +520,16 @@ class NeighborRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses come from: the name of the engine, or "map"."""
 
 
-@question
+@question(
+    sentences=(
+        "what is (nearest|closest) to {thing}",
+        "which {cls} is (nearest|closest) to {thing}",
+        "where is the (nearest|closest) {cls} to {thing}",
+        "what are the {count} (nearest|closest) (things|objects) to {thing}",
+        "which {count} {cls} are (nearest|closest) to {thing}",
+        "what is (nearest|closest) to the position {position}",
+    )
+)
 def nearest(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -627,7 +653,13 @@ class BetweenRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses come from: the name of the engine, or "map"."""
 
 
-@question
+@question(
+    sentences=(
+        "what is between {one} and {other}",
+        "is {thing} between {one} and {other}",
+        "which {thing} is between {one} and {other}",
+    )
+)
 def is_between(
     kb: QuestionContext,
     thing: IndividualName | None = None,

@@ -58,7 +58,25 @@ class SpatialRelationRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses come from: the name of the engine, or "map"."""
 
 
-@question
+@question(
+    sentences=(
+        "where is {thing}",
+        "where can i find {thing}",
+        "where do i find {thing}",
+        "(find|locate) {thing}",
+        "(what|which thing|which object) is {relation} {other}",
+        "what is there {relation} {other}",
+        "what lies {relation} {other}",
+        "what stands {relation} {other}",
+        "is {thing} {relation} {other}",
+        "(is|are) there {thing} {relation} {other}",
+        "what is {thing} {relation}",
+        "(what|which thing) does {other} contain {relation=inside}",
+        "what is the content of {other} {relation=inside}",
+        "which {thing} is {relation} {other}",
+    ),
+    is_relation=True,
+)
 def where_is(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -175,7 +193,21 @@ class JointOpenness(AnswerRow, frozen=True, kw_only=True):
     """Where the displacement comes from: the name of the engine, or "map"."""
 
 
-@question
+@question(
+    sentences=(
+        "which (thing|container) is {state}",
+        "what is {state}",
+        "(is|which) {thing} [is] {state}",
+        "(is|which) {front:PortalCovering,Drawer} [is] {state}",
+        "how far is {thing} (open|opened)",
+        "how far is {front:PortalCovering,Drawer} (open|opened)",
+        "how open is {thing}",
+        "what opens {thing}",
+        "which doors and drawers does {thing} have",
+        "what does {front:PortalCovering,Drawer} (open|close)",
+    ),
+    is_relation=True,
+)
 def openings(
     kb: QuestionContext,
     thing: IndividualName | None = None,

@@ -206,7 +206,18 @@ class ActionDevice(AnswerRow, frozen=True, kw_only=True):
     """The action's class, or the superclass that has the restriction."""
 
 
-@question
+@question(
+    sentences=(
+        "what [device] is used for {action}",
+        "what do i need (for|to) {action}",
+        "what can {device} be used for",
+        "what is {device} [used] for",
+        "what can i do with {device}",
+        "which devices are [used] for {action}",
+        "what kind of device is used for {action}",
+        "what does one need for {action}",
+    )
+)
 def device_for_action(
     kb: QuestionContext, action: ClassName | None = None, device: ClassName | None = None
 ) -> Iterator[ActionDevice]:
@@ -352,7 +363,17 @@ class ActionDeviceInMap(AnswerRow, frozen=True, kw_only=True):
     map: MapName
 
 
-@question
+@question(
+    sentences=(
+        "where can i [do] {action}",
+        "with what can i [do] {action}",
+        "what [here] can i use for {action}",
+        "which (thing|object) can i use for {action}",
+        "what can {individual} do",
+        "how do i {action}",
+        "what is {individual} good for",
+    )
+)
 def device_for_action_in_environment(
     kb: QuestionContext,
     action: ClassName | None = None,
@@ -432,7 +453,18 @@ class StoragePlace(AnswerRow, frozen=True, kw_only=True):
     """The number of classes between `item` and `because_of`; the most specific answers, with the fewest, come first."""
 
 
-@question
+@question(
+    sentences=(
+        "(what kind of|which kind of) (place|container) is {item} (stored|kept) in",
+        "where is {item} (stored|kept) in general",
+        "where are {item} usually (stored|kept)",
+        "what is (stored|kept) in {place} in general",
+        "what belongs (in|into) {place} in general",
+        "what kinds of things go (in|into) {place}",
+        "what kinds of things are (stored|kept) in {place}",
+        "what do we (store|keep) in {place}",
+    )
+)
 def storage_place(
     kb: QuestionContext, item: ClassName | None = None, place: ClassName | None = None
 ) -> Iterator[StoragePlace]:
@@ -598,7 +630,24 @@ class StoragePlaceInMap(AnswerRow, frozen=True, kw_only=True):
     map: MapName
 
 
-@question
+@question(
+    sentences=(
+        "where is {item} (stored|kept)",
+        "where does {item} belong",
+        "where does {item} go",
+        "where (should|do|can) i put {item}",
+        "where do i (store|keep) {item}",
+        "where should {item} be [stored|kept]",
+        "what is the (storage place|place) of {item}",
+        "put away {item}",
+        "where do we (store|keep) {item}",
+        "is {item} (stored|kept) in {individual}",
+        "what is (stored|kept) in {individual}",
+        "what belongs (in|into) {individual}",
+        "what (goes|should go) (in|into) {individual}",
+        "what should be in {individual}",
+    )
+)
 def storage_place_in_environment(
     kb: QuestionContext,
     item: ClassName | None = None,

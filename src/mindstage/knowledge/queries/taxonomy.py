@@ -34,7 +34,19 @@ class SubclassRelation(AnswerRow, frozen=True, kw_only=True):
     """1 for a direct superclass."""
 
 
-@question
+@question(
+    sentences=(
+        "what are the (superclasses|superclass) of {cls}",
+        "what kinds of {superclass} are there",
+        "which kinds of {superclass} are there",
+        "which kinds of {superclass} exist",
+        "what are the subclasses of {superclass}",
+        "is (every|each) {cls} a {superclass}",
+        "is {cls} a subclass of {superclass}",
+        "which classes are above {cls}",
+        "which classes are below {superclass}",
+    )
+)
 def subclass_of(
     kb: QuestionContext, cls: ClassName | None = None, superclass: ClassName | None = None
 ) -> Iterator[SubclassRelation]:
@@ -87,7 +99,14 @@ class SiblingClasses(AnswerRow, frozen=True, kw_only=True):
     parent: ClassName
 
 
-@question
+@question(
+    sentences=(
+        "what classes are like {cls}",
+        "what are the siblings of {cls}",
+        "which classes are siblings of {cls}",
+        "what else is of the kind of {cls}",
+    )
+)
 def siblings(
     kb: QuestionContext, cls: ClassName | None = None, sibling: ClassName | None = None
 ) -> Iterator[SiblingClasses]:
@@ -152,7 +171,16 @@ class ClassRestrictionRow(AnswerRow, frozen=True, kw_only=True):
     """The superclass that the restriction is inherited from, or the class itself."""
 
 
-@question
+@question(
+    sentences=(
+        "what are the properties of {cls}",
+        "which properties does the class {cls} have",
+        "what are the restrictions on {cls}",
+        "what is the {property} of the class {cls}",
+        "which classes have {value} as {property}",
+        "what does every {cls} have",
+    )
+)
 def class_properties(
     kb: QuestionContext,
     cls: ClassName | None = None,

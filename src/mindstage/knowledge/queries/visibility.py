@@ -85,7 +85,19 @@ class VisibilityRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses and shapes come from: the name of the engine, or "map, bounding boxes"."""
 
 
-@question
+@question(
+    sentences=(
+        "what is visible from {viewer}",
+        "what can be seen from {viewer}",
+        "what can (i|robot) see from {viewer}",
+        "is {thing} visible from {viewer}",
+        "what does {viewer} see",
+        "can {viewer} see {thing}",
+        "from where is {thing} visible",
+        "what hides {thing} from {viewer}",
+        "what is visible from the position {viewer_pose}",
+    )
+)
 def visible_from(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -206,7 +218,14 @@ class FitRow(AnswerRow, frozen=True, kw_only=True):
     """Where the shapes come from: the name of the engine, or "map, bounding boxes"."""
 
 
-@question
+@question(
+    sentences=(
+        "(does|can|would) {thing} fit {relation} {place}",
+        "(what|which {thing}) fits {relation} {place}",
+        "where does {thing} fit",
+        "is {place} large enough for {thing} {relation=into}",
+    )
+)
 def fits(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -342,7 +361,17 @@ class FreePlaceRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses and shapes come from: the name of the engine, or "map, bounding boxes"."""
 
 
-@question
+@question(
+    sentences=(
+        "where is [there] [free] (room|space) for {thing} [{relation} {support}]",
+        "is there [free] (room|space) for {thing} {relation} {support}",
+        "where can i place {thing} {relation} {support}",
+        "where is [there] [free] (room|space) {relation} {support}",
+        "find a free place {relation} {support}",
+        "find a free place for {thing} {relation} {support}",
+        "where can i place another {cls} {relation} {support}",
+    )
+)
 def free_place(
     kb: QuestionContext,
     thing: IndividualName | None = None,
@@ -513,7 +542,14 @@ class LiquidContainerRow(AnswerRow, frozen=True, kw_only=True):
     """Where the poses and shapes come from: the name of the engine, or "map, bounding boxes"."""
 
 
-@question
+@question(
+    sentences=(
+        "(what|which {thing}) can (hold|contain) (liquid|liquids|water)",
+        "can {thing} (hold|contain) (liquid|liquids|water)",
+        "how much (liquid|water) can {thing} (hold|contain)",
+        "what can i pour (liquid|water) into",
+    )
+)
 def can_hold_liquid(
     kb: QuestionContext,
     thing: IndividualName | None = None,

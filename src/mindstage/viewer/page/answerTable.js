@@ -11,7 +11,7 @@ let color = COLORS[0];
 
 // Shows a result of the server (see AnswerTable in Python); `askAgain` repeats the question after a fact was asserted.
 export function answerTable(answers, askAgain) {
-  return el("div", { class: "answers", "data-answers": String(answers.total) }, header(answers), answers.boolean === undefined || answers.boolean === null ? table(answers) : null, answers.missing?.map((fact) => missingFact(fact, askAgain)));
+  return el("div", { class: "answers", "data-answers": String(answers.total) }, header(answers), answers.notes?.map((note) => el("p", { class: "muted", "data-role": "note" }, note)), answers.boolean === undefined || answers.boolean === null ? table(answers) : null, answers.missing?.map((fact) => missingFact(fact, askAgain)));
 }
 
 function header(answers) {

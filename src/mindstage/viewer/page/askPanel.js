@@ -53,8 +53,19 @@ class AskPanel {
     const menu = el("select", { "aria-label": "Question", "data-role": "question", onchange: () => this.#showQuestion(menu.value, form) },
       this.#questions.map(({ name }) => el("option", { value: name, selected: name === first.name }, name.replaceAll("_", " "))));
     const form = el("form", { onsubmit: (event) => event.preventDefault() });
-    replaceChildren(this.#form, menu, form);
+    replaceChildren(this.#form, this.#sentenceField(), menu, form);
     this.#showQuestion(first.name, form);
+  }
+
+  // A plain sentence; the answers begin with the question that it was understood as.
+  #sentenceField() {
+    const input = el("input", { type: "text", class: "grow", maxlength: "1000", "aria-label": "Question in words", placeholder: "where is the milk?", "data-role": "sentence" });
+    const ask = () => {
+      const text = input.value.trim();
+      if (text) this.#ask("ask", { question: text.endsWith("?") ? text : `${text}?` });
+    };
+    input.addEventListener("keydown", (event) => event.key === "Enter" && ask());
+    return el("div", { class: "row" }, input, el("button", { type: "button", class: "primary", "data-action": "ask-sentence", onclick: ask }, "Ask"));
   }
 
   #showQuestion(name, form) {
