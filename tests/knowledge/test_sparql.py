@@ -233,7 +233,7 @@ class RecordedWorker:
     def __init__(self, pool: QueryWorkerPool) -> None:
         self.pool, self.is_killed = pool, False
 
-    def query(self, query: str, timeout_s: float, *, check_only: bool) -> tuple[str, bytes]:
+    def query(self, query: str, timeout_s: float, *, check_only: bool, prefixes: object) -> tuple[str, bytes]:
         if query == "slow":
             self.pool.discard_all()
         return query, b""

@@ -245,8 +245,8 @@ class QueryWorkerPool:
         timeout_s: float,
         *,
         check_only: bool,
-        prefixes: Mapping[str, str],
         start_worker: Callable[[], QueryWorker],
+        prefixes: Mapping[str, str] = PREFIXES,
     ) -> tuple[str, bytes]:
         """Runs a query in a worker, and returns the kind and the bytes of the reply.
 
@@ -254,8 +254,8 @@ class QueryWorkerPool:
             query: a SPARQL query.
             timeout_s: time limit [s].
             check_only: whether it is parsed and not evaluated.
-            prefixes: the prefixes that it need not declare.
             start_worker: starts a worker if none is idle.
+            prefixes: the prefixes that it need not declare.
 
         Raises:
             SparqlTimeoutError: the time limit was exceeded.
