@@ -88,7 +88,7 @@ def test_the_output_is_that_of_the_loaded_map(run: Run, kitchen: Simulation, arg
 @pytest.mark.parametrize(
     "args",
     [
-        ["ask", "what_is", "fridge", "--why"],
+        ["ask", "part_of", "fridge_door", "--why"],
         ["sparql", "SELECT ?x { ?x rdfs:subClassOf knowrob:Door } ORDER BY ?x"],
         ["sparql", "ASK { knowrob:Door rdfs:subClassOf knowrob:Cup }"],
     ],
@@ -110,6 +110,11 @@ def test_the_answers_are_those_of_the_present_state(run: Run, kitchen: Simulatio
     try:
         moved = run("ask", "where_is", "milk_carton_1", "inside", "--running", "--json")
         assert (moved.exit_code, json_output(moved)["answers"]) == (1, [])
+        height = (
+            "SELECT ?at FROM <urn:mindstage:present> { kitchen:milk_carton_1 knowrob:pose/knowrob:translation ?at }"
+        )
+        (row,) = json_output(run("sparql", height, "--running", "--json"))["rows"]
+        assert float(row["at"]["value"].split()[2]) == 9.0
     finally:
         kitchen.run_on_engine(lambda engine: engine.set_pose(milk, before), label="move", edits=True)
 

@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from mindstage.engines import NullEngine
 from mindstage.errors import PrologGoalError
@@ -165,6 +168,20 @@ def test_poses_have_both_forms_of_knowrob(kitchen: PrologConsole, world: World) 
         assert term[:2] == ["map", body.id]
         assert term[2] == pytest.approx(body.pose.position)
         assert term[3] == pytest.approx((x, y, z, w), abs=1e-6)
+
+
+@given(quaternion=arrays(np.float64, 4, elements=st.floats(-1.0, 1.0)).filter(lambda q: float(q @ q) > 1e-3))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@example(quaternion=np.array([0.0, 1.0, 0.0, 0.0]))
+@example(quaternion=np.array([0.0, 0.0, 0.0, -1.0]))
+@example(quaternion=np.array([1e-9, 0.0, 1.0, 0.0]))
+def test_a_pose_is_the_same_after_a_matrix(quaternion: np.ndarray[Any, Any], kitchen: PrologConsole) -> None:
+    unit = (quaternion / np.linalg.norm(quaternion)).tolist()
+    module = "mindstage_knowrob_objects"
+    (row,) = kitchen.solutions(f"{module}:matrix([1, 2, 3], {unit}, M), {module}:matrix_pose(M, P, Q)")
+    assert row["P"] == [1, 2, 3]
+    assert abs(np.dot(row["Q"], unit)) == pytest.approx(1.0, abs=1e-9)
+    assert np.linalg.norm(row["Q"]) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_joints_have_poses(kitchen: PrologConsole, world: World) -> None:
@@ -331,6 +348,20 @@ def test_maps_of_other_generations_answer(name: str, prolog: Path, shared_data: 
         assert values(console, "map_child_object(A, B)", "A", "B") <= parts
 
 
+def test_a_soma_map_answers_in_both_vocabularies(prolog: Path, shared_data: Path) -> None:
+    knowledge = KnowledgeBase()
+    knowledge.load(shared_data / "maps" / "soma-iai-room.owl")
+    bodies = knowledge.world().bodies
+    handles = {(local(each.iri),) for each in bodies if each.cls.endswith("#DesignedHandle") and "#" in each.iri}
+    with Simulation(knowledge, NullEngine()) as simulation, PrologConsole(simulation) as console:
+        for goal in ("entity(X, [an, object, [type, handle]])", "has_type(X, knowrob:'Handle'), is_at(X, _)"):
+            assert values(console, goal, "X") == handles
+        assert len(handles) > 10
+        assert console.solutions("object_color(drawer_sinkblock_upper_handle, X)") == [{"X": [0.2, 0.2, 0.2, 1.0]}]
+        assert values(console, "object_affordance(drawer_sinkblock_upper_handle, X)", "X") == {("Graspability",)}
+        assert values(console, "storagePlaceFor(X, knowrob:'CowsMilk')", "X")
+
+
 def test_a_map_that_is_spawned_in_part_keeps_the_poses_of_the_rest(
     console: PrologConsole, simulation: Simulation
 ) -> None:
@@ -356,6 +387,8 @@ def test_an_unknown_object_fails_with_close_names(kitchen: PrologConsole, capfd:
 
 def test_relations_are_properties(kitchen: PrologConsole) -> None:
     inside = values(kitchen, "in_ContGeneric(X, fridge)", "X")
+    assert values(kitchen, "rdf_has(X, knowrob:'in-ContGeneric', kitchen:fridge)", "X") == inside
+    assert values(kitchen, "rdf_triple(knowrob:'in-ContGeneric', X, kitchen:fridge)", "X") == inside
     assert values(kitchen, "holds(X, knowrob:'in-ContGeneric', kitchen:fridge)", "X") == inside
     assert values(kitchen, "holds(knowrob:'in-ContGeneric'(X, fridge))", "X") == inside
     goal = f"clause(mindstage_semweb:computable('{KNOWROB}in-ContGeneric', X, fridge), G), call(G)"

@@ -239,7 +239,7 @@ literal_number(Literal, Number) :-
 %   [Red, Green, Blue, Alpha] from 0 to 1; [0.5, 0.5, 0.5, 1.0] if no color is stated.
 object_color(Object, Color) :-
     full_name(Object, individual, Iri),
-    mindstage:rdf_has(Iri, knowrob:mainColorOfObject, literal(Literal)),
+    stated_color(Iri, Literal),
     ( compound(Literal) -> arg(2, Literal, Text) ; Text = Literal ),
     split_string(Text, " ", " ", Parts),
     catch(maplist(number_string, Numbers, Parts), error(_, _), fail),
@@ -249,6 +249,12 @@ object_color(Object, Color) :-
 object_color(Object, Color) :-
     request(appearance(Object), appearance(Stated, _)),
     ( Stated = [_, _, _] -> append(Stated, [1.0], Color) ; Color = [0.5, 0.5, 0.5, 1.0] ).
+
+stated_color(Object, Literal) :- mindstage:rdf_has(Object, knowrob:mainColorOfObject, literal(Literal)).
+stated_color(Object, Literal) :-
+    mindstage:rdf_has(Object, soma:hasColor, Color),
+    mindstage:rdf_has(Color, dul:hasRegion, Region),
+    mindstage:rdf_has(Region, soma:hasRGBValue, literal(Literal)).
 
 object_mesh_path(Object, Path) :-
     (   var(Object)

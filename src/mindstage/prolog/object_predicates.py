@@ -376,8 +376,18 @@ class ObjectPredicates:
         with knowledge.lock:
             reasoner = knowledge.reasoner
             used = {cls for types in reasoner.types.values() for type in types for cls in reasoner.classes.above(type)}
-            named = {cls for cls in used if wanted in map(str.lower, _WORD.findall(local_name(cls)))}
-            return [Atom(cls) for cls in sorted(named) if not named & (set(reasoner.classes.above(cls)) - {cls})]
+            named = sorted(cls for cls in used if wanted in map(str.lower, _WORD.findall(local_name(cls))))
+            above = {cls: reasoner.classes.above(cls) for cls in named}
+            # Of equivalent classes, which are above each other, the first is taken.
+            return [
+                Atom(cls)
+                for at, cls in enumerate(named)
+                if not any(
+                    other in above[cls] and (cls not in above[other] or named.index(other) < at)
+                    for other in named
+                    if other != cls
+                )
+            ]
 
     # -- changes -------------------------------------------------------------------------------------------------------
 

@@ -57,8 +57,7 @@ owl_instance_of(Individual, Class) :- rdfs_instance_of(Individual, Class).
 owl_subclass_of(Class, Superclass) :- rdfs_subclass_of(Class, Superclass).
 
 % owl_direct_subclass_of(?Class, ?Superclass): asserted, between named classes or to a class expression (a blank node).
-owl_direct_subclass_of(Class, Superclass) :-
-    rdf_has(Class, rdfs:subClassOf, Superclass).
+owl_direct_subclass_of(Class, Superclass) :- rdf_has(Class, rdfs:subClassOf, Superclass).
 
 owl_same_as(One, Other) :- rdf_has(One, owl:sameAs, Other).
 owl_same_as(One, Other) :- rdf_has(Other, owl:sameAs, One), \+ rdf_has(One, owl:sameAs, Other).
@@ -95,8 +94,9 @@ owl_description(Given, Description) :-
 
 % owl_satisfies(+Description, ?Resource): a class or individual_of(Class) as well. As in ClioPatria, class(C) describes the
 % subclasses of C, and all_values_from(C) its individuals.
-owl_satisfies(Given, Resource) :-
+owl_satisfies(Given, GivenResource) :-
     expand_prefixes(Given, Description),
+    expand_prefixes(GivenResource, Resource),
     satisfies(Description, Resource).
 
 satisfies('http://www.w3.org/2000/01/rdf-schema#Resource', Resource) :- !,

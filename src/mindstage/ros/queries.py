@@ -69,7 +69,7 @@ class QueryServices:
             case "question":
                 result = self._ask(request)
             case "sparql":
-                table = self._simulation.knowledge.sparql(request.query, timeout_s=timeout_s)
+                table = self._simulation.sparql(request.query, timeout_s=timeout_s)
                 result = {"columns": table.columns, "rows": table.rows, "truth": table.boolean}
             case "prolog":
                 limit = min(request.limit or _DEFAULT_SOLUTIONS, _MAX_SOLUTIONS)

@@ -1,0 +1,242 @@
+"""Files of KnowRob users: which load, what is missing and why, and the OWL predicates that they use."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mindstage.errors import PrologGoalError
+from mindstage.prolog import PrologConsole
+
+KITCHEN = "http://mindstage.org/maps/kitchen.owl#"
+KNOWROB = "http://knowrob.org/kb/knowrob.owl#"
+
+NOT_LOADABLE = {
+    "addons/knowrob_memory_graph/prolog/init.pl": "a package name with a dot, which is a dict since SWI-Prolog 7",
+    "addons/knowrob_meshes/prolog/init.pl": "knowrob_meshes and knowrob_vis export the same predicates",
+    "addons/knowrob_motion_constraints/prolog/robohow-workshop.pl": "notes of queries, which are no Prolog",
+    "addons/knowrob_robohow/prolog/init.pl": "loads knowrob_meshes",
+    "addons/knowrob_robosherlock/prolog/init.pl": "loads rs_plan_pipeline.pl",
+    "addons/knowrob_robosherlock/prolog/rs_plan_pipeline.pl": "exports predicates that it does not define",
+    "addons/knowrob_roslog_launch/prolog/init.pl": "loads knowrob_meshes",
+    "addons/knowrob_sim_games/prolog/init.pl": "loads knowrob_meshes and pizza_queries.pl",
+    "addons/knowrob_sim_games/prolog/pizza_queries.pl": "exports a name without an arity",
+}
+"""The sample files with errors, and the reasons, each in the file itself."""
+
+
+def load(console: PrologConsole, folder: Path, text: str, name: str = "pkg/prolog/rules.pl") -> int:
+    file = folder / name
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text, encoding="utf-8")
+    return console.consult(file)
+
+
+def values(console: PrologConsole, goal: str, variable: str = "X") -> list[Any]:
+    return [solution[variable] for solution in console.solutions(goal, limit=100_000)]
+
+
+# -- sample files ------------------------------------------------------------------------------------------------------
+
+
+def test_sample_files_load_except_those_with_errors_of_their_own(shared_data: Path, prolog: Path) -> None:
+    files = sorted((shared_data / "prolog").rglob("*.pl"))
+    if not files:
+        pytest.skip(f"no Prolog files in {shared_data}")
+    command = [sys.executable, str(Path(__file__).with_name("load_files.py")), *map(str, files)]
+    ran = subprocess.run(command, capture_output=True, timeout=300.0, check=True)
+    failed = {
+        Path(file).relative_to(shared_data / "prolog").as_posix(): messages
+        for file, (errors, messages) in json.loads(ran.stdout).items()
+        if errors
+    }
+    assert set(failed) <= set(NOT_LOADABLE), failed
+    assert len(files) - len(failed) >= 95
+
+
+# -- libraries and packages ---------------------------------------------------------------------------------------------
+
+
+def test_rdf_meta_expands_prefixes_in_a_users_own_predicates(kitchen: PrologConsole, tmp_path: Path) -> None:
+    text = (
+        ":- module(my_rules, [kind_of/2, is_handle/1]).\n"
+        ":- use_module(library('semweb/rdfs')).\n"
+        ":- rdf_meta kind_of(r, r), is_handle(r).\n"
+        "kind_of(Thing, Class) :- atom(Class), rdfs_individual_of(Thing, Class).\n"
+        "is_handle(Thing) :- kind_of(Thing, knowrob:'Handle').\n"
+    )
+    assert load(kitchen, tmp_path, text) == 0
+    assert len(values(kitchen, "is_handle(X)")) == 33
+
+
+def test_libraries_of_knowrob_are_there(kitchen: PrologConsole, tmp_path: Path) -> None:
+    names = "semweb/owl semweb/owl_parser knowrob/computable knowrob/owl knowrob/rdfs thea/owl_parser rdfs_computable"
+    uses = "".join(f":- use_module(library('{name}')).\n" for name in names.split())
+    text = uses + "door(X) :- owl_individual_of(X, knowrob:'Door'), rdf_triple(knowrob:child, X, _).\n"
+    assert load(kitchen, tmp_path, text) == 0
+    assert f"{KITCHEN}fridge_door" in values(kitchen, "door(X)")
+
+
+@pytest.mark.parametrize(
+    ("library", "reason"),
+    [
+        ("jpl", "it needs Java"),
+        ("knowrob/mongo", "it needs a MongoDB server"),
+        ("tf_prolog", "it needs ROS nodes"),
+        ("knowrob_elsewhere", "no package beside this file contains it"),
+    ],
+)
+def test_a_missing_library_is_a_warning_with_the_reason(
+    library: str, reason: str, console: PrologConsole, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    text = f":- use_module(library('{library}')).\n:- jpl_call_something(1).\nrest_is_loaded(yes).\n"
+    assert load(console, tmp_path, text) == 0
+    assert reason in capfd.readouterr().err.replace("\nWarning:    ", " ")
+    assert values(console, "rest_is_loaded(X)") == ["yes"]
+    with pytest.raises(PrologGoalError, match="Unknown procedure"):
+        console.holds("jpl_call_something(1)")
+
+
+def test_a_misspelled_library_of_a_plain_file_stays_an_error(kitchen: PrologConsole, tmp_path: Path) -> None:
+    assert load(kitchen, tmp_path, ":- use_module(library(lsits)).\n", "rules.pl") == 1
+
+
+def test_a_directive_that_fails_for_another_reason_stays_an_error(kitchen: PrologConsole, tmp_path: Path) -> None:
+    assert load(kitchen, tmp_path, ":- misspelled_goal(1).\n") == 1
+    assert load(kitchen, tmp_path, ":- use_module(library(jpl)).\n:- atom_length(X, _).\n") == 1
+
+
+def test_packages_beside_the_file_are_registered_and_loaded_once(console: PrologConsole, tmp_path: Path) -> None:
+    load(console, tmp_path, ":- assertz(initialized(other)).\n", "other_pkg/prolog/init.pl")
+    load(
+        console,
+        tmp_path,
+        ":- module(other_rules, [from_other/1]).\nfrom_other(1).\n",
+        "other_pkg/prolog/other_rules.pl",
+    )
+    console.holds("retractall(initialized(_))")
+    text = (
+        ":- register_ros_package(other_pkg).\n:- register_ros_package(other_pkg, _).\n"
+        ":- use_module(library('other_rules')).\nmine(X) :- from_other(X).\n"
+    )
+    assert load(console, tmp_path, text) == 0
+    assert values(console, "mine(X)") == [1]
+    assert console.holds("rospack_package_path(other_pkg, _) ; true")
+
+
+def test_a_package_that_is_not_found_is_a_warning(
+    console: PrologConsole, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert load(console, tmp_path, ":- register_ros_package(nowhere_pkg).\n") == 0
+    assert "ROS package nowhere_pkg is neither beside this file" in capfd.readouterr().err.replace(
+        "\nWarning:    ", " "
+    )
+
+
+def test_an_ontology_that_cannot_be_read_while_loading_is_a_warning(console: PrologConsole, tmp_path: Path) -> None:
+    assert load(console, tmp_path, ":- owl_parser:owl_parse('package://nowhere/owl/a.owl').\n") == 0
+    with pytest.raises(PrologGoalError):
+        console.holds("owl_parse('package://nowhere/owl/a.owl')")
+
+
+def test_goals_of_the_module_rdf_db_change_the_store(console: PrologConsole, tmp_path: Path) -> None:
+    text = (
+        ":- rdf_db:rdf_register_ns(own, 'http://own.org/o#', [keep(true)]).\n"
+        ":- rdf_db:rdf_register_ns(knowrob, 'http://ias.cs.tum.edu/kb/knowrob.owl#', [keep(true)]).\n"
+        ":- rdf_db:rdf_assert(own:a, knowrob:child, own:b).\n"
+    )
+    assert load(console, tmp_path, text) == 0
+    rows = console.solutions("rdf('http://own.org/o#a', P, V, G)")
+    assert rows == [{"P": f"{KNOWROB}child", "V": "http://own.org/o#b", "G": "user"}]
+
+
+def test_rules_of_knowrob_2_load(kitchen: PrologConsole, tmp_path: Path) -> None:
+    text = (
+        ":- module(model_rules, [is_door/1]).\n:- use_module(library('model/OWL')).\n"
+        "is_door(Entity) ?+> rdfs_individual_of(Entity, knowrob:'Door').\n"
+    )
+    assert load(kitchen, tmp_path, text, "src/model/rules.pl") == 0
+    assert f"{KITCHEN}fridge_door" in values(kitchen, "is_door(X)")
+
+
+def test_unknown_prefixes_are_expanded_when_the_goal_runs(console: PrologConsole, tmp_path: Path) -> None:
+    text = "later_known(X) :- rdf_has(X, later:likes, _).\n"
+    assert load(console, tmp_path, text) == 0
+    console.holds(
+        "rdf_register_prefix(later, 'http://later.org/#'), rdf_assert(kitchen:fridge, later:likes, kitchen:oven)"
+    )
+    assert values(console, "later_known(X)") == [f"{KITCHEN}fridge"]
+
+
+# -- predicates --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("goal", "expected"),
+    [
+        ("rdf_split_url(N, X, knowrob:'Door')", "Door"),
+        ("rdf_split_url('http://a/', b, X)", "http://a/b"),
+        ("remove_namespace(kitchen:fridge, X)", "fridge"),
+        ("strip_literal_type(literal(type(xsd:float, '1.5')), X)", "1.5"),
+        ("strip_literal_type(knowrob, X)", "knowrob"),
+        ("rdf_equal(X, a)", "a"),
+        ("rdfs_subclass_of(knowrob:'Door', owl:'Thing'), X = yes", "yes"),
+        ("rdfs_individual_of(kitchen:fridge, owl:'Thing'), X = yes", "yes"),
+    ],
+)
+def test_terms_have_the_forms_of_knowrob(goal: str, expected: str, kitchen: PrologConsole) -> None:
+    assert values(kitchen, goal) == [expected]
+
+
+def test_restrictions_are_terms(kitchen: PrologConsole) -> None:
+    contains = "knowrob:'typePrimaryFunction-containerFor'"
+    filler = f"restriction('{KNOWROB}typePrimaryFunction-containerFor', some_values_from(union_of(X)))"
+    assert values(kitchen, f"owl_restriction_on(knowrob:'Dishwasher', {filler})") == [
+        [f"{KNOWROB}FoodUtensil", f"{KNOWROB}FoodVessel"]
+    ]
+    for predicate in ("class_properties", "class_properties_some"):
+        assert len(values(kitchen, f"{predicate}(knowrob:'Dishwasher', {contains}, union_of(X))")) == 1
+    assert not kitchen.holds(f"class_properties_all(knowrob:'Dishwasher', {contains}, _)")
+    assert f"{KNOWROB}CardboardBox-Eggs" in values(kitchen, f"class_properties_some(X, {contains}, _)")
+
+
+def test_descriptions_are_satisfied_by_individuals(kitchen: PrologConsole) -> None:
+    both = set(values(kitchen, "owl_satisfies(union_of([knowrob:'Handle', knowrob:'Door']), X)"))
+    parts = (values(kitchen, f"rdfs_individual_of(X, knowrob:'{name}')") for name in ("Handle", "Door"))
+    assert both == {each for part in parts for each in part}
+    fridge = f"'{KITCHEN}fridge'"
+    assert kitchen.holds(f"owl_satisfies(complement_of(knowrob:'Handle'), {fridge})")
+    some = "restriction('http://knowrob.org/kb/knowrob.owl#child', some_values_from(knowrob:'Handle'))"
+    assert kitchen.holds(f"owl_satisfies({some}, kitchen:fridge_door)")
+    assert not kitchen.holds(f"owl_satisfies({some}, kitchen:fridge_door_handle)")
+
+
+def test_new_individuals_have_unused_names(console: PrologConsole) -> None:
+    goal = "rdf_instance_from_class(knowrob:'Drawer', X), rdfs_individual_of(X, knowrob:'Drawer')"
+    first, second = values(console, goal), values(console, goal)
+    assert first[0] != second[0]
+    assert first[0].startswith(f"{KNOWROB}Drawer_")
+
+
+def test_transitive_properties_are_followed_by_owl_has(console: PrologConsole) -> None:
+    start = "http://example.org/e#"
+    console.holds(f"rdf_assert('{start}in', rdf:type, owl:'TransitiveProperty')")
+    console.holds(f"rdf_assert('{start}in', rdfs:subPropertyOf, '{start}near')")
+    console.holds(f"rdf_assert('{start}a', '{start}in', '{start}b'), rdf_assert('{start}b', '{start}in', '{start}c')")
+    for property in ("in", "near"):
+        assert values(console, f"owl_has('{start}a', '{start}{property}', X)") == [f"{start}b", f"{start}c"]
+        assert len(console.solutions(f"owl_has(_, '{start}{property}', _)")) == 3
+    assert values(console, f"rdf_has('{start}a', '{start}near', X)") == [f"{start}b"]
+    assert values(console, f"rdf_reachable('{start}a', '{start}in', X, 1, _)") == [f"{start}a", f"{start}b"]
+    assert set(values(console, f"rdfs_subproperty_of(X, '{start}near')")) == {f"{start}in", f"{start}near"}
+
+
+def test_lists_can_be_asserted_and_read(console: PrologConsole) -> None:
+    assert values(console, "rdfs_assert_list([kitchen:oven, kitchen:fridge], L), rdfs_list_to_prolog_list(L, X)") == [
+        [f"{KITCHEN}oven", f"{KITCHEN}fridge"]
+    ]
