@@ -59,7 +59,7 @@ def test_sample_files_load_except_those_with_errors_of_their_own(shared_data: Pa
     assert len(files) - len(failed) >= 95
 
 
-# -- libraries and packages ---------------------------------------------------------------------------------------------
+# -- libraries and packages --------------------------------------------------------------------------------------------
 
 
 def test_rdf_meta_expands_prefixes_in_a_users_own_predicates(kitchen: PrologConsole, tmp_path: Path) -> None:
