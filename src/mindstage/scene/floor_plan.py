@@ -20,9 +20,6 @@ from math import ceil, hypot, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, label
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from mindstage.scene.bounding_boxes import Indices, footprints, polygon_areas
 from mindstage.scene.kinematics import RigidGroups
@@ -279,6 +276,9 @@ class FloorPlan:
             sources.append(a)
             targets.append(b)
             weights.append(weight)
+        from scipy.sparse import csr_matrix  # here, since questions that need no path are to start fast
+        from scipy.sparse.csgraph import dijkstra
+
         graph = csr_matrix(
             (np.concatenate(weights), (np.concatenate(sources), np.concatenate(targets))), (count, count)
         )
@@ -422,6 +422,8 @@ def wall_rooms(walls: Array, *, opening: float = 1.3, min_area: float = 1.0) -> 
         window = (slice(start[0], start[0] + len(x)), slice(start[1], start[1] + len(y)))
         is_wall[window] |= covered
         owners[window][covered] = row
+    from scipy.ndimage import distance_transform_edt, label  # see above
+
     space = distance_transform_edt(~is_wall) * cell
     cores, count = label(space > opening / 2, structure=np.ones((3, 3)))
     outside = set(np.concatenate([cores[0], cores[-1], cores[:, 0], cores[:, -1]]).tolist())
