@@ -70,7 +70,7 @@ def test_without_an_answer_the_missing_knowledge_is_printed(run: Run) -> None:
     result = run("ask", "storage_place", "Robot", "--json")
     assert result.exit_code == 1
     (missing,) = json_output(result)["missing"]
-    assert list(missing) == ["class", "property", "why"]
+    assert list(missing) == ["class", "property", "why", "claims"]
     assert missing["why"].startswith("Robot has no storage place")
     assert "missing: Robot has no storage place" in run("ask", "storage_place", "Robot").stdout
 
