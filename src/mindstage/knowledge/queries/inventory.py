@@ -496,11 +496,8 @@ def _storage(
     if not kb.reasoner.is_class(cls):  # nothing but the body mentions it
         return (), (), frozenset()
     belongs = tuple(row.place for row in storage_place.ask(kb, {"item": cls}))
-    stores = tuple(
-        dict.fromkeys(
-            body.iri for place in belongs for body in bodies.placed.bodies if kb.reasoner.is_a(body.cls, place)
-        )
-    )
+    places = sorted((body.iri, body.cls) for body in bodies.placed.bodies)
+    stores = tuple(dict.fromkeys(iri for place in belongs for iri, own in places if kb.reasoner.is_a(own, place)))
     return belongs, stores, frozenset(stores)
 
 
