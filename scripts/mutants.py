@@ -269,9 +269,12 @@ class TestSelector:
             contexts = self._contexts[mutant.file] = self._data.contexts_by_lineno(str(SOURCE / mutant.file))
         first, last = mutant.function
         found = self._tests_of(contexts.get(mutant.line, ()))
-        if not found:  # a continued line, or one that is executed at import
-            found = self._tests_of(context for line in range(first, last + 1) for context in contexts.get(line, ()))
         near = f"tests/{mutant.file.partition('/')[0]}/"
+        if not found:  # a continued line
+            in_function = {context for line in range(first, last + 1) for context in contexts.get(line, ())}
+            found = self._tests_of(in_function)
+            if not found and in_function:  # executed at import, so any test that imports the module may fail
+                found = {test for test in self._durations if test.startswith(near)}
         ordered = sorted(found, key=lambda test: (not test.startswith(near), self._durations[test]))
         selected: dict[str, None] = {}
         total = 0.0

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
+from coverage import CoverageData
 from scripts import mutants
 
 SOURCE = '''"""Steps."""
@@ -127,6 +129,28 @@ def test_listed_survivors_are_reported_apart_from_new_ones(
     assert len(alive) > 1
     counts = [int(word) for word in capsys.readouterr().out.partition("\ncore")[2].split()[:4]]
     assert counts == [len(runner.ran), len(runner.ran) - len(alive), 1, len(alive) - 1]
+
+
+def test_the_tests_of_a_mutant_execute_its_line_or_its_function_or_import_it(project: Path) -> None:
+    (project / "results").mkdir()
+    one, two, other = "tests/core/test_a.py::test_one", "tests/core/test_a.py::test_two", "tests/cli/test_b.py::test_c"
+    tests = {one: 0.2, two: 0.1, other: 0.0}
+    (project / "results" / "durations.json").write_text(json.dumps(tests), encoding="utf-8")
+    data = CoverageData(str(project / "results" / "coverage"))
+    executed = {"": [4, 6, 20], f"{one}|call": [6, 11], f"{other}|call": [6]}
+    for context, lines in executed.items():
+        data.set_context(context)
+        data.add_lines({str(project / "core" / "steps.py"): lines})
+    data.write()
+
+    def selected(line: int, first: int, last: int) -> list[str]:
+        mutant = mutants.Mutant("core", "core/steps.py", 0, line, (first, last), "a", "b")
+        return mutants.TestSelector().select(mutant)[0]
+
+    assert selected(6, 4, 6) == [one, other], "nearest first"
+    assert selected(12, 9, 14) == [one], "another line of the function"
+    assert selected(20, 19, 21) == [two, one], "executed at import: the fastest first"
+    assert selected(30, 29, 31) == []
 
 
 def test_an_interrupted_run_is_resumed_after_the_last_result(project: Path, runner: type[Runner]) -> None:

@@ -71,8 +71,8 @@ def test_without_an_answer_the_missing_knowledge_is_printed(run: Run) -> None:
     assert result.exit_code == 1
     (missing,) = json_output(result)["missing"]
     assert list(missing) == ["class", "property", "why"]
-    assert missing["why"].startswith("Robot has no container")
-    assert "missing: Robot has no container" in run("ask", "storage_place", "Robot").stdout
+    assert missing["why"].startswith("Robot has no storage place")
+    assert "missing: Robot has no storage place" in run("ask", "storage_place", "Robot").stdout
 
 
 def test_a_question_without_data_has_no_answer(run: Run) -> None:

@@ -245,6 +245,33 @@ class DescriptionContract:
         assert engine.time_s == time_s
         assert diff(snapshot, engine.snapshot()).identical(0.0)
 
+    def test_a_fork_and_its_original_are_independent(self, engine: Engine) -> None:
+        if Capability.FORK not in engine.capabilities:
+            pytest.skip("the engine has no FORK capability")
+        engine.spawn(room())
+        engine.highlight([BodyId("mug")], (1.0, 0.0, 0.0))
+        before, time_s = engine.snapshot(), engine.time_s
+        fork = engine.fork()
+        assert diff(before, fork.snapshot()).identical(0.0)
+        assert fork.time_s == time_s
+        assert fork.highlights() == engine.highlights()
+        fork.set_pose(BodyId("crate"), Pose((3, 3, 3)))
+        fork.set_physics(BodyId("fridge"), BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=9.0))
+        fork.highlight([BodyId("mug")], None)
+        fork.delete([BodyId("mug")])
+        fork.attach(BodyId("cabinet"), BodyId("fridge"))
+        fork.spawn(world(body("mug", (4, 4, 1), (0.3, 0.3, 0.3), "dynamic", 1.0)))
+        assert diff(before, engine.snapshot()).identical(0.0)
+        assert engine.highlights() == {BodyId("mug"): (1.0, 0.0, 0.0)}
+        forked = fork.snapshot()
+        engine.delete([BodyId("crate"), BodyId("cabinet")])
+        engine.close()
+        assert diff(forked, fork.snapshot()).identical(0.0)
+        fork.step(0.1)
+        assert fork.time_s == pytest.approx(time_s + 0.1, abs=1e-6)
+        fork.clear()
+        assert fork.spawn(room()).ok
+
     def test_clearing_removes_everything_and_spawning_again_works(self, engine: Engine) -> None:
         engine.spawn(room())
         engine.clear()
@@ -729,6 +756,23 @@ class PhysicsContract(DescriptionContract):
         engine.restore_state(state)
         engine.step(0.5)
         np.testing.assert_array_equal(engine.poses()[1], first)
+
+    def test_a_fork_continues_exactly_as_its_original(self, engine: Engine) -> None:
+        if Capability.FORK not in engine.capabilities:
+            pytest.skip("the engine has no FORK capability")
+        self.running_room(engine)
+        engine.step(0.0017)  # less than a time step is left over
+        engine.apply_force(BodyId("crate"), (30.0, 0.0, 5.0))
+        forks = [engine.fork(), engine.fork().fork()]
+        forks[1].spawn(world(body("new", (4, 4, 1), (0.2, 0.2, 0.2), "dynamic", 1.0)))
+        forks[1].step(1.0)
+        for each in (engine, forks[0]):
+            each.step(0.0304)
+            each.step(0.5)
+        np.testing.assert_array_equal(engine.poses()[1], forks[0].poses()[1])
+        assert engine.time_s == forks[0].time_s
+        if Capability.JOINTS in engine.capabilities:
+            assert engine.joint_positions() == forks[0].joint_positions()
 
     def test_an_undisturbed_room_stays_at_rest(self, engine: Engine) -> None:
         still: World = msgspec.structs.replace(room(), bodies=tuple(b for b in room().bodies if b.id != "crate"))

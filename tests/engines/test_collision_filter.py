@@ -114,6 +114,17 @@ def test_without_a_door_the_top_is_open() -> None:
     assert hollow_box(bowl_and_apple, 0, [1], []).opening == "to the top"
 
 
+@pytest.mark.parametrize(
+    ("turn", "up", "opening"), [(UPRIGHT, 1.0, "to the front"), ((0.0, 1.0, 0.0, 0.0), -1.0, "to the front")]
+)
+def test_a_box_with_a_front_below_it_keeps_its_bottom(turn: tuple[float, ...], up: float, opening: str) -> None:
+    boxes = boxes_of((0, 0, 0, *turn, 0.6, 0.6, 0.4), (0, 0, 0, *turn, 0.1, 0.1, 0.1))
+    below, ahead = np.array([0.0, 0.0, -0.22]), np.array([0.32, 0.0, 0.0])
+    assert hollow_box(boxes, 0, [1], [below, ahead]).opening == opening
+    top = "to the top" if up > 0 else "to the bottom"
+    assert hollow_box(boxes, 0, [1], [below]).opening == top, "the contents would fall out of the bottom"
+
+
 def test_stacked_contents_get_no_floor_of_their_own() -> None:
     drawer, panel = (0, 0, 0, *UPRIGHT, 0.5, 0.5, 0.2), (0, 0, -0.06, *UPRIGHT, 0.2, 0.2, 0.02)
     cup = (0, 0, 0.0, *UPRIGHT, 0.08, 0.08, 0.1)

@@ -288,3 +288,18 @@ def test_a_fast_body_is_not_reported_for_its_own_parts_or_the_empty_air() -> Non
     engine.spawn(world(body("floor", (9, 0, 0), (1, 1, 0.01)), *parts, attachment("pole", "foot")))
     engine.step(2.0)
     assert not engine.notes
+
+
+def test_a_fork_shares_the_model_and_leaves_sleeping_bodies_asleep() -> None:
+    engine = MujocoEngine()
+    engine.spawn(room())
+    engine.step(3.0)
+    assert engine.stats().awake < engine.stats().movable
+    fork = engine.fork()
+    assert fork.stats() == engine.stats()
+    assert fork._cache.model().model is engine._cache.model().model
+    fork.step(0.5)
+    assert fork.stats().awake <= engine.stats().awake
+    engine.step(0.5)
+    assert fork.stats() == engine.stats()
+    np.testing.assert_array_equal(fork.poses()[1], engine.poses()[1])

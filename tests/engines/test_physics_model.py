@@ -31,6 +31,15 @@ def test_a_model_has_every_body_with_its_collision_shapes() -> None:
     assert model.bodies[BodyId("mug")].mass_kg == 0.3
 
 
+def test_contact_properties_are_those_of_the_geometry() -> None:
+    id = BodyId("drawer")
+    rough = replace(room_geometry()[id], friction=0.35, restitution=0.4)
+    model = builder_of(room(), {**room_geometry(), id: rough})[0].build_model().bodies[id]
+    assert (model.friction, model.restitution) == (0.35, 0.4)
+    plain = builder_of(room())[0].build_model().bodies[id]
+    assert (plain.friction, plain.restitution) == (None, None), "those of the engine"
+
+
 def test_a_box_with_contents_is_modeled_as_wall_panels() -> None:
     builder, _ = builder_of(room())
     drawer = builder.build_model().bodies[BodyId("drawer")]

@@ -147,7 +147,15 @@ count(owl:qualifiedCardinality, cardinality).
 qualifier(owl:onClass).
 qualifier(owl:onDataRange).
 
-siblings(A, B) :- up(A, Parent), up(B, Parent), A \== Parent, B \== Parent, A \== B.
+% What is directly below an equivalent class is directly below the class itself.
+siblings(A, B) :-
+    below_another(A), same(A, A1), up(A1, Parent), \+ same(A, Parent),
+    up(B1, Parent), same(B1, B), \+ same(B, Parent), \+ same(A, B).
+
+:- table same/2, below_another/1.
+below_another(A) :- up(A, _).
+same(A, A).
+same(A, B) :- sub_class(A, B), A \== B, once(sub_class(B, A)).
 
 subclass_of(A, B) :- sub_class(A, B), A \== B.
 

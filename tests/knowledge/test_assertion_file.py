@@ -11,7 +11,9 @@ import pytest
 
 from mindstage.errors import InvalidArgumentError, NameNotFoundError, SourceParseError
 from mindstage.knowledge import AssertionFile, KnowledgeBase
-from mindstage.knowledge.rdf import local_name
+from mindstage.knowledge.assertion_file import TripleStoreView
+from mindstage.knowledge.rdf import RdfTerm, local_name
+from mindstage.scene import Iri
 from tests.knowledge.maps import KNOWROB, OWL, RDFS
 
 CONTAINER_FOR = "typePrimaryFunction-containerFor"
@@ -183,3 +185,51 @@ for number in range(8):
     found = {str(quad.subject) for quad in ox.parse(path=str(path), format=ox.RdfFormat.TURTLE)}
     assert len(found) == 24
     assert sorted(each.name for each in tmp_path.iterdir()) == ["assertions.ttl", "terms.ttl"]
+
+
+# -- single triples ----------------------------------------------------------------------------------------------------
+
+E = "http://example.org/e#"
+
+
+@pytest.fixture
+def triples(tmp_path: Path) -> TripleStoreView:
+    path = tmp_path / "family.ttl"
+    path.write_text(
+        f"""@prefix : <{E}> . @prefix owl: <{OWL}> . @prefix rdfs: <{RDFS}> .
+        :holds a owl:ObjectProperty . :carries rdfs:subPropertyOf :holds . :isIn owl:inverseOf :holds .
+        :tray :holds :cup . :robot :carries :tray . :spoon :isIn :cup . :cup :holds "water" .
+        """,
+        encoding="utf-8",
+    )
+    kb = KnowledgeBase(bundled_ontology=False)
+    kb.load((), ontologies=path)
+    return TripleStoreView(kb)
+
+
+def test_entailed_triples_have_the_property_and_the_direction_asked_for(triples: TripleStoreView) -> None:
+    def found(subject: str | None = None, value: RdfTerm | None = None) -> set[tuple[str, str, str]]:
+        return {
+            (local_name(one), local_name(property), local_name(Iri(other.value)))
+            for one, property, other in triples.find_entailed(subject, f"{E}holds", value)
+        }
+
+    assert found() == {
+        ("tray", "holds", "cup"), ("robot", "holds", "tray"), ("cup", "holds", "spoon"), ("cup", "holds", "water"),
+    }  # fmt: skip
+    assert found(f"{E}cup") == {("cup", "holds", "spoon"), ("cup", "holds", "water")}
+    assert found(value=RdfTerm("iri", f"{E}spoon")) == {("cup", "holds", "spoon")}
+    assert found(value=RdfTerm("iri", f"{E}robot")) == set()
+    assert [each.property for each in triples.find(f"{E}robot")] == [f"{E}carries"], "as asserted"
+
+
+def test_removing_triples_returns_their_number_and_leaves_the_others(triples: TripleStoreView) -> None:
+    cup = RdfTerm("iri", f"{E}cup")
+    triples.add(f"{E}tray", f"{E}holds", RdfTerm("iri", f"{E}fork"))
+    assert triples.remove(f"{E}tray", f"{E}holds", RdfTerm("iri", f"{E}knife")) == 0
+    assert triples.remove(f"{E}tray", None, cup) == 1
+    assert [each.value.value for each in triples.find(f"{E}tray", f"{E}holds")] == [f"{E}fork"]
+    assert triples.remove(f"{E}cup") == 1
+    assert triples.remove(property=f"{E}isIn") == 1
+    assert list(triples.find_entailed(None, f"{E}holds", cup)) == []
+    assert [each.subject for each in triples.find(None, f"{E}carries")] == [f"{E}robot"]

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pyoxigraph as ox
 import pytest
+from msgspec.structs import replace
 
 from mindstage.knowledge import Handedness, KnowledgeBase, LengthUnit, QuaternionOrder, UnitConventions, save_map
 from mindstage.scene import Pose
 from tests.knowledge.maps import (
+    KNOWROB,
+    XSD,
     ReadMap,
     assert_worlds_equal,
     body_turtle,
@@ -143,6 +147,25 @@ def test_each_map_has_its_own_conventions(tmp_path: Path) -> None:
         individual("room"): "cm",
         individual("other"): "m",
     }
+
+
+def test_changed_values_are_written_in_the_units_of_the_map_with_their_datatypes(tmp_path: Path) -> None:
+    knowledge = read_as(tmp_path, room_map(*MUGS), units=LengthUnit.CENTIMETERS, frame=Handedness.ROS)
+    world = knowledge.world()
+    first, *others = world.bodies
+    position = (1.5, 3e-20, 2.5e17)
+    changed = replace(first, size=(0.07, 0.0, 0.125), pose=replace(first.pose, position=position))
+    path = tmp_path / "back.ttl"
+    save_map(replace(world, bodies=(changed, *others)), path, source_view=knowledge.source_view())
+    values = {
+        quad.predicate.value.rpartition("#")[2]: quad.object
+        for quad in ox.parse(path=path)
+        if quad.subject.value.startswith(first.iri) and quad.predicate.value.startswith(KNOWROB)
+    }
+    assert [values[f"{name}OfObject"].value for name in ("depth", "width", "height")] == ["7.0", "0.0", "12.5"]
+    assert values["translation"].value == "150.0 3E-18 2.5E+19", "numbers far from 1 have an exponent"
+    assert values["heightOfObject"].datatype.value == XSD + "float"
+    assert knowledge_base_from(path).world().body(first.id).pose.position == pytest.approx(position, rel=1e-12)
 
 
 # -- invalid and suspicious numbers ------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Container, Iterator
+from http.client import HTTPConnection
 from pathlib import Path
 
 import pyoxigraph as ox
@@ -271,6 +272,25 @@ def test_an_unreachable_server_is_reported_without_the_password() -> None:
         assert "secret" not in str(error.value)
         with pytest.raises(EndpointUnreachableError):
             kb.ask("storage_place", item="CowsMilk")
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (OSError("the tunnel is closed"), "the tunnel is closed"),
+        (OSError(113, "No route to host"), "No route to host"),
+        (ConnectionError(), "ConnectionError"),
+    ],
+)
+def test_the_cause_of_a_failed_connection_is_reported(
+    error: OSError, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def connect(connection: HTTPConnection) -> None:
+        raise error
+
+    monkeypatch.setattr(HTTPConnection, "connect", connect)
+    with pytest.raises(EndpointUnreachableError, match=f"does not answer: .*{message}"):
+        KnowledgeBase(endpoint="http://127.0.0.1:9/query").maps()
 
 
 @pytest.mark.parametrize(

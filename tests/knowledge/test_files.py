@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.errors import SourceParseError
+from mindstage.knowledge.io.xml import UnsafeXmlError, expand_safe_entities
 from tests.knowledge.maps import body_turtle, knowledge_base_from, room_map
 
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
@@ -162,6 +163,15 @@ def test_entities_that_expand_exponentially_are_refused_before_expansion(tmp_pat
 def test_one_long_entity_used_often_is_refused(tmp_path: Path) -> None:
     text = with_entities(f'<!ENTITY last "{"ha" * 20_000}">').replace("&last;", "&last;" * 1000)
     assert "would expand to 40" in refused(tmp_path, text).cause
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_an_entity_that_is_declared_twice_the_longer_one_counts(tmp_path: Path, order: int) -> None:
+    both = [f'<!ENTITY last "{"ha" * 20_000}">', '<!ENTITY last "ha">'][::order]
+    text = with_entities(*both).replace("&last;", "&last;" * 1000)
+    assert "would expand to 40" in refused(tmp_path, text).cause
+    with pytest.raises(UnsafeXmlError, match="would expand to 40"):  # before the first one is chosen
+        expand_safe_entities(text.encode())
 
 
 def test_recursive_entities_are_refused(tmp_path: Path) -> None:

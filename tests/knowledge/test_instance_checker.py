@@ -114,6 +114,9 @@ def test_individuals_that_satisfy_a_definition_are_members(make_knowledge_base: 
         ("[ a owl:Restriction ; owl:onProperty e:holds ; owl:minQualifiedCardinality 1 ; owl:onClass e:Drink ]", True),
         ("[ a owl:Restriction ; owl:onProperty e:likes ; owl:hasSelf true ]", True),
         ("[ a owl:Class ; owl:oneOf ( :a :c ) ]", True),
+        ("[ a owl:Class ; owl:oneOf ( :c :tea ) ]", False),
+        ("[ a owl:Class ; owl:intersectionOf ( [ owl:oneOf ( :a :c ) ] [ owl:oneOf ( :c :tea ) ] ) ]", False),
+        ("[ a owl:Class ; owl:intersectionOf ( [ owl:oneOf ( :a :c ) ] [ owl:oneOf ( :tea :a ) ] ) ]", True),
         ("[ a owl:Class ; owl:unionOf ( e:Nothing [ owl:oneOf ( :a ) ] ) ]", True),
         # Upper bounds and different individuals cannot be proved without further axioms.
         ("[ a owl:Restriction ; owl:onProperty e:holds ; owl:maxCardinality 1 ]", False),

@@ -244,7 +244,7 @@ def test_a_misspelled_name_gets_suggestions(name: str, kitchen: KnowledgeBase) -
 
 def test_an_ambiguous_class_name_must_be_given_as_an_iri(tmp_path: Path) -> None:
     path = tmp_path / "room.ttl"
-    path.write_text(room_map(body_turtle("cup"), ":Cup a owl:Class ."), encoding="utf-8")
+    path.write_text(room_map(body_turtle("cup"), body_turtle("trophy", cls=":Cup")), encoding="utf-8")
     kb = knowledge_base_from(path)
     with pytest.raises(AmbiguousNameError, match=f"{ROOM_NAMESPACE}Cup"):
         kb.ask("individual_of_class", cls="Cup")

@@ -5,7 +5,11 @@ from __future__ import annotations
 import pytest
 
 from mindstage.knowledge import KnowledgeBase
+from mindstage.knowledge.explain import expression_text
+from mindstage.knowledge.owl import NamedClass, UnionOf, UnparsedExpression
 from mindstage.knowledge.rdf import local_name
+from mindstage.knowledge.reasoner_classes import discard_from_group
+from mindstage.scene import Iri
 from tests.knowledge.maps import MakeKnowledgeBase, body_turtle, individual
 
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
@@ -206,3 +210,17 @@ def test_an_individual_in_two_maps_has_an_answer_for_each(make_knowledge_base: M
     ]
     (row,) = kb.ask("everything_in_map", map="other")
     assert row.individual == individual("cup")
+
+
+def test_removing_what_is_in_no_group_changes_nothing() -> None:
+    groups: dict[str, dict[str, None]] = {"a": {"x": None, "y": None}}
+    discard_from_group(groups, "b", "x")
+    discard_from_group(groups, "a", "x")
+    assert groups == {"a": {"y": None}}
+    discard_from_group(groups, "a", "y")
+    assert groups == {}, "an empty group is removed"
+
+
+def test_an_expression_without_a_meaning_is_shown_as_dots() -> None:
+    fork = NamedClass(Iri("http://example.org/e#Fork"))
+    assert expression_text(UnionOf((fork, UnparsedExpression()))) == "(Fork or …)"

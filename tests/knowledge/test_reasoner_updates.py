@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from itertools import count
+from pathlib import Path
 
 import pyoxigraph as ox
-from hypothesis import given
+import pytest
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mindstage.knowledge.names import EntityType, NameIndex
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.reasoner_properties import node_from_label
+from mindstage.knowledge.store_index import IndexFile
 from mindstage.scene import Iri
 from tests.knowledge.maps import OWL, RDFS, knowrob_iri
 
@@ -115,6 +118,42 @@ def test_an_updated_reasoner_equals_a_new_one(start: list[Triple], steps: list[t
     meanings(names)
     everything(index)
     for action, arguments in steps:
+        if action == "load":
+            graph = ox.NamedNode(f"http://example.org/file/{next(numbers)}")
+            store.extend(quads(arguments, graph))
+            names.add(index.add_graph(graph))
+        else:
+            existing = sorted(store, key=str)
+            touched = (
+                quads(arguments, RUNTIME)
+                if action == "tell"
+                else [existing[at % len(existing)] for at in arguments if existing]
+            )
+            for quad in touched:
+                store.add(quad) if action == "tell" else store.remove(quad)
+            index.update(touched)
+            names.add(Iri(node.value) for quad in touched for node in quad.triple if isinstance(node, ox.NamedNode))
+        afresh = Reasoner(store)
+        assert everything(index) == everything(afresh)
+        assert meanings(names) == meanings(NameIndex(store, afresh))
+
+
+@given(st.lists(triples, max_size=12), changes)
+@settings(max_examples=40)
+def test_a_reasoner_restored_from_an_index_and_updated_equals_a_new_one(
+    tmp_path_factory: pytest.TempPathFactory, start: list[Triple], steps: list[tuple[str, list]]
+) -> None:
+    store, numbers = ox.Store(), count()
+    store.extend(quads(start, RUNTIME))
+    file = IndexFile(tmp_path_factory.mktemp("index"), Path("none"), read_only=False)
+    index = Reasoner(store)
+    names = NameIndex(store, index)
+    for action, arguments in steps:
+        file.save(index, names, maps_by_source={})
+        saved = file.load()
+        assert saved is not None
+        index = saved.reasoner(store)
+        names = saved.name_index(store, index)
         if action == "load":
             graph = ox.NamedNode(f"http://example.org/file/{next(numbers)}")
             store.extend(quads(arguments, graph))

@@ -181,6 +181,18 @@ def test_a_map_of_two_files_states_what_one_of_them_implies(tmp_path: Path) -> N
     assert_worlds_equal(world, knowledge_base_from(back).world())
 
 
+def test_a_pose_cannot_be_marked_as_set_by_nothing(tmp_path: Path) -> None:
+    """`ms:untold` says that a property of a body sets no field; on a pose it is a statement like any other."""
+    source, back = tmp_path / "map.ttl", tmp_path / "back.ttl"
+    mark = ":cup-pose <http://mindstage.org/ontology#untold> k:translation ."
+    source.write_text(room_map(body_turtle("cup"), mark), encoding="utf-8")
+    knowledge = knowledge_base_from(source)
+    assert knowledge.world().body("cup").pose == Pose((1.0, 2.0, 3.0))
+    assert knowledge.findings() == ()
+    save_map(knowledge.world(), back, source_view=knowledge.source_view())
+    assert_same(back, source)
+
+
 def test_a_store_folder_gives_the_same_statements_as_the_file(tmp_path: Path) -> None:
     from mindstage.knowledge import KnowledgeBase
 

@@ -9,11 +9,13 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from mindstage.errors import SparqlSyntaxError, SparqlTimeoutError, StoreError
 from mindstage.knowledge import KnowledgeBase, RdfTerm, sparql_worker
+from mindstage.knowledge.store import QueryWorkerPool
 from tests.knowledge.maps import KNOWROB, XSD
 
 ENDLESS = "SELECT (COUNT(*) AS ?n) WHERE { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
@@ -223,3 +225,31 @@ def ended(condition: Callable[[], bool]) -> bool:
             return False
         time.sleep(0.02)
     return True
+
+
+class RecordedWorker:
+    """Instead of a process: the store changes while the first query runs."""
+
+    def __init__(self, pool: QueryWorkerPool) -> None:
+        self.pool, self.is_killed = pool, False
+
+    def query(self, query: str, timeout_s: float, *, check_only: bool) -> tuple[str, bytes]:
+        if query == "slow":
+            self.pool.discard_all()
+        return query, b""
+
+    def kill(self) -> int:
+        self.is_killed = True
+        return 0
+
+
+def test_a_worker_with_an_old_state_of_the_store_is_not_used_again() -> None:
+    pool, started = QueryWorkerPool(), list[RecordedWorker]()
+
+    def start() -> Any:
+        started.append(RecordedWorker(pool))
+        return started[-1]
+
+    for query in ("quick", "quick", "slow", "quick", "quick"):
+        assert pool.query(query, 1.0, check_only=False, start_worker=start) == (query, b"")
+    assert [each.is_killed for each in started] == [True, False]

@@ -121,7 +121,8 @@ def test_queries_see_the_folder_and_recent_assertions(folder: Path) -> None:
         assert not kb.sparql(ask).boolean
         kb.tell("ms:Rack", "subClassOf", "Refrigerator")
         assert kb.sparql(ask).boolean
-    assert sorted(path.name for path in folder.iterdir()) == ["mindstage.json", "texts", "triples"]
+    expected = ["index.msgpack", "index.state", "mindstage.json", "texts", "triples"]
+    assert sorted(path.name for path in folder.iterdir()) == expected
     (folder / "triples-as-asked-7").mkdir()  # left by a process that was killed during a query
     reopened(folder).close()
     assert not (folder / "triples-as-asked-7").exists()
@@ -239,7 +240,7 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
 def test_a_folder_of_a_newer_format_is_refused(folder: Path) -> None:
     (folder / "mindstage.json").write_text('{"format_version": 99, "feelings": []}')
     with pytest.raises(
-        StoreError, match="it has format version 99, and this version of Mindstage reads up to 1; use a newer Mindstage"
+        StoreError, match="it has format version 99, and this version of Mindstage reads up to 2; use a newer Mindstage"
     ):
         reopened(folder)
 

@@ -170,6 +170,15 @@ def test_numbers_are_retracted_by_value_and_strings_in_any_language(kb: Knowledg
     assert kb.retract("FridgeW60H140", "widthOfObject", 0.6)
 
 
+def test_retracting_another_value_of_a_class_changes_nothing(kb: KnowledgeBase) -> None:
+    has_mass = "ASK { knowrob:Cup rdfs:subClassOf [ owl:onProperty knowrob:mass ; owl:hasValue ?mass ] }"
+    kb.tell("Cup", "mass", 0.3)
+    assert not kb.retract("Cup", "mass", 0.4)
+    assert kb.sparql(has_mass).boolean
+    assert kb.retract("Cup", "mass", 0.3)
+    assert not kb.sparql(has_mass).boolean
+
+
 def test_asserted_classes_have_ancestors(kb: KnowledgeBase) -> None:
     kb.tell("ms:MilkRack", "subClassOf", "Refrigerator")
     milk_rack = kb.names.find_any("MilkRack")

@@ -14,7 +14,9 @@ from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import InvalidArgumentError, SourceParseError
 from mindstage.knowledge import save_map
 from mindstage.knowledge.urdf import is_urdf
-from mindstage.scene import AxisMotion, BodyId, Joint, JointMimic, Mobility, PrimitiveType, World
+from mindstage.knowledge.urdf.model import UrdfLink, UrdfRobot
+from mindstage.knowledge.urdf.to_world import urdf_to_world
+from mindstage.scene import AxisMotion, BodyId, Iri, Joint, JointMimic, Mobility, PrimitiveType, World
 from mindstage.scene.transforms import rotation_matrix
 from mindstage.simulation import Simulation
 from tests.knowledge.dialect_maps import joint_range
@@ -112,6 +114,7 @@ def test_joints_without_limits_are_free_according_to_their_type(file: Path, type
         joint_urdf("j", type, "base", "wheel"),
     )
     [constraint] = load_robot(file, text).world.joints
+    assert constraint.angular.twist_limit == constraint.linear.limit == 0.0, "a free axis has no limit"
     motions = {axis: getattr(constraint.linear, axis) for axis in "xyz"}
     motions |= {axis: getattr(constraint.angular, axis) for axis in ("twist", "swing1", "swing2")}
     assert {axis for axis, motion in motions.items() if motion is AxisMotion.FREE} == free
@@ -181,23 +184,41 @@ def mesh(name: str, *, scale: str = "", xyz: str = "0 0 0", role: str = "visual"
     return f'<{role}><origin xyz="{xyz}"/><geometry>{geometry}</geometry></{role}>'
 
 
+def test_a_link_that_is_named_like_the_map_gets_another_iri() -> None:
+    links = (UrdfLink(name="room"), UrdfLink(name="lamp"))
+    robot = UrdfRobot(name="home", links=links, joints=())
+    converted = urdf_to_world(robot, map=Iri("http://example.org/home.owl#room")).world
+    iris = [body.iri for body in converted.bodies]
+    assert converted.iri == "http://example.org/home.owl#room"
+    assert len({converted.iri, *iris}) == 3
+    assert "http://example.org/home.owl#lamp" in iris
+
+
 def test_the_size_of_a_mesh_is_read_from_its_file(file: Path, tmp_path: Path) -> None:
     meshes = tmp_path / "packages" / "kitchen_meshes" / "meshes"
     meshes.mkdir(parents=True)
     corners = [(0, 0, 0), (2, 0, 0), (0, 4, 6)]
     facet = struct.pack("<12fH", 0, 0, 1, *(float(x) for corner in corners for x in corner), 0)
     (meshes / "cup.stl").write_bytes(bytes(80) + struct.pack("<I", 1) + facet)
+    (tmp_path / "text.stl").write_text(
+        "solid cup\n facet normal 0 0 1\n  outer loop\n"
+        + "".join(f"   vertex {x} {y} {z}\n" for x, y, z in corners)
+        + "  endloop\n endfacet\nendsolid cup\n",
+        encoding="utf-8",
+    )
     (tmp_path / "cup.obj").write_text(
         "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "f 1 2 3\n", encoding="utf-8"
     )
     scaled = mesh("package://kitchen_meshes/meshes/cup.stl", scale="0.1 0.1 0.1", xyz="0 0 1")
-    file.write_text(robot_urdf(link_urdf("cup", scaled), link_urdf("mug", mesh("cup.obj"))), encoding="utf-8")
+    links = (link_urdf("cup", scaled), link_urdf("mug", mesh("cup.obj")), link_urdf("pot", mesh("text.stl")))
+    file.write_text(robot_urdf(*links), encoding="utf-8")
     world = LoadedRobot(file, ontologies=(tmp_path / "packages",)).world
     cup, mug = world.body("cup"), world.body("mug")
     assert cup.mesh == "package://kitchen_meshes/meshes/cup.stl"
     assert cup.size == pytest.approx((0.2, 0.4, 0.6))
     assert cup.pose.position == pytest.approx((0.1, 0.2, 1.3))
     assert mug.size == pytest.approx((2.0, 4.0, 6.0))
+    assert world.body("pot").size == pytest.approx((2.0, 4.0, 6.0))
 
 
 @pytest.mark.parametrize("name", ["package://../../etc/passwd", "http://example.org/cup.stl", "gone.stl", "cup.dae"])

@@ -31,6 +31,7 @@ def test_solutions_come_in_prolog_s_order(kitchen: PrologConsole) -> None:
         ("f(x, 'Y')", "f(x,'Y')"),
         ("_", None),
         ("[a|_]", "[a|_]"),
+        ("point{x: 1}", "point{x:1}"),
         ("knowrob:'Handle'", "knowrob:'Handle'"),
     ],
 )
@@ -65,6 +66,15 @@ def test_the_time_limit_includes_the_conversion_of_the_solutions(
     monkeypatch.setattr("mindstage.prolog.console.time.monotonic", lambda: float(next(clock)))
     with pytest.raises(PrologTimeoutError, match="did not end within 30 s"):
         kitchen.solutions("between(1, 5, X)")
+
+
+def test_numbers_and_variables_of_every_kind_are_converted(kitchen: PrologConsole) -> None:
+    for number in (2**62, -(2**63), 2**63, 2**64 - 1, 2**100, -5):
+        assert kitchen.solutions(f"X is {number}") == [{"X": number}]
+    (row,) = kitchen.solutions("X is 2 ** 100000")
+    assert len(row["X"]) == 30103, "more digits than Python converts to a number"
+    assert kitchen.solutions("freeze(X, true), dif(Y, a), Z = b") == [{"X": None, "Y": None, "Z": "b"}]
+    assert "<stream>" in kitchen.solutions("open_null_stream(S)")[0]["S"]
 
 
 def test_all_solutions_together_have_a_limit_while_they_are_found(kitchen: PrologConsole) -> None:

@@ -165,14 +165,14 @@ def test_why_prints_the_explanation(kitchen: PrologConsole, capfd: pytest.Captur
 
 def test_missing_facts_are_printed(kitchen: PrologConsole, capfd: pytest.CaptureFixture[str]) -> None:
     assert not kitchen.holds("why(storage_place('Robot', _))")
-    assert capfd.readouterr().out.startswith("missing: Robot has no container")
-    assert values(kitchen, "missing(storage_place('Robot', _), X)")[0].startswith("Robot has no container")
+    assert capfd.readouterr().out.startswith("missing: Robot has no storage place")
+    assert values(kitchen, "missing(storage_place('Robot', _), X)")[0].startswith("Robot has no storage place")
     assert not kitchen.holds("missing(storage_place('CowsMilk', _), _)")
 
 
 def test_structured_answers_are_terms(kitchen: PrologConsole) -> None:
     pose = "pose([X, _, _], [W, _, _, _])"
-    goal = f"what_is(_, milk_carton_1, Classes, none, {pose}, [_, _, 0.2], Kg, dynamic, _, none, Tags, _)"
+    goal = f"what_is(_, milk_carton_1, Classes, none, {pose}, [_, _, 0.2], Kg, dynamic, _, none, Tags, _, map)"
     (row,) = kitchen.solutions(f"{goal}, memberchk(tag('SemLog', 'Id', milk_carton_1), Tags)")
     assert row["Kg"] == pytest.approx(1.05)
     assert (row["X"], row["W"]) == (pytest.approx(-1.567), pytest.approx(0.707107))

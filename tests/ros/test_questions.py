@@ -73,3 +73,33 @@ def test_invalid_questions_are_errors(call: Call, service: str, args: dict[str, 
     with pytest.raises(ServiceCallError) as failure:
         call(service, **args)
     assert text in str(failure.value)
+
+
+# -- queries of the shell ----------------------------------------------------------------------------------------------
+
+
+def test_the_query_service_answers_sparql_within_its_limits(call: Call) -> None:
+    query = "SELECT ?x { ?x rdfs:subClassOf knowrob:Door }"
+    for service in ("/mindstage/query", "mindstage/query"):
+        reply = call(service, language="sparql", query=query, timeout_s=1e9)
+        assert json.loads(reply["answers"])["columns"] == ["x"]
+
+
+@pytest.mark.parametrize(
+    ("args", "text"),
+    [
+        (
+            {"language": "cypher", "query": "x"},
+            "'cypher' is no language of queries; the languages are question,",
+        ),
+        ({"language": "sparql", "query": "SELECT" * 4000}, "it has 24,000 characters, and a query at most 20,000"),
+        ({"language": "sparql", "query": "SELECT {"}, "the query cannot be answered"),
+        ({"language": "sparql", "query": "SELECT * { SERVICE <http://x.example/> { ?s ?p ?o } }"}, "SERVICE"),
+        ({"language": "question", "query": "handle_of", "highlight": "plaid"}, "no color 'plaid'"),
+        ({"language": "question", "query": "handle_of", "args": '{"question": 1}'}, "are reserved"),
+    ],
+)
+def test_invalid_queries_are_errors(call: Call, args: dict[str, str], text: str) -> None:
+    with pytest.raises(ServiceCallError) as failure:
+        call("/mindstage/query", **args)
+    assert text in str(failure.value)

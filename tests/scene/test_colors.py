@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mindstage.errors import InvalidColorError
 from mindstage.scene import Color
-from mindstage.scene.colors import COLORS, NO_COLOR, color_name, parse_color
+from mindstage.scene.colors import COLORS, NO_COLOR, color_name, linear_to_srgb, parse_color, srgb_to_linear
 
 
 def test_named_colors_are_in_the_order_of_their_message_numbers() -> None:
@@ -54,3 +55,12 @@ def test_a_formatted_color_parses_to_the_same_color(color: Color) -> None:
 def test_a_named_color_is_formatted_as_its_name() -> None:
     assert color_name(COLORS["green"]) == "green"
     assert color_name((2.0, -1.0, 0.5)) == "#ff0080"
+
+
+def test_srgb_is_linear_near_black_and_has_an_exponent_of_2_4_above() -> None:
+    """Values of IEC 61966-2-1: 12.92 times below 0.0031308; 0.214 is the middle gray of a screen."""
+    srgb = np.array([0.0, 0.01292, 0.04045, 0.5, 1.0])
+    linear = np.array([0.0, 0.001, 0.0031308, 0.2140411, 1.0])
+    np.testing.assert_allclose(linear_to_srgb(linear), srgb, atol=1e-6)
+    np.testing.assert_allclose(srgb_to_linear(srgb), linear, atol=1e-6)
+    np.testing.assert_allclose(linear_to_srgb(np.array([-1.0, 2.0])), [0.0, 1.0])

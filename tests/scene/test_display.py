@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from tests.kitchenette import kitchenette
 
 from mindstage.engines import SpawnFailure, SpawnNote, SpawnNoteKind, SpawnReport
-from mindstage.scene import Iri, Pose, World, diff
+from mindstage.scene import BodyId, Iri, Pose, World, diff
 from mindstage.scene.display import counted, html_table, short_name
 
 TEXTS = st.text(max_size=20)
@@ -45,6 +45,19 @@ def test_all_text_in_a_table_is_escaped(title: str, rows: list[tuple[str, str]],
     cells = [part.partition("</td>")[0] for part in page.split("<td>")[1:]]
     assert [unescape(cell) for cell in cells] == [cell for row in rows for cell in row]
     assert not any(mark in cell for cell in cells for mark in '<>"')
+
+
+def test_an_empty_cell_is_empty_and_numbers_have_six_digits() -> None:
+    page = html_table("t", ("a", "b", "c"), [(None, 1.23456789, 12345678)])
+    assert Texts(page).cells == ["", "1.23457", "12345678"]
+
+
+def test_the_table_of_a_world_has_positions_and_sizes() -> None:
+    mug = kitchenette().body("Mug")
+    page = replace(kitchenette(), bodies=(mug, replace(mug, id=BodyId("dot"), size=None)))._repr_html_()
+    cup, dot = (Texts(page).cells[start : start + 5] for start in (0, 5))
+    assert cup[2:4] == ["2.000 0.000 0.850", "0.080 0.080 0.100"]
+    assert dot[2:4] == ["2.000 0.000 0.850", ""]
 
 
 def test_a_long_table_is_truncated_with_a_note() -> None:

@@ -69,7 +69,7 @@ def test_a_missing_fact_is_asserted_and_then_answers_the_question(page: Any, sim
     page.locator("[data-action=ask]").click()
     fact = page.locator(".missing-fact")
     fact.wait_for()
-    assert "Door has no container" in fact.inner_text()
+    assert "Door has no storage place" in fact.inner_text()
     assert page.locator("[data-statement=value]").input_value() == "knowrob:Door"
     page.locator("[data-statement=subject]").fill("ToolBox")
     page.locator("[data-action=tell]").click()

@@ -31,7 +31,14 @@ if TYPE_CHECKING:
     from mindstage.engines.remote.client import RemoteUrl
     from mindstage.run_records import RunRecord
 
-__all__ = ["RunningSimulation", "open_running", "print_running_solutions", "prolog_lines", "running_target"]
+__all__ = [
+    "RunningSimulation",
+    "open_running",
+    "print_running_solutions",
+    "prolog_lines",
+    "running_target",
+    "warn_of_limit",
+]
 
 _CONNECT_TIMEOUT_S = 5.0
 _CALL_MARGIN_S = 5.0
@@ -189,7 +196,7 @@ def _choose(name: str) -> RunRecord:
     from mindstage.run_records import running_simulations
 
     records = running_simulations()
-    fitting = [record for record in records if not name or name in {str(record.process), *record.maps}]
+    fitting = [record for record in records if not name or name in _names(record)]
     if not records:
         raise InvalidArgumentError("--running", cause="no simulation is running on this machine", remedy=_START_HINT)
     listed = "; ".join(map(str, records[-_MAX_LISTED:]))
@@ -201,6 +208,11 @@ def _choose(name: str) -> RunRecord:
         remedy = f"choose one by its process id, such as --running={fitting[-1].process}: {listed}"
         raise InvalidArgumentError("--running", cause=cause, remedy=remedy)
     return fitting[0]
+
+
+def _names(record: RunRecord) -> set[str]:
+    """By what a simulation is chosen; the port too, since a process can have several simulations."""
+    return {str(record.process), str(record.port), *filter(None, (*record.maps, record.page))}
 
 
 _MAX_LISTED = 8
@@ -258,14 +270,21 @@ def _print_solutions(solutions: Sequence[Mapping[str, Any]], *, complete: bool) 
     else:
         print_table("", columns, [[_cell(row[name]) for name in columns] for row in solutions])
     if not complete:
-        warn(f"the search stopped after {len(solutions):,} solutions; there may be more (--limit)")
+        warn_of_limit(solutions)
 
 
 def print_running_solutions(simulation: RunningSimulation, result: Mapping[str, Any]) -> None:
     """Prints the solutions of one goal as JSON, as `prolog --goal --json` does."""
     print_json({**result, "running": simulation.address})
     if not result["complete"]:
-        warn(f"the search stopped after {len(result['solutions']):,} solutions; there may be more (--limit)")
+        warn_of_limit(result["solutions"])
+
+
+def warn_of_limit(solutions: Sequence[object]) -> None:
+    """Prints that there may be more solutions than the limit."""
+    from mindstage.scene.display import counted
+
+    warn(f"the search stopped after {counted(len(solutions), 'solution')}; there may be more (--limit)")
 
 
 def _cell(value: object) -> str | int | float | None:

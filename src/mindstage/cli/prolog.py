@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage import __version__
-from mindstage.cli.attach import open_running, print_running_solutions, prolog_lines, running_target
+from mindstage.cli.attach import open_running, print_running_solutions, prolog_lines, running_target, warn_of_limit
 from mindstage.cli.options import (
     DEFAULT_READING,
     EndpointUrl,
@@ -30,7 +30,6 @@ from mindstage.cli.output import (
     print_json,
     print_line,
     progress_spinner,
-    warn,
 )
 from mindstage.cli.setup import knowledge_base, make_engine, simulation_from_options
 from mindstage.cli.viewer import open_viewer
@@ -142,7 +141,7 @@ def _print_solutions(goal: str, solutions: Solutions, *, findings: Sequence[Find
     output = {"goal": goal, "solutions": solutions, "complete": solutions.complete}
     print_json(output | {"findings": findings_json(findings)})
     if not solutions.complete:
-        warn(f"the search stopped after {len(solutions):,} solutions; there may be more (--limit)")
+        warn_of_limit(solutions)
     return ExitCode.OK if solutions else ExitCode.NEGATIVE
 
 

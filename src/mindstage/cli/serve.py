@@ -183,7 +183,6 @@ def serve(
     from mindstage.bridge import LocalNode
     from mindstage.msgs import RosVersion
     from mindstage.ros import RosInterface
-    from mindstage.ros.queries import QueryServer
 
     _check_options(context, connect=connect, tls_authorities=tls_authorities, namespace=namespace, worlds=worlds)
     access = server_access(host, "" if connect else token, tls_cert, tls_key, limits, origins=origins or [])
@@ -203,7 +202,7 @@ def serve(
         output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name, **spawned}
         if with_viewport:
             output["page"] = _serve_page(resources, simulation, page_port, access)
-        QueryServer.start(simulation, page=str(output.get("page", "")))
+        _answer_queries(simulation, page=output.get("page", ""))
         if with_foxglove:
             output["foxglove"] = _serve_foxglove(resources, simulation, foxglove_port)
         _announce(output, connected=connect is not None, seconds=seconds, as_json=as_json)
@@ -262,6 +261,13 @@ def _serve_page(resources: ExitStack, simulation: Simulation, port: int, access:
     viewer = open_viewer(simulation, port=port, access=access)
     resources.callback(viewer.close)
     return viewer.url
+
+
+def _answer_queries(simulation: Simulation, *, page: object) -> None:
+    """Makes the simulation answer the queries of `--running`."""
+    from mindstage.ros.queries import QueryServer
+
+    QueryServer.start(simulation, page=str(page))
 
 
 def _serve_foxglove(resources: ExitStack, simulation: Simulation, port: int) -> str:

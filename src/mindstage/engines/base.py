@@ -51,6 +51,8 @@ class Capability(StrEnum):
 
     SAVE = "save"
     """`save_state` and `restore_state`."""
+    FORK = "fork"
+    """`fork`."""
     JOINTS = "joints"
     """`joint_positions`."""
     STATISTICS = "statistics"
@@ -353,6 +355,12 @@ class Engine(Protocol):
 
         Raises:
             TypeError: the state was not made by this kind of engine.
+        """
+
+    def fork(self) -> Engine:
+        """Returns another engine in exactly the same state, sleeping bodies included (capability FORK).
+
+        Both continue independently: edits and steps of one have no effect on the other. Neither closes the other.
         """
 
     def close(self) -> None:

@@ -40,7 +40,7 @@ class NullEngine:
     """An engine in which `step` advances the time and nothing else."""
 
     name = "null"
-    capabilities = frozenset({Capability.SAVE, Capability.STATISTICS})
+    capabilities = frozenset({Capability.SAVE, Capability.FORK, Capability.STATISTICS})
 
     def __init__(self) -> None:
         self._registry = EntityRegistry()
@@ -144,6 +144,11 @@ class NullEngine:
             raise TypeError(f"expected a state from NullEngine.save_state, not {type(state).__name__}")
         self._require_open()._registry, self._time_s = state.registry.copy(), state.time_s
         self._joint_frames = dict(state.joint_frames)
+
+    def fork(self) -> NullEngine:
+        forked = NullEngine()
+        forked.restore_state(self.save_state())
+        return forked
 
     def close(self) -> None:
         self._closed = True

@@ -285,7 +285,9 @@ def _map_color(body: Body, material: PbrMaterial) -> dict[str, PbrMaterial]:
 
 def _attached_light(rule: ShapeRule) -> AttachedLight | None:
     light = rule.light
-    return light and AttachedLight(type=light.light_type, color=light.color, intensity=light.intensity)
+    if light is None:
+        return None
+    return AttachedLight(type=light.light_type, color=light.color, intensity=light.intensity)
 
 
 _NEIGHBORHOOD_SHAPES = (

@@ -29,11 +29,13 @@ from mindstage.knowledge.store import term_from_node
 from mindstage.knowledge.tell import RUNTIME_GRAPH, AssertableValue
 from mindstage.scene import Iri
 
-__all__ = ["AssertionFile", "Triple", "TripleStoreView"]
+__all__ = ["RUNTIME_GRAPH_IRI", "AssertionFile", "Triple", "TripleStoreView"]
 
 
 _FIRST_LINE = "# Told to Mindstage, which writes this file anew when something is taken back.\n"
 
+RUNTIME_GRAPH_IRI = Iri(RUNTIME_GRAPH.value)
+"""The graph of statements that were asserted at run time."""
 Node = ox.NamedNode | ox.BlankNode
 
 
@@ -95,7 +97,7 @@ class AssertionFile:
                 raise InvalidArgumentError(str(self.path), cause=cause, remedy="remove the statement in an editor")
             if text != self._graph_text:
                 self._reload(text)
-            graph = ox.NamedNode(self.path.as_uri())
+            graph = self._knowledge.source_graph(self.path)
             before = self._quads(graph)
             self._knowledge.retract(subject, property, value)
             left = self._quads(graph)
@@ -116,11 +118,12 @@ class AssertionFile:
 
     def _reload(self, text: str) -> None:
         """Reads the statements that another process, or an earlier call, has written to the file."""
-        graph, knowledge = ox.NamedNode(self.path.as_uri()), self._knowledge
+        knowledge = self._knowledge
         with knowledge.lock:
             if self.path in knowledge.sources():
+                graph = knowledge.source_graph(self.path)
                 try:
-                    new = list(ox.parse(text, ox.RdfFormat.TURTLE, base_iri=graph.value))
+                    new = list(ox.parse(text, ox.RdfFormat.TURTLE, base_iri=self.path.as_uri()))
                 except SyntaxError as error:
                     raise SourceParseError(str(self.path), cause=str(error)) from error
                 knowledge.store.remove_graph(graph)
@@ -214,25 +217,33 @@ class TripleStoreView:
                 }
         yield from found
 
-    def add(self, subject: str, property: str, value: RdfTerm) -> None:
+    def add(self, subject: str, property: str, value: RdfTerm, graph: str | None = None) -> None:
         """Asserts a triple, which all later questions use.
 
         Raises:
             InvalidArgumentError: an argument is not a valid name.
         """
-        quad = ox.Quad(_node(subject), _property(property), _object(value), RUNTIME_GRAPH)
+        quad = ox.Quad(
+            _node(subject), _property(property), _object(value), RUNTIME_GRAPH if graph is None else _property(graph)
+        )
         with self._knowledge.lock:
             self._store.add(quad)
             self._knowledge._invalidate([quad])
 
-    def remove(self, subject: str | None = None, property: str | None = None, value: RdfTerm | None = None) -> int:
+    def remove(
+        self,
+        subject: str | None = None,
+        property: str | None = None,
+        value: RdfTerm | None = None,
+        graph: str | None = None,
+    ) -> int:
         """Removes all matching triples, asserted or loaded, and returns their number; None matches everything.
 
         Raises:
             InvalidArgumentError: an argument is not a valid name.
         """
         with self._knowledge.lock:
-            quads = list(self._quads(subject, property, value))
+            quads = list(self._quads(subject, property, value, graph))
             for quad in quads:
                 self._store.remove(quad)
             if quads:
@@ -240,10 +251,15 @@ class TripleStoreView:
                 self._knowledge.forget_derived()
         return len(quads)
 
-    def _quads(self, subject: str | None, property: str | None, value: RdfTerm | None) -> Iterator[ox.Quad]:
+    def _quads(
+        self, subject: str | None, property: str | None, value: RdfTerm | None, graph: str | None = None
+    ) -> Iterator[ox.Quad]:
         subject_node = None if subject is None else _node(subject)
         predicate = None if property is None else _property(property)
-        yield from self._store.quads_for_pattern(subject_node, predicate, None if value is None else _object(value))
+        object = None if value is None else _object(value)
+        yield from self._store.quads_for_pattern(
+            subject_node, predicate, object, None if graph is None else _property(graph)
+        )
 
 
 def _resource_term(name: str) -> RdfTerm:

@@ -31,9 +31,8 @@ from mindstage.errors import (
     SparqlTimeoutError,
 )
 from mindstage.knowledge.io.files import Source, SourceFile
-from mindstage.knowledge.names import PREFIXES
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH
-from mindstage.knowledge.rdf import ObjectNode, SparqlResult, SubjectNode
+from mindstage.knowledge.rdf import PREFIXES, ObjectNode, SparqlResult, SubjectNode
 from mindstage.knowledge.sparql_worker import REPLY_LIMIT
 from mindstage.knowledge.store import OxigraphStore, check_text, solutions_table, triples_table
 from mindstage.knowledge.tell import RUNTIME_GRAPH
@@ -310,7 +309,15 @@ class SparqlEndpointStore:
         pattern = (subject, predicate, object, graph_name)
         return chain(self._local.quads_for_pattern(*pattern), self._cache.quads_for_pattern(*pattern))
 
-    def query(self, query: str, *, timeout_s: float, allow_service: bool = False) -> SparqlResult:
+    def query(
+        self,
+        query: str,
+        *,
+        timeout_s: float,
+        allow_service: bool = False,
+        prefixes: Mapping[str, str] = PREFIXES,
+        present: bytes | None = None,
+    ) -> SparqlResult:
         """Sends a query to the endpoint; the sources that are loaded here are not queried.
 
         The endpoint may fetch what SERVICE and FROM name, so both need `allow_service`. A query that cannot be parsed
@@ -324,9 +331,13 @@ class SparqlEndpointStore:
         """
         if not timeout_s > 0:
             raise SparqlTimeoutError(timeout_s=timeout_s)
+        if present is not None:
+            cause = f"{self._endpoint} evaluates it, and does not contain the current state"
+            remedy = "use the questions pose_of, where_is and openings, or load the map here"
+            raise SparqlSyntaxError(cause, remedy=remedy)
         if not allow_service:
             self._require_no_fetching(query, timeout_s)
-        prologue = "".join(f"PREFIX {name}: <{iri}> " for name, iri in PREFIXES.items() if f"{name}:" in query)
+        prologue = "".join(f"PREFIX {name}: <{iri}> " for name, iri in prefixes.items() if f"{name}:" in query)
         try:
             reply = self._endpoint.query(prologue + query, timeout_s=timeout_s)
         except EndpointUnreachableError as error:
@@ -413,7 +424,7 @@ class SparqlEndpointStore:
         self._local.load(data, format, base_iri=base_iri, to_graph=to_graph)
         self._local_graphs.add(to_graph)
 
-    def remove_graph(self, graph: ox.NamedNode, /) -> None:
+    def remove_graph(self, graph: ox.NamedNode | ox.DefaultGraph, /) -> None:
         """Removes all statements of a graph of the local part."""
         self._local.remove_graph(graph)
         self._local_graphs -= {graph} - {INFERRED_GRAPH}

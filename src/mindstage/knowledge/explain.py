@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from mindstage.knowledge.names import compact_iri
 from mindstage.knowledge.owl import (
     ComplementOf,
     Expression,
@@ -15,7 +16,7 @@ from mindstage.knowledge.owl import (
     RestrictionType,
     UnionOf,
 )
-from mindstage.knowledge.questions import MissingKnowledge
+from mindstage.knowledge.questions import MAP_SOURCE, Claim, ClaimKind, MissingKnowledge
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import InferenceRule, Justification, Reasoner
 from mindstage.knowledge.reasoner_properties import ObjectTriple
@@ -31,6 +32,7 @@ __all__ = [
     "missing_instance",
     "restriction_line",
     "restriction_text",
+    "source_text",
     "statement_line",
     "subclass_line",
     "subproperty_line",
@@ -91,8 +93,13 @@ def restriction_line(cls: Iri, restriction: Restriction) -> str:
 
 
 def subclass_line(path: Iterable[Iri]) -> Iterator[str]:
-    """The path from a class up to a superclass as text; nothing if they are the same."""
-    names = [local_name(cls) for cls in path]
+    """The path from a class up to a superclass as text; nothing if they are the same.
+
+    Classes of one local name, such as knowrob:Drawer and soma:Drawer, are given with their prefixes.
+    """
+    classes = list(path)
+    names = [local_name(cls) for cls in classes]
+    names = [compact_iri(cls) if names.count(name) > 1 else name for cls, name in zip(classes, names, strict=True)]
     if len(names) > 1:
         yield " is a ".join(names)
 
@@ -137,34 +144,67 @@ def _justification_lines(reasoner: Reasoner, individual: Iri, justification: Jus
 
 def missing_description(reasoner: Reasoner, individual: Iri | None, map: Iri | None) -> Iterator[MissingKnowledge]:
     """The missing statement if an individual is not in a map, or a map is empty."""
+    nested = reasoner.individuals.nested_maps(individual)
+    only_nested = "only poses and limits have a describedInMap statement, which are not counted as individuals"
     if individual:
         where = "any map" if map is None else local_name(map)
         cls = reasoner.class_of(individual) or THING
         reason = f"{local_name(individual)} is not in {where}: there is no describedInMap statement"
-        yield MissingKnowledge(cls, DESCRIBED_IN_MAP, reason)
+        if nested:
+            reason = f"{individual_text(reasoner, individual)} is a part of an individual, and is not counted as one"
+        claim = Claim(kind=ClaimKind.NO_STATEMENT, subject=individual, property=DESCRIBED_IN_MAP, object=map)
+        yield MissingKnowledge(cls, DESCRIBED_IN_MAP, reason, claims=(claim,))
     elif map:
         reason = f"nothing is in {local_name(map)}: there is no describedInMap statement"
-        yield MissingKnowledge(SEMANTIC_MAP, DESCRIBED_IN_MAP, reason)
+        reason = f"nothing is in {local_name(map)}: {only_nested}" if map in nested else reason
+        claim = Claim(kind=ClaimKind.NO_STATEMENT, property=DESCRIBED_IN_MAP, object=map)
+        yield MissingKnowledge(SEMANTIC_MAP, DESCRIBED_IN_MAP, reason, claims=(claim,))
     elif not reasoner.members_by_map:
         reason = "no semantic map is loaded: there is no SemanticEnvironmentMap and no describedInMap statement"
-        yield MissingKnowledge(SEMANTIC_MAP, TYPE, reason)
+        reason = f"no SemanticEnvironmentMap is loaded, and {only_nested}" if nested else reason
+        claims = (
+            Claim(kind=ClaimKind.NO_STATEMENT, property=TYPE, object=SEMANTIC_MAP),
+            Claim(kind=ClaimKind.NO_STATEMENT, property=DESCRIBED_IN_MAP),
+        )
+        yield MissingKnowledge(SEMANTIC_MAP, TYPE, reason, claims=claims)
 
 
 def missing_file(map: Iri) -> Iterator[MissingKnowledge]:
     """The missing statement if a map exists in assertions only."""
     reason = f"{local_name(map)} is only asserted: no loaded file describes it"
-    yield MissingKnowledge(SEMANTIC_MAP, DESCRIBED_IN_MAP, reason)
+    claim = Claim(kind=ClaimKind.NO_SOURCE, subject=map)
+    yield MissingKnowledge(SEMANTIC_MAP, DESCRIBED_IN_MAP, reason, claims=(claim,))
 
 
-def missing_instance(cls: Iri, individual: Iri | None, map: Iri | None) -> MissingKnowledge:
+def missing_instance(
+    reasoner: Reasoner, cls: Iri, individual: Iri | None, map: Iri | None
+) -> Iterator[MissingKnowledge]:
     """The missing statement if a class has no individual in a map, or the given one is not a member of it."""
     if individual is not None:
-        return MissingKnowledge(cls, TYPE, f"{local_name(individual)} is no {local_name(cls)}")
+        if reasoner.is_member(individual, cls):
+            yield from missing_description(reasoner, individual, map)
+            return
+        reason = f"{local_name(individual)} is no {local_name(cls)}"
+        claim = Claim(kind=ClaimKind.NOT_INSTANCE, subject=individual, object=cls)
+        yield MissingKnowledge(cls, TYPE, reason, claims=(claim,))
+        return
     where = "any map" if map is None else local_name(map)
-    return MissingKnowledge(cls, TYPE, f"no individual in {where} is a {local_name(cls)}")
+    reason = f"no individual in {where} is a {local_name(cls)}"
+    nested = next((each for each in reasoner.members(cls) if reasoner.individuals.nested_maps(each)), None)
+    if nested:
+        reason += f"; {local_name(nested)} is a part of an individual, as poses are, and is not counted"
+    claim = Claim(kind=ClaimKind.NO_INSTANCE, object=cls, map=map)
+    yield MissingKnowledge(cls, TYPE, reason, claims=(claim,))
 
 
 def individual_text(reasoner: Reasoner, individual: Iri) -> str:
     """An individual with its class, since the names of individuals are often generated."""
     cls = reasoner.class_of(individual)
     return local_name(individual) if cls is None else f"{local_name(individual)} ({local_name(cls)})"
+
+
+def source_text(source: str) -> str:
+    """Where the poses and shapes of an answer come from, in words."""
+    state, _, shapes = source.partition(", ")
+    note = f"; bodies are taken as their {shapes}" if shapes else ""
+    return ("as the map has it; no simulation is running" if state == MAP_SOURCE else f"as {state} has it now") + note

@@ -6,14 +6,16 @@ Methods may be called from any thread: `KnowledgeBase.lock` serializes them.
 
 from __future__ import annotations
 
+import atexit
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
 from pathlib import Path
 from threading import RLock
 from typing import Any, Self, TypeVar, overload
+from weakref import ref
 
 import pyoxigraph as ox
 
@@ -30,12 +32,23 @@ from mindstage.knowledge.map_statistics import MapStatistics, map_statistics
 from mindstage.knowledge.names import NameIndex
 from mindstage.knowledge.owl import node_label
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH, InferredTriples, materialize_owl_rl
-from mindstage.knowledge.questions import AnswerCache, AnswerRow, Answers, Question
-from mindstage.knowledge.rdf import Finding, Severity, SparqlResult, TripleStore, gc_paused, local_name
+from mindstage.knowledge.present import present_statements
+from mindstage.knowledge.questions import AnswerCache, AnswerRow, Answers, Question, StateAccess
+from mindstage.knowledge.rdf import (
+    PREFIXES,
+    PRESENT_GRAPH,
+    Finding,
+    Severity,
+    SparqlResult,
+    TripleStore,
+    gc_paused,
+    local_name,
+)
 from mindstage.knowledge.rdf_mapping.nested import nest_blank_nodes
 from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.reasoner_properties import node_from_label
 from mindstage.knowledge.shape_rules import ShapeRule, ShapeRuleResolver
+from mindstage.knowledge.sparql_query import QueryPrefixes, SparqlText
 from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.knowledge.tell import RUNTIME_GRAPH, AssertableValue, AssertionStore
 from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, SUBCLASS_OF, TYPE, xsd
@@ -90,11 +103,17 @@ class KnowledgeBase:
         self._worlds: dict[Iri, World] = {}
         self._assumptions: dict[tuple[Iri, str], Assumption] = {}
         self._mesh_bounds: MeshBounds | None = None
+        self._is_index_due = False
+        self._at_exit: Callable[[], None] | None = None
+        self._change_callbacks: list[Callable[[Sequence[ox.Quad] | None], None]] = []
         try:
             self._registry.open(bundled=bundled_ontology)
         except BaseException:
             self.close()
             raise
+        if store is not None:
+            self._at_exit = partial(_save_index_of, ref(self))
+            atexit.register(self._at_exit)
 
     def __enter__(self) -> Self:
         return self
@@ -110,7 +129,18 @@ class KnowledgeBase:
 
     def close(self) -> None:
         """Ends the query processes and closes the folder, which others may then open. May be called repeatedly."""
+        if self._at_exit is not None:
+            self._at_exit()
+            atexit.unregister(self._at_exit)
+            self._at_exit = None
         self._registry.close()
+
+    def _save_index(self) -> None:
+        """Saves what questions need in the folder of the store, if it is not there."""
+        with self.lock:
+            if "reasoner" in self.__dict__ and self._registry.needs_index():
+                self._registry.save_index(self.reasoner, self.names)
+            self._is_index_due = False
 
     # -- sources and maps ----------------------------------------------------------------------------------------------
 
@@ -148,6 +178,7 @@ class KnowledgeBase:
                 conventions,
                 _as_list(urdf_files),
                 follow_imports=follow_imports,
+                builds_index="reasoner" not in self.__dict__,
             )
             self._invalidate_all(read)
 
@@ -171,6 +202,32 @@ class KnowledgeBase:
     def sources(self) -> tuple[Path, ...]:
         """The files that are loaded, including imported ones."""
         return tuple(self._registry.sources)
+
+    def source_graph(self, path: StrPath) -> ox.NamedNode:
+        """The name of the graph with the statements of a loaded file.
+
+        It is the IRI of the ontology that the file declares, else `urn:mindstage:file:NAME`; that of a bundled file is
+        `urn:mindstage:bundled:NAME`.
+
+        Raises:
+            InvalidArgumentError: the file is not loaded.
+        """
+        source = self._registry.sources.get(Path(path).resolve())
+        if source is None or not isinstance(source.graph, ox.NamedNode):
+            raise InvalidArgumentError(os.fspath(path), cause="it is not loaded", remedy="load it first")
+        return source.graph
+
+    def package_folder(self, name: str) -> Path | None:
+        """The folder of a ROS package in one of the folders that were loaded; None if there is none."""
+        return self._registry.package_folder(name)
+
+    def on_change(self, callback: Callable[[Sequence[ox.Quad] | None], None]) -> None:
+        """Registers a callback for every change of the store, with the lock held.
+
+        Args:
+            callback: receives the statements that were added or removed; None if any others may have been as well.
+        """
+        self._change_callbacks.append(callback)
 
     def maps(self) -> tuple[Iri, ...]:
         """The maps that are loaded, in the order of their sources."""
@@ -254,20 +311,22 @@ class KnowledgeBase:
     # -- questions -----------------------------------------------------------------------------------------------------
 
     @overload
-    def ask(self, question: Question[R], **args: object) -> Answers[R]: ...
+    def ask(self, question: Question[R], /, *positional: object, **args: object) -> Answers[R]: ...
     @overload
-    def ask(self, question: str, **args: object) -> Answers[Any]: ...
-    def ask(self, question: Question[Any] | str, **args: object) -> Answers[Any]:
+    def ask(self, question: str, /, *positional: object, **args: object) -> Answers[Any]: ...
+    def ask(self, question: Question[Any] | str, /, *positional: object, **args: object) -> Answers[Any]:
         """All answers to a question.
 
         Examples:
             >>> from mindstage.knowledge import KnowledgeBase
-            >>> [row.place for row in KnowledgeBase().ask("storage_place", item="CowsMilk")]
+            >>> [row.place for row in KnowledgeBase().ask("storage_place", "CowsMilk")]
             ['http://knowrob.org/kb/knowrob.owl#Refrigerator']
 
         Args:
             question: its name, or the question itself, which types the rows.
-            **args: names: local, with a prefix, or whole IRIs; arguments that are left out are open.
+            *positional: arguments in the order of the question; None leaves one open.
+            **args: arguments by name; those that are left out are open. Names of entities are local, with a prefix, or
+                whole IRIs.
 
         Raises:
             QuestionNotFoundError: no question has that name.
@@ -275,15 +334,18 @@ class KnowledgeBase:
             NameNotFoundError: a name is unknown.
             AmbiguousNameError: several entities have a name.
         """
-        key = (question, *args.items())
+        declared = _question(question)
+        args = declared.bind(positional, args)
+        key = (declared, *args.items())
         cache = self._answer_cache  # a change during the question drops this cache, and with it an outdated answer
         try:
             if (cached := cache.get(key)) is not None:
                 return cached
         except TypeError:  # an unhashable value such as a list, which the question itself refuses
             key = ()
-        declared = _question(question)
         answers = declared.ask(self, args)
+        if self._is_index_due:
+            self._save_index()
         if key and not declared.uses_current_state:
             cache.put(key, answers)
         return answers
@@ -369,16 +431,29 @@ class KnowledgeBase:
             self._invalidate_all()
         return True
 
-    def sparql(self, query: str, *, timeout_s: float = 30.0, allow_service: bool = False) -> SparqlResult:
+    def sparql(
+        self,
+        query: str,
+        *,
+        timeout_s: float = 30.0,
+        allow_service: bool = False,
+        present: StateAccess | None = None,
+    ) -> SparqlResult:
         """Runs a SPARQL 1.1 query: the default graph is the union of all sources, and each source is a named graph.
 
-        The prefixes knowrob, ms, owl, rdf, rdfs, xsd, dul and soma are declared. The query runs in a separate process
-        that is limited to 2 GiB of memory and ends at the timeout. With an endpoint, the server alone evaluates it.
+        A graph has the name of the ontology in its file, else `urn:mindstage:file:NAME`. FROM and GRAPH also accept the
+        name and the URL of the file. The graph `urn:mindstage:present` has the current state in the vocabulary of the
+        map; it is made for a query that names it, and is never part of the union.
+
+        The prefixes knowrob, ms, owl, rdf, rdfs, xsd, dul and soma are declared, and those that the loaded files
+        declare, unless they differ. The query runs in a separate process that is limited to 2 GiB of memory and ends at
+        the timeout. With an endpoint, the server alone evaluates it.
 
         Args:
             query: SELECT, ASK, CONSTRUCT or DESCRIBE.
             timeout_s: time limit [s].
             allow_service: whether the query may use other servers (SERVICE).
+            present: access to the current state; without it, that of the maps.
 
         Raises:
             SparqlSyntaxError: the query is not valid, not allowed, or its answer too large.
@@ -386,7 +461,18 @@ class KnowledgeBase:
             EndpointUnreachableError: the endpoint does not respond.
             EndpointError: the endpoint refuses the query.
         """
-        return self._store.query(query, timeout_s=timeout_s, allow_service=allow_service)
+        text, prefixes = SparqlText(query), self._prefix_table
+        prefixes.check(text)
+        names = prefixes.namespaces
+        state = None
+        if text.mentions(PRESENT_GRAPH.value, names):
+            state = present_statements(self, present or StateAccess(self))
+        if not self._registry.has_endpoint:
+            text = text.with_graph_names(*self._registry.graph_names(), names)
+        result = self._store.query(
+            text.text, timeout_s=timeout_s, allow_service=allow_service, prefixes=names, present=state
+        )
+        return result.with_columns(text.sorted_columns(result.columns))
 
     # -- classes -------------------------------------------------------------------------------------------------------
 
@@ -412,12 +498,17 @@ class KnowledgeBase:
     @cached_property
     def reasoner(self) -> Reasoner:
         """The reasoner over all statements."""
-        return Reasoner(self._store)
+        saved = self._registry.saved_index()
+        self._is_index_due = saved is None and self._registry.needs_index()
+        return saved.reasoner(self._store) if saved else Reasoner(self._store)
 
     @cached_property
     def names(self) -> NameIndex:
         """The index of names."""
-        return NameIndex(self._store, self.reasoner)
+        saved = self._registry.saved_index()
+        reasoner = self.reasoner
+        self._registry.release_saved_index()
+        return saved.name_index(self._store, reasoner) if saved else NameIndex(self._store, reasoner)
 
     def facts_of(self, individual: Iri, *, runtime_only: bool = False) -> tuple[PropertyAssertion, ...]:
         """The asserted statements about an individual, without its classes and its map; blank nodes by label.
@@ -456,6 +547,11 @@ class KnowledgeBase:
         return self._scene_entities[map].get(individual)
 
     @cached_property
+    def _prefix_table(self) -> QueryPrefixes:
+        declared = ((path.name, source.header.prefixes) for path, source in self._registry.sources.items())
+        return QueryPrefixes(PREFIXES, declared)
+
+    @cached_property
     def _answer_cache(self) -> AnswerCache:
         return AnswerCache()
 
@@ -487,6 +583,11 @@ class KnowledgeBase:
             self._worlds.clear()
             self._drop_cached("_scene_entities", "_taxonomy")
         self._drop_cached("_answer_cache", "_shape_resolver")
+        self._report_change(quads)
+
+    def _report_change(self, quads: Sequence[ox.Quad] | None) -> None:
+        for callback in self._change_callbacks:
+            callback(quads)
 
     def _invalidate_all(self, graphs: Iterable[ox.NamedNode] | None = None) -> None:
         """Drops everything that was derived from the statements.
@@ -501,7 +602,8 @@ class KnowledgeBase:
             names = [name for graph in graphs for name in self.reasoner.add_graph(graph)]
             self.names.add(names)
         self._worlds.clear()
-        self._drop_cached("_scene_entities", "_taxonomy", "_answer_cache", "_shape_resolver")
+        self._drop_cached("_scene_entities", "_taxonomy", "_answer_cache", "_shape_resolver", "_prefix_table")
+        self._report_change(None)
 
     def _drop_cached(self, *names: str) -> None:
         for name in names:
@@ -552,6 +654,12 @@ class KnowledgeBase:
 
     def _add_finding(self, severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
         self._registry.findings[Finding(severity, individual, property, problem, action)] = None
+
+
+def _save_index_of(knowledge: ref[KnowledgeBase]) -> None:
+    """Saves the index of a knowledge base that still exists."""
+    if (existing := knowledge()) is not None:
+        existing._save_index()
 
 
 def _question(question: Question[R] | str) -> Question[Any]:

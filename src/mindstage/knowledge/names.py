@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from enum import StrEnum
 from functools import cached_property
@@ -9,24 +10,12 @@ from functools import cached_property
 import pyoxigraph as ox
 
 from mindstage.errors import AmbiguousNameError, NameNotFoundError
-from mindstage.knowledge.rdf import QuadSource, local_name
+from mindstage.knowledge.rdf import PREFIXES, QuadSource, local_name, namespace_of
 from mindstage.knowledge.reasoner import Reasoner
-from mindstage.knowledge.vocabulary import DUL, KNOWROB, MS, OWL, RDF, RDFS, SOMA, TYPE, XSD
+from mindstage.knowledge.vocabulary import RDFS, TYPE
 from mindstage.scene import Iri
 
 __all__ = ["PREFIXES", "EntityType", "NameIndex", "compact_iri", "expand_prefix"]
-
-PREFIXES = {
-    "knowrob": KNOWROB,
-    "ms": MS,
-    "owl": OWL,
-    "rdf": RDF,
-    "rdfs": RDFS,
-    "xsd": XSD,
-    "dul": DUL,
-    "soma": SOMA,
-}
-"""The prefixes that names may have, with their namespaces."""
 
 _BUILT_IN_PROPERTIES = (TYPE, *(Iri(RDFS + name) for name in ("subClassOf", "subPropertyOf", "label", "comment")))
 
@@ -51,10 +40,25 @@ class NameIndex:
     It stores names only; what a name refers to at present is looked up in the reasoner.
     """
 
-    def __init__(self, store: QuadSource, reasoner: Reasoner) -> None:
-        """Reads nothing yet."""
+    def __init__(
+        self, store: QuadSource, reasoner: Reasoner, *, names: dict[str, dict[Iri, None]] | None = None
+    ) -> None:
+        """Reads nothing yet.
+
+        Args:
+            store: the statements.
+            reasoner: what names refer to.
+            names: the IRIs by local name, if they are known.
+        """
         self._store = store
         self._reasoner = reasoner
+        if names is not None:
+            self._names = names
+
+    @property
+    def by_local_name(self) -> dict[str, dict[Iri, None]]:
+        """The IRIs by local name; may contain those of removed entities."""
+        return self._names
 
     def add(self, names: Iterable[Iri]) -> None:
         """Adds the names of new statements."""
@@ -65,11 +69,13 @@ class NameIndex:
     def find(self, name: str, entity_type: EntityType) -> Iri:
         """Resolves a name of a given type.
 
-        An individual can also be given by the name of its class, if it is the only member.
+        An individual can also be given by the name of its class, if it is the only member. Of several classes or
+        properties of a name, it is the one that the loaded maps use; if they use none or several, any of them as long
+        as all are equivalent.
 
         Raises:
             NameNotFoundError: nothing of that type has the name.
-            AmbiguousNameError: several entities of that type have it.
+            AmbiguousNameError: several entities of that type have it, and the maps leave the choice open.
         """
         if entity_type is EntityType.VALUE:
             known = self.find_any(name)
@@ -130,9 +136,38 @@ class NameIndex:
         found = self._candidates(name, entity_type)
         if not found and entity_type is EntityType.INDIVIDUAL:
             found = self._sole_members(name) or self._mentioned_only(name)
+        if len(found) > 1 and entity_type in {EntityType.CLASS, EntityType.PROPERTY}:
+            found = self._used_in_maps(found, entity_type)
         if len(found) > 1:
             raise AmbiguousNameError(name, entity_type=entity_type.value, candidates=found)
         return found[0] if found else None
+
+    def _used_in_maps(self, candidates: list[Iri], entity_type: EntityType) -> list[Iri]:
+        """Those of several candidates that the loaded maps use; of equivalent ones, which have one meaning, the first.
+
+        A class is used by its individuals. If no candidate is used, it is one of the vocabulary that the maps use most.
+        """
+        is_class = entity_type is EntityType.CLASS
+        found = [each for each in candidates if (self._has_members(each) if is_class else self._is_predicate(each))]
+        if not found and is_class:
+            counts = {each: self._vocabulary[namespace_of(each)] for each in candidates}
+            found = [each for each in candidates if counts[each] and counts[each] == max(counts.values())]
+        found = found or candidates
+        same = self._reasoner.equivalents(found[0]) if is_class else ()
+        return found[:1] if {*found} <= {*same} else found
+
+    def _has_members(self, cls: Iri) -> bool:
+        return any(
+            individual in self._reasoner.maps_of for individual in self._reasoner.individuals.members.get(cls, ())
+        )
+
+    def _is_predicate(self, property: Iri) -> bool:
+        return next(iter(self._store.quads_for_pattern(None, ox.NamedNode(property), None)), None) is not None
+
+    @property
+    def _vocabulary(self) -> Counter[str]:
+        """The number of classes that the individuals of maps have, by namespace."""
+        return Counter(namespace_of(cls) for cls in self._reasoner.individuals.members if self._has_members(cls))
 
     def _candidates(self, name: str, entity_type: EntityType) -> list[Iri]:
         whole = expand_prefix(name)

@@ -8,6 +8,7 @@ from enum import StrEnum
 import msgspec
 import pyoxigraph as ox
 
+from mindstage.knowledge.rdf import QuadSource
 from mindstage.knowledge.vocabulary import HAS_VALUE, ON_PROPERTY, OWL, RDF
 from mindstage.scene import Iri, Literal
 
@@ -67,45 +68,47 @@ EXPRESSION_PROPERTIES = (
     *(*_VALUE_RESTRICTIONS, *_CARDINALITIES, *_QUALIFIERS),
 )
 """The properties that class expressions are made of."""
+LIST_PROPERTIES = frozenset({_FIRST, _REST})
+_EXPRESSION_PROPERTY_SET = frozenset(EXPRESSION_PROPERTIES)
 
 
-class NamedClass(msgspec.Struct, frozen=True):
+class NamedClass(msgspec.Struct, frozen=True, tag=True):
     """A named class, datatype or individual."""
 
     iri: Iri
 
 
-class LiteralValue(msgspec.Struct, frozen=True):
+class LiteralValue(msgspec.Struct, frozen=True, tag=True):
     """A literal as a value."""
 
     literal: Literal
 
 
-class UnionOf(msgspec.Struct, frozen=True):
+class UnionOf(msgspec.Struct, frozen=True, tag=True):
     """A union of classes."""
 
     members: tuple[Expression, ...]
 
 
-class IntersectionOf(msgspec.Struct, frozen=True):
+class IntersectionOf(msgspec.Struct, frozen=True, tag=True):
     """An intersection of classes."""
 
     members: tuple[Expression, ...]
 
 
-class OneOf(msgspec.Struct, frozen=True):
+class OneOf(msgspec.Struct, frozen=True, tag=True):
     """An enumeration of individuals or literals."""
 
     members: tuple[Expression, ...]
 
 
-class ComplementOf(msgspec.Struct, frozen=True):
+class ComplementOf(msgspec.Struct, frozen=True, tag=True):
     """The complement of a class."""
 
     expression: Expression
 
 
-class Restriction(msgspec.Struct, frozen=True):
+class Restriction(msgspec.Struct, frozen=True, tag=True):
     """The class of all individuals whose values of a property satisfy a condition."""
 
     property: Iri
@@ -127,7 +130,7 @@ class Restriction(msgspec.Struct, frozen=True):
         )
 
 
-class UnparsedExpression(msgspec.Struct, frozen=True):
+class UnparsedExpression(msgspec.Struct, frozen=True, tag=True):
     """An expression without a meaning: incomplete or cyclic."""
 
 
@@ -156,8 +159,14 @@ def named_classes(expression: Expression | None) -> Iterator[Iri]:
 class ClassExpressionParser:
     """Parses class expressions from the statements that it was given, and caches them."""
 
-    def __init__(self, quads: Iterable[ox.Quad] = ()) -> None:
-        """Adds the first statements."""
+    def __init__(self, quads: Iterable[ox.Quad] = (), *, look_up: QuadSource | None = None) -> None:
+        """Adds the first statements.
+
+        Args:
+            quads: statements.
+            look_up: where the statements of other nodes are looked up when they are needed.
+        """
+        self._look_up = look_up
         self._statements_by_node: dict[Iri, dict[str, list[object]]] = {}
         self._parsed: dict[Iri, Expression] = {}
         self._visited: set[Iri] = set()
@@ -241,6 +250,10 @@ class ClassExpressionParser:
         return None if property is None or property.startswith("_:") else (property, forward)
 
     def _statements_of(self, name: Iri) -> dict[str, list[object]]:
+        if self._look_up is not None and name not in self._statements_by_node:
+            node = ox.BlankNode(name[2:]) if name.startswith("_:") else ox.NamedNode(name)
+            quads = self._look_up.quads_for_pattern(node, None, None)
+            self.add(quad for quad in quads if quad.predicate.value in _EXPRESSION_PROPERTY_SET)
         self._visited.add(name)
         return self._statements_by_node.get(name, {})
 

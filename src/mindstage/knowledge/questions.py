@@ -22,7 +22,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, StrEnum
 from functools import cached_property
 from operator import attrgetter
 from threading import Lock, RLock
@@ -60,6 +60,8 @@ __all__ = [
     "AnswerCache",
     "AnswerRow",
     "Answers",
+    "Claim",
+    "ClaimKind",
     "ClassName",
     "IndividualName",
     "MapName",
@@ -182,6 +184,10 @@ class StateAccess:
         here = [running] if running and (map is None or map in spawned) else []
         elsewhere = (each for each in self._kb.maps() if each not in spawned and map in {None, each})
         return (*here, *(self._map_state(each) for each in elsewhere))
+
+    def running(self) -> WorldState | None:
+        """The state of the simulated scene; None without a simulation."""
+        return self._engine_state
 
     def find_individual(self, name: str) -> Iri | None:
         """The IRI of a simulated body, by IRI or body id: it may have been spawned without any map."""
@@ -311,6 +317,50 @@ class AnswerRow(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 R = TypeVar("R", bound=AnswerRow)
 
 
+class ClaimKind(StrEnum):
+    """What a `Claim` states about the graph; None stands for anything."""
+
+    NO_STATEMENT = "no statement"
+    """No statement has this subject, property (or a subproperty) and object; poses and limits do not count."""
+    NO_SOURCE = "no source"
+    """No loaded file describes the map `subject`."""
+    FEWER_MAPS = "fewer maps"
+    """Loaded files describe fewer maps than `object`."""
+    NO_CLASS = "no class"
+    """`subject` is an individual without a class."""
+    NOT_INSTANCE = "not an instance"
+    """The individual `subject` is not a member of the class `object`."""
+    NO_INSTANCE = "no instance"
+    """No individual in `map` is a member of the class `object`."""
+    NOT_SUBCLASS = "not a subclass"
+    """The class `subject` is not a subclass of the other class `object`."""
+    NOT_SIBLING = "not a sibling"
+    """The classes `subject` and `object` have no common direct superclass."""
+    NO_RESTRICTION = "no restriction"
+    """No superclass of `subject`, or itself, needs a value of `property` of a class that has `object` as a subclass."""
+    NO_NARROWER_RESTRICTION = "no narrower restriction"
+    """As before, of a class that is `object` or a subclass of it."""
+    NO_STATED_RESTRICTION = "no stated restriction"
+    """Neither `subject` nor a superclass of it has a restriction of any type on `property` with the filler `object`."""
+    RESTRICTION = "restriction"
+    """`subject` or a superclass of it has a restriction on `property` whose filler names `object`."""
+    NOT_PART = "not a part"
+    """`object` is not a part of `subject`, except through a joint."""
+    PART = "part"
+    """`object` is a part of `subject`, if not otherwise then through a joint."""
+
+
+class Claim(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A fact about the graph that the reason of a `MissingKnowledge` states."""
+
+    kind: ClaimKind
+    subject: Iri | None = None
+    property: Iri | None = None
+    object: str | None = None
+    """A class, an individual or a map; the text of a literal or an expression; a number."""
+    map: Iri | None = None
+
+
 class MissingKnowledge(msgspec.Struct, frozen=True):
     """A statement whose absence explains why a question has no answer."""
 
@@ -319,6 +369,8 @@ class MissingKnowledge(msgspec.Struct, frozen=True):
     reason: str
     is_filler: bool = False
     """Whether `cls` is missing as the filler of the property, rather than as its subject."""
+    claims: tuple[Claim, ...] = ()
+    """What `reason` states about the graph, each of which is so."""
 
 
 class Answers(Sequence[R]):
@@ -480,6 +532,22 @@ class Question(Generic[R]):
         hints = get_type_hints(self.row, include_extras=True)
         return {name: _value_type(hints[name]) for name in self.row.__struct_fields__}
 
+    def bind(self, positional: Sequence[object], named: Mapping[str, object]) -> dict[str, object]:
+        """The arguments of a call by name; positional ones are in the order of the declaration.
+
+        Raises:
+            InvalidArgumentError: there are too many, or one is given twice.
+        """
+        names = [argument.name for argument in self.arguments]
+        takes = f"it takes {', '.join(names)}" if names else "it takes no arguments"
+        if len(positional) > len(names):
+            cause = f"{positional[len(names)]!r} is one argument too many"
+            raise InvalidArgumentError(self.name, cause=cause, remedy=takes)
+        bound = dict(zip(names, positional, strict=False))
+        if twice := next((name for name in bound if name in named), None):
+            raise InvalidArgumentError(self.name, cause=f"{twice} is given twice", remedy=takes)
+        return bound | dict(named)
+
     def explain(self, function: Callable[[QuestionContext, R], Iterator[str]]) -> Callable[..., Iterator[str]]:
         """Registers the function that explains an answer."""
         self._explain = function
@@ -617,7 +685,15 @@ def answers_to_builtins(kb: QuestionContext, answers: Answers[Any], *, explain: 
         "question": answers.question.name,
         "args": dict(answers.args),
         "answers": [_answer(kb, answers, column, row, explain=explain) for row in answers],
-        "missing": [{"class": lack.cls, "property": lack.property, "why": lack.reason} for lack in answers.missing],
+        "missing": [
+            {
+                "class": lack.cls,
+                "property": lack.property,
+                "why": lack.reason,
+                "claims": msgspec.to_builtins(lack.claims),
+            }
+            for lack in answers.missing
+        ],
     }
 
 

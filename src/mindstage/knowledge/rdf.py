@@ -14,15 +14,20 @@ from contextlib import contextmanager
 from enum import StrEnum
 from functools import cache
 from itertools import count
-from typing import Protocol
+from typing import Any, Protocol, overload
 
 import msgspec
 import pyoxigraph as ox
 
-from mindstage.knowledge.vocabulary import XSD
+from mindstage.errors import InvalidArgumentError
+from mindstage.knowledge.vocabulary import DUL, KNOWROB, MS, OWL, RDF, RDFS, SOMA, XSD
 from mindstage.scene import BodyId, FactValue, Iri, IriRef, Literal, PropertyAssertion
 
 __all__ = [
+    "BUNDLED_GRAPHS",
+    "FILE_GRAPHS",
+    "PREFIXES",
+    "PRESENT_GRAPH",
     "Finding",
     "FindingGroup",
     "FindingSink",
@@ -51,6 +56,17 @@ __all__ = [
     "xml_local_name",
 ]
 
+PREFIXES = {
+    "knowrob": KNOWROB,
+    "ms": MS,
+    "owl": OWL,
+    "rdf": RDF,
+    "rdfs": RDFS,
+    "xsd": XSD,
+    "dul": DUL,
+    "soma": SOMA,
+}
+"""The prefixes that names may have, with their namespaces."""
 _LAST_SEPARATOR = re.compile(r".*#|.*/|.*:", re.DOTALL)
 SubjectNode = ox.NamedNode | ox.BlankNode
 ObjectNode = ox.NamedNode | ox.BlankNode | ox.Literal | ox.Triple
@@ -67,6 +83,10 @@ _DETAIL = re.compile(
 )
 """The parts of a finding's text that are specific to one individual."""
 STRING = XSD + "string"
+BUNDLED_GRAPHS, FILE_GRAPHS = "urn:mindstage:bundled:", "urn:mindstage:file:"
+"""The names of the graphs of bundled files, and of files that declare no ontology, are these and the file name."""
+PRESENT_GRAPH = ox.NamedNode("urn:mindstage:present")
+"""The graph of the current state, which exists only in a query that names it."""
 is_generated_label = re.compile(r"_:[a-f][0-9a-f]{19,31}").fullmatch
 """Matches the random labels that the parser gives to blank nodes without a label in the source."""
 
@@ -211,13 +231,71 @@ class RdfTerm(msgspec.Struct, frozen=True, omit_defaults=True):
     language: str | None = None
 
 
+SparqlRow = tuple[RdfTerm | None, ...]
+
+
 class SparqlResult(msgspec.Struct, frozen=True):
-    """The result of a query: a boolean (ASK), triples (CONSTRUCT, DESCRIBE) or solutions (SELECT)."""
+    """The result of a query: a boolean (ASK), triples (CONSTRUCT, DESCRIBE) or solutions (SELECT).
+
+    It is a sequence of its rows; `result["name"]` is the column of a variable. The result of ASK has no rows, and is
+    true or false as such.
+
+    >>> from mindstage.knowledge import KnowledgeBase
+    >>> result = KnowledgeBase().sparql("SELECT ?n ?twice { VALUES ?n { 1 2 } BIND(2 * ?n AS ?twice) }")
+    >>> [(n.value, twice.value) for n, twice in result], len(result), result["twice"][0].value
+    ([('1', '2'), ('2', '4')], 2, '2')
+    """
 
     columns: tuple[str, ...]
-    rows: tuple[tuple[RdfTerm | None, ...], ...]
+    rows: tuple[SparqlRow, ...]
     boolean: bool | None = None
     """The result of ASK; None for other queries."""
+
+    def __iter__(self) -> Iterator[SparqlRow]:
+        """The rows."""
+        return iter(self.rows)
+
+    def __len__(self) -> int:
+        """The number of rows."""
+        return len(self.rows)
+
+    def __bool__(self) -> bool:
+        """The result of ASK; for other queries, whether there are rows."""
+        return bool(self.rows) if self.boolean is None else self.boolean
+
+    @overload
+    def __getitem__(self, at: int) -> SparqlRow: ...
+    @overload
+    def __getitem__(self, at: slice | str) -> tuple[Any, ...]: ...
+    def __getitem__(self, at: int | slice | str) -> tuple[Any, ...]:
+        """One row, several rows, or the column of a variable.
+
+        Raises:
+            InvalidArgumentError: the result has no such column.
+            IndexError: it has no such row.
+        """
+        if not isinstance(at, str):
+            return self.rows[at]
+        if at not in self.columns:
+            there = ", ".join(self.columns) or "none"
+            raise InvalidArgumentError(f"column {at!r}", cause="the result has none", remedy=f"there is {there}")
+        place = self.columns.index(at)
+        return tuple(row[place] for row in self.rows)
+
+    def with_columns(self, columns: Sequence[str]) -> SparqlResult:
+        """The same result with its columns in another order."""
+        if tuple(columns) == self.columns:
+            return self
+        places = [self.columns.index(column) for column in columns]
+        rows = tuple(tuple(row[place] for place in places) for row in self.rows)
+        return SparqlResult(tuple(columns), rows, self.boolean)
+
+    def to_dicts(self) -> list[dict[str, str | None]]:
+        """The values of the rows by column, as text: `pandas.DataFrame(result.to_dicts())`."""
+        return [
+            {name: None if term is None else term.value for name, term in zip(self.columns, row, strict=True)}
+            for row in self.rows
+        ]
 
 
 class TripleStore(QuadSource, Protocol):
@@ -242,11 +320,26 @@ class TripleStore(QuadSource, Protocol):
             SyntaxError: the document is not in that format; nothing was added.
         """
 
-    def remove_graph(self, graph: ox.NamedNode, /) -> None:
+    def remove_graph(self, graph: ox.NamedNode | ox.DefaultGraph, /) -> None:
         """Removes all statements of a graph."""
 
-    def query(self, query: str, *, timeout_s: float, allow_service: bool = False) -> SparqlResult:
+    def query(
+        self,
+        query: str,
+        *,
+        timeout_s: float,
+        allow_service: bool = False,
+        prefixes: Mapping[str, str] = PREFIXES,
+        present: bytes | None = None,
+    ) -> SparqlResult:
         """Evaluates a SPARQL query, and stops it at the time limit.
+
+        Args:
+            query: the query.
+            timeout_s: the time limit [s].
+            allow_service: whether it may use other servers.
+            prefixes: the prefixes that it need not declare.
+            present: the statements of `PRESENT_GRAPH` in N-Triples, which exist for this query only.
 
         Raises:
             SparqlSyntaxError: the query is not valid, not allowed, or its answer too large.

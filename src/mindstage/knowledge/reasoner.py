@@ -10,7 +10,7 @@ by `KnowledgeBase.derive`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from functools import cached_property
 
@@ -19,6 +19,7 @@ import pyoxigraph as ox
 
 from mindstage.knowledge.owl import (
     EXPRESSION_PROPERTIES,
+    LIST_PROPERTIES,
     ComplementOf,
     Expression,
     IntersectionOf,
@@ -119,11 +120,22 @@ class IndividualIndex:
         self.maps_of: dict[Iri, tuple[Iri, ...]] = {}
         self.untyped: dict[Iri, None] = {}
         """Individuals of a map that have no type."""
-        self.members_by_map_and_class: dict[tuple[Iri, Iri], dict[Iri, None]] = {}
-        """By map and class, as asserted."""
-        self._nested_resources: dict[Iri, tuple[Iri, ...]] = {}
+        self._members_by_map_and_class: dict[tuple[Iri, Iri], dict[Iri, None]] | None = None
+        self.nested_resources: dict[Iri, tuple[Iri, ...]] = {}
         """The maps of resources that only belong to another individual, such as poses."""
         self.add(asserted)
+
+    @property
+    def members_by_map_and_class(self) -> dict[tuple[Iri, Iri], dict[Iri, None]]:
+        """By map and class, as asserted; made at the first use and then updated."""
+        if self._members_by_map_and_class is None:
+            groups: dict[tuple[Iri, Iri], dict[Iri, None]] = {}
+            for individual, maps in self.maps_of.items():
+                for cls in self.types.get(individual, ()):
+                    for map in maps:
+                        groups.setdefault((map, cls), {})[individual] = None
+            self._members_by_map_and_class = groups
+        return self._members_by_map_and_class
 
     def add(self, asserted: QuadsByPredicate) -> None:
         """Adds more statements."""
@@ -135,11 +147,17 @@ class IndividualIndex:
             if individual := node_label(quad.subject):
                 described.setdefault(individual, []).append(quad.object)
         for individual in touched:  # members of a map may have got another class
-            if individual in self.maps_of or individual in self._nested_resources:
+            if individual in self.maps_of or individual in self.nested_resources:
                 described.setdefault(individual, [])
         for individual, maps in described.items():
-            before = (*self.maps_of.get(individual, ()), *self._nested_resources.get(individual, ()))
+            before = (*self.maps_of.get(individual, ()), *self.nested_resources.get(individual, ()))
             self._set_maps(individual, {*before, *_map_names(individual, maps)})
+
+    def nested_maps(self, resource: Iri | None = None) -> Collection[Iri]:
+        """The maps of a resource that only belongs to another individual, such as a pose; of all of them, if None."""
+        if resource is not None:
+            return self.nested_resources.get(resource, ())
+        return {map for maps in self.nested_resources.values() for map in maps}
 
     def update(self, individual: Iri, types: Iterable[object], maps: Iterable[object]) -> None:
         """Replaces everything about an individual by its current types and maps."""
@@ -191,9 +209,9 @@ class IndividualIndex:
             for cls in types:
                 discard_from_group(self.members_by_map_and_class, (map, cls), individual)
         self.untyped.pop(individual, None)
-        self._nested_resources.pop(individual, None)
+        self.nested_resources.pop(individual, None)
         if maps and types and _PART_CLASSES.issuperset(types):
-            self._nested_resources[individual] = tuple(sorted(maps))
+            self.nested_resources[individual] = tuple(sorted(maps))
         elif maps:
             self._add_to_maps(individual, types, tuple(sorted(maps)))
 
@@ -464,12 +482,20 @@ class PartOfStep(msgspec.Struct, frozen=True):
 class Reasoner:
     """Answers what follows from a triple store in its current state."""
 
-    def __init__(self, store: QuadSource) -> None:
-        """Reads classes, restrictions, types and maps; everything else is looked up when it is needed."""
+    def __init__(
+        self, store: QuadSource, *, axioms: ClassAxioms | None = None, individuals: IndividualIndex | None = None
+    ) -> None:
+        """Reads classes, restrictions, types and maps; everything else is looked up when it is needed.
+
+        Args:
+            store: the statements.
+            axioms: what follows from the statements about classes, if that is known.
+            individuals: the types and maps of individuals, if they are known.
+        """
         self._inferred = InferredTriples(store)
         self._store = self._inferred.asserted()
-        self.axioms = ClassAxioms(self._quads_with_predicate)
-        self.individuals = IndividualIndex(self._quads_with_predicate)
+        self.axioms = axioms or ClassAxioms(self._quads_with_predicate)
+        self.individuals = individuals or IndividualIndex(self._quads_with_predicate)
         self._sorted_members: dict[Iri, Sequence[Iri]] = {}
         self._class_cache: dict[Iri, Iri | None] = {}
 
@@ -511,7 +537,9 @@ class Reasoner:
             property: list(self._store.quads_for_pattern(None, ox.NamedNode(property), None, graph))
             for property in (TYPE, DESCRIBED_IN_MAP, *CLASS_AXIOM_PROPERTIES, *PROPERTY_AXIOM_PROPERTIES)
         }
-        if not self.axioms.add(quads_by_property.__getitem__):
+        if self.axioms.is_merged:
+            self._add_to_merged([quad for name in CLASS_AXIOM_PROPERTIES for quad in quads_by_property[name]])
+        elif not self.axioms.add(quads_by_property.__getitem__):
             self.axioms = ClassAxioms(self._quads_with_predicate)
         self.individuals.add(quads_by_property.__getitem__)
         self._drop_cached("properties", "instance_checker")
@@ -550,6 +578,8 @@ class Reasoner:
     def _update_classes(self, quads: Sequence[ox.Quad]) -> bool:
         """Updates the class axioms; returns False if expressions have changed and all of them were read again."""
         asserted = [self._is_asserted(quad) for quad in quads]
+        if self.axioms.is_merged:
+            return self._add_to_merged(quads) if all(asserted) else self._read_classes_again()
         expressions = [
             (quad, is_asserted)
             for quad, is_asserted in zip(quads, asserted, strict=True)
@@ -558,13 +588,37 @@ class Reasoner:
         if not all(is_asserted for _, is_asserted in expressions) or not self.axioms.parser.add(
             quad for quad, _ in expressions
         ):
-            self.axioms = ClassAxioms(self._quads_with_predicate)
-            return False
+            return self._read_classes_again()
         self.axioms.add_definitions()
         for quad, is_asserted in zip(quads, asserted, strict=True):
             if quad.predicate.value not in EXPRESSION_PROPERTIES:
                 self.axioms.update(quad.triple, is_asserted=is_asserted)
         return True
+
+    def _read_classes_again(self) -> bool:
+        self.axioms = ClassAxioms(self._quads_with_predicate)
+        return False
+
+    def _add_to_merged(self, quads: Sequence[ox.Quad]) -> bool:
+        """Adds statements to axioms of which only the result is known; all are read again if that is not enough."""
+        triples = {quad.triple for quad in quads}
+        nodes = {node for triple in triples for node in triple if isinstance(node, ox.BlankNode)}
+        if any(self._continues_expression(triple) for triple in triples) or any(
+            quad.triple not in triples and quad.predicate.value in CLASS_AXIOM_PROPERTIES
+            for node in nodes
+            for pattern in ((node, None, None), (None, None, node))
+            for quad in self._store.quads_for_pattern(*pattern)
+        ):
+            return self._read_classes_again()
+        groups: dict[str, list[ox.Quad]] = {}
+        for quad in quads:
+            groups.setdefault(quad.predicate.value, []).append(quad)
+        self.axioms.add(lambda name: groups.get(name, ()))
+        return True
+
+    def _continues_expression(self, triple: ox.Triple) -> bool:
+        """Whether a statement is about a named list, which statements that exist may refer to."""
+        return isinstance(triple.subject, ox.NamedNode) and triple.predicate.value in LIST_PROPERTIES
 
     def _is_asserted(self, quad: ox.Quad) -> bool:
         """Whether any graph contains the statement."""
@@ -588,6 +642,10 @@ class Reasoner:
         """Whether a class is another class or one of its subclasses."""
         return ancestor in self.classes.above(cls)
 
+    def equivalents(self, cls: Iri) -> Iterator[Iri]:
+        """The class itself, and the classes that have the same members by definition."""
+        return (each for each in self.classes.above(cls) if cls in self.classes.above(each))
+
     def are_disjoint(self, first: Iri, second: Iri) -> bool:
         """Whether two classes have no common member: they, or two of their superclasses, are asserted disjoint."""
         others = self.classes.above(second)
@@ -597,6 +655,10 @@ class Reasoner:
         """The restrictions of a class, then those that it inherits, the nearest first."""
         for owner in self.classes.above(cls):
             yield from self.axioms.class_restrictions(owner)
+
+    def expression(self, cls: Iri) -> Expression | None:
+        """The class expression of a node, which may be a blank node `_:label`; None if it is none."""
+        return self.axioms.parser.parse(node_from_label(cls))
 
     def restricted_classes(self) -> Iterable[Iri]:
         """The classes that have restrictions of their own."""

@@ -30,6 +30,7 @@ from mindstage.scene import Iri
 
 __all__ = [
     "CLASS_AXIOM_PROPERTIES",
+    "Axiom",
     "ClassAxioms",
     "ClassRestriction",
     "QuadsByPredicate",
@@ -45,28 +46,28 @@ QuadsByPredicate = Callable[[str], Iterable[ox.Quad]]
 """Returns all statements with a predicate, of the store or of one graph."""
 
 
-class ClassRestriction(msgspec.Struct, frozen=True):
+class ClassRestriction(msgspec.Struct, frozen=True, tag=True):
     """A restriction on all members of a class."""
 
     cls: Iri
     restriction: Restriction
 
 
-class SubClassEdge(msgspec.Struct, frozen=True):
+class SubClassEdge(msgspec.Struct, frozen=True, tag=True):
     """A class and a direct superclass of it."""
 
     subclass: Iri
     superclass: Iri
 
 
-class SufficientCondition(msgspec.Struct, frozen=True):
+class SufficientCondition(msgspec.Struct, frozen=True, tag=True):
     """An expression whose instances are members of the class."""
 
     cls: Iri
     expression: Expression
 
 
-class DisjointClasses(msgspec.Struct, frozen=True):
+class DisjointClasses(msgspec.Struct, frozen=True, tag=True):
     """Two classes without common members."""
 
     first: Iri
@@ -93,10 +94,18 @@ class ClassAxioms:
         self._by_filler: dict[Iri, dict[ClassRestriction, None]] = {}
         self._by_property: dict[Iri, dict[ClassRestriction, None]] = {}
         self._disjoint: dict[Iri, dict[Iri, None]] = {}
+        self._merged_names: dict[Iri, None] = {}
+        """The names in the statements of merged axioms."""
+        self.is_merged = False
+        """Whether axioms were merged, whose statements are not known."""
         self.add(asserted)
 
     def add(self, asserted: QuadsByPredicate) -> bool:
         """Adds statements; returns False if they change existing expressions, so that everything must be read again."""
+        if self.is_merged:
+            added = ClassAxioms(asserted)
+            self.merge(added.axioms, added.parser, added.names())
+            return True
         is_new = self.parser.add(quad for property in EXPRESSION_PROPERTIES for quad in asserted(property))
         if is_new:
             for property in (SUBCLASS_OF, EQUIVALENT_CLASS, _DISJOINT):
@@ -104,6 +113,27 @@ class ClassAxioms:
                     self._add_axioms(quad.triple, self._axioms_of(quad.triple))
             self.add_definitions()
         return is_new
+
+    def merge(self, axioms: Iterable[Axiom], parser: ClassExpressionParser, names: Iterable[Iri]) -> None:
+        """Adds axioms without the statements that they follow from; later, statements can be added but not removed.
+
+        Args:
+            axioms: the axioms.
+            parser: has the fillers and restricted properties of their statements.
+            names: the names in their statements.
+        """
+        self.is_merged = True
+        for axiom in axioms:
+            if axiom not in self._counts:
+                self._assert_axiom(axiom)
+        self._merged_names.update(dict.fromkeys(names))
+        self.parser.restricted_properties |= parser.restricted_properties
+        self.parser.fillers |= parser.fillers
+
+    @property
+    def axioms(self) -> Iterable[Axiom]:
+        """All axioms."""
+        return self._counts.keys()
 
     def add_definitions(self) -> None:
         """Adds the named classes that are class expressions themselves."""
@@ -152,6 +182,7 @@ class ClassAxioms:
         """All names that may be those of classes."""
         nodes = (node for triple in self._axioms_by_triple for node in (triple.subject, triple.object))
         yield from (Iri(node.value) for node in nodes if isinstance(node, ox.NamedNode))
+        yield from self._merged_names
         yield from self.parser.names()
 
     def __contains__(self, cls: object) -> bool:

@@ -38,6 +38,8 @@ REPLY_LIMIT = 256 * 1024**2
 _STAND_IN_LETTERS = "bcfghjkmnpqvwxz"
 """Letters that no keyword of SPARQL and no exponent of a number consists of."""
 _CODE_POINT = re.compile(r"\\u([0-9a-fA-F]{4})|\\U([0-9a-fA-F]{8})")
+_PRESENT_GRAPH = ox.NamedNode("urn:mindstage:present")
+"""`mindstage.knowledge.rdf.PRESENT_GRAPH`, which a script cannot import."""
 _JSON, _TRIPLES = ox.QueryResultsFormat.JSON, ox.RdfFormat.N_TRIPLES
 
 
@@ -66,9 +68,9 @@ class _TooLargeError(Exception):
 def serve(store: ox.Store, connection: Connection, *, network: bool = True) -> None:
     """Evaluates queries until the connection is closed.
 
-    A request is (text, prefixes, seconds, whether SERVICE is allowed, whether to check it only). A reply is (kind,
-    bytes): solutions or a boolean as JSON, triples, an error, or the clause that is not allowed; of a query that is
-    only checked, the clauses in it that name other sources.
+    A request is (text, prefixes, seconds, whether SERVICE is allowed, whether to check it only, the statements of the
+    current state in N-Triples or None). A reply is (kind, bytes): solutions or a boolean as JSON, triples, an error, or
+    the clause that is not allowed; of a query that is only checked, the clauses in it that name other sources.
 
     Args:
         store: the store.
@@ -80,10 +82,12 @@ def serve(store: ox.Store, connection: Connection, *, network: bool = True) -> N
         deny_network(no_new_files=True)
     while True:
         try:
-            query, prefixes, timeout_s, allow_service, check_only = connection.recv()
+            query, prefixes, timeout_s, allow_service, check_only, present = connection.recv()
         except EOFError:
             return
         signal.setitimer(signal.ITIMER_REAL, timeout_s)
+        if present is not None:
+            store.load(present, ox.RdfFormat.N_TRIPLES, to_graph=_PRESENT_GRAPH)
         reply = _check(query, prefixes) if check_only else _answer(store, query, prefixes, allow_service=allow_service)
         signal.setitimer(signal.ITIMER_REAL, 0)
         connection.send(reply)
@@ -95,8 +99,13 @@ def _answer(store: ox.Store, query: str, prefixes: dict[str, str], *, allow_serv
     if not allow_service and _has_clause("SERVICE", query, prefixes):
         error = _syntax_error(query, prefixes)
         return ("syntax", error.encode()) if error else ("service", b"")
-    # A dataset of the query's own (FROM) replaces the union of all graphs.
-    return _evaluate(store, query, prefixes, as_union=not _has_clause("FROM", query, prefixes))
+    if _has_clause("FROM", query, prefixes):  # a dataset of the query's own
+        return _evaluate(store, query, prefixes)
+    graphs = list(store.named_graphs()) if store.contains_named_graph(_PRESENT_GRAPH) else None
+    if graphs is None:
+        return _evaluate(store, query, prefixes, use_default_graph_as_union=True)
+    graphs.remove(_PRESENT_GRAPH)
+    return _evaluate(store, query, prefixes, default_graph=[ox.DefaultGraph(), *graphs])
 
 
 def _check(query: str, prefixes: dict[str, str]) -> tuple[str, bytes]:
@@ -147,10 +156,10 @@ def _syntax_error(query: str, prefixes: dict[str, str]) -> str:
     return ""
 
 
-def _evaluate(store: ox.Store, query: str, prefixes: dict[str, str], *, as_union: bool) -> tuple[str, bytes]:
+def _evaluate(store: ox.Store, query: str, prefixes: dict[str, str], **dataset: Any) -> tuple[str, bytes]:
     reply: Any = _BoundedBuffer()
     try:
-        found = store.query(query, prefixes=prefixes, use_default_graph_as_union=as_union)
+        found = store.query(query, prefixes=prefixes, **dataset)
         if isinstance(found, ox.QueryTriples):
             found.serialize(reply, format=_TRIPLES)
             return "triples", b"".join(reply.chunks)
@@ -229,11 +238,11 @@ def _limit_resources() -> None:
             resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
 
 
-def _main(folder: str, connection_fd: str, network: str) -> None:
+def _main(folder: str, connection_fd: str, network: str, mode: str) -> None:
     connection = Connection(int(connection_fd))
     if network == "denied":
         deny_network(no_new_files=False)  # the store opens its files when it reads them
-    store = ox.Store.read_only(folder)
+    store = ox.Store(folder) if mode == "write" else ox.Store.read_only(folder)
     connection.send(None)  # ready
     serve(store, connection)
 

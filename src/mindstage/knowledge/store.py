@@ -15,20 +15,20 @@ import sys
 import threading
 import warnings
 import weakref
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from itertools import count
+from itertools import chain, count
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NoReturn
 
 import pyoxigraph as ox
 
 from mindstage.errors import SparqlSyntaxError, SparqlTimeoutError, StoreError
 from mindstage.knowledge import sparql_worker
-from mindstage.knowledge.names import PREFIXES
-from mindstage.knowledge.rdf import RdfTerm, SparqlResult
+from mindstage.knowledge.rdf import PREFIXES, RdfTerm, SparqlResult
 from mindstage.knowledge.sparql_worker import MEMORY_LIMIT, REPLY_LIMIT, serve
 
 __all__ = [
@@ -69,6 +69,8 @@ _MAX_IDLE = 2
 _LIMIT_HINT = "ask for less (LIMIT, or without ORDER BY and DISTINCT)"
 _MIN_BULK_SIZE = 4 * 1024 * 1024
 """The size from which a document is written as files of its own, which is then faster than through the log [bytes]."""
+_MAX_STAGED_SIZE = 256 * 1024 * 1024
+"""The size of the small documents that are held in memory before they are written together [bytes]."""
 _MAX_TIMEOUT_S = 1e6
 """The longest time limit; the timer of a process has no infinity [s]."""
 
@@ -166,22 +168,31 @@ class QueryWorker:
         self._pid = pid
 
     def query(
-        self, query: str, timeout_s: float, *, allow_service: bool = False, check_only: bool = False
+        self,
+        query: str,
+        timeout_s: float,
+        *,
+        allow_service: bool = False,
+        check_only: bool = False,
+        prefixes: Mapping[str, str] = PREFIXES,
+        present: bytes | None = None,
     ) -> tuple[str, bytes]:
         """Runs a query, and returns the kind and the bytes of the reply.
 
         Args:
-            query: a SPARQL query; the common prefixes need not be declared.
+            query: a SPARQL query.
             timeout_s: time limit [s].
             allow_service: whether it may use other servers, which a worker without network cannot reach either way.
             check_only: whether it is parsed and not evaluated.
+            prefixes: the prefixes that it need not declare.
+            present: the statements of the current state, in N-Triples, which a worker keeps from then on.
 
         Raises:
             SparqlTimeoutError: the time limit was exceeded; the worker has ended.
             SparqlSyntaxError: the query needs too much memory or its answer is too large; the worker has ended.
         """
         try:
-            self._connection.send((query, dict(PREFIXES), timeout_s, allow_service, check_only))
+            self._connection.send((query, dict(prefixes), timeout_s, allow_service, check_only, present))
             if not self._connection.poll(timeout_s + _GRACE_PERIOD_S):
                 raise SparqlTimeoutError(timeout_s=timeout_s)
             answer: tuple[str, bytes] = self._connection.recv()
@@ -229,7 +240,13 @@ class QueryWorkerPool:
         weakref.finalize(self, _kill_all, self._idle_workers)
 
     def query(
-        self, query: str, timeout_s: float, *, check_only: bool, start_worker: Callable[[], QueryWorker]
+        self,
+        query: str,
+        timeout_s: float,
+        *,
+        check_only: bool,
+        prefixes: Mapping[str, str],
+        start_worker: Callable[[], QueryWorker],
     ) -> tuple[str, bytes]:
         """Runs a query in a worker, and returns the kind and the bytes of the reply.
 
@@ -237,6 +254,7 @@ class QueryWorkerPool:
             query: a SPARQL query.
             timeout_s: time limit [s].
             check_only: whether it is parsed and not evaluated.
+            prefixes: the prefixes that it need not declare.
             start_worker: starts a worker if none is idle.
 
         Raises:
@@ -248,7 +266,7 @@ class QueryWorkerPool:
             worker = self._idle_workers.pop() if self._idle_workers else None
         worker = worker or start_worker()
         try:
-            answer = worker.query(query, timeout_s, check_only=check_only)
+            answer = worker.query(query, timeout_s, check_only=check_only, prefixes=prefixes)
         except BaseException:  # including KeyboardInterrupt
             worker.kill()
             raise
@@ -288,18 +306,20 @@ def fork_worker(store: ox.Store, *, network: bool = False) -> QueryWorker:
     return QueryWorker(ours, process)
 
 
-def spawn_worker(folder: Path, *, network: bool = False) -> QueryWorker:
+def spawn_worker(folder: Path, *, network: bool = False, is_copy: bool = False) -> QueryWorker:
     """Starts a worker that opens a store on disk, which must not be written meanwhile.
 
     Args:
         folder: the folder of the store.
+        is_copy: whether the worker may write to it.
         network: whether the worker may open connections, where the operating system can deny it.
     """
     ours, theirs = Pipe()
     os.set_inheritable(theirs.fileno(), True)
     # -P: the directory of this file must not be on the module path.
     access = "allowed" if network else "denied"
-    command = [sys.executable, "-P", sparql_worker.__file__, str(folder), str(theirs.fileno()), access]
+    mode = "write" if is_copy else "read"
+    command = [sys.executable, "-P", sparql_worker.__file__, str(folder), str(theirs.fileno()), access, mode]
     process = os.posix_spawn(sys.executable, command, os.environ)
     theirs.close()
     worker = QueryWorker(ours, process)
@@ -326,6 +346,10 @@ def _exit_reason(exit_signal: int) -> str:
     return "the query process has ended unexpectedly"
 
 
+def _do_nothing() -> None:
+    pass
+
+
 class OxigraphStore:
     """A `TripleStore` of pyoxigraph. Reads use pyoxigraph directly; writes and queries are serialized here."""
 
@@ -347,9 +371,13 @@ class OxigraphStore:
         self._read_only = read_only
         self._closed = False
         self._write_lock = threading.RLock()
+        self.before_write: Callable[[], None] = _do_nothing
+        """Called before each change."""
         self._snapshot_numbers = count()
         self._snapshot: Path | None = None
         self._workers = QueryWorkerPool()
+        self._staging: ox.Store | None = None
+        self._staged_size = 0
         # Called very often, so without a method in between.
         self.quads_for_pattern: Callable[..., Iterator[ox.Quad]] = self._store.quads_for_pattern
 
@@ -358,6 +386,10 @@ class OxigraphStore:
 
     def __iter__(self) -> Iterator[ox.Quad]:
         return iter(self._store)
+
+    def dump(self) -> bytes:
+        """All statements as N-Quads."""
+        return self._store.dump(format=ox.RdfFormat.N_QUADS) or b""
 
     def add(self, quad: ox.Quad, /) -> None:
         """Adds a statement; has no effect if it exists."""
@@ -381,6 +413,12 @@ class OxigraphStore:
             SyntaxError: the document is not in that format; nothing was added.
         """
         with self._exclusive_write():
+            if self._staging is not None and len(data) < _MIN_BULK_SIZE:
+                self._staging.load(data, format, base_iri=base_iri, to_graph=to_graph)
+                self._staged_size += len(data)
+                if self._staged_size > _MAX_STAGED_SIZE:
+                    self._write_staged()
+                return
             if self._folder is None or len(data) < _MIN_BULK_SIZE:
                 self._store.load(data, format, base_iri=base_iri, to_graph=to_graph)
                 return
@@ -390,22 +428,75 @@ class OxigraphStore:
                 self._store.remove_graph(to_graph)  # the statements before the error were added
                 raise
 
-    def remove_graph(self, graph: ox.NamedNode, /) -> None:
+    def remove_graph(self, graph: ox.NamedNode | ox.DefaultGraph, /) -> None:
         """Removes all statements of a graph."""
         with self._exclusive_write():
             self._store.remove_graph(graph)
+            if self._staging is not None:
+                self._staging.remove_graph(graph)
 
-    def query(self, query: str, *, timeout_s: float, allow_service: bool = False) -> SparqlResult:
+    @contextmanager
+    def bulk(self) -> Iterator[None]:
+        """Holds the documents that are loaded inside in memory, and writes them together at the end.
+
+        To a store on disk, many documents are then written in a fraction of the time. They can be read at once with
+        `quads_for_pattern`, but not queried.
+        """
+        if self._folder is None or self._read_only or self._staging is not None:
+            yield
+            return
+        staging = self._staging = ox.Store()
+        read = self.quads_for_pattern
+        self.quads_for_pattern = lambda *pattern: chain(
+            self._store.quads_for_pattern(*pattern), staging.quads_for_pattern(*pattern)
+        )
+        try:
+            yield
+            if len(staging):
+                with self._exclusive_write():
+                    self._write_staged()
+        finally:
+            self._staging, self._staged_size, self.quads_for_pattern = None, 0, read
+
+    def _write_staged(self) -> None:
+        staging = self._staging
+        if staging is None or self._folder is None or not len(staging):
+            return
+        with TemporaryDirectory(prefix=f"{self._folder.name}-staged-", dir=self._folder.parent) as folder:
+            file = Path(folder, "staged.nq")
+            staging.dump(file, ox.RdfFormat.N_QUADS)
+            self._store.bulk_load(path=file, format=ox.RdfFormat.N_QUADS)
+        staging.clear()
+        self._staged_size = 0
+
+    def query(
+        self,
+        query: str,
+        *,
+        timeout_s: float,
+        allow_service: bool = False,
+        prefixes: Mapping[str, str] = PREFIXES,
+        present: bytes | None = None,
+    ) -> SparqlResult:
         """Evaluates a SPARQL query in a separate process, which ends at the time limit.
 
         FROM and FROM NAMED select graphs of this store, and nothing is fetched for them; without them, the default
-        graph is the union of all graphs.
+        graph is the union of all graphs but that of the current state.
+
+        Args:
+            query: the query.
+            timeout_s: the time limit [s].
+            allow_service: whether it may use other servers.
+            prefixes: the prefixes that it need not declare.
+            present: the statements of `PRESENT_GRAPH` in N-Triples, which exist for this query only.
 
         Raises:
             SparqlSyntaxError: the query is not valid, not allowed, or its answer too large.
             SparqlTimeoutError: the time limit was exceeded.
         """
-        kind, reply = self._ask_worker(query, timeout_s, allow_service=allow_service)
+        kind, reply = self._ask_worker(
+            query, timeout_s, allow_service=allow_service, prefixes=prefixes, present=present
+        )
         match kind:
             case "solutions":
                 return solutions_table(reply)
@@ -431,20 +522,56 @@ class OxigraphStore:
         raise _invalid_query_error(query, reply.decode())
 
     def _ask_worker(
-        self, query: str, timeout_s: float, *, allow_service: bool = False, check_only: bool = False
+        self,
+        query: str,
+        timeout_s: float,
+        *,
+        allow_service: bool = False,
+        check_only: bool = False,
+        prefixes: Mapping[str, str] = PREFIXES,
+        present: bytes | None = None,
     ) -> tuple[str, bytes]:
         if self._closed:
             self._raise_closed()
         if not timeout_s > 0:
             raise SparqlTimeoutError(timeout_s=timeout_s)
         limit_s = min(timeout_s, _MAX_TIMEOUT_S)
-        if not allow_service:
-            return self._workers.query(query, limit_s, check_only=check_only, start_worker=self._start_worker)
-        worker = self._start_worker(network=True)
-        try:
-            return worker.query(query, limit_s, allow_service=True, check_only=check_only)
-        finally:
-            worker.kill()
+        if not allow_service and present is None:
+            return self._workers.query(
+                query, limit_s, check_only=check_only, prefixes=prefixes, start_worker=self._start_worker
+            )
+        with self._own_worker(network=allow_service, writes=present is not None) as worker:
+            return worker.query(
+                query,
+                limit_s,
+                allow_service=allow_service,
+                check_only=check_only,
+                prefixes=prefixes,
+                present=present,
+            )
+
+    @contextmanager
+    def _own_worker(self, *, network: bool, writes: bool) -> Iterator[QueryWorker]:
+        """A worker for one query; if it writes, it has a copy of the store."""
+        if self._folder is None or not writes:
+            worker = self._start_worker(network=network)
+            try:
+                yield worker
+            finally:
+                worker.kill()
+            return
+        # Beside the store, its files are linked and not copied.
+        with TemporaryDirectory(
+            prefix=f"{self._folder.name}-as-asked-", dir=None if self._read_only else self._folder.parent
+        ) as folder:
+            copy = Path(folder, "triples")
+            with self._write_lock:
+                self._store.backup(copy)
+            worker = spawn_worker(copy, network=network, is_copy=True)
+            try:
+                yield worker
+            finally:
+                worker.kill()
 
     def flush(self) -> None:
         """Writes everything to disk, so that it survives a power failure."""
@@ -465,6 +592,7 @@ class OxigraphStore:
         if self._read_only or self._closed:
             self._raise_closed()
         with self._write_lock:
+            self.before_write()
             try:
                 yield
             finally:

@@ -4,6 +4,7 @@
       mindstage.json   the manifest: what is loaded; always replaced as a whole
       triples/         the triple store
       texts/           the text of each source, by its hash, from which worlds are read
+      index.*          what questions need, see `store_index`
 
 The field `whole` of the manifest is false during a change: if the process dies meanwhile, the folder is recognized as
 incomplete.
@@ -25,13 +26,14 @@ from msgspec.structs import replace
 from mindstage.errors import StoreError
 from mindstage.files import atomic_write
 from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
-from mindstage.knowledge.io.files import Source, SourceFile
+from mindstage.knowledge.io.files import Source, SourceFile, SourceHeader
 from mindstage.knowledge.rdf import Finding
 from mindstage.knowledge.store import OxigraphStore
+from mindstage.knowledge.store_index import IndexFile
 
 __all__ = ["FORMAT_VERSION", "SourceRecord", "StoreDirectory", "StoreManifest"]
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 _MANIFEST, _TRIPLES, _TEXTS = "mindstage.json", "triples", "texts"
 _RECREATE_HINT = "delete the folder and load the sources into it again"
 
@@ -56,6 +58,10 @@ class SourceRecord(
     modified_ns: int
     is_map: bool = False
     is_explicit: bool = False
+    graph: str = ""
+    """The name of its graph; empty for the URL of the file, as in folders of version 1."""
+    ontology: str = ""
+    prefixes: dict[str, str] = {}
 
 
 class StoreManifest(
@@ -95,13 +101,16 @@ class StoreDirectory:
             self._create()
         self.read_only = not os.access(folder, os.W_OK)
         self.manifest = self._read_manifest()
+        self.index = IndexFile(folder, folder / _TRIPLES, read_only=self.read_only)
         self.store = self._open_store()
+        self.index.on_opened()
         if not self.manifest.complete and not self.is_new:
             self.store.close()
             raise StoreError(
                 str(folder), cause="it is half-written: a process died while filling it", remedy=_RECREATE_HINT
             )
         self._records = {record.path: record for record in self.manifest.sources}
+        self.store.before_write = self.index.invalidate
 
     # -- sources -------------------------------------------------------------------------------------------------------
 
@@ -110,11 +119,12 @@ class StoreDirectory:
         return {
             Path(record.path): Source(
                 name=record.path,
-                graph=ox.NamedNode(Path(record.path).as_uri()),
+                graph=ox.NamedNode(record.graph or Path(record.path).as_uri()),
                 store=self.store,
                 load_text=self._text_loader(record),
                 is_map=record.is_map,
                 is_explicit=record.is_explicit,
+                header=SourceHeader(record.ontology, record.prefixes),
             )
             for record in self.manifest.sources
         }
@@ -176,8 +186,18 @@ class StoreDirectory:
     def commit(self, manifest: StoreManifest, sources: Iterable[Source]) -> None:
         """Writes the manifest with these sources, which completes a transaction."""
         pairs = ((self._records[source.name], source) for source in sources)
-        records = (replace(record, is_map=each.is_map, is_explicit=each.is_explicit) for record, each in pairs)
-        manifest = replace(manifest, sources=tuple(records))
+        records = tuple(
+            replace(
+                record,
+                is_map=each.is_map,
+                is_explicit=each.is_explicit,
+                graph=each.graph.value if isinstance(each.graph, ox.NamedNode) else "",
+                ontology=each.header.ontology,
+                prefixes=dict(each.header.prefixes),
+            )
+            for record, each in pairs
+        )
+        manifest = replace(manifest, format_version=FORMAT_VERSION, sources=records)
         if manifest != self.manifest:
             self.store.flush()
             self._write_manifest(manifest)
@@ -203,7 +223,7 @@ class StoreDirectory:
 
     def _open_store(self) -> OxigraphStore:
         if not self.read_only:
-            for copy in self.path.glob(f"{_TRIPLES}-as-asked-*"):  # left by a process that was killed
+            for copy in self.path.glob(f"{_TRIPLES}-*-*"):  # left by a process that was killed
                 shutil.rmtree(copy, ignore_errors=True)
         try:
             return OxigraphStore(self.path / _TRIPLES, read_only=self.read_only)

@@ -36,9 +36,12 @@ from __future__ import annotations
 from mindstage.scene import Iri, LightType
 
 __all__ = [
+    "AFFORDS_TASK",
+    "AFFORDS_TRIGGER",
     "ANGULAR_CONSTRAINT",
     "BASE_LINK_NAME",
     "CHILD",
+    "CLASSIFIES",
     "CONNECTIONS",
     "CONSTRAINT",
     "DATATYPE_PROPERTY",
@@ -52,6 +55,7 @@ __all__ = [
     "GIVEN_SIZES",
     "HAS_ANGULAR",
     "HAS_COLOR",
+    "HAS_DISPOSITION",
     "HAS_JOINT",
     "HAS_LINEAR",
     "HAS_LOCALIZATION",
@@ -90,10 +94,13 @@ __all__ = [
     "SEMANTIC_MAP",
     "SIZES",
     "SOMA",
+    "SOMA_NAMESPACES",
     "START_TIME",
+    "STORAGE",
     "SUBCLASS_OF",
     "TAGS_DATA",
     "TAGS_JSON",
+    "TASK_AFFORDED_BY",
     "THING",
     "TO_PARTS",
     "TO_WHOLES",
@@ -190,6 +197,11 @@ LIGHT_CLASSES = {
 
 DUL = "http://www.ontologydesignpatterns.org/ont/dul/DUL.owl#"
 SOMA = "http://www.ease-crc.org/ont/SOMA.owl#"
+SOMA_NAMESPACES = (
+    SOMA,
+    *(f"http://www.ease-crc.org/ont/{name}.owl#" for name in ("SOMA-HOME", "SOMA-OBJ", "SOMA-ACT")),
+)
+"""The namespaces of SOMA; its modules had their own in some versions."""
 URDF = "http://knowrob.org/kb/urdf.owl#"
 
 
@@ -229,6 +241,8 @@ TO_WHOLES = (
     *(dul("isPartOf"), dul("isProperPartOf"), dul("isComponentOf"), soma("isPhysicalComponentOf")),
 )
 
+HAS_DISPOSITION, AFFORDS_TASK, AFFORDS_TRIGGER = soma("hasDisposition"), soma("affordsTask"), soma("affordsTrigger")
+TASK_AFFORDED_BY, CLASSIFIES, STORAGE = soma("isTaskAffordedBy"), dul("classifies"), soma("Storage")
 HAS_LOCALIZATION = soma("hasLocalization")
 HAS_SHAPE = soma("hasShape")
 HAS_COLOR = soma("hasColor")

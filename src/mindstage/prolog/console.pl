@@ -4,7 +4,10 @@
 :- use_module(questions).
 :- use_module(line_queries).
 :- use_module(prefixes).
+:- use_module(rdf_mirror, [mark_stale/0]).
 :- use_module(semweb, []).
+:- use_module(owl_predicates, []).
+:- use_module(user_files, []).
 :- use_module(veit2019_compat, []).
 :- use_module(knowrob_objects, []).
 :- use_module(knowrob_language, []).
@@ -22,11 +25,20 @@ start(Alarm) :-
     create_user_module,
     request(prefixes, Pairs),
     set_default_prefixes(Pairs),
-    define_questions.
+    define_questions,
+    mark_stale.
+
+% The modules whose predicates users call; the first one that exports a name provides it.
+user_module(mindstage_veit2019_compat).
+user_module(mindstage_knowrob_objects).
+user_module(mindstage_knowrob_language).
+user_module(mindstage_semweb).
+user_module(mindstage_owl).
+user_module(mindstage_user_files).
 
 create_user_module :- module_property(mindstage, exports(_)), import_module(user, mindstage), !.
 create_user_module :-
-    forall(( member(Module, [mindstage_veit2019_compat, mindstage_knowrob_objects, mindstage_knowrob_language, mindstage_semweb]), module_property(Module, exports(Names)) ),
+    forall(( user_module(Module), module_property(Module, exports(Names)) ),
            forall(member(Name, Names), mindstage:import(Module:Name))),
     forall(member(Name, [questions/0, why/1, missing/2]), mindstage:import(mindstage_questions:Name)),
     delete_import_module(mindstage, user),
@@ -104,7 +116,8 @@ measure([], _) :- !.
 measure(Term, _) :- cyclic_term(Term), !.
 measure(Term, State) :-
     max_parts(Most),
-    (   size_abstract_term(Most, t(Term), Part), Part == t(Term) -> true
+    term_attvars(Term, Constrained),
+    (   \+ \+ ( maplist(del_attrs, Constrained), size_abstract_term(Most, t(Term), Part), Part == t(Term) ) -> true
     ;   format(string(Sentence), "a solution has more than ~D parts", [Most]),
         throw(mindstage_error(answer_refused, Sentence))
     ),
@@ -113,12 +126,19 @@ measure(Term, State) :-
     nb_setarg(1, State, Next).
 
 % text_cost(+Term, +Left, -Next): subtracts the approximate length of the text of a term.
+text_cost(Term, Left, Next) :- nonvar(Term), Term = [Head|Tail], !,
+    text_cost(Head, Left, Rest),
+    text_cost(Tail, Rest, Next).
 text_cost(Term, Left, Next) :-
-    (   compound(Term) -> compound_name_arguments(Term, Name, Arguments), Parts = [Name|Arguments] ; Parts = [] ),
-    (   atomic(Term) -> atom_length(Term, Length) ; Length = 1 ),
+    (   compound(Term) -> compound_name_arguments(Term, Name, Arguments) ; Name = Term, Arguments = [] ),
+    (   has_text(Name) -> atom_length(Name, Length) ; Length = 1 ),  % the others are variables, streams, functors of dicts
     Rest is Left - Length - 2,
     (   Rest < 0 -> throw(mindstage_error(answer_refused, "the text of the solutions is too long; ask for less")) ; true ),
-    foldl(text_cost, Parts, Rest, Next).
+    foldl(text_cost, Arguments, Rest, Next).
+
+has_text(Value) :- blob(Value, text), !.
+has_text(Value) :- string(Value), !.
+has_text(Value) :- number(Value).
 
 % Compound terms are converted to text.
 cell(Value, Value) :- \+ compound(Value), !.

@@ -95,19 +95,22 @@ class PrologConsole:
         self._library = load_library()
         self.simulation = simulation
         self._at_halt = at_halt
+        rdf = RdfPredicates(simulation.knowledge)
         self.handlers: Mapping[str, Handler] = {
             **QuestionPredicates(simulation).handlers,
-            **RdfPredicates(simulation.knowledge).handlers,
+            **rdf.handlers,
             **WorldPredicates(simulation).handlers,
             **ObjectPredicates(simulation).handlers,
             "halting": self._on_halt,
         }
         """The requests that Prolog can send to Python, by name."""
+        self._feed = rdf.feed
         self._busy = set[int]()
         PrologConsole._instance = self
         try:
             with self._library.thread():
                 _load_console_source(self._library)
+                self._feed.on_change = self._mark_mirror_stale
                 self._can_wake = self._call("start") == "nudge"
         except BaseException:
             self.close()
@@ -203,6 +206,7 @@ class PrologConsole:
         """Closes the console; calling it again is harmless."""
         if PrologConsole._instance is self:
             PrologConsole._instance = None
+            self._feed.on_change = lambda: None
 
     def __enter__(self) -> PrologConsole:
         return self
@@ -247,6 +251,11 @@ class PrologConsole:
             if not library.call(_CONSOLE_MODULE, predicate, len(arguments) + 1, terms):
                 raise RuntimeError(f"{predicate}/{len(arguments) + 1} in console.pl failed")
             return read_term(library, terms + len(arguments), limit=reading)
+
+    def _mark_mirror_stale(self) -> None:
+        """Called in the thread that has changed the store, which may be within a goal."""
+        with self._library.thread(), self._library.frame():
+            self._library.call("mindstage_rdf_mirror", "mark_stale", 0, 0)
 
     def _on_halt(self, status: Value) -> Value:
         """Exits the process after Prolog's `halt`; returns if Prolog halts because Python exits."""

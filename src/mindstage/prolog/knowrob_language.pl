@@ -136,10 +136,13 @@ stated_triple(Subject, Property, Value) :-
     ;   var(Pattern)
     ->  mindstage:rdf_has(Subject, Property, Found),
         literal_value(Found, Value)
+    ;   atom(Value), \+ sub_atom(Value, _, _, _, :)
+    ->  (   request(name_kinds(Value), Kinds), member(Kind, Kinds), arg(1, Kind, Resource),
+            mindstage:rdf_has(Subject, Property, Resource)
+        ;   mindstage:rdf_has(Subject, Property, literal(Literal)),
+            literal_value(literal(Literal), Value)
+        )
     ;   mindstage:rdf_has(Subject, Property, Pattern)
-    ;   atom(Value), \+ sub_atom(Value, _, _, _, ://),
-        mindstage:rdf_has(Subject, Property, literal(Literal)),
-        literal_value(literal(Literal), Value)
     ).
 
 plain(Value, Value) :- number(Value).
@@ -238,7 +241,7 @@ is_supported_by(Object, Support) :- distinct(Object-Support, question(where_is, 
 %   Description is a class, an individual, or [Article, Type|Properties] as in openEASE: Type is object or event, and a
 %   property is [type, Class], [name, Individual], [pose, [a, pose, Position, Quaternion]], [on, Other] and the other
 %   relations of where_is, or [Property, Value], in which Value may be a description. An unbound description is built.
-entity(Entity, Description) :- var(Description), !,
+entity(Entity, Description) :- is_partial(Description), !,
     full_name(Entity, individual, Iri),
     distinct(Iri, current_object_pose(Iri, [map|_])),
     once(map_object_type(Iri, Class)),
@@ -259,6 +262,10 @@ entity(Entity, [Article, Type|Properties]) :-
     maplist(valid_property, Properties),
     selective_first(Properties, Ordered),
     distinct(Entity, described(Kind, Entity, Ordered)).
+
+% is_partial(@Term): a variable, or a list with a variable at its end.
+is_partial(Term) :- var(Term), !.
+is_partial([_|Rest]) :- is_partial(Rest).
 
 candidates(Type, _, _) :- var(Type), !, instantiation_error(Type).
 candidates(object, _, object) :- !.
@@ -447,30 +454,35 @@ marker_remove(Id) :-
 %   Predicates of KnowRob that Mindstage does not have: a call throws existence_error(procedure, Predicate) with the reason.
 knowrob_not_here(Predicate, Reason) :- not_here(Predicates, Reason), member(Predicate, Predicates).
 
-not_here([assert_temporal_part/4, object_trajectory/4, task_goal/2, event_before/2, event_after/2],
+not_here([object_trajectory/4, event_before/2, event_after/2, task_goal/2, mem_episode_start/1, mem_episode_stop/1],
          "episodes are not recorded; holds/4 and object_pose_at_time/3 answer for states that were observed").
+not_here([assert_temporal_part/4], "properties have no intervals, since episodes are not recorded").
+not_here([map_read_all/2], "everything_in_map/2 and current_object_pose/2 list a map").
+not_here([object_information/8], "the question what_is/11 gives classes, pose, size and other properties").
+not_here([object_assert_color/2], "tell(triple(Object, knowrob:mainColorOfObject, Text)) states a color").
+not_here([object_assert_dimensions/4], "sizes are part of the world that an engine simulates; change the map").
+not_here([create_object_perception/4, create_perception_instance/2, set_perception_pose/2, set_object_perception/2],
+         "nothing is perceived here; tell(is_at(Object, Pose)) moves a body, spawn_models/2 spawns one").
+not_here([create_joint_information/9], "spawn_constraint/1 creates a joint").
+not_here([update_joint_information/7], "the joints of a running simulation move by forces").
+not_here([delete_object_information/1], "forget/1 removes statements").
+not_here([comp_center/2], "current_object_pose/2 has the center").
+not_here([objectAtPoint2D/2], "points of a map are no individuals; on_Physical/2 asks what is below an object").
 not_here([mng_latest_designator/4, mng_lookup_transform/4, mng_designator/2, mng_query/2],
-         "no MongoDB is used: the present state is in the simulation, see current_object_pose/2").
+         "no MongoDB is used; the present state is in the simulation, see current_object_pose/2").
 not_here([tf_lookup_transform/3, tf_listener_start/0, transform_pose_prolog/4],
-         "there is no tf listener in Prolog: is_at/2 gives a pose in the frame of another object").
-not_here([jpl_load_library/0, json_prolog_init/0, ros_init/0, visualisation_canvas/1, camera_pose/2, owl_computable_db/1],
-         "no Java runs in the process; `mindstage serve` serves ROS clients and the viewer").
+         "there is no tf listener in Prolog; is_at/2 gives a pose in the frame of another object").
+not_here([jpl_load_library/0, json_prolog_init/0, ros_init/0],
+         "no Java and no ROS node runs in the process; `mindstage serve` serves ROS clients").
+not_here([visualisation_canvas/1, camera_pose/2], "the option `--viewport` shows the world in the browser").
 not_here([classifier_trained/4, classify_instances/3, best_location_dtree/2],
          "no classifier (Weka) is part of Mindstage; storagePlaceFor/2 answers from the ontology").
 not_here([rdf_wup_similarity/3, best_location_maxMaxWup/2, best_location_maxMaxWup/3],
          "class similarity is no measure here; the question siblings/3 gives classes with a common superclass").
-not_here([create_object_perception/4, create_perception_instance/2, set_perception_pose/2, set_object_perception/2],
-         "nothing is perceived here: tell(is_at(Object, Pose)) moves a body, spawn_models/2 spawns one").
-not_here([create_joint_information/9, update_joint_information/7, delete_object_information/1],
-         "maps are not edited statement by statement; the command `mindstage` and Simulation edit worlds, save_map writes them").
-not_here([export_object/2, export_map/2, export_action/2],
-         "`mindstage save` writes maps and worlds").
+not_here([export_object/2, export_map/2, export_action/2], "`mindstage log` and `mindstage convert` write maps and worlds").
 not_here([action_feasible_on_robot/2, missing_cap_for_action/2, missing_comp_for_action/3, cap_available_on_robot/2],
          "no robot is described with SRDL here; device_for_action/2 answers which devices an action needs").
-not_here([urdf_load/2, urdf_load/3],
-         "`mindstage … --urdf FILE` loads a URDF with its map").
-not_here([mem_episode_start/1, mem_episode_stop/1],
-         "episodes (NEEMs) are not recorded").
+not_here([urdf_load/2, urdf_load/3], "`--urdf FILE` loads a URDF with its map").
 
 define_not_here :-
     forall(knowrob_not_here(Name/Arity, _), define_not_here(Name, Arity)).

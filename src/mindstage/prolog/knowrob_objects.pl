@@ -17,6 +17,7 @@
 :- use_module(questions).
 :- use_module(prefixes).
 :- use_module(library(apply)).
+:- use_module(library(date)).
 :- use_module(library(yall)).
 :- use_module(library(error)).
 :- use_module(library(lists)).
@@ -67,10 +68,17 @@ time_seconds(Time, Seconds) :-
     ->  true
     ;   atom_number(Iri, Seconds)
     ->  true
-    ;   mindstage:rdf_has(Iri, knowrob:startTime, Point), Point \== Iri, atom(Point)
-    ->  time_seconds(Point, Seconds)
+    ;   mindstage:rdf_has(Iri, knowrob:startTime, Point), Point \== Iri
+    ->  stated_seconds(Point, Seconds)
     ;   type_error(time_point, Iri)
     ).
+
+% stated_seconds(+Value, -Seconds): of a time point, or of a literal with a number or a date.
+stated_seconds(literal(Literal), Seconds) :- !,
+    (   literal_number(Literal, Seconds) -> true
+    ;   arg(2, Literal, Text), parse_time(Text, Seconds)
+    ).
+stated_seconds(Point, Seconds) :- catch(time_seconds(Point, Seconds), error(type_error(time_point, _), _), fail).
 
 % observation(+Time, -Number): the observed state at a time; unbound, the present. Fails if nothing was observed by then.
 observation(Time, Number) :- var(Time), !, request(observe, Number).
@@ -133,9 +141,21 @@ detected_pose(Object, Time, Position, Quaternion) :-
     findall(Start-Detection,
             ( object_detection(Object, _, Detection), detection_start(Detection, Start), Start =< Seconds ), Detections),
     max_member(_-Latest, Detections),
-    mindstage:rdf_has(Latest, knowrob:eventOccursAt, Matrix),
-    matrix_numbers(Matrix, Numbers),
+    once(mindstage:rdf_has(Latest, knowrob:eventOccursAt, Pose)),
+    stated_pose(Pose, Position, Quaternion).
+
+% stated_pose(+Pose, -Position, -Quaternion): of a 4x4 matrix, or of a translation and a quaternion (w, x, y, z).
+stated_pose(Pose, Position, Quaternion) :-
+    matrix_numbers(Pose, Numbers), !,
     matrix_pose(Numbers, Position, Quaternion).
+stated_pose(Pose, Position, Quaternion) :-
+    maplist(stated_numbers(Pose), [translation, quaternion], [Position, Quaternion]).
+
+stated_numbers(Pose, Property, Numbers) :-
+    mindstage:rdf_has(Pose, knowrob:Property, literal(Literal)),
+    ( compound(Literal) -> arg(2, Literal, Text) ; Text = Literal ),
+    split_string(Text, " ", " ", Parts),
+    maplist(number_string, Numbers, Parts).
 
 matrix_numbers(Matrix, Numbers) :-
     findall(Property, ( member(Row, [0, 1, 2, 3]), member(Column, [0, 1, 2, 3]),
@@ -174,7 +194,7 @@ object_detection(Object, Time, Detection) :-
     ;   time_seconds(Time, Seconds), detection_start(Detection, Start), Start =< Seconds
     ).
 
-detection_start(Detection, Start) :- mindstage:rdf_has(Detection, knowrob:startTime, Point), time_seconds(Point, Start).
+detection_start(Detection, Start) :- mindstage:rdf_has(Detection, knowrob:startTime, Point), stated_seconds(Point, Start).
 
 object_distance(One, Other, Distance) :-
     request(observe, Number),
@@ -277,23 +297,22 @@ storagePlaceFor(Place, Item) :-
 %   Class is the class that the storage place is for: that of the item, or an ancestor of it.
 storagePlaceForBecause(Place, Item, Because) :-
     expand_prefixes(Item, Given),
-    item_class(Given, Class),
     full_name(Because, class, Reason),
-    question(storage_place, [Class, PlaceClass, Reason]),
-    bind(Because, Reason),
-    full_name(Place, individual, Iri),
-    mindstage:rdfs_individual_of(Iri, PlaceClass),
-    bind(Place, Iri).
+    full_name(Place, individual, Storage),
+    (   nonvar(Given) -> item_class(Given, Class) ; true ),
+    findall(storage(Class, PlaceClass, Reason), question(storage_place, [Class, PlaceClass, Reason]), Found),
+    member(storage(Class, PlaceClass, Reason), Found),
+    mindstage:rdfs_individual_of(Storage, PlaceClass),
+    ( nonvar(Given) -> true ; Item = Class ; mindstage:rdf(Item, rdf:type, Class) ),
+    bind(Place, Storage),
+    bind(Because, Reason).
 
-item_class(Item, Class) :- var(Item), !, ( Item = Class ; stored_individual(Item, Class) ).
 item_class(Item, Class) :-
     request(name_kinds(Item), Kinds),
     (   memberchk(class(Class), Kinds) -> true
     ;   memberchk(individual(Individual), Kinds) -> map_object_type(Individual, Class)
     ;   Class = Item  % the question prints a warning with close names, and fails
     ).
-
-stored_individual(Item, Class) :- question(individual_of_class, [_, Class, Item]).
 
 % -- names ---------------------------------------------------------------------------------------------------------------
 
@@ -464,9 +483,11 @@ holds(Subject, Property, Value, Time) :-
     full_name(Property, property, Iri),
     full_name(Subject, individual, Individual),
     (   nonvar(Iri), computed(Iri, Name)
-    ->  (   related(Name, Time, Individual, Value)
-        ;   mindstage:rdf(Individual, Iri, Value)
-        )
+    ->  full_name(Value, individual, Other),
+        (   related(Name, Time, Individual, Other)
+        ;   mindstage:rdf(Individual, Iri, Other)
+        ),
+        bind(Value, Other)
     ;   mindstage:rdf_has(Individual, Iri, Value)
     ),
     bind(Property, Iri),
@@ -490,9 +511,11 @@ occurs(Event, Interval, Class) :-
     once(mindstage:rdfs_individual_of(Event, Class)).
 
 event_interval(Event, Begin, End) :-
-    mindstage:rdf_has(Event, knowrob:startTime, Start),
-    time_seconds(Start, Begin),
-    (   mindstage:rdf_has(Event, knowrob:endTime, Stop), time_seconds(Stop, Found) -> End = Found ; true ).
+    full_name(Event, individual, Iri),
+    mindstage:rdf_has(Iri, knowrob:startTime, Start),
+    stated_seconds(Start, Begin),
+    (   mindstage:rdf_has(Iri, knowrob:endTime, Stop), stated_seconds(Stop, Found) -> End = Found ; true ),
+    bind(Event, Iri).
 
 within(Interval, Begin, End) :- var(Interval), !, Interval = [Begin, End].
 within([First, Last], Begin, End) :- !,

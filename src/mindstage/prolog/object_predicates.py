@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import count
 from typing import Any
 
@@ -106,7 +106,7 @@ class _Observation(msgspec.Struct, frozen=True, eq=False):
     ids: tuple[BodyId, ...]
     poses: Array
     worlds: tuple[World, ...]
-    """The worlds of the maps that are not spawned, and the spawned ones as they were spawned."""
+    """The worlds as they were spawned, and those of all maps."""
     scenes: tuple[_Scene, ...]
 
 
@@ -206,15 +206,14 @@ class ObjectPredicates:
         knowledge, state = self._simulation.knowledge, self._simulation.state
         last = self._observations[-1] if self._observations else None
         with knowledge.lock:
-            spawned = self._simulation.worlds
-            names = {world.iri for world in spawned}
-            worlds = (*spawned, *(knowledge.world(map) for map in knowledge.maps() if map not in names))
+            maps = tuple(knowledge.world(map) for map in knowledge.maps())
+            worlds = (*self._simulation.worlds, *maps)
         if last and last.ids == state.ids and _same(last.worlds, worlds) and np.array_equal(last.poses, state.poses):
             return last
         access = StateAccess(knowledge, self._simulation.current_state)
         access.fetch()  # before taking the lock, since the engine may take a while
         with knowledge.lock:
-            scenes = tuple(_scene(each) for each in access.states())
+            scenes = tuple(_scene(_with_rest(each, maps)) for each in access.states())
         self._forgotten = self._forgotten or len(self._observations) == _MAX_OBSERVATIONS
         found = _Observation(
             number=next(self._numbers),
@@ -442,7 +441,17 @@ class ObjectPredicates:
         return self._spawned(World(iri=home.iri, name=home.name, joints=(spawned,)), name)
 
     def attach_models(self, parent: Value, child: Value) -> Value:
-        """Attaches a body to another one, both by id; returns true, or the reason why it could not be attached."""
+        """Attaches a body to another one, both by id; returns true, or the reason why it could not be attached.
+
+        Maps name joints as parents, too: what a spawned joint connects needs no attachment.
+        """
+        worlds = self._simulation.worlds
+        if any(
+            str(parent) == joint.id and str(child) in (joint.parent, joint.child)
+            for each in worlds
+            for joint in each.joints
+        ):
+            return True
         attachment = Attachment(parent=BodyId(str(parent)), child=BodyId(str(child)))
 
         def attach(engine: Engine) -> None:
@@ -488,6 +497,31 @@ class ObjectPredicates:
     def remove_marker(self, id: Value) -> Value:
         """Removes a marker; returns whether it existed."""
         return bool(self._simulation.remove_markers((str(id),)))
+
+
+def _with_rest(state: WorldState, maps: Iterable[World]) -> WorldState:
+    """Adds the bodies and joints of maps that are spawned in part, where the maps have them, to the simulated ones."""
+    spawned: dict[Iri, set[BodyId]] = {}
+    for world in state.spawned:
+        spawned.setdefault(world.iri, set()).update(_ids(world))
+    bodies, joints = list(state.world.bodies), list(state.world.joints)
+    rest = []
+    for map in maps:
+        known = spawned.get(map.iri)
+        if known is None or known.issuperset(_ids(map)):
+            continue
+        bodies += (body for body in map.bodies if body.id not in known)
+        joints += (joint for joint in map.joints if joint.id not in known)
+        rest.append(map)
+    if not rest:
+        return state
+    world = msgspec.structs.replace(state.world, bodies=tuple(bodies), joints=tuple(joints))
+    return msgspec.structs.replace(state, world=world, spawned=(*state.spawned, *rest))
+
+
+def _ids(world: World) -> Iterator[BodyId]:
+    yield from (body.id for body in world.bodies)
+    yield from (joint.id for joint in world.joints)
 
 
 def _same(a: tuple[World, ...], b: tuple[World, ...]) -> bool:

@@ -7,9 +7,11 @@ No Python exception reaches Prolog.
 
 from __future__ import annotations
 
+import os
 import re
+import tempfile
 import traceback
-from collections.abc import Callable, Collection, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from typing import Any
 
@@ -18,9 +20,19 @@ import msgspec
 from mindstage.engines import SpawnReport
 from mindstage.errors import InvalidArgumentError, MindstageError, NameNotFoundError
 from mindstage.knowledge import KnowledgeBase, RdfTerm
-from mindstage.knowledge.assertion_file import Triple, TripleStoreView
+from mindstage.knowledge.assertion_file import RUNTIME_GRAPH_IRI, Triple, TripleStoreView
+from mindstage.knowledge.change_feed import ChangeFeed, StoreCopy
 from mindstage.knowledge.names import PREFIXES, EntityType
-from mindstage.knowledge.owl import Expression, IntersectionOf, NamedClass, Restriction, RestrictionType, UnionOf
+from mindstage.knowledge.owl import (
+    ComplementOf,
+    Expression,
+    IntersectionOf,
+    NamedClass,
+    OneOf,
+    Restriction,
+    RestrictionType,
+    UnionOf,
+)
 from mindstage.knowledge.owl import LiteralValue as Constant
 from mindstage.knowledge.queries import AnswerRow, Answers, Question, get_question, list_questions
 from mindstage.knowledge.rdf import local_name, namespace_of
@@ -356,6 +368,8 @@ def _color(value: Value) -> Color | None:
             return parse_color(str(value))
 
 
+_GRAPH_PREFIX = "urn:graph:"
+_THING = Iri(OWL + "Thing")
 _VOCABULARY_NAMESPACES = (OWL, RDFS, RDF)
 """Namespaces of the vocabulary of ontologies, whose classes have no members in the index."""
 
@@ -365,7 +379,11 @@ class RdfPredicates:
 
     def __init__(self, knowledge: KnowledgeBase) -> None:
         self._knowledge = knowledge
+        self.feed = ChangeFeed.of(knowledge)
+        """The changes for the copy of the store in Prolog."""
         handlers: dict[str, Handler] = {
+            "rdf_changes": self.changes,
+            "rdf_table": self.table,
             "rdf": self.asserted,
             "rdf_has": self.inferred,
             "rdf_assert": self.assert_triple,
@@ -373,7 +391,9 @@ class RdfPredicates:
             "rdfs_individual_of": self.individuals,
             "rdfs_subclass_of": self.subclasses,
             "owl_class_properties": self.class_properties,
+            "owl_description": self.description,
             "owl_parse": self.load_source,
+            "ros_package_folder": self.package_folder,
         }
         self.handlers = {name: self._locked(handler) for name, handler in handlers.items()}
 
@@ -388,6 +408,35 @@ class RdfPredicates:
 
     # -- triples -------------------------------------------------------------------------------------------------------
 
+    def changes(self, copied: Value) -> Value:
+        """What has changed since the last call, for the copy of the store in `rdf_mirror.pl`.
+
+        Returns:
+            `copy(Name, File)` with a temporary file, which Prolog removes; `changed(List)` of added/4 and removed/4; or
+            `remote` if the store is not copied.
+        """
+        match self.feed.changes(str(copied)):
+            case None:
+                return Atom("remote")
+            case StoreCopy(name, quads):
+                handle, path = tempfile.mkstemp(prefix="mindstage-", suffix=".nq")
+                with os.fdopen(handle, "wb") as file:
+                    file.write(quads)
+                return Compound("copy", (Atom(name), Atom(path)))
+            case changes:
+                return Compound(
+                    "changed",
+                    (
+                        [
+                            Compound(
+                                "added" if each.is_asserted else "removed",
+                                (Atom(each.subject), Atom(each.property), _value_term(each.value), Atom(each.graph)),
+                            )
+                            for each in changes
+                        ],
+                    ),
+                )
+
     def asserted(self, subject: Value, property: Value, value: Value) -> Value:
         """Asserted triples."""
         return self._rows(TripleStoreView(self._knowledge).find, subject, property, value)
@@ -396,24 +445,26 @@ class RdfPredicates:
         """Triples of a property, its subproperties and their inverses."""
         return self._rows(TripleStoreView(self._knowledge).find_entailed, subject, property, value)
 
-    def assert_triple(self, subject: Value, property: Value, value: Value) -> Value:
-        """Adds a triple."""
+    def assert_triple(self, subject: Value, property: Value, value: Value, graph: Value) -> Value:
+        """Adds a triple to a graph."""
         subject_name, property_name = _text(subject, "subject"), _text(property, "property")
-        TripleStoreView(self._knowledge).add(subject_name, property_name, _to_rdf_term(value))
+        triples = TripleStoreView(self._knowledge)
+        triples.add(subject_name, property_name, _to_rdf_term(value), _graph(graph))
         return True
 
-    def retract_triples(self, subject: Value, property: Value, value: Value) -> Value:
-        """Removes all matching triples, and returns their number."""
+    def retract_triples(self, subject: Value, property: Value, value: Value, graph: Value) -> Value:
+        """Removes all matching triples of a graph, or of all graphs, and returns their number."""
+        source = _graph(graph)
         triples, pattern = TripleStoreView(self._knowledge), _value_pattern(value)
         subject_name, property_name = _resource_name(subject, "subject"), _resource_name(property, "property")
         if value is FREE or pattern.exact_term:
-            return triples.remove(subject_name, property_name, pattern.exact_term)
+            return triples.remove(subject_name, property_name, pattern.exact_term, source)
         matching = [each for each in triples.find(subject_name, property_name) if pattern.matches(each.value)]
-        return sum(triples.remove(each.subject, each.property, each.value) for each in matching)
+        return sum(triples.remove(each.subject, each.property, each.value, source) for each in matching)
 
-    def load_source(self, source: Value) -> Value:
+    def load_source(self, source: Value, follow_imports: Value = True) -> Value:
         """Loads a file, a folder of packages or a `package://` URL, with imports."""
-        self._knowledge.load((), ontologies=_text(source, "source"))
+        self._knowledge.load((), ontologies=_text(source, "source"), follow_imports=follow_imports is True)
         return True
 
     def _rows(
@@ -437,10 +488,46 @@ class RdfPredicates:
 
     # -- inference -----------------------------------------------------------------------------------------------------
 
+    def table(self, table: Value, name: Value) -> Value:  # noqa: PLR0911 (one per table)
+        """What is inferred about a class, an individual or a property, for the tables of `rdf_mirror.pl`."""
+        properties = self._knowledge.reasoner.properties
+        match str(table):
+            case "class_member_":
+                return [each[0] for each in self.individuals(FREE, name)]
+            case "class_of_":
+                return [each[1] for each in self.individuals(name, FREE)]
+            case "superclass_":
+                return [each[1] for each in self.subclasses(name, FREE)]
+            case "subclass_":
+                return [each[0] for each in self.subclasses(FREE, name)]
+            case "restriction_":
+                owned = self._knowledge.reasoner.restrictions(Iri(_text(name, "class")))
+                return list(dict.fromkeys(_restriction_term(each.restriction) for each in owned))
+            case "implied_":
+                return [Atom(each) for each in properties.sub_properties(Iri(_text(name, "property")))]
+            case "superproperty_":
+                return [Atom(each) for each in properties.super_properties(Iri(_text(name, "property")))]
+            case _:
+                used = properties.used_expressions(Iri(_text(name, "property")))
+                return [Compound("forward" if each else "backward", (Atom(node.value),)) for node, each in used]
+
+    def description(self, node: Value) -> Value:
+        """The class expression of a node; None if it is no class."""
+        name = _text(node, "class")
+        return _description_term(self._knowledge.reasoner.expression(Iri(name)))
+
+    def package_folder(self, package: Value) -> Value:
+        """The folder of a ROS package among those of the knowledge base; None if there is none."""
+        folder = self._knowledge.package_folder(_text(package, "package"))
+        return None if folder is None else Atom(str(folder))
+
     def individuals(self, individual: Value, cls: Value) -> Value:
         """Individuals and their classes, asserted and inherited."""
         index = self._knowledge.reasoner
         one, kind = self._name(individual, EntityType.INDIVIDUAL), self._name(cls, EntityType.CLASS)
+        if kind == _THING:
+            everything = [one] if one else sorted({*index.types, *index.individuals.untyped})
+            return [[FREE if one else Atom(each), FREE] for each in everything if not one or index.types_of(one)]
         if kind and kind.startswith(_VOCABULARY_NAMESPACES):
             return [
                 [FREE if one else Atom(each.subject), FREE]
@@ -453,7 +540,7 @@ class RdfPredicates:
         return [
             [FREE if one else Atom(each), Atom(above)]
             for each in ([one] if one else sorted(index.types))
-            for above in dict.fromkeys(up for type in index.types.get(each, ()) for up in index.classes.above(type))
+            for above in _with_thing(up for type in index.types_of(each) for up in index.classes.above(type))
         ]
 
     def subclasses(self, cls: Value, superclass: Value) -> Value:
@@ -461,11 +548,15 @@ class RdfPredicates:
         classes = self._knowledge.reasoner.classes
         lower, upper = self._name(cls, EntityType.CLASS), self._name(superclass, EntityType.CLASS)
         if lower and upper:
-            return [[FREE, FREE]] if upper in classes.above(lower) else []
-        if upper:
+            return [[FREE, FREE]] if upper in {*classes.above(lower), _THING} else []
+        if upper and upper != _THING:
             return [[Atom(each), FREE] for each in classes.below(upper)]
-        every = [lower] if lower else sorted(set(self._knowledge.reasoner.declared_classes()))
-        return [[FREE if lower else Atom(each), Atom(above)] for each in every for above in classes.above(each)]
+        every = [lower] if lower else sorted({*self._knowledge.reasoner.declared_classes(), _THING})
+        if upper:
+            return [[Atom(each), FREE] for each in every]
+        return [
+            [FREE if lower else Atom(each), Atom(above)] for each in every for above in _with_thing(classes.above(each))
+        ]
 
     def class_properties(self, cls: Value, property: Value) -> Value:
         """Values that restrictions guarantee for members of a class, inherited ones included, nearest first."""
@@ -498,6 +589,23 @@ class RdfPredicates:
 
 
 _VALUE_HINT = "give an atom, or literal(Text), literal(type(Type, Text)), literal(lang(Language, Text))"
+
+
+def _with_thing(classes: Iterable[Iri]) -> tuple[Iri, ...]:
+    """Classes, each once, then owl:Thing, which is above all of them."""
+    found = dict.fromkeys(classes)
+    if found:
+        found.pop(_THING, None)
+        found[_THING] = None
+    return tuple(found)
+
+
+def _graph(value: Value) -> str | None:
+    """The graph that Prolog calls by a name: `user` is that of assertions, other names without a scheme are URNs."""
+    if value is FREE:
+        return None
+    name = _text(value, "graph")
+    return RUNTIME_GRAPH_IRI if name == "user" else name if ":" in name else _GRAPH_PREFIX + name
 
 
 def _resource_name(value: Value, role: str) -> str | None:
@@ -581,6 +689,48 @@ def _value_term(term: RdfTerm) -> Value:
             return Atom(f"_:{term.value}")
         case _:
             return Atom(term.value)
+
+
+def _restriction_term(restriction: Restriction) -> Compound:
+    """A restriction in the terms of ClioPatria's `owl_restriction/2`."""
+    filler = Atom(OWL + "Thing") if restriction.filler is None else _description_term(restriction.filler)
+    count = restriction.cardinality or 0
+    match restriction.restriction_type:
+        case RestrictionType.SOME:
+            condition = Compound("some_values_from", (filler,))
+        case RestrictionType.ALL:
+            condition = Compound("all_values_from", (filler,))
+        case RestrictionType.HAS_VALUE:
+            condition = Compound("has_value", (filler,))
+        case RestrictionType.HAS_SELF:
+            condition = Compound("has_self", (True,))
+        case RestrictionType.MIN_CARDINALITY:
+            condition = Compound("cardinality", (count, Atom("inf")))
+        case RestrictionType.MAX_CARDINALITY:
+            condition = Compound("cardinality", (0, count))
+        case _:
+            condition = Compound("cardinality", (count, count))
+    property = Atom(restriction.property)
+    return Compound(
+        "restriction", (Compound("inverse_of", (property,)) if restriction.inverse else property, condition)
+    )
+
+
+def _description_term(expression: Expression | None) -> Value:
+    """A class expression in the terms of ClioPatria's `owl_description/2`; None if it has no meaning."""
+    match expression:
+        case Restriction():
+            return _restriction_term(expression)
+        case UnionOf(members):
+            return Compound("union_of", (tuple(_description_term(each) for each in members),))
+        case IntersectionOf(members):
+            return Compound("intersection_of", (tuple(_description_term(each) for each in members),))
+        case OneOf(members):
+            return Compound("one_of", (tuple(_description_term(each) for each in members),))
+        case ComplementOf(expression=complement):
+            return Compound("complement_of", (_description_term(complement),))
+        case _:
+            return _expression_term(expression) if isinstance(expression, NamedClass | Constant) else None
 
 
 def _expression_term(expression: Expression) -> Value:

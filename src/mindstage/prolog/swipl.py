@@ -75,6 +75,7 @@ class SwiProlog:
         self.unify = self._function("PL_unify", c_int, _TERM, _TERM)
         self.term_type = self._function("PL_term_type", c_int, _TERM)
         self.get_float = self._function("PL_get_float", c_int, _TERM, c_void_p)
+        self.get_int64 = self._function("PL_get_int64", c_int, _TERM, c_void_p)
         self.get_compound = self._function("PL_get_compound_name_arity_sz", c_int, _TERM, c_void_p, c_void_p)
         self.get_argument = self._function("PL_get_arg_sz", c_int, c_size_t, _TERM, _TERM)
         self.get_list = self._function("PL_get_list", c_int, _TERM, _TERM, _TERM)
@@ -281,10 +282,22 @@ def read_term(library: SwiProlog, term: int, *, limit: ReadLimit | None = None, 
         return _read_list(library, term, limit, depth + 1)
     if kind == library.TERM:
         return _read_compound(library, term, limit, depth + 1)
-    text = library.text(term)
     if kind == library.INTEGER:
-        return int(text)
+        return _read_integer(library, term)
+    text = library.text(term)
     return Atom(text) if kind == library.ATOM else text
+
+
+def _read_integer(library: SwiProlog, term: int) -> int | str:
+    """The value of an integer; one with more digits than Python converts (`sys.set_int_max_str_digits`) is its text."""
+    number = c_int64()
+    if library.get_int64(term, ctypes.byref(number)):
+        return number.value
+    text = library.text(term)
+    try:
+        return int(text)
+    except ValueError:
+        return text
 
 
 def write_term(library: SwiProlog, term: int, value: Value) -> None:

@@ -11,7 +11,7 @@
             highlight_device_for_action/2, highlight_device_for_action/3,
             spawn_semantic_map/1, spawn_models/2, spawn_constraints/2, spawn_relations/3,
             spawn_model/9, spawn_constraint/1, attach_model_to_parent/2,
-            attach_model/2, debug_failed_items/0, failed_item/3, owl_parse/1 ]).
+            attach_model/2, debug_failed_items/0, failed_item/3 ]).
 :- use_module(questions).
 :- use_module(prefixes).
 :- use_module(library(aggregate)).
@@ -106,11 +106,6 @@ check_done(Id, Reason) :- print_message(warning, mindstage_not_spawned(Id, Reaso
 prolog:message(mindstage_not_spawned(Id, Reason)) --> [ '~w was not spawned: ~w'-[Id, Reason] ].
 
 attach_model(Parent, Child) :- request(attach(Parent, Child), _).
-
-owl_parse(Source) :-
-    request(owl_parse(Source), _),
-    request(prefixes, Pairs),
-    set_default_prefixes(Pairs).
 
 % -- highlights ------------------------------------------------------------------------------------------------------------
 

@@ -70,7 +70,7 @@ def load_items(path: Path, knowledge: KnowledgeBase) -> tuple[PlacementItem, ...
         SourceParseError: the file cannot be read, has no items, or an item has an invalid property.
     """
     knowledge.load((), ontologies=path)
-    graph = read_named_graph(knowledge.store, Iri(path.resolve().as_uri()))
+    graph = read_named_graph(knowledge.store, Iri(knowledge.source_graph(path).value))
     items = tuple(_items(path, graph))
     if not items:
         raise SourceParseError(str(path), cause="there are no items in it; give each one a class (:mug a ms:Mug .)")

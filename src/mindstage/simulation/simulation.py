@@ -42,7 +42,7 @@ from mindstage.errors import (
     SimulationDivergedError,
     SimulationError,
 )
-from mindstage.knowledge import KnowledgeBase
+from mindstage.knowledge import KnowledgeBase, SparqlResult
 from mindstage.knowledge.queries import AnswerRow, Answers, Question, get_question
 from mindstage.knowledge.questions import StateAccess, WorldState
 from mindstage.scene import NO_GEOMETRY, Body, BodyGeometry, BodyId, Color, GeometryMap, GeometrySource, Vector, World
@@ -647,16 +647,26 @@ class Simulation:
     # -- questions -----------------------------------------------------------------------------------------
 
     @overload
-    def ask(self, question: Question[R], **args: object) -> Answers[R]: ...
+    def ask(self, question: Question[R], /, *positional: object, **args: object) -> Answers[R]: ...
     @overload
-    def ask(self, question: str, **args: object) -> Answers[Any]: ...
-    def ask(self, question: Question[Any] | str, **args: object) -> Answers[Any]:
+    def ask(self, question: str, /, *positional: object, **args: object) -> Answers[Any]: ...
+    def ask(self, question: Question[Any] | str, /, *positional: object, **args: object) -> Answers[Any]:
         """All answers to a question, for the current state; see `KnowledgeBase.ask`.
 
         The state is read from the engine at most once, and only by questions about it.
         """
         resolved = get_question(question) if isinstance(question, str) else question
-        return resolved.ask(self.knowledge, args, present=StateAccess(self.knowledge, self.current_state))
+        bound = resolved.bind(positional, args)
+        return resolved.ask(self.knowledge, bound, present=StateAccess(self.knowledge, self.current_state))
+
+    def sparql(self, query: str, *, timeout_s: float = 30.0, allow_service: bool = False) -> SparqlResult:
+        """Runs a SPARQL query; see `KnowledgeBase.sparql`.
+
+        The graph `urn:mindstage:present`, which a query names with FROM or GRAPH, has the current state: poses, joint
+        positions, attachments, and what is on or in what. All other graphs are as loaded.
+        """
+        present = StateAccess(self.knowledge, self.current_state)
+        return self.knowledge.sparql(query, timeout_s=timeout_s, allow_service=allow_service, present=present)
 
     def highlight(
         self,

@@ -412,7 +412,7 @@ class AskHandler:
             )
 
         def answer() -> _KeptAnswers:
-            result = self._simulation.knowledge.sparql(request.query, timeout_s=_QUERY_TIMEOUT_S)
+            result = self._simulation.sparql(request.query, timeout_s=_QUERY_TIMEOUT_S)
             return _KeptAnswers(sparql_table(result, self._body_by_iri(), title=_title(request.query)), None)
 
         return self._remember(session, self._executor.run(answer, label="the query"))

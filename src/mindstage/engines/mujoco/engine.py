@@ -325,7 +325,7 @@ class MujocoEngine:
     """An engine that simulates with MuJoCo."""
 
     name = "mujoco"
-    capabilities = frozenset({Capability.SAVE, Capability.JOINTS, Capability.STATISTICS})
+    capabilities = frozenset({Capability.SAVE, Capability.FORK, Capability.JOINTS, Capability.STATISTICS})
 
     def __init__(self, *, timestep_s: float = 0.002) -> None:
         """Creates an engine with an empty world.
@@ -473,6 +473,12 @@ class MujocoEngine:
         self._cache = state.copy()
         self._forces.clear()
         self._pending_s = 0.0
+
+    def fork(self) -> MujocoEngine:
+        forked = MujocoEngine(timestep_s=self._timestep_s)
+        forked._cache = self._require_open().copy()
+        forked._pending_s, forked._forces = self._pending_s, list(self._forces)
+        return forked
 
     def close(self) -> None:
         self._closed = True

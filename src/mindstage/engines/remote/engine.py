@@ -52,6 +52,16 @@ class RemoteEngine(Engine):
         self._require_open()
         raise UnsupportedByEngineError(self.name, what="report its activity", remedy="inspect it on its own machine")
 
+    def fork(self) -> Engine:
+        """Not available over the wire; no remote engine has the capability.
+
+        Raises:
+            UnsupportedByEngineError: always.
+        """
+        self._require_open()
+        remedy = "spawn its snapshot in a MujocoEngine, which has no velocities then"
+        raise UnsupportedByEngineError(self.name, what="fork", remedy=remedy)
+
     def close(self) -> None:
         """Disconnects from the engine, which continues to run; closing it again has no effect."""
         if not self._closed:

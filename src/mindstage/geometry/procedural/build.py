@@ -26,13 +26,12 @@ from mindstage.geometry.procedural.builder import (
     turn_between,
 )
 from mindstage.geometry.procedural.primitives import BoxShape
-from mindstage.scene import IDENTITY, Pose, Vector
+from mindstage.scene import IDENTITY, LightType, Pose, Vector
 from mindstage.scene.geometry import (
     AttachedLight,
     BodyGeometry,
     CollisionShape,
     GeometrySource,
-    LightType,
     PbrMaterial,
     SupportSurface,
     VisualMesh,

@@ -9,8 +9,9 @@ from __future__ import annotations
 import io
 import os
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 
 import pyoxigraph as ox
@@ -29,7 +30,7 @@ from mindstage.knowledge.io.xml import (
 from mindstage.knowledge.io.xml_repair import XmlRepair, XmlRepairError, repair_xml
 from mindstage.knowledge.rdf import Finding, ObjectNode, QuadSource, Severity
 from mindstage.knowledge.rdf_mapping.properties import SIZE
-from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, IMPORTS, ON_PROPERTY, RDF, SEMANTIC_MAP, TYPE
+from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, IMPORTS, ON_PROPERTY, ONTOLOGY, RDF, SEMANTIC_MAP, TYPE
 from mindstage.scene import Iri
 
 __all__ = [
@@ -37,10 +38,14 @@ __all__ = [
     "SUFFIXES",
     "Source",
     "SourceFile",
+    "SourceHeader",
     "bundled_kitchen",
     "bundled_ontology",
+    "is_bundled",
     "map_path",
     "read_file",
+    "read_header",
+    "soma_alignment",
 ]
 
 
@@ -52,6 +57,9 @@ RDF_XML, TURTLE, N_TRIPLES = ox.RdfFormat.RDF_XML, ox.RdfFormat.TURTLE, ox.RdfFo
 SUFFIXES = {".owl": RDF_XML, ".rdf": RDF_XML, ".xml": RDF_XML, ".ttl": TURTLE, ".nt": N_TRIPLES}
 MAX_REPORTED_REPAIRS = 100
 """Maximum number of repairs of one file that are reported individually; others are counted."""
+_MAX_HEADER_STATEMENTS = 50_000
+"""The number of statements among which an ontology and the prefixes are looked for."""
+_PREFIX_DECLARATION = re.compile(rb"^[ \t]*@?prefix\s", re.IGNORECASE | re.MULTILINE)
 _BOMS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 _DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z][\w.-]*)["']""")
 _WIDE_ENCODINGS = re.compile(r"utf-?(16|32)|ucs-?[24]", re.IGNORECASE)
@@ -88,6 +96,16 @@ def bundled_ontology() -> Path:
     return _bundled_path("household.ttl")
 
 
+def soma_alignment() -> Path:
+    """Returns the path of the bundled alignment of SOMA's and DUL's terms with those of the household ontology."""
+    return _bundled_path("soma.ttl")
+
+
+def is_bundled(path: Path, bundled: Path) -> bool:
+    """Whether a path is that of a bundled file, in this installation or in the one that wrote a store folder."""
+    return path == bundled or (path.name, path.parent.name) == (bundled.name, bundled.parent.name)
+
+
 def _bundled_path(name: str) -> Path:
     # Wheels are always unpacked, so package data are files.
     return Path(__file__).parents[1] / "bundled" / name
@@ -106,7 +124,7 @@ class SourceFile:
 
     @property
     def iri(self) -> str:
-        """Base IRI of the file, and the name of its graph."""
+        """Base IRI of the file."""
         return self.path.as_uri()
 
     def findings(self) -> list[Finding]:
@@ -170,6 +188,41 @@ def read_file(path: Path) -> SourceFile:
     if has_conflicting_entities(file.data) or (not is_complete(file.data) and find_xml_error(file.data)):
         return _repair(file)
     return file
+
+
+@dataclass(frozen=True, slots=True)
+class SourceHeader:
+    """What a file declares about itself."""
+
+    ontology: str = ""
+    """The IRI of the first ontology that it declares; empty without one, or if that is relative to the file."""
+    prefixes: Mapping[str, str] = field(default_factory=dict)
+
+
+def read_header(file: SourceFile) -> SourceHeader:
+    """Returns the ontology and the prefixes that a file declares among its first statements."""
+    with_ontology = b"Ontology" in file.data
+    data = file.data
+    if with_ontology and file.format == N_TRIPLES:
+        data = _ontology_line(data)  # it may be anywhere
+    expected_prefixes = 0 if file.format == RDF_XML else len(_PREFIX_DECLARATION.findall(data))
+    parser = ox.parse(data, file.format, base_iri=file.iri)
+    ontology = ""
+    try:
+        for quad in islice(parser, _MAX_HEADER_STATEMENTS):
+            if not ontology and quad.predicate.value == TYPE and quad.object == ox.NamedNode(ONTOLOGY):
+                ontology = quad.subject.value if isinstance(quad.subject, ox.NamedNode) else ""
+            if (ontology or not with_ontology) and len(parser.prefixes) >= expected_prefixes:
+                break
+    except (SyntaxError, ValueError, MemoryError):
+        pass  # loading the file reports the error
+    return SourceHeader("" if ontology.startswith("file:") else ontology, parser.prefixes)
+
+
+def _ontology_line(data: bytes) -> bytes:
+    """The line of N-Triples that declares an ontology; all of the data if there is none."""
+    at = data.find(f"<{ONTOLOGY}>".encode())
+    return data if at < 0 else data[data.rfind(b"\n", 0, at) + 1 : data.find(b"\n", at) + 1 or len(data)]
 
 
 # -- encodings ---------------------------------------------------------------------------------------------------------
@@ -321,6 +374,7 @@ class Source:
     """Whether it was given as a map, not as an ontology or by an import."""
     is_explicit: bool
     """Whether it was given by the user, not by an import."""
+    header: SourceHeader = SourceHeader()
 
     @property
     def path(self) -> Path:
@@ -330,8 +384,7 @@ class Source:
     def quads(self) -> Iterator[ox.Quad]:
         """Yields its statements with literals as written: the store normalizes numbers."""
         file = self.load_text()
-        base = self.graph.value if isinstance(self.graph, ox.NamedNode) else None
-        return ox.parse(file.data, file.format, base_iri=base)
+        return ox.parse(file.data, file.format, base_iri=file.iri if file.path.is_absolute() else None)
 
     def imported_iris(self) -> list[str]:
         """Returns the IRIs that it imports, sorted."""
@@ -355,6 +408,17 @@ class Source:
     def has_class_sizes(self) -> bool:
         """Whether it gives sizes for all members of a class."""
         return any(True for codec in SIZE for _ in self._quads_with_predicate(ON_PROPERTY, codec.property))
+
+    def terms_of(self, namespaces: tuple[str, ...]) -> list[Iri]:
+        """Returns the classes of its individuals in these namespaces, or else the first other name there; sorted."""
+        classes = {
+            quad.object.value for quad in self._quads_with_predicate(TYPE) if isinstance(quad.object, ox.NamedNode)
+        }
+        if found := sorted(Iri(name) for name in classes if name.startswith(namespaces)):
+            return found
+        quads = self.store.quads_for_pattern(None, None, None, self.graph)
+        names = (node.value for quad in quads for node in quad.triple if isinstance(node, ox.NamedNode))
+        return [Iri(name) for name in islice((name for name in names if name.startswith(namespaces)), 1)]
 
     def _quads_with_predicate(self, property: Iri, value: Iri | None = None) -> Iterator[ox.Quad]:
         node: ObjectNode | None = None if value is None else ox.NamedNode(value)

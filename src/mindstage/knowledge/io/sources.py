@@ -12,10 +12,11 @@ import os
 import re
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, field, replace
 from itertools import chain, count
 from pathlib import Path
+from urllib.parse import quote
 
 import pyoxigraph as ox
 
@@ -30,10 +31,24 @@ from mindstage.knowledge.dialects.membership import (
     without_other_maps,
 )
 from mindstage.knowledge.endpoint import SparqlEndpoint, SparqlEndpointStore
-from mindstage.knowledge.io.files import SUFFIXES, Source, SourceFile, bundled_ontology, read_file
+from mindstage.knowledge.io.files import (
+    SUFFIXES,
+    Source,
+    SourceFile,
+    SourceHeader,
+    bundled_ontology,
+    is_bundled,
+    read_file,
+    read_header,
+    soma_alignment,
+)
 from mindstage.knowledge.io.ros_packages import RosPackagePath, file_from_iri
+from mindstage.knowledge.names import NameIndex
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH
 from mindstage.knowledge.rdf import (
+    BUNDLED_GRAPHS,
+    FILE_GRAPHS,
+    PRESENT_GRAPH,
     Finding,
     Graph,
     Severity,
@@ -43,20 +58,36 @@ from mindstage.knowledge.rdf import (
     merge_graphs,
     namespace_of,
 )
+from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.store import OxigraphStore
 from mindstage.knowledge.store_folder import StoreDirectory, StoreManifest
+from mindstage.knowledge.store_index import IndexBuilder, StoreIndex
+from mindstage.knowledge.tell import RUNTIME_GRAPH
 from mindstage.knowledge.urdf.in_maps import ClassNameIndex, UrdfSources, linked_individuals
 from mindstage.knowledge.urdf.parse import is_urdf, read_urdf
-from mindstage.knowledge.vocabulary import IMPORTS, ONTOLOGY, POSE_PROPERTIES, RDF, TYPE, VERSION_IRI
+from mindstage.knowledge.vocabulary import (
+    DUL,
+    IMPORTS,
+    ONTOLOGY,
+    POSE_PROPERTIES,
+    RDF,
+    SOMA_NAMESPACES,
+    TYPE,
+    VERSION_IRI,
+)
 from mindstage.scene import Iri, IriRef
 
 __all__ = ["LoadTransaction", "SourceRegistry", "StrPath", "preprocess", "read_map_file"]
 
 
+RESERVED_GRAPHS = frozenset({RUNTIME_GRAPH, INFERRED_GRAPH, PRESENT_GRAPH})
 _END_TAG = re.compile(rb"</([\w.-]+:)?RDF\s*>")
 _BEGIN_IMPLIED, _END_IMPLIED = "The statements below are implied:", "The statements above are implied."
 _IMPLIED = re.compile(rf"(?:<!--|#) {_BEGIN_IMPLIED}(?: -->)?\n(.*?)(?:<!--|#) {_END_IMPLIED}".encode(), re.DOTALL)
 """The statements that `preprocess` has appended to a text, between two comments."""
+_ALIGNED_NAMESPACES = (*SOMA_NAMESPACES, DUL)
+_ALIGNED_MARKERS = tuple(namespace.rpartition("/")[2].rstrip("#").encode() for namespace in _ALIGNED_NAMESPACES)
+"""The names of the files of SOMA and DUL: a text that uses their terms contains one, whatever its prefixes are."""
 _POSE_MARKERS = tuple(local_name(property).encode() for property in POSE_PROPERTIES)
 
 
@@ -170,9 +201,14 @@ class LoadTransaction:
     """Robot descriptions whose links maps may refer to."""
     follow_imports: bool = True
     """Whether imported files that are not loaded yet are loaded."""
+    index_builder: IndexBuilder | None = None
+    """Indexes what is loaded."""
+    ontology_names: bool = True
+    """Whether graphs are named like the ontologies in them; at an endpoint, a graph may have that name."""
     findings: list[Finding] = field(default_factory=list)
     assumptions: list[Assumption] = field(default_factory=list)
     _unresolved_imports: list[tuple[Source, str]] = field(default_factory=list)
+    _may_use_soma: list[Path] = field(default_factory=list)
 
     def run(self, maps: Iterable[Path], ontologies: Iterable[Path]) -> None:
         """Loads files and everything that they import, each once.
@@ -202,11 +238,12 @@ class LoadTransaction:
                 for path, is_map, is_explicit in batch:
                     self._load(path, robots, is_map=is_map, is_explicit=is_explicit)
                 self._follow_imports(known)
+            self._align_soma()
             self.findings += robots.findings
             self.assumptions += robots.assumptions
         except BaseException:
             for path in self.sources.keys() - before:
-                self.store.remove_graph(ox.NamedNode(path.as_uri()))
+                self.store.remove_graph(self.sources[path].graph)
             raise
         missing = self._not_loaded({iri for _, iri in self._unresolved_imports})
         for importer, iri in self._unresolved_imports:
@@ -229,23 +266,56 @@ class LoadTransaction:
             self.sources[path] = replace(known, is_map=is_map, is_explicit=is_explicit)
             return
         file = read_map_file(path, urdf_sources) if is_map and urdf_sources else read_file(path)
-        graph = ox.NamedNode(file.iri)
+        header = read_header(file)
+        graph = self._graph_name(path, header)
         try:
             self._store_graph(file, graph)
         except SyntaxError as error:
             repaired = file.repair(error)
-            file = self._load_repaired(
-                preprocess(repaired, urdf_sources) if is_map and urdf_sources else repaired, graph
-            )
+            file = preprocess(repaired, urdf_sources) if is_map and urdf_sources else repaired
+            header = read_header(file)
+            graph = self._graph_name(path, header)
+            self._load_repaired(file, graph)
         self.findings += file.findings()
-        self.sources[path] = Source(str(path), graph, self.store, self.store_text(file), is_map, is_explicit)
+        if any(marker in file.data for marker in _ALIGNED_MARKERS) and not is_bundled(path, bundled_ontology()):
+            self._may_use_soma.append(path)
+        text = self.store_text(file)
+        self.sources[path] = Source(str(path), graph, self.store, text, is_map, is_explicit, header)
+        if self.index_builder:
+            self.index_builder.add(str(path), file, graph)
 
-    def _load_repaired(self, file: SourceFile, graph: ox.NamedNode) -> SourceFile:
+    def _graph_name(self, path: Path, header: SourceHeader) -> ox.NamedNode:
+        """A name that no other graph has, and that does not depend on the folder of the file."""
+        if path.parent == bundled_ontology().parent:
+            return ox.NamedNode(f"{BUNDLED_GRAPHS}{path.name}")
+        by_file = f"{FILE_GRAPHS}{quote(path.name)}"
+        numbered = (f"{by_file}-{number}" for number in count(2))
+        taken = {source.graph for source in self.sources.values()} | RESERVED_GRAPHS
+        names = (header.ontology if self.ontology_names else "", by_file)
+        nodes = (ox.NamedNode(name) for name in chain(filter(None, names), numbered))
+        return next(node for node in nodes if node not in taken)
+
+    def _load_repaired(self, file: SourceFile, graph: ox.NamedNode) -> None:
         try:
             self._store_graph(file, graph)
         except SyntaxError as error:
             raise file.parse_error(error) from error
-        return file
+
+    def _align_soma(self) -> None:
+        """Loads the alignment of SOMA and DUL beside the household ontology, if a new source uses their terms."""
+        if not any(is_bundled(path, bundled_ontology()) for path in self.sources):
+            return
+        for source in [self.sources[path] for path in self._may_use_soma if path in self.sources]:
+            terms = source.terms_of(_ALIGNED_NAMESPACES)
+            if not terms:
+                continue
+            if not any(is_bundled(path, soma_alignment()) for path in self.sources):
+                self._load(soma_alignment(), is_explicit=True)
+            maps = sorted(source.maps()) or [Iri(source.name)]
+            named = f"{', '.join(map(local_name, terms[:3]))}{f' and {len(terms) - 3} more' if terms[3:] else ''}"
+            evidence = f"it uses {named}; the bundled soma.ttl, loaded as a source, states the corresponding terms"
+            value = "terms of SOMA and DUL are aligned with KnowRob's"
+            self.assumptions += [Assumption(each, "vocabulary", value, evidence) for each in maps]
 
     def _store_graph(self, file: SourceFile, graph: ox.NamedNode) -> None:
         try:
@@ -360,6 +430,7 @@ class SourceRegistry:
         self._maps_by_source: dict[str, tuple[Iri, ...]] = {}
         self._graphs: dict[str, tuple[Graph, MapMembers]] = {}
         self._used_labels: set[str] = set()
+        self._saved_index: StoreIndex | None = None
 
     # -- loading -------------------------------------------------------------------------------------------------------
 
@@ -394,8 +465,18 @@ class SourceRegistry:
         conventions: UnitConventions = UnitConventions(),  # noqa: B008 - it is frozen
         urdf_files: Iterable[StrPath] = (),
         follow_imports: bool = True,
+        *,
+        builds_index: bool = True,
     ) -> list[ox.NamedNode]:
         """Loads files and everything that they import, and returns the graphs that are new.
+
+        Args:
+            maps: files of maps.
+            ontologies: other files, and folders of packages.
+            conventions: given conventions of the maps.
+            urdf_files: robot descriptions that maps refer to.
+            follow_imports: whether imported files are loaded.
+            builds_index: whether the index of a store folder is updated; otherwise `save_index` does so later.
 
         Raises:
             SourceParseError: one of the files cannot be read; nothing has changed then.
@@ -411,13 +492,26 @@ class SourceRegistry:
         urdf_paths = dict.fromkeys(_resolve_entry(os.fspath(entry), packages).resolve() for entry in urdf_files)
         transaction.urdf_paths = list(urdf_paths)
         transaction.follow_imports = follow_imports
-        with self._directory.transaction() if self._directory and (new or self._directory.is_new) else nullcontext():
-            transaction.run(paths, files)
-            graphs = [ox.NamedNode(path.as_uri()) for path in transaction.sources if path not in self.sources]
+        if builds_index and new and self._directory and (self._directory.is_new or self.saved_index()):
+            saved = None if self._directory.is_new and not self.sources else self.saved_index()
+            transaction.index_builder = IndexBuilder(self.store, saved)
+        with ExitStack() as stack:
+            if builder := transaction.index_builder:
+                stack.callback(builder.close)
+            if self._directory and (new or self._directory.is_new):
+                stack.enter_context(self._directory.transaction())
+            with self._directory.store.bulk() if self._directory else nullcontext():
+                transaction.run(paths, files)
+            new_sources = (source for path, source in transaction.sources.items() if path not in self.sources)
+            graphs = [source.graph for source in new_sources if isinstance(source.graph, ox.NamedNode)]
             self._urdf_paths |= urdf_paths
             if conventions != UnitConventions():
                 self.conventions |= dict.fromkeys((path.resolve() for path in paths), conventions)
             self._commit(transaction)
+            if builder:
+                reasoner = builder.reasoner()
+                self._maps_by_source |= builder.maps_by_source
+                self.save_index(reasoner, NameIndex(self.store, reasoner))
         return graphs
 
     @property
@@ -435,8 +529,13 @@ class SourceRegistry:
         beside = (file_from_iri(name, source.path) for source in self.sources.values() if source.is_map)
         return next((path for path in beside if path is not None and path.is_file()), None)
 
+    def package_folder(self, name: str) -> Path | None:
+        """The folder of a ROS package among the folders that are searched; None if there is none."""
+        return self._package_path.package_folder(name)
+
     def _new_transaction(self, packages: RosPackagePath, sources: dict[Path, Source]) -> LoadTransaction:
         transaction = LoadTransaction(self.store, packages, dict(sources))
+        transaction.ontology_names = self._endpoint is None
         if self._directory:
             transaction.store_text = self._directory.store_text
         return transaction
@@ -529,6 +628,58 @@ class SourceRegistry:
 
     def _add_finding(self, severity: Severity, path: Path, problem: str, action: str) -> None:
         self.findings[Finding(severity, str(path), "", problem, action)] = None
+
+    # -- index ---------------------------------------------------------------------------------------------------------
+
+    def saved_index(self) -> StoreIndex | None:
+        """Returns the index in the store folder, if it is that of the current statements; a damaged one is reported."""
+        directory = self._directory
+        if directory is None or not directory.index.may_be_current:
+            self._saved_index = None
+        elif self._saved_index is None and not directory.index.problem:
+            self._saved_index = directory.index.load()
+            if directory.index.problem:
+                problem = f"its index cannot be used: {directory.index.problem}"
+                self._add_finding(Severity.WARNING, directory.path, problem, "it is rebuilt")
+            if self._saved_index:
+                self._maps_by_source |= self._saved_index.maps_by_source
+        return self._saved_index
+
+    def needs_index(self) -> bool:
+        """Whether there is a store folder without an index of the current statements."""
+        directory = self._directory
+        return directory is not None and not directory.read_only and not directory.index.is_current
+
+    def release_saved_index(self) -> None:
+        """Drops the index from memory; it is read again if it is needed again."""
+        self._saved_index = None
+
+    def save_index(self, reasoner: Reasoner, names: NameIndex) -> None:
+        """Saves an index in the store folder."""
+        if self._directory and not self._directory.read_only:
+            for source in self.sources.values():
+                self.maps_in(source)
+            maps = {name: each for name, each in self._maps_by_source.items() if name in map(str, self.sources)}
+            plain = {name: each for name, each in maps.items() if not any(map.startswith("_:") for map in each)}
+            self._directory.index.save(reasoner, names, maps_by_source=plain)
+            self._saved_index = None
+
+    @property
+    def has_endpoint(self) -> bool:
+        """Whether an endpoint evaluates queries."""
+        return self._endpoint is not None
+
+    def graph_names(self) -> tuple[dict[str, str], frozenset[str]]:
+        """Returns other names of graphs, which no two graphs have in common, with their names; and all their names."""
+        known = frozenset(node.value for node in RESERVED_GRAPHS) | {
+            source.graph.value for source in self.sources.values() if isinstance(source.graph, ox.NamedNode)
+        }
+        aliases: dict[str, set[str]] = {}
+        for path, source in self.sources.items():
+            name = source.graph.value if isinstance(source.graph, ox.NamedNode) else ""
+            for other in (path.as_uri(), path.name, source.header.ontology):
+                aliases.setdefault(other, set()).add(name)
+        return {other: min(names) for other, names in aliases.items() if other and len(names) == 1}, known
 
     # -- graphs --------------------------------------------------------------------------------------------------------
 

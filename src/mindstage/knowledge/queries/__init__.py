@@ -6,9 +6,11 @@ from mindstage.knowledge.queries.individuals import (
     JointSummary,
     MapCounts,
     PartOf,
+    PoseRow,
     analyse,
     handle_of,
     part_of,
+    pose_of,
     what_is,
 )
 from mindstage.knowledge.queries.inventory import (
@@ -142,6 +144,7 @@ __all__ = [
     "OpenState",
     "PartOf",
     "PlaceRelation",
+    "PoseRow",
     "PropertyName",
     "Question",
     "QuestionArgument",
@@ -186,6 +189,7 @@ __all__ = [
     "openings",
     "part_of",
     "path",
+    "pose_of",
     "question",
     "reachable",
     "siblings",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 from typing import ClassVar
 
 import msgspec
@@ -12,30 +13,39 @@ from mindstage.knowledge.explain import (
     membership_lines,
     missing_description,
     missing_file,
+    missing_instance,
+    source_text,
     statement_line,
     subclass_line,
 )
 from mindstage.knowledge.questions import (
+    MAP_SOURCE,
     AnswerRow,
+    Claim,
+    ClaimKind,
     ClassName,
     IndividualName,
     MapName,
     MissingKnowledge,
     QuestionContext,
+    StateAccess,
+    WorldState,
     question,
 )
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import PartOfStep, Reasoner
-from mindstage.knowledge.vocabulary import CHILD, CONSTRAINT, THING, TYPE, knowrob
+from mindstage.knowledge.vocabulary import CHILD, CONSTRAINT, HAS_POSE, THING, TYPE, knowrob
 from mindstage.scene import (
     AngularLimits,
     AxisMotion,
     Body,
     Iri,
     Joint,
+    Light,
     LinearLimits,
     Pose,
     PropertyAssertion,
+    Quaternion,
     Tag,
     Vector,
     World,
@@ -47,14 +57,18 @@ __all__ = [
     "JointSummary",
     "MapCounts",
     "PartOf",
+    "PoseRow",
     "analyse",
     "handle_of",
     "part_of",
+    "pose_of",
     "what_is",
 ]
 
 
 _HANDLE_CLASS = knowrob("Handle")
+_FRAME = "map"
+"""The frame of poses; also the root of tf."""
 
 
 class PartOf(AnswerRow, frozen=True, kw_only=True):
@@ -105,15 +119,30 @@ def _explain_part(kb: QuestionContext, row: PartOf) -> Iterator[str]:
 def _missing_parts(
     kb: QuestionContext, part: Iri | None = None, whole: Iri | None = None, map: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
-    if individual := whole or part:
-        if map and map not in kb.reasoner.maps_of.get(individual, ()):
-            yield from missing_description(kb.reasoner, individual, map)
-            return
-        what = (
-            f"no part of {local_name(whole)}" if part and whole else "a part of nothing" if part else "made of nothing"
-        )
-        why = f"{local_name(part or individual)} is {what}: neither child, parent nor a part-of property relates them"
-        yield MissingKnowledge(kb.reasoner.class_of(individual) or THING, CHILD, why)
+    index = kb.reasoner
+    individual = whole or part
+    if individual is None or not _is_described(index, individual, map):
+        yield from missing_description(index, individual, map)
+        return
+    found = whole if part is None else part
+    steps = index.wholes(part) if part else index.parts(individual)
+    if any(whole in {None, step.individual} for step in steps):
+        where = f"in {local_name(map)}" if map else "in any map"
+        claim = Claim(kind=ClaimKind.PART, subject=whole, object=part)
+        reason = f"{local_name(part or individual)} is a part, but nothing that it is a part of is {where}"
+        yield MissingKnowledge(index.class_of(individual) or THING, CHILD, reason, claims=(claim,))
+        return
+    what = f"no part of {local_name(whole)}" if part and whole else "a part of nothing" if part else "made of nothing"
+    why = "neither child, parent nor a part-of property relates them"
+    if (
+        any(whole in {None, step.individual} for step in index.wholes(part, through_joints=True))
+        if part
+        else any(True for _ in index.parts(individual, through_joints=True))
+    ):
+        why = "only joints connect it to other bodies, which does not make a part"
+    claim = Claim(kind=ClaimKind.NOT_PART, subject=whole, object=part)
+    reason = f"{local_name(found or individual)} is {what}: {why}"
+    yield MissingKnowledge(index.class_of(individual) or THING, CHILD, reason, claims=(claim,))
 
 
 class HandleOf(AnswerRow, frozen=True, kw_only=True):
@@ -171,18 +200,53 @@ def _missing_handle(
 ) -> Iterator[MissingKnowledge]:
     index = kb.reasoner
     if handle and not index.is_member(handle, _HANDLE_CLASS):
-        yield MissingKnowledge(index.class_of(handle) or THING, TYPE, f"{individual_text(index, handle)} is no Handle")
-    elif individual and map and map not in index.maps_of.get(individual, ()):
+        claim = Claim(kind=ClaimKind.NOT_INSTANCE, subject=handle, object=_HANDLE_CLASS)
+        reason = f"{individual_text(index, handle)} is no Handle"
+        yield MissingKnowledge(index.class_of(handle) or THING, TYPE, reason, claims=(claim,))
+    elif individual is not None and not _is_described(index, individual, map):
         yield from missing_description(index, individual, map)
     elif individual is not None:
-        others = ", ".join(local_name(each) for each in _find_handles(index, individual))
-        lacks = f"has another handle, {others}" if others else "has no handle: none of its parts is a Handle"
-        yield MissingKnowledge(
-            index.class_of(individual) or THING, CHILD, f"{individual_text(index, individual)} {lacks}"
-        )
+        yield _missing_handle_of(index, individual, handle)
     elif handle:
-        why = f"{individual_text(index, handle)} is the handle of nothing: it is a part of nothing"
-        yield MissingKnowledge(index.class_of(handle) or THING, CHILD, why)
+        steps = list(index.wholes(handle, through_joints=True))
+        name = individual_text(index, handle)
+        claim = Claim(kind=ClaimKind.NOT_PART, object=handle)
+        why = f"{name} is the handle of nothing: it is a part of nothing"
+        if wholes := [step.individual for step in steps if not index.is_member(step.individual, CONSTRAINT)]:
+            where = local_name(map) if map else "any map"
+            why = (
+                f"{name} is a part of {', '.join(local_name(each) for each in wholes)}, and none of them is in {where}"
+            )
+            claim = Claim(kind=ClaimKind.PART, subject=wholes[0], object=handle)
+        yield MissingKnowledge(index.class_of(handle) or THING, CHILD, why, claims=(claim,))
+    else:
+        yield from missing_instance(index, _HANDLE_CLASS, None, map)
+
+
+def _is_described(reasoner: Reasoner, individual: Iri, map: Iri | None) -> bool:
+    """Whether an individual is in a map, or in any map."""
+    places = reasoner.maps_of.get(individual, ())
+    return bool(places) if map is None else map in places
+
+
+def _missing_handle_of(reasoner: Reasoner, individual: Iri, handle: Iri | None) -> MissingKnowledge:
+    """The missing statement if an individual of a map has no handle, or not the given one."""
+    others = list(_find_handles(reasoner, individual))
+    is_joint = reasoner.is_member(individual, CONSTRAINT)
+    steps = () if others or is_joint else reasoner.parts(individual, through_joints=True)
+    parts = [step.individual for step in steps]
+    if others:
+        lacks = f"has another handle, {', '.join(local_name(each) for each in others)}"
+    elif is_joint:
+        lacks = "has no handle: it is a joint, which has no parts"
+    else:
+        lacks = f"has no handle: {'none of its parts is a Handle' if parts else 'it has no parts'}"
+    claims = [Claim(kind=ClaimKind.PART, subject=individual, object=each) for each in others]
+    claims += [Claim(kind=ClaimKind.NOT_INSTANCE, subject=each, object=_HANDLE_CLASS) for each in parts]
+    if (not parts and not others) or handle:
+        claims.append(Claim(kind=ClaimKind.NOT_PART, subject=individual, object=handle))
+    reason = f"{individual_text(reasoner, individual)} {lacks}"
+    return MissingKnowledge(reasoner.class_of(individual) or THING, CHILD, reason, claims=tuple(claims))
 
 
 def _part_lines(parts: Iterator[PartOfStep], part: Iri) -> Iterator[str]:
@@ -218,6 +282,80 @@ def _unlocked_axes(joint: JointSummary) -> Iterator[str]:
             yield f"{axis} {motion.name.lower()}{text if motion is AxisMotion.LIMITED else ''}"
 
 
+class PoseRow(AnswerRow, frozen=True, kw_only=True):
+    """Where a body, joint or light is, and how it is oriented."""
+
+    thing: IndividualName
+    position: Vector
+    """x, y, z [m] in `frame`."""
+    quaternion: Quaternion
+    """w, x, y, z: the rotation from the axes of the thing to those of `frame`."""
+    frame: str
+    """The frame of the pose: "map", whose z axis points up and which tf and all maps that are spawned share."""
+    map: MapName
+    """The map that the thing is described in."""
+    source: str
+    """Where the pose comes from: the name of the engine, or "map"."""
+
+
+@question
+def pose_of(
+    kb: QuestionContext, thing: IndividualName | None = None, map: MapName | None = None, *, present: StateAccess
+) -> Iterator[PoseRow]:
+    """Where a body, joint or light is at present: its position [m], and its orientation as a quaternion w, x, y, z.
+
+    The pose is that of the center of the box of a body, in the frame of the map. It comes from the running simulation;
+    if that does not have the thing, or there is none, from the map.
+
+    Examples:
+        pose_of milk_carton_1
+        pose_of fridge_door
+    """
+    running = present.running()
+    simulated = {world.iri for world in running.spawned} if running else set()
+    if running and map in {None, *simulated}:
+        homes = {each.iri: world.iri for world in reversed(running.spawned) for each in _entities(world)}
+        for entity in _entities(running.world):
+            if thing in {None, entity.iri}:
+                yield _pose_row(entity, homes.get(entity.iri, running.world.iri), running.source)
+    described = kb.reasoner.maps_of.get(thing, ()) if thing else kb.maps()
+    for place in sorted(described):
+        if place not in simulated and map in {None, place}:
+            entities = _entities(kb.world(place)) if thing is None else [kb.scene_entity(thing, place)]
+            yield from (_pose_row(entity, place, MAP_SOURCE) for entity in entities if entity is not None)
+
+
+def _entities(world: World) -> Iterator[Body | Joint | Light]:
+    return chain(world.bodies, world.joints, world.lights)
+
+
+def _pose_row(entity: Body | Joint | Light, map: Iri, source: str) -> PoseRow:
+    pose = entity.pose
+    return PoseRow(
+        thing=entity.iri, position=pose.position, quaternion=pose.quaternion, frame=_FRAME, map=map, source=source
+    )
+
+
+@pose_of.explain
+def _explain_pose(kb: QuestionContext, row: PoseRow) -> Iterator[str]:
+    x, y, z = row.position
+    yield f"the center of {local_name(row.thing)} is at {x:g} {y:g} {z:g} m in the frame {row.frame}"
+    yield source_text(row.source)
+
+
+@pose_of.missing
+def _missing_pose(
+    kb: QuestionContext, thing: Iri | None = None, map: Iri | None = None, *, present: StateAccess
+) -> Iterator[MissingKnowledge]:
+    if thing is None:
+        yield from missing_description(kb.reasoner, None, map)
+    elif map and map not in kb.reasoner.maps_of.get(thing, ()):
+        yield from missing_description(kb.reasoner, thing, map)
+    else:
+        why = f"{individual_text(kb.reasoner, thing)} has no pose: no map or simulation that was asked places it"
+        yield MissingKnowledge(kb.reasoner.class_of(thing) or THING, HAS_POSE, why)
+
+
 class IndividualDescription(AnswerRow, frozen=True, kw_only=True):
     """Everything that is known about an individual."""
 
@@ -237,29 +375,48 @@ class IndividualDescription(AnswerRow, frozen=True, kw_only=True):
     tags: tuple[Tag, ...] = ()
     facts: tuple[PropertyAssertion, ...] = ()
     """All other statements: those of the map that have no field here, and those asserted at run time."""
+    source: str | None = None
+    """Where the pose comes from: the name of the engine, or "map"; None without a pose."""
 
 
 @question
 def what_is(
-    kb: QuestionContext, individual: IndividualName | None = None, map: MapName | None = None
+    kb: QuestionContext, individual: IndividualName | None = None, map: MapName | None = None, *, present: StateAccess
 ) -> Iterator[IndividualDescription]:
     """What an individual is: its classes, pose, size, mass, mesh, tags, joint limits, and all other statements.
 
     Classes that are not asserted are inferred from definitions, and from the domains and ranges of properties. Classes
-    and other statements include those asserted at run time; everything else is as the map's file gives it.
+    and other statements include those asserted at run time. The pose is that of the running simulation, if it has the
+    individual, as `source` says; everything else is as the map's file gives it.
 
     Examples:
         what_is milk_carton_1
         what_is fridge_door_hinge
     """
     index = kb.reasoner
-    for each in sorted(index.maps_of) if individual is None else (individual,):
+    running = present.running()
+    spawned = {world.iri for world in running.spawned} if running else set()
+    live = {entity.iri: entity for entity in _entities(running.world)} if running else {}
+    for each in sorted({*index.maps_of, *live}) if individual is None else (individual,):
         classes = _most_specific_first(index, each)
         places = index.maps_of.get(each, ()) if map is None else [map] if map in index.maps_of.get(each, ()) else []
+        entity = live.get(each)
         for place in places:
-            yield _description(kb, each, classes, place)
+            described = _description(kb, each, classes, place)
+            yield _with_current_pose(described, entity, running) if place in spawned else described
         if not places and map is None:
-            yield _description(kb, each, classes, None)
+            if not classes and isinstance(entity, Body):
+                classes = (entity.cls,)
+            yield _with_current_pose(_description(kb, each, classes, None), entity, running)
+
+
+def _with_current_pose(
+    description: IndividualDescription, entity: Body | Joint | Light | None, running: WorldState | None
+) -> IndividualDescription:
+    """The description with the pose that the engine has."""
+    if entity is None or running is None:
+        return description
+    return msgspec.structs.replace(description, pose=entity.pose, source=running.source)
 
 
 def _most_specific_first(reasoner: Reasoner, individual: Iri) -> tuple[Iri, ...]:
@@ -278,7 +435,13 @@ def _description(
         return IndividualDescription(individual=individual, classes=classes, map=map, facts=kb.facts_of(individual))
     facts = tuple(dict.fromkeys((*entity.facts, *kb.facts_of(individual, runtime_only=True))))
     description = IndividualDescription(
-        individual=individual, classes=classes, map=map, pose=entity.pose, tags=entity.tags, facts=facts
+        individual=individual,
+        classes=classes,
+        map=map,
+        pose=entity.pose,
+        tags=entity.tags,
+        facts=facts,
+        source=MAP_SOURCE,
     )
     match entity:
         case Body(physics=physics):
@@ -313,7 +476,7 @@ def _explain_individual(kb: QuestionContext, row: IndividualDescription) -> Iter
 
 @what_is.missing
 def _missing_individual(
-    kb: QuestionContext, individual: Iri | None = None, map: Iri | None = None
+    kb: QuestionContext, individual: Iri | None = None, map: Iri | None = None, *, present: StateAccess
 ) -> Iterator[MissingKnowledge]:
     yield from missing_description(kb.reasoner, individual, map)
 

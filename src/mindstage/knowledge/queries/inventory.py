@@ -9,14 +9,13 @@ from enum import StrEnum
 import numpy as np
 
 from mindstage.errors import InvalidArgumentError
-from mindstage.knowledge.explain import individual_text, missing_instance
+from mindstage.knowledge.explain import individual_text, missing_instance, source_text
 from mindstage.knowledge.queries.proximity import (
     PlacedBodies,
     missing_arguments,
     missing_bodies,
     placed_states,
 )
-from mindstage.knowledge.queries.spatial import source_text
 from mindstage.knowledge.queries.storage import storage_place
 from mindstage.knowledge.questions import (
     MAP_SOURCE,
@@ -296,7 +295,7 @@ def _missing_count(
         kind = f"no {local_name(cls)}" if cls is not None else "nothing"
         yield MissingKnowledge(cls or THING, HAS_POSE, f"{kind} is on or in {individual_text(kb.reasoner, place)}")
     elif cls is not None:
-        yield missing_instance(cls, None, map)
+        yield from missing_instance(kb.reasoner, cls, None, map)
 
 
 # -- alike -------------------------------------------------------------------------------------------------------------

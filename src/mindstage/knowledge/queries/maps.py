@@ -18,6 +18,8 @@ from mindstage.knowledge.explain import (
 )
 from mindstage.knowledge.questions import (
     AnswerRow,
+    Claim,
+    ClaimKind,
     ClassName,
     IndividualName,
     MapName,
@@ -161,9 +163,11 @@ def _missing_individuals(
     if individual and not (map in places if map else places):
         yield from missing_description(index, individual, map)
     elif cls:
-        yield missing_instance(cls, individual, map)
+        yield from missing_instance(index, cls, individual, map)
     elif individual:
-        yield MissingKnowledge(THING, TYPE, f"the class of {local_name(individual)} is unknown: it has no type")
+        reason = f"the class of {local_name(individual)} is unknown: no type of it is a class"
+        claim = Claim(kind=ClaimKind.NO_CLASS, subject=individual)
+        yield MissingKnowledge(THING, TYPE, reason, claims=(claim,))
     else:
         yield from missing_description(index, None, map)
 
@@ -269,9 +273,10 @@ def _missing_map_pair(
     for map in dict.fromkeys(map for map in (a, b) if map and map not in known):
         yield from missing_file(map)
     if len(known) < 2 and not (a and b):
-        yield MissingKnowledge(
-            SEMANTIC_MAP, DESCRIBED_IN_MAP, f"{len(known)} maps are loaded, and a comparison needs two"
-        )
+        loaded = {0: "no map is", 1: "1 map is"}[len(known)]
+        reason = f"{loaded} loaded, and a comparison needs two"
+        claim = Claim(kind=ClaimKind.FEWER_MAPS, object="2")
+        yield MissingKnowledge(SEMANTIC_MAP, DESCRIBED_IN_MAP, reason, claims=(claim,))
 
 
 def _map_pairs(

@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 
 from mindstage.errors import InvalidArgumentError
-from mindstage.knowledge.explain import individual_text, statement_line
+from mindstage.knowledge.explain import individual_text, source_text, statement_line
 from mindstage.knowledge.queries.proximity import (
     PlacedBodies,
     missing_arguments,
@@ -17,7 +17,6 @@ from mindstage.knowledge.queries.proximity import (
     parse_numbers,
     placed_states,
 )
-from mindstage.knowledge.queries.spatial import source_text
 from mindstage.knowledge.questions import (
     AnswerRow,
     IndividualName,

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.errors import InvalidArgumentError
-from mindstage.knowledge.explain import individual_text
-from mindstage.knowledge.queries.spatial import missing_pose, source_text
+from mindstage.knowledge.explain import individual_text, source_text
+from mindstage.knowledge.queries.spatial import missing_pose
 from mindstage.knowledge.questions import (
     AnswerRow,
     ClassName,

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from mindstage.knowledge.explain import individual_text
+from mindstage.knowledge.explain import individual_text, source_text
 from mindstage.knowledge.questions import (
     MAP_SOURCE,
     AnswerRow,
@@ -27,7 +27,7 @@ from mindstage.scene.kinematics import JointDisplacement, RigidGroups, joint_dis
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import normalize, pose_array
 
-__all__ = ["JointOpenness", "OpenState", "SpatialRelationRow", "missing_pose", "openings", "source_text", "where_is"]
+__all__ = ["JointOpenness", "OpenState", "SpatialRelationRow", "missing_pose", "openings", "where_is"]
 
 
 _RELATION_ORDER = {relation: at for at, relation in enumerate(SpatialRelation)}
@@ -38,6 +38,7 @@ _OPEN_M, _OPEN_RAD = 0.02, 0.1
 """For joints without limits."""
 _FRONT_CLASSES = (knowrob("PortalCovering"), knowrob("StorageConstruct"))
 _CONTAINER = knowrob("Container")
+_HANDLE, _DRAWER = knowrob("Handle"), knowrob("Drawer")
 _STATE_PROPERTY = knowrob("stateOfObject")
 
 
@@ -118,13 +119,6 @@ def _explain_relation(kb: QuestionContext, row: SpatialRelationRow) -> Iterator[
         case _:
             yield f"{gap} from the top of {other} up to {thing}, which share {share} of the smaller footprint"
     yield source_text(row.source)
-
-
-def source_text(source: str) -> str:
-    """Where the poses and shapes of an answer come from, in words."""
-    state, _, shapes = source.partition(", ")
-    note = f"; bodies are taken as their {shapes}" if shapes else ""
-    return ("as the map has it; no simulation is running" if state == MAP_SOURCE else f"as {state} has it now") + note
 
 
 @where_is.missing
@@ -216,10 +210,10 @@ def _find_openings(kb: QuestionContext, world_state: WorldState, front: Iri | No
         if joint.parent not in bodies or joint.child not in bodies:
             continue
         moving, holder = moving_body(joint, bodies[joint.parent], bodies[joint.child])
-        if front not in {None, moving.iri} or not _is_front(kb, moving):
-            continue
         displacement, source = _displacement(joint, world_state)
-        if displacement is not None:
+        if displacement is None or front not in {None, moving.iri}:
+            continue
+        if _is_front(kb, moving) or (displacement.is_prismatic and _is_drawer_handle(kb, moving, holder)):
             yield JointOpenness(
                 thing=furniture.container_of(moving, holder).iri,
                 state=OpenState.OPEN if _is_open(displacement) else OpenState.CLOSED,
@@ -278,6 +272,11 @@ def _is_front(kb: QuestionContext, body: Body) -> bool:
     """Whether a moving body is a door, a drawer or a lid; bodies of unknown classes may be."""
     above = kb.reasoner.classes.above(body.cls)
     return len(above) <= 1 or any(kb.reasoner.is_a(body.cls, cls) for cls in _FRONT_CLASSES)
+
+
+def _is_drawer_handle(kb: QuestionContext, moving: Body, holder: Body) -> bool:
+    """Whether a sliding body is the handle of a drawer, which maps of SOMA name as the child of the drawer's joint."""
+    return kb.reasoner.is_a(moving.cls, _HANDLE) and kb.reasoner.is_a(holder.cls, _DRAWER)
 
 
 def _displacement(joint: Joint, world_state: WorldState) -> tuple[JointDisplacement | None, str]:

@@ -2,11 +2,16 @@
 
 Both follow restrictions that imply existence (someValuesFrom, a qualified cardinality of at least 1). A restriction
 that only excludes fillers (allValuesFrom) gives no answer: a mug contains nothing but drinks, but does not store them.
+
+SOMA states purposes by dispositions: a device has a disposition that affords a task, and a storage place has the
+disposition Storage, which affords to be the place of what its trigger classifies. Both are followed as well, for
+classes and for individuals of maps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple
 
 from mindstage.knowledge.explain import (
     expression_text,
@@ -15,12 +20,16 @@ from mindstage.knowledge.explain import (
     missing_description,
     missing_instance,
     restriction_line,
+    restriction_text,
+    statement_line,
     subclass_line,
     subproperty_line,
 )
-from mindstage.knowledge.owl import named_classes
+from mindstage.knowledge.owl import Expression, IntersectionOf, NamedClass, Restriction, named_classes
 from mindstage.knowledge.questions import (
     AnswerRow,
+    Claim,
+    ClaimKind,
     ClassName,
     IndividualName,
     MapName,
@@ -31,7 +40,17 @@ from mindstage.knowledge.questions import (
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.reasoner_classes import ClassRestriction
-from mindstage.knowledge.vocabulary import THING, knowrob
+from mindstage.knowledge.reasoner_properties import ObjectTriple
+from mindstage.knowledge.vocabulary import (
+    AFFORDS_TASK,
+    AFFORDS_TRIGGER,
+    CLASSIFIES,
+    HAS_DISPOSITION,
+    STORAGE,
+    TASK_AFFORDED_BY,
+    THING,
+    knowrob,
+)
 from mindstage.scene import Iri
 
 __all__ = [
@@ -47,6 +66,8 @@ __all__ = [
 
 _DEVICE_USED = knowrob("deviceUsed")
 _CONTAINER_FOR = knowrob("typePrimaryFunction-containerFor")
+_MAX_LIMITS = 3
+"""The number of restrictions that a reason names."""
 
 
 def _members_in(reasoner: Reasoner, cls: Iri, individual: Iri | None, map: Iri | None) -> Iterator[tuple[Iri, Iri]]:
@@ -62,18 +83,118 @@ def _members_in(reasoner: Reasoner, cls: Iri, individual: Iri | None, map: Iri |
 
 
 def _missing_use(
-    reasoner: Reasoner, individual: Iri | None, map: Iri | None, property: Iri, reason: str
+    reasoner: Reasoner, individual: Iri | None, map: Iri | None, property: Iri, reason: str, *, fillers: bool
 ) -> Iterator[MissingKnowledge]:
-    """The missing statement about an individual, or about everything in a map."""
+    """The missing statement about an individual, or about everything in a map.
+
+    Args:
+        reasoner: the reasoner.
+        individual: the individual; None for all.
+        map: the map; None for all.
+        property: the property of the missing restrictions.
+        reason: the rest of the sentence about the individual.
+        fillers: whether its classes are missing as fillers of the restrictions, rather than as owners.
+    """
     places = reasoner.maps_of.get(individual, ()) if individual else tuple(each for each in reasoner.members_by_map)
     if not (map in places and reasoner.members_by_map[map] if map else places):
         yield from missing_description(reasoner, individual, map)
-    elif individual:
-        yield MissingKnowledge(
-            reasoner.class_of(individual) or THING, property, f"{individual_text(reasoner, individual)} {reason}"
-        )
+        return
+    chosen = [members for place, members in reasoner.members_by_map.items() if map in {None, place}]
+    members = {individual} if individual else {member for members in chosen for member in members}
+    classes = sorted({cls for member in members for cls in reasoner.types_of(member)})
+    classless = (member for member in sorted(members) if not reasoner.types_of(member))
+    restrictions = ((None, cls) if fillers else (cls, None) for cls in classes)
+    claims = (
+        *(Claim(kind=ClaimKind.NO_CLASS, subject=member) for member in classless),
+        *(
+            Claim(kind=ClaimKind.NO_RESTRICTION, subject=subject, property=property, object=filler)
+            for subject, filler in restrictions
+        ),
+    )
+    if individual:
+        cls, owner = reasoner.class_of(individual) or THING, individual_text(reasoner, individual)
     else:
-        yield MissingKnowledge(THING, property, f"everything in {local_name(map) if map else 'all maps'} {reason}")
+        cls, owner = THING, f"everything in {local_name(map) if map else 'all maps'}"
+    yield MissingKnowledge(cls, property, f"{owner} {reason}", claims=claims)
+
+
+# -- dispositions ------------------------------------------------------------------------------------------------------
+
+
+class _Affordance(NamedTuple):
+    """A class whose members have a disposition for something."""
+
+    owner: Iri
+    purpose: Iri
+    """The task that the disposition affords, or the class of what is stored."""
+    lines: tuple[str, ...]
+    """The restrictions that state it."""
+
+
+def _conjuncts(expression: Expression | None) -> Iterator[Expression]:
+    """The expressions that every instance of an expression is an instance of."""
+    if isinstance(expression, IntersectionOf):
+        for member in expression.members:
+            yield from _conjuncts(member)
+    elif expression is not None:
+        yield expression
+
+
+def _tasks(reasoner: Reasoner, disposition: Expression | None) -> Iterator[tuple[Iri, tuple[str, ...]]]:
+    """The tasks that a disposition affords, with the restrictions that state it."""
+    affords = set(reasoner.properties.sub_properties(AFFORDS_TASK))
+    afforded = list(reasoner.restrictions_on(TASK_AFFORDED_BY))
+    for each in _conjuncts(disposition):
+        if isinstance(each, Restriction) and each.property in affords and not each.inverse:
+            yield from ((task, ()) for task in named_classes(each.filler))
+        elif isinstance(each, NamedClass):
+            for owned in reasoner.restrictions(each.iri):
+                if owned.restriction.property in affords and not owned.restriction.inverse:
+                    line = restriction_line(owned.cls, owned.restriction)
+                    yield from ((task, (line,)) for task in named_classes(owned.restriction.filler))
+            for owned in afforded:
+                if owned.restriction.implies_existence() and reasoner.subsuming_class(
+                    owned.restriction.filler, each.iri
+                ):
+                    yield owned.cls, (restriction_line(owned.cls, owned.restriction),)
+
+
+def _stored(reasoner: Reasoner, disposition: Expression | None) -> Iterator[tuple[Iri, tuple[str, ...]]]:
+    """The classes of what a disposition to store things is for."""
+    parts = list(_conjuncts(disposition))
+    if not any(isinstance(each, NamedClass) and reasoner.is_a(each.iri, STORAGE) for each in parts):
+        return
+    triggers = set(reasoner.properties.sub_properties(AFFORDS_TRIGGER))
+    for each in parts:
+        if isinstance(each, Restriction) and each.property in triggers:
+            for role in _conjuncts(each.filler):
+                if isinstance(role, Restriction) and role.property == CLASSIFIES:
+                    yield from ((item, ()) for item in named_classes(role.filler))
+
+
+def _affordances(
+    reasoner: Reasoner,
+    purposes: Callable[[Reasoner, Expression | None], Iterator[tuple[Iri, tuple[str, ...]]]],
+) -> Iterator[_Affordance]:
+    """The classes with dispositions, and what these are for; nothing in a knowledge base without SOMA."""
+    for owned in reasoner.restrictions_on(HAS_DISPOSITION):
+        if owned.restriction.implies_existence():
+            line = restriction_line(owned.cls, owned.restriction)
+            for purpose, lines in purposes(reasoner, owned.restriction.filler):
+                yield _Affordance(owned.cls, purpose, (line, *lines))
+
+
+def _disposed_individuals(reasoner: Reasoner) -> Iterator[tuple[Iri, Iri, ObjectTriple]]:
+    """The individuals that have a disposition as a node of its own, the tasks that it affords, and the statement."""
+    properties = reasoner.properties
+    for individual in sorted(set(properties.candidate_subjects(HAS_DISPOSITION, backwards=False))):
+        for disposition in properties.values(HAS_DISPOSITION, individual):
+            statement = ObjectTriple(individual, HAS_DISPOSITION, disposition)
+            for cls in reasoner.types_of(disposition):
+                yield from ((individual, task, statement) for task, _ in _tasks(reasoner, NamedClass(cls)))
+            for value in properties.values(AFFORDS_TASK, disposition):
+                tasks = (value,) if reasoner.is_class(value) else reasoner.types_of(value)
+                yield from ((individual, task, statement) for task in tasks)
 
 
 class ActionDevice(AnswerRow, frozen=True, kw_only=True):
@@ -91,21 +212,45 @@ def device_for_action(
 ) -> Iterator[ActionDevice]:
     """Which devices an action is done with; those of its own class come before inherited ones.
 
+    Devices that have a disposition which affords the action follow. If no action names the given device itself, the
+    answers are those that need a subclass of it: who needs a baking oven needs an oven.
+
     Examples:
         device_for_action BakingFood
         device_for_action device=Dishwasher
     """
     for each in _all_actions(kb.reasoner) if action is None else (action,):
-        yield from _find_devices(kb.reasoner, each)
+        yield from _find_devices(kb.reasoner, each, device)
 
 
-def _find_devices(reasoner: Reasoner, action: Iri) -> Iterator[ActionDevice]:
+def _find_devices(reasoner: Reasoner, action: Iri, device: Iri | None = None) -> Iterator[ActionDevice]:
+    """The devices that an action needs, or that afford it.
+
+    Args:
+        reasoner: the reasoner.
+        action: the action.
+        device: the only class that is wanted; one that no restriction names stands for its subclasses.
+    """
+    needs = list(_needed_classes(reasoner, action))
+    is_named = device is not None and device in _all_devices(reasoner)
     seen = set()
+    for needed, told_by in needs:
+        found = needed
+        if device is not None:
+            matches = device in reasoner.equivalents(needed) if is_named else reasoner.is_a(needed, device)
+            found = device if matches else needed
+        if found not in seen and device in {None, found}:
+            seen.add(found)
+            yield ActionDevice(action=action, device=found, told_by=told_by)
+
+
+def _needed_classes(reasoner: Reasoner, action: Iri) -> Iterator[tuple[Iri, Iri]]:
+    """The classes of devices that an action needs or that afford it, and the class of actions that states it."""
     for owned in _device_restrictions(reasoner, action):
-        for device in named_classes(owned.restriction.filler):
-            if device not in seen:
-                seen.add(device)
-                yield ActionDevice(action=action, device=device, told_by=owned.cls)
+        yield from ((named, owned.cls) for named in named_classes(owned.restriction.filler))
+    for each in _affordances(reasoner, _tasks):
+        if reasoner.is_a(action, each.purpose):
+            yield each.owner, each.purpose
 
 
 def _device_restrictions(reasoner: Reasoner, action: Iri) -> Iterator[ClassRestriction]:
@@ -121,18 +266,25 @@ def _device_restrictions(reasoner: Reasoner, action: Iri) -> Iterator[ClassRestr
 
 def _all_actions(reasoner: Reasoner) -> list[Iri]:
     owners = {owned.cls for owned in reasoner.restrictions_on(_DEVICE_USED)}
+    owners.update(each.purpose for each in _affordances(reasoner, _tasks))
     return sorted({below for owner in owners for below in reasoner.classes.below(owner)})
 
 
 @device_for_action.explain
 def _explain_device(kb: QuestionContext, row: ActionDevice) -> Iterator[str]:
-    yield from subclass_line(kb.reasoner.classes.path(row.action, row.told_by))
-    for owned in _device_restrictions(kb.reasoner, row.told_by):
-        if owned.cls == row.told_by and row.device in named_classes(owned.restriction.filler):
+    reasoner = kb.reasoner
+    yield from subclass_line(reasoner.classes.path(row.action, row.told_by))
+    for owned in _device_restrictions(reasoner, row.told_by):
+        named = (each for each in named_classes(owned.restriction.filler) if reasoner.is_a(each, row.device))
+        if owned.cls == row.told_by and (needed := next(named, None)):
             yield restriction_line(owned.cls, owned.restriction)
-            yield from subproperty_line(
-                kb.reasoner.properties.implication_path(owned.restriction.property, _DEVICE_USED)
-            )
+            yield from subproperty_line(reasoner.properties.implication_path(owned.restriction.property, _DEVICE_USED))
+            yield from subclass_line(reasoner.classes.path(needed, row.device))
+            return
+    for each in _affordances(reasoner, _tasks):
+        if each.purpose == row.told_by and reasoner.is_a(each.owner, row.device):
+            yield from each.lines
+            yield from subclass_line(reasoner.classes.path(each.owner, row.device))
             return
 
 
@@ -140,26 +292,54 @@ def _explain_device(kb: QuestionContext, row: ActionDevice) -> Iterator[str]:
 def _missing_device(
     kb: QuestionContext, action: Iri | None = None, device: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
-    property = local_name(_DEVICE_USED)
+    property, reasoner = local_name(_DEVICE_USED), kb.reasoner
     if action is not None:
-        fillers = ", ".join(
-            expression_text(owned.restriction.filler) for owned in _device_restrictions(kb.reasoner, action)
+        needed = list(_device_restrictions(reasoner, action))
+        fillers = ", ".join(expression_text(owned.restriction.filler) for owned in needed)
+        narrower = [each for each, _ in _needed_classes(reasoner, action) if device and reasoner.is_a(each, device)]
+        if narrower:
+            yield _narrower_device(action, device or THING, narrower[0])
+            return
+        kind = ClaimKind.NO_RESTRICTION if device is None else ClaimKind.NO_NARROWER_RESTRICTION
+        absent = (Claim(kind=kind, subject=action, property=_DEVICE_USED, object=device),)
+        claims = (
+            *(absent if device or not needed else ()),
+            *(
+                Claim(kind=ClaimKind.RESTRICTION, subject=action, property=_DEVICE_USED, object=named)
+                for owned in needed
+                for named in named_classes(owned.restriction.filler)
+            ),
         )
         but = f"it needs {fillers}" if fillers else f"neither it nor an ancestor of it has {property} some …"
-        yield MissingKnowledge(action, _DEVICE_USED, f"{local_name(action)} has no such {property}: {but}")
+        reason = f"{local_name(action)} has no such {property}: {but}"
+        yield MissingKnowledge(action, _DEVICE_USED, reason, claims=claims)
     elif device is not None:
-        needed = _all_devices(kb.reasoner)
-        above = next((cls for cls in kb.reasoner.classes.above(device) if cls in needed), None)
-        hint = f"; ask about its ancestor {local_name(above)}" if above else ""
-        why = f"no action needs a {local_name(device)}: no {property} names it{hint}"
-        yield MissingKnowledge(device, _DEVICE_USED, why, is_filler=True)
+        above = next((cls for cls in reasoner.classes.above(device) if cls in _all_devices(reasoner)), None)
+        hint = f"; ask about its ancestor {local_name(above)}, which some action needs" if above else ""
+        why = f"no action needs a {local_name(device)}: no {property} names it or a subclass of it{hint}"
+        claim = Claim(kind=ClaimKind.NO_NARROWER_RESTRICTION, property=_DEVICE_USED, object=device)
+        yield MissingKnowledge(device, _DEVICE_USED, why, is_filler=True, claims=(claim,))
     else:
-        yield MissingKnowledge(knowrob("PhysicalDevice"), _DEVICE_USED, f"no class has {property} some …")
+        claim = Claim(kind=ClaimKind.NO_RESTRICTION, property=_DEVICE_USED)
+        yield MissingKnowledge(
+            knowrob("PhysicalDevice"), _DEVICE_USED, f"no class has {property} some …", claims=(claim,)
+        )
+
+
+def _narrower_device(action: Iri, device: Iri, needed: Iri) -> MissingKnowledge:
+    """The missing statement if an action needs a subclass of a device, which other actions name."""
+    names = local_name(action), local_name(device), local_name(needed)
+    reason = "{0} names no {1} as such, but {2}, which is a {1}: ask for device={2}".format(*names)
+    claim = Claim(kind=ClaimKind.RESTRICTION, subject=action, property=_DEVICE_USED, object=needed)
+    return MissingKnowledge(action, _DEVICE_USED, reason, claims=(claim,))
 
 
 def _all_devices(reasoner: Reasoner) -> set[Iri]:
+    """The classes of devices that actions name, those that have a disposition for one, and their equivalents."""
     restrictions = (owned.restriction for owned in reasoner.restrictions_on(_DEVICE_USED))
-    return {device for each in restrictions if each.implies_existence() for device in named_classes(each.filler)}
+    named = {device for each in restrictions if each.implies_existence() for device in named_classes(each.filler)}
+    named.update(each.owner for each in _affordances(reasoner, _tasks))
+    return {same for device in named for same in reasoner.equivalents(device)}
 
 
 class ActionDeviceInMap(AnswerRow, frozen=True, kw_only=True):
@@ -184,21 +364,47 @@ def device_for_action_in_environment(
     Examples:
         device_for_action_in_environment BakingFood
     """
-    for each in _all_actions(kb.reasoner) if action is None else (action,):
+    index = kb.reasoner
+    disposed = [each for each in _disposed_individuals(index) if individual in {None, each[0]}]
+    actions = {*_all_actions(index), *(below for _, task, _ in disposed for below in index.classes.below(task))}
+    for each in sorted(actions) if action is None else (action,):
         seen = set()
-        for need in _find_devices(kb.reasoner, each):
-            for member, place in _members_in(kb.reasoner, need.device, individual, map):
-                if (member, place) not in seen:
-                    seen.add((member, place))
-                    yield ActionDeviceInMap(action=each, individual=member, device=need.device, map=place)
+        for member, place, device in _devices_in_map(index, each, disposed, individual, map):
+            if (member, place) not in seen:
+                seen.add((member, place))
+                yield ActionDeviceInMap(action=each, individual=member, device=device, map=place)
+
+
+def _devices_in_map(
+    reasoner: Reasoner,
+    action: Iri,
+    disposed: Iterable[tuple[Iri, Iri, ObjectTriple]],
+    individual: Iri | None,
+    map: Iri | None,
+) -> Iterator[tuple[Iri, Iri, Iri]]:
+    """Individuals that an action can be done with, their maps, and the class that makes them suitable."""
+    for need in _find_devices(reasoner, action):
+        for member, place in _members_in(reasoner, need.device, individual, map):
+            yield member, place, need.device
+    for member, task, _ in disposed:
+        for place in reasoner.maps_of.get(member, ()) if reasoner.is_a(action, task) else ():
+            if map in {None, place}:
+                yield member, place, reasoner.class_of(member) or THING
 
 
 @device_for_action_in_environment.explain
 def _explain_device_in_map(kb: QuestionContext, row: ActionDeviceInMap) -> Iterator[str]:
-    for need in _find_devices(kb.reasoner, row.action):
-        if need.device == row.device:
-            yield from _explain_device(kb, need)
-    yield from membership_lines(kb.reasoner, row.individual, row.device)
+    needs = [need for need in _find_devices(kb.reasoner, row.action) if need.device == row.device]
+    if needs:
+        yield from _explain_device(kb, needs[0])
+        yield from membership_lines(kb.reasoner, row.individual, row.device)
+        return
+    for member, task, statement in _disposed_individuals(kb.reasoner):
+        if member == row.individual and kb.reasoner.is_a(row.action, task):
+            yield statement_line(statement)
+            yield f"{local_name(statement.object)} affords {local_name(task)}"
+            yield from subclass_line(kb.reasoner.classes.path(row.action, task))
+            return
 
 
 @device_for_action_in_environment.missing
@@ -209,10 +415,10 @@ def _missing_device_in_map(
     if action and not needs:
         yield from _missing_device(kb, action)
     for need in needs:
-        yield missing_instance(need.device, individual, map)
+        yield from missing_instance(kb.reasoner, need.device, individual, map)
     if action is None:
-        reason = f"is needed by no action: no {local_name(_DEVICE_USED)} names one of its classes"
-        yield from _missing_use(kb.reasoner, individual, map, _DEVICE_USED, reason)
+        reason = f"is needed by no action: no {local_name(_DEVICE_USED)} names one of its classes or an ancestor of it"
+        yield from _missing_use(kb.reasoner, individual, map, _DEVICE_USED, reason, fillers=True)
 
 
 class StoragePlace(AnswerRow, frozen=True, kw_only=True):
@@ -232,7 +438,8 @@ def storage_place(
 ) -> Iterator[StoragePlace]:
     """Where items of a class are stored, the most specific place first.
 
-    A place is the class that has the restriction itself; its subclasses inherit it.
+    A place is the class that has the restriction itself. A given place without a restriction of its own inherits those
+    of its superclasses.
 
     Examples:
         storage_place CowsMilk
@@ -240,27 +447,47 @@ def storage_place(
         storage_place place=Dishwasher
     """
     for each in _stored_classes(kb.reasoner, place) if item is None else (item,):
-        yield from _find_storage_places(kb.reasoner, each)
+        yield from _find_storage_places(kb.reasoner, each, place)
 
 
-def _find_storage_places(reasoner: Reasoner, item: Iri) -> list[StoragePlace]:
+def _find_storage_places(reasoner: Reasoner, item: Iri, place: Iri | None = None) -> list[StoragePlace]:
+    """The places for an item; only the given class, if there is one."""
     found: dict[Iri, StoragePlace] = {}
+    owners = frozenset() if place is None else _owners(reasoner, place)
+    for owner, reason in _places_with_reasons(reasoner, item):
+        if place is None or owner in owners:
+            named = place or owner
+            row = StoragePlace(
+                item=item,
+                place=named,
+                because_of=reason,
+                generality=reasoner.classes.count_between(item, reason),
+            )
+            found[named] = min(found.get(named, row), row, key=_sort_key)
+    return sorted(found.values(), key=_sort_key)
+
+
+def _owners(reasoner: Reasoner, place: Iri) -> frozenset[Iri]:
+    """The classes whose restrictions a place stands for: its own and equivalents', or those that it inherits."""
+    own = frozenset(reasoner.equivalents(place))
+    purposes = (
+        owned.cls for owned in reasoner.restrictions_on(_CONTAINER_FOR) if owned.restriction.implies_existence()
+    )
+    stating = {*purposes, *(each.owner for each in _affordances(reasoner, _stored))}
+    return own & stating or frozenset(reasoner.classes.above(place)) & stating
+
+
+def _places_with_reasons(reasoner: Reasoner, item: Iri) -> Iterator[tuple[Iri, Iri]]:
+    """The classes that store an item, and the class of items that each is for."""
     for above in reasoner.classes.above(item):
         for owned in reasoner.restrictions_with_filler(_CONTAINER_FOR, above):
-            reason = (
-                reasoner.subsuming_class(owned.restriction.filler, item)
-                if owned.restriction.implies_existence()
-                else None
-            )
-            if reason is not None:
-                row = StoragePlace(
-                    item=item,
-                    place=owned.cls,
-                    because_of=reason,
-                    generality=reasoner.classes.count_between(item, reason),
-                )
-                found[owned.cls] = min(found.get(owned.cls, row), row, key=_sort_key)
-    return sorted(found.values(), key=_sort_key)
+            if owned.restriction.implies_existence():
+                reason = reasoner.subsuming_class(owned.restriction.filler, item)
+                if reason is not None:
+                    yield owned.cls, reason
+    for each in _affordances(reasoner, _stored):
+        if reasoner.is_a(item, each.purpose):
+            yield each.owner, each.purpose
 
 
 def _sort_key(row: StoragePlace) -> tuple[int, str, str]:
@@ -269,13 +496,16 @@ def _sort_key(row: StoragePlace) -> tuple[int, str, str]:
 
 def _stored_classes(reasoner: Reasoner, place: Iri | None) -> list[Iri]:
     """All classes that some place, or this one, is for."""
+    owners = None if place is None else _owners(reasoner, place)
     fillers = (
         filler
         for owned in reasoner.restrictions_on(_CONTAINER_FOR)
-        if owned.restriction.implies_existence() and place in {None, owned.cls}
+        if owned.restriction.implies_existence() and (owners is None or owned.cls in owners)
         for filler in named_classes(owned.restriction.filler)
     )
-    return sorted({below for filler in dict.fromkeys(fillers) for below in reasoner.classes.below(filler)})
+    afforded = (each.purpose for each in _affordances(reasoner, _stored) if owners is None or each.owner in owners)
+    found = dict.fromkeys((*fillers, *afforded))
+    return sorted({below for filler in found for below in reasoner.classes.below(filler)})
 
 
 @storage_place.explain
@@ -283,9 +513,15 @@ def _explain_storage(kb: QuestionContext, row: StoragePlace) -> Iterator[str]:
     index = kb.reasoner
     yield from subclass_line(index.classes.path(row.item, row.because_of))
     for owned in index.restrictions_with_filler(_CONTAINER_FOR, row.because_of):
-        if owned.cls == row.place and owned.restriction.implies_existence():
+        if index.is_a(row.place, owned.cls) and owned.restriction.implies_existence():
+            yield from subclass_line(index.classes.path(row.place, owned.cls))
             yield restriction_line(owned.cls, owned.restriction)
             yield from subproperty_line(index.properties.implication_path(owned.restriction.property, _CONTAINER_FOR))
+            return
+    for each in _affordances(index, _stored):
+        if each.purpose == row.because_of and index.is_a(row.place, each.owner):
+            yield from subclass_line(index.classes.path(row.place, each.owner))
+            yield from each.lines
             return
 
 
@@ -293,26 +529,62 @@ def _explain_storage(kb: QuestionContext, row: StoragePlace) -> Iterator[str]:
 def _missing_storage(
     kb: QuestionContext, item: Iri | None = None, place: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
-    property = local_name(_CONTAINER_FOR)
-    hint = f"; {ancestor}" if place and (ancestor := _ancestor_hint(kb.reasoner, place)) else ""
+    property, reasoner = local_name(_CONTAINER_FOR), kb.reasoner
+    inherited = [
+        (owner, reason)
+        for owner, reason in (_places_with_reasons(reasoner, item) if item and place else ())
+        if place and reasoner.is_a(place, owner)
+    ]
+    if inherited and item and place:
+        yield _inherited_place(item, place, *inherited[0])
+        return
+    absent = Claim(kind=ClaimKind.NO_RESTRICTION, subject=place, property=_CONTAINER_FOR, object=item)
+    limits = [owned for owned in _limits(reasoner, item) if place is None or reasoner.is_a(place, owned.cls)]
     if item is None:
-        why = f"{local_name(place)} stores nothing: it has no" if place else "no class has"
-        yield MissingKnowledge(place or knowrob("Container"), _CONTAINER_FOR, f"{why} {property} some …{hint}")
+        owner = f"{local_name(place)} stores nothing: neither it nor an ancestor of it has" if place else "no class has"
+        why = f"{owner} {property} some …"
+        cls, is_filler = place or knowrob("Container"), False
     else:
-        name = local_name(item)
-        where = "has no container" if place is None else f"is not kept in {local_name(place)}"
-        restriction = f"no {property}" if place is None else f"no {property} of {local_name(place)}"
-        why = f"{name} {where}: {restriction} names {name} or an ancestor of it{hint}"
-        yield MissingKnowledge(item, _CONTAINER_FOR, why, is_filler=True)
+        name, cls, is_filler = local_name(item), item, True
+        where = "has no storage place" if place is None else f"is not stored in {local_name(place)}"
+        owner = "no class" if place is None else f"neither {local_name(place)} nor an ancestor of it"
+        why = f"{name} {where}: {owner} has {property} some {name} or some ancestor of it"
+    claims = (
+        absent,
+        *(
+            Claim(kind=ClaimKind.RESTRICTION, subject=owned.cls, property=_CONTAINER_FOR, object=named)
+            for owned in limits
+            for named in named_classes(owned.restriction.filler)
+        ),
+    )
+    if limits:
+        shown = ", ".join(
+            f"{local_name(owned.cls)} ({restriction_text(owned.restriction)})" for owned in limits[:_MAX_LIMITS]
+        )
+        more = f" and {len(limits) - _MAX_LIMITS} more" if limits[_MAX_LIMITS:] else ""
+        why += f"; {shown}{more} may contain it, which makes no storage place"
+    yield MissingKnowledge(cls, _CONTAINER_FOR, why, is_filler=is_filler, claims=claims)
 
 
-def _ancestor_hint(reasoner: Reasoner, place: Iri) -> str:
-    """Which ancestor to ask about instead of a class without a restriction of its own; empty if there is none."""
-    uses = set(reasoner.properties.sub_properties(_CONTAINER_FOR))
-    for owned in reasoner.restrictions(place):
-        if owned.restriction.property in uses and owned.restriction.implies_existence() and owned.cls != place:
-            return f"ask about its ancestor {local_name(owned.cls)}"
-    return ""
+def _inherited_place(item: Iri, place: Iri, owner: Iri, reason: Iri) -> MissingKnowledge:
+    """The missing statement if a place with restrictions of its own inherits the one that is for an item."""
+    names = local_name(place), local_name(item), local_name(owner)
+    why = "{0} itself is not stated to store {1}, but {2}, which it is: ask for place={2}".format(*names)
+    claim = Claim(kind=ClaimKind.RESTRICTION, subject=owner, property=_CONTAINER_FOR, object=reason)
+    return MissingKnowledge(item, _CONTAINER_FOR, why, is_filler=True, claims=(claim,))
+
+
+def _limits(reasoner: Reasoner, item: Iri | None) -> list[ClassRestriction]:
+    """The restrictions that name an item or an ancestor of it, but do not imply that something is stored."""
+    if item is None:
+        return []
+    found = {
+        owned: steps
+        for above, steps in reasoner.classes.above(item).items()
+        for owned in reasoner.restrictions_with_filler(_CONTAINER_FOR, above)
+        if not owned.restriction.implies_existence() and reasoner.subsuming_class(owned.restriction.filler, item)
+    }
+    return sorted(found, key=lambda owned: (found[owned], owned.cls))
 
 
 class StoragePlaceInMap(AnswerRow, frozen=True, kw_only=True):
@@ -366,7 +638,7 @@ def _missing_storage_in_map(
     if item and not storages:
         yield from _missing_storage(kb, item)
     for storage in storages:
-        yield missing_instance(storage.place, individual, map)
+        yield from missing_instance(kb.reasoner, storage.place, individual, map)
     if item is None:
-        reason = f"stores nothing: none of its classes has {local_name(_CONTAINER_FOR)} some …"
-        yield from _missing_use(kb.reasoner, individual, map, _CONTAINER_FOR, reason)
+        reason = f"stores nothing: none of its classes and their ancestors has {local_name(_CONTAINER_FOR)} some …"
+        yield from _missing_use(kb.reasoner, individual, map, _CONTAINER_FOR, reason, fillers=False)

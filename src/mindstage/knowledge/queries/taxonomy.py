@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from mindstage.knowledge.explain import expression_text, restriction_line, subclass_line, subproperty_line
-from mindstage.knowledge.owl import Expression, NamedClass
+from mindstage.knowledge.owl import Expression, NamedClass, named_classes
 from mindstage.knowledge.questions import (
     AnswerRow,
+    Claim,
+    ClaimKind,
     ClassName,
     MissingKnowledge,
     PropertyName,
@@ -16,6 +18,7 @@ from mindstage.knowledge.questions import (
     question,
 )
 from mindstage.knowledge.rdf import local_name
+from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.vocabulary import SUBCLASS_OF, THING
 from mindstage.scene import Iri
 
@@ -64,11 +67,16 @@ def _missing_subclass(
 ) -> Iterator[MissingKnowledge]:
     if cls and superclass:
         above = ", ".join(local_name(each) for each in kb.reasoner.classes.parents(cls)) or "nothing else"
-        yield MissingKnowledge(cls, SUBCLASS_OF, f"{local_name(cls)} is no {local_name(superclass)}: it is {above}")
+        reason = f"{local_name(cls)} is no {local_name(superclass)}: it is {above}"
+        if cls == superclass:
+            reason = f"{local_name(cls)} is the class itself, and only other superclasses are answers"
+        claim = Claim(kind=ClaimKind.NOT_SUBCLASS, subject=cls, object=superclass)
+        yield MissingKnowledge(cls, SUBCLASS_OF, reason, claims=(claim,))
     elif known := cls or superclass:
         relative = "superclass" if cls else "subclass"
-        why = f"{local_name(known)} has no {relative}: there is no subClassOf statement"
-        yield MissingKnowledge(known, SUBCLASS_OF, why, is_filler=not cls)
+        why = f"{local_name(known)} has no {relative}: no subClassOf statement or definition names one"
+        claim = Claim(kind=ClaimKind.NOT_SUBCLASS, subject=cls, object=superclass)
+        yield MissingKnowledge(known, SUBCLASS_OF, why, is_filler=not cls, claims=(claim,))
 
 
 class SiblingClasses(AnswerRow, frozen=True, kw_only=True):
@@ -88,30 +96,46 @@ def siblings(
     Examples:
         siblings Refrigerator
     """
-    classes = kb.reasoner.classes
     start = cls or sibling
-    for each in sorted(classes) if start is None else (start,):
-        for parent in sorted(classes.parents(each)):
-            for other in sorted(classes.children(parent)):
-                if other != each:
-                    one, two = (each, other) if start is None or cls else (other, each)
-                    yield SiblingClasses(cls=one, sibling=two, parent=parent)
+    for each in sorted(kb.reasoner.classes) if start is None else (start,):
+        for parent, other in _siblings_of(kb.reasoner, each):
+            one, two = (each, other) if start is None or cls else (other, each)
+            yield SiblingClasses(cls=one, sibling=two, parent=parent)
+
+
+def _siblings_of(reasoner: Reasoner, cls: Iri) -> Iterator[tuple[Iri, Iri]]:
+    """Common parents and siblings of a class. What is below an equivalent class is below the class itself."""
+    same = {*reasoner.equivalents(cls)}
+    for parent in sorted({above for each in same for above in reasoner.classes.parents(each)} - same):
+        below = {other for child in reasoner.classes.children(parent) for other in reasoner.equivalents(child)}
+        yield from ((parent, other) for other in sorted(below - same - {*reasoner.equivalents(parent)}))
 
 
 @siblings.explain
 def _explain_sibling(kb: QuestionContext, row: SiblingClasses) -> Iterator[str]:
-    yield from subclass_line((row.cls, row.parent))
-    yield from subclass_line((row.sibling, row.parent))
+    yield from subclass_line(kb.reasoner.classes.path(row.cls, row.parent))
+    yield from subclass_line(kb.reasoner.classes.path(row.sibling, row.parent))
 
 
 @siblings.missing
 def _missing_siblings(
     kb: QuestionContext, cls: Iri | None = None, sibling: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
-    if known := cls or sibling:
-        parents = ", ".join(local_name(each) for each in sorted(kb.reasoner.classes.parents(known)))
-        why = f"that class is not directly below {parents}" if parents else "it has no subClassOf statement"
-        yield MissingKnowledge(known, SUBCLASS_OF, f"{local_name(known)} has no such sibling: {why}")
+    if not (known := cls or sibling):
+        return
+    same = {*kb.reasoner.equivalents(known)}
+    above = {parent for each in same for parent in kb.reasoner.classes.parents(each)} - same
+    parents = ", ".join(local_name(each) for each in sorted(above))
+    if cls and sibling == cls:
+        why = f"{local_name(cls)} is no sibling of itself"
+    elif not parents:
+        why = f"{local_name(known)} has no sibling: it has no direct superclass"
+    elif cls and sibling:
+        why = f"{local_name(sibling)} is no sibling of {local_name(cls)}: it is not directly below {parents}"
+    else:
+        why = f"{local_name(known)} has no sibling: no other class is directly below {parents}"
+    claim = Claim(kind=ClaimKind.NOT_SIBLING, subject=known, object=sibling if cls else None)
+    yield MissingKnowledge(known, SUBCLASS_OF, why, claims=(claim,))
 
 
 class ClassRestrictionRow(AnswerRow, frozen=True, kw_only=True):
@@ -144,27 +168,29 @@ def class_properties(
         class_properties Dishwasher typePrimaryFunction-containerFor
         class_properties property=typePrimaryFunction-containerFor value=Perishable
     """
-    for each in _classes_with_value(kb, value) if cls is None else (cls,):
+    same = frozenset() if value is None else frozenset(kb.reasoner.equivalents(Iri(value)))
+    for each in _classes_with_value(kb, same) if cls is None else (cls,):
         for owned in kb.reasoner.restrictions(each):
             restriction = owned.restriction
+            filler = _filler_text(restriction.filler)
             if property is None or property in kb.reasoner.properties.super_properties(restriction.property):
                 yield ClassRestrictionRow(
                     cls=each,
                     property=property or restriction.property,
                     kind=restriction.restriction_type.value,
                     count=restriction.cardinality,
-                    value=_filler_text(restriction.filler),
+                    value=value if value and filler in same else filler,
                     told_by=owned.cls,
                 )
 
 
-def _classes_with_value(kb: QuestionContext, value: str | None) -> Iterator[Iri]:
-    """The classes that have or inherit a restriction with this filler."""
+def _classes_with_value(kb: QuestionContext, values: Collection[str]) -> Iterator[Iri]:
+    """The classes that have or inherit a restriction with one of these fillers, or with any if there are none."""
     axioms, classes = kb.reasoner.axioms, kb.reasoner.classes
     owners = (
         owner
         for owner in axioms.restricted_classes()
-        if value is None or any(_filler_text(own.filler) == value for own in axioms.own_restrictions(owner))
+        if not values or any(_filler_text(own.filler) in values for own in axioms.own_restrictions(owner))
     )
     yield from sorted({below for owner in owners for below in classes.below(owner)})
 
@@ -176,9 +202,10 @@ def _filler_text(filler: Expression | None) -> str:
 @class_properties.explain
 def _explain_property(kb: QuestionContext, row: ClassRestrictionRow) -> Iterator[str]:
     yield from subclass_line(kb.reasoner.classes.path(row.cls, row.told_by))
+    same = frozenset(kb.reasoner.equivalents(Iri(row.value)))
     for restriction in kb.reasoner.axioms.own_restrictions(row.told_by):
-        described = restriction.restriction_type.value, restriction.cardinality, _filler_text(restriction.filler)
-        if described == (row.kind, row.count, row.value):
+        described = restriction.restriction_type.value, restriction.cardinality
+        if described == (row.kind, row.count) and _filler_text(restriction.filler) in same:
             path = kb.reasoner.properties.implication_path(restriction.property, row.property)
             if path:
                 yield restriction_line(row.told_by, restriction)
@@ -193,4 +220,18 @@ def _missing_property(
     what = "a restriction on its members"
     if property or value:
         what = f"{local_name(property) if property else '…'} {local_name(value) if value else '…'}"
-    yield MissingKnowledge(cls or THING, property or SUBCLASS_OF, f"{owner} has {what}")
+    within = _expression_with(kb, cls, property, value) if value else None
+    hint = f"; {within} names it in an expression" if within else ""
+    claim = Claim(kind=ClaimKind.NO_STATED_RESTRICTION, subject=cls, property=property, object=value)
+    yield MissingKnowledge(cls or THING, property or SUBCLASS_OF, f"{owner} has {what}{hint}", claims=(claim,))
+
+
+def _expression_with(kb: QuestionContext, cls: Iri | None, property: Iri | None, value: str) -> str | None:
+    """A restriction whose filler is an expression that names a class; None if there is none."""
+    axioms, properties = kb.reasoner.axioms, kb.reasoner.properties
+    for owner in axioms.restricted_classes() if cls is None else kb.reasoner.classes.above(cls):
+        for own in axioms.own_restrictions(owner):
+            is_on_property = property is None or property in properties.super_properties(own.property)
+            if is_on_property and Iri(value) in {*named_classes(own.filler)}:
+                return restriction_line(owner, own)
+    return None

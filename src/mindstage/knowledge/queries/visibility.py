@@ -13,7 +13,7 @@ from itertools import permutations
 import numpy as np
 
 from mindstage.errors import InvalidArgumentError
-from mindstage.knowledge.explain import individual_text, restriction_line, subclass_line
+from mindstage.knowledge.explain import individual_text, restriction_line, source_text, subclass_line
 from mindstage.knowledge.owl import named_classes
 from mindstage.knowledge.queries.proximity import (
     PlacedBodies,
@@ -22,7 +22,6 @@ from mindstage.knowledge.queries.proximity import (
     missing_bodies,
     placed_states,
 )
-from mindstage.knowledge.queries.spatial import source_text
 from mindstage.knowledge.questions import (
     AnswerRow,
     ClassName,
