@@ -20,6 +20,8 @@ from mindstage.knowledge.queries.storage import storage_place
 from mindstage.knowledge.questions import (
     MAP_SOURCE,
     AnswerRow,
+    Claim,
+    ClaimKind,
     ClassName,
     IndividualName,
     MapName,
@@ -637,4 +639,8 @@ def _missing_state(
     wanted = f"{of}{local_name(value)} " if value is not None else of
     cls = kb.reasoner.class_of(thing) if thing is not None else None
     reason = f"no state {wanted}of {what} was asserted: tell it, as in tell milk_carton_1 state clean"
-    yield MissingKnowledge(cls or THING, property or _STATE_PROPERTIES[0], reason)
+    rows = kb.statements(property=_STATE_PROPERTIES[0])
+    is_stated = any(thing in {None, row[0]} and value in {None, _value_text(row[1])} for row in rows)
+    claim = Claim(kind=ClaimKind.NO_STATEMENT, subject=thing, property=_STATE_PROPERTIES[0], object=value)
+    claims = () if is_stated else (claim,)
+    yield MissingKnowledge(cls or THING, property or _STATE_PROPERTIES[0], reason, claims=claims)
