@@ -137,3 +137,14 @@ def test_bodies_with_numbers_that_are_not_finite_are_left_out() -> None:
         ]
     )
     assert [each.id for each in placed.bodies] == ["b"]
+
+
+def test_the_nearest_box_is_found_behind_many_with_smaller_bounds() -> None:
+    corner = [body(f"c{at}", (2.0 + 1e-3 * at, 2.0, 2.0), (1.0, 1.0, 1.0)) for at in range(60)]
+    aligned = body("aligned", (2.2, 0.0, 0.0), (1.0, 1.0, 1.0))
+    boxes = BodyBoxes.from_bodies([body("center", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)), *corner, aligned]).boxes
+    bounds = -penetration_depths(boxes, np.zeros(61, dtype=int), np.arange(1, 62))
+    assert (bounds[:60] < bounds[60]).all(), "the separating axes of the others are shorter than their distances"
+    rows, gaps = nearest_boxes(boxes, 0, np.arange(1, 62), 1)
+    assert rows.tolist() == [61]
+    assert gaps == pytest.approx([1.2])

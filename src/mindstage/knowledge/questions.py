@@ -443,6 +443,8 @@ class Answers(Sequence[R]):
         """
         columns, default = self.question.columns, self.question.row.default_column
         names = [argument.name for argument in self.question.arguments if columns.get(argument.name) in value_types]
+        if self._rows:  # a column that is empty in all rows, such as the place of a count in the whole map, is none
+            names = [name for name in names if any(getattr(row, name) is not None for row in self._rows)]
         free = [name for name in names if name not in self.args]
         return default if default in (free or names) else next(iter(free or names[-1:]), None)
 
@@ -858,9 +860,10 @@ def _answer(
 ) -> dict[str, Any]:
     record: dict[str, Any] = {}
     if subject_column is not None:
-        iri: Iri = getattr(row, subject_column)
+        iri: Iri | None = getattr(row, subject_column)
         is_individual = answers.question.columns[subject_column] in {EntityType.INDIVIDUAL, EntityType.MAP}
-        record = {"iri": iri, "id": local_name(iri), "class": kb.reasoner.class_of(iri) if is_individual else iri}
+        if iri is not None:
+            record = {"iri": iri, "id": local_name(iri), "class": kb.reasoner.class_of(iri) if is_individual else iri}
     record |= msgspec.to_builtins(row)
     if explain:
         record["why"] = list(kb.explain(answers.question, row))

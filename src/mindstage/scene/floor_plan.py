@@ -14,7 +14,7 @@ lines that keep the same clearance exactly.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from math import ceil, hypot, sqrt
 
@@ -326,17 +326,23 @@ def _corner_indices(points: Array) -> list[int]:
 
 def _point_polygon_distances(points: Array, polygons: Array) -> Array:
     """The distance of each point to each convex polygon, n x m [m]; 0 inside."""
-    start, end = polygons, np.roll(polygons, -1, axis=1)
-    side = end - start
-    away = points[:, None, None, :] - start[None]
-    squared = np.sum(side * side, axis=-1)
-    share = np.divide(np.sum(away * side, axis=-1), squared, out=np.zeros(away.shape[:-1]), where=squared > 1e-18)
-    off = away - np.clip(share, 0.0, 1.0)[..., None] * side
-    distance = np.sqrt(np.sum(off * off, axis=-1).min(axis=2))
-    cross = side[..., 0] * away[..., 1] - side[..., 1] * away[..., 0]
-    flat = polygon_areas(polygons) <= 1e-12
-    inside = np.all((cross >= 0.0) | (squared <= 1e-18), axis=2) & ~flat
-    return np.asarray(np.where(inside, 0.0, distance))
+    x, y = points[:, :1], points[:, 1:]
+    squared = np.full((len(points), len(polygons)), np.inf)
+    inside = np.ones(squared.shape, dtype=bool)
+    for at in range(polygons.shape[1]):
+        start, end = polygons[:, at], polygons[:, (at + 1) % polygons.shape[1]]
+        side_x, side_y = end[:, 0] - start[:, 0], end[:, 1] - start[:, 1]
+        length = side_x * side_x + side_y * side_y
+        extended = length > 1e-18
+        away_x, away_y = x - start[:, 0], y - start[:, 1]
+        share = (away_x * side_x + away_y * side_y) / np.where(extended, length, 1.0)
+        share = np.where(extended, np.clip(share, 0.0, 1.0), 0.0)
+        inside &= (side_x * away_y - side_y * away_x >= 0.0) | ~extended
+        away_x -= share * side_x
+        away_y -= share * side_y
+        np.minimum(squared, away_x * away_x + away_y * away_y, out=squared)
+    inside &= polygon_areas(polygons) > 1e-12
+    return np.asarray(np.where(inside, 0.0, np.sqrt(squared)))
 
 
 def _segment_polygon_distances(points: Array, polygons: Array) -> Array:
@@ -410,10 +416,10 @@ def wall_rooms(walls: Array, *, opening: float = 1.3, min_area: float = 1.0) -> 
     cell = max(CELL_M, sqrt(float(np.prod(high - low)) / _MAX_CELLS))
     shape = tuple(ceil(extent / cell) + 1 for extent in (high - low).tolist())
     is_wall = np.zeros(shape, dtype=bool)
-    owners = np.full(shape, -1, dtype=np.intp)
-    for row, polygon in enumerate(walls):
-        start = np.clip(np.floor((polygon.min(axis=0) - low) / cell).astype(int) - 1, 0, None)
-        end = np.ceil((polygon.max(axis=0) - low) / cell).astype(int) + 2
+    cells = []
+    for polygon in walls:
+        start = np.clip(np.floor((polygon.min(axis=0) - low) / cell).astype(int) - 2, 0, None)
+        end = np.ceil((polygon.max(axis=0) - low) / cell).astype(int) + 3
         x, y = (low[axis] + np.arange(start[axis], min(end[axis], shape[axis])) * cell for axis in (0, 1))
         points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
         covered = (_point_polygon_distances(points.reshape(-1, 2), polygon[None])[:, 0] <= cell * 0.71).reshape(
@@ -421,7 +427,7 @@ def wall_rooms(walls: Array, *, opening: float = 1.3, min_area: float = 1.0) -> 
         )
         window = (slice(start[0], start[0] + len(x)), slice(start[1], start[1] + len(y)))
         is_wall[window] |= covered
-        owners[window][covered] = row
+        cells.append((window, covered))
     from scipy.ndimage import distance_transform_edt, label  # see above
 
     space = distance_transform_edt(~is_wall) * cell
@@ -436,16 +442,18 @@ def wall_rooms(walls: Array, *, opening: float = 1.3, min_area: float = 1.0) -> 
     numbers[kept] = np.arange(1, len(kept) + 1)
     number = numbers[grown]
     return WallRooms(
-        low, cell, number, tuple(float(sizes[each]) for each in kept), _walls_around(number, owners, len(kept))
+        low, cell, number, tuple(float(sizes[each]) for each in kept), _walls_around(number, cells, len(kept))
     )
 
 
-def _walls_around(number: NDArray[np.intp], owners: Indices, count: int) -> tuple[tuple[int, ...], ...]:
+def _walls_around(
+    number: NDArray[np.intp], covered: Sequence[tuple[tuple[slice, slice], NDArray[np.bool_]]], count: int
+) -> tuple[tuple[int, ...], ...]:
     """The walls with a cell next to each room."""
-    found: list[set[int]] = [set() for _ in range(count)]
-    for dx, dy in ((0, 1), (1, 0), (0, -1), (-1, 0)):
-        shifted = np.roll(number, (dx, dy), axis=(0, 1))
-        meets = (shifted > 0) & (owners >= 0)
-        for room, wall in set(zip(shifted[meets].tolist(), owners[meets].tolist(), strict=True)):
-            found[room - 1].add(wall)
-    return tuple(tuple(sorted(each)) for each in found)
+    found: list[list[int]] = [[] for _ in range(count)]
+    for row, (window, cells) in enumerate(covered):
+        near = binary_dilation(cells, structure=np.ones((3, 3), dtype=bool))
+        for room in np.unique(number[window][near]).tolist():
+            if room:
+                found[room - 1].append(row)
+    return tuple(map(tuple, found))

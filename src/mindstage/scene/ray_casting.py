@@ -7,7 +7,6 @@ the cost grows with the number of rays that meet shapes' bounding spheres, not w
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -355,7 +354,7 @@ def retained_volume(scene: ShapeScene, row: int, low: Array, high: Array) -> flo
     """Returns the volume of the depressions of a body, seen from above at its current pose [m³].
 
     The heights of its collision shapes are sampled on a grid; liquid flows over the lowest rim of a depression, and
-    through each cell without a shape (priority flood, Barnes, Lehman and Mulla 2014).
+    through each cell without a shape: depressions are filled as in hydrology (Barnes, Lehman and Mulla 2014).
 
     Args:
         scene: the shapes.
@@ -375,17 +374,17 @@ def retained_volume(scene: ShapeScene, row: int, low: Array, high: Array) -> flo
 
 
 def _filled(height: Array) -> Array:
-    """The heights with all depressions filled; cells of minus infinity are outlets."""
-    level = np.full(height.shape, np.inf)
-    queue: list[tuple[float, int, int]] = []
-    for i, j in zip(*np.nonzero(~np.isfinite(height)), strict=True):
-        level[i, j] = -np.inf
-        queue.append((-np.inf, int(i), int(j)))
-    rows, columns = height.shape
-    while queue:
-        water, i, j = heapq.heappop(queue)
-        for a, b in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)):
-            if 0 <= a < rows and 0 <= b < columns and level[a, b] == np.inf:
-                level[a, b] = max(water, float(height[a, b]))
-                heapq.heappush(queue, (level[a, b], a, b))
-    return level
+    """The heights with all depressions filled; cells of minus infinity, as all around, are outlets.
+
+    The least fixed point of "a level is the height, or the lowest level of a neighbor if that is higher".
+    """
+    level = np.where(np.isfinite(height), np.inf, -np.inf)
+    while True:
+        lowest = level.copy()
+        for axis in (0, 1):
+            for step in (1, -1):
+                np.minimum(lowest, np.roll(level, step, axis=axis), out=lowest)
+        lowest = np.maximum(lowest, height)
+        if np.array_equal(lowest, level):
+            return level
+        level = lowest

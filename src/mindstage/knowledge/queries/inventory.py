@@ -20,6 +20,8 @@ from mindstage.knowledge.queries.storage import storage_place
 from mindstage.knowledge.questions import (
     MAP_SOURCE,
     AnswerRow,
+    Claim,
+    ClaimKind,
     ClassName,
     IndividualName,
     MapName,
@@ -532,11 +534,8 @@ def _storage(
     if not kb.reasoner.is_class(cls):  # nothing but the body mentions it
         return (), (), frozenset()
     belongs = tuple(row.place for row in storage_place.ask(kb, {"item": cls}))
-    stores = tuple(
-        dict.fromkeys(
-            body.iri for place in belongs for body in bodies.placed.bodies if kb.reasoner.is_a(body.cls, place)
-        )
-    )
+    places = sorted((body.iri, body.cls) for body in bodies.placed.bodies)
+    stores = tuple(dict.fromkeys(iri for place in belongs for iri, own in places if kb.reasoner.is_a(own, place)))
     return belongs, stores, frozenset(stores)
 
 
@@ -692,4 +691,8 @@ def _missing_state(
     wanted = f"{of}{local_name(value)} " if value is not None else of
     cls = kb.reasoner.class_of(thing) if thing is not None else None
     reason = f"no state {wanted}of {what} was asserted: tell it, as in tell milk_carton_1 state clean"
-    yield MissingKnowledge(cls or THING, property or _STATE_PROPERTIES[0], reason)
+    rows = kb.statements(property=_STATE_PROPERTIES[0])
+    is_stated = any(thing in {None, row[0]} and value in {None, _value_text(row[1])} for row in rows)
+    claim = Claim(kind=ClaimKind.NO_STATEMENT, subject=thing, property=_STATE_PROPERTIES[0], object=value)
+    claims = () if is_stated else (claim,)
+    yield MissingKnowledge(cls or THING, property or _STATE_PROPERTIES[0], reason, claims=claims)

@@ -568,7 +568,7 @@ def _walled_rooms(kb: QuestionContext, bodies: PlacedBodies) -> Iterator[RoomRow
     numbers = rooms.room_at(placed.boxes.center[:, :2])
     for row, number in enumerate(numbers.tolist()):
         if number and row not in walls:
-            around = tuple(bodies.iri(walls[each]) for each in rooms.walls[number - 1])
+            around = tuple(sorted(bodies.iri(walls[each]) for each in rooms.walls[number - 1]))
             area = round(rooms.areas[number - 1], 2)
             yield _room_row(bodies, row, RoomBasis.WALLS, region=f"room {number}", area=area, walls=around)
 

@@ -116,7 +116,7 @@ def visible_from(
     too.
 
     Examples:
-        visible_from milk_carton_1 viewer_pose='0 0 1.6'
+        visible_from plate_3 viewer_pose='0 0 1.6'
         visible_from viewer=chair_1
     """
     if viewer is None and viewer_pose is None:
@@ -562,7 +562,7 @@ def can_hold_liquid(
 
     By class: a restriction on typePrimaryFunction-containerFor names a liquid (LiquidTangibleThing, Drink, Water, or a
     subclass), as the purpose or as the only admissible contents. By shape: the volume of the depressions of its
-    collision shapes, seen from above at its current pose, on a grid of 48 x 48 heights (priority flood; Barnes,
+    collision shapes, seen from above at its current pose, on a grid of 48 x 48 heights (filled as in hydrology: Barnes,
     Lehman, Mulla 2014), if it is at least 5 ml. Holes that are smaller than a cell are not seen, and neither is what
     is under a lid. A bounding box has no depression, so the volume needs a simulation.
 
