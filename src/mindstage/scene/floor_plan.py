@@ -450,6 +450,8 @@ def _walls_around(
     number: NDArray[np.intp], covered: Sequence[tuple[tuple[slice, slice], NDArray[np.bool_]]], count: int
 ) -> tuple[tuple[int, ...], ...]:
     """The walls with a cell next to each room."""
+    from scipy.ndimage import binary_dilation  # see above
+
     found: list[list[int]] = [[] for _ in range(count)]
     for row, (window, cells) in enumerate(covered):
         near = binary_dilation(cells, structure=np.ones((3, 3), dtype=bool))
