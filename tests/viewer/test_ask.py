@@ -247,7 +247,7 @@ def test_a_prolog_query_is_answered_as_a_table_of_its_variables(page: FakePage, 
     assert (found["ids"], texts(found, "Front"), texts(found, "State")) == (["fridge"], ["fridge_door"], ["closed"])
     page.ask("ask.highlight", key=found["key"], color="red")
     assert set(simulation.state.highlights) == {"fridge"}
-    assert page.ask("ask.prolog", line="storage_place(knowrob:'CowsMilk', ms:'FridgeW60H140')")["boolean"] is False
+    assert page.ask("ask.prolog", line="storage_place(knowrob:'CowsMilk', knowrob:'Dishwasher')")["boolean"] is False
     assert page.ask("ask.prolog", line="1 < 2")["boolean"] is True
 
 

@@ -212,6 +212,8 @@ class NameIndex:
             exact = self._mentioned_only(name)
         elif entity_type is EntityType.VALUE:
             exact = [found[0]] if (found := self.find_any(name)) else []
+        if len(exact) > 1 and entity_type in {EntityType.CLASS, EntityType.PROPERTY}:
+            exact = self._used_in_maps(exact, entity_type)
         if exact:
             return [NamedThing(iri) for iri in exact]
         empty: list[NamedThing] = []
@@ -344,6 +346,8 @@ class NameIndex:
 
     def _of_type(self, name: str, iris: list[Iri], entity_type: EntityType, quality: NameQuality) -> list[NamedThing]:
         found = [iri for iri in iris if self._has_type(iri, entity_type)]
+        if entity_type is EntityType.VALUE:  # the state "on" is not the property `on-Physical`
+            found = [iri for iri in found if not self._has_type(iri, EntityType.PROPERTY)]
         if quality is NameQuality.PARTIAL and entity_type is EntityType.INDIVIDUAL:
             found = self._of_head_noun(name, [iri for iri in found if iri in self._reasoner.maps_of])  # no pose of one
         if entity_type is EntityType.INDIVIDUAL and (not found or quality is NameQuality.PARTIAL):
@@ -356,6 +360,7 @@ class NameIndex:
                 individuals = [iri for iri in iris if self._has_type(iri, EntityType.INDIVIDUAL)]
                 return self._as_class(name, individuals)
             found = self._most_general(found)
+            found = found if len(found) < 2 else self._used_in_maps(found, entity_type)
         return [NamedThing(iri, note=f"{name!r} is {_shown(iri)}", quality=quality) for iri in found]
 
     def _of_head_noun(self, name: str, individuals: list[Iri]) -> list[Iri]:
