@@ -192,9 +192,13 @@ def test_a_body_is_added_where_the_camera_of_its_page_looks(page: Viewer, physic
     ):
         view.send(msgspec.msgpack.encode(camera))
         wait_until(lambda: page.views.clients, "the view is connected, and shows the whole kitchen")
-        view.send(msgspec.msgpack.encode(camera))
         (shown,) = page._server.get_clients().values()
-        wait_until(lambda: shown.camera.look_at.tolist() == [-1.0, -1.5, 0.0], "the camera is turned")
+
+        def is_turned() -> bool:
+            view.send(msgspec.msgpack.encode(camera))  # again, since the viewer sets the first view meanwhile
+            return bool(shown.camera.look_at.tolist() == [-1.0, -1.5, 0.0])
+
+        wait_until(is_turned, "the camera is turned")
         seen = client.ask("add", **{"class": "Cup", "size": [0.1, 0.1, 0.1]})
         assert at(physics_simulation, seen)[:2] == pytest.approx((-1.0, -1.5))
         elsewhere = other.ask("add", **{"class": "Cup", "size": [0.1, 0.1, 0.1]})

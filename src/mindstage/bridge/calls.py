@@ -316,8 +316,10 @@ class HandlerDispatcher:
         self.services: dict[str, ServiceHandler] = {}
         self.quick: set[str] = set()
         """Services whose handlers never block: they run on the loop, unless an earlier call of the caller waits."""
-        self.batches: dict[str, Callable[[list[CallService]], None]] = {}
+        self.batches: dict[str, Callable[[list[tuple[Hashable, CallService]]], None]] = {}
         """Services whose consecutive calls are handled together: runs waiting calls of one caller."""
+        self._unanswered: dict[Hashable, int] = {}
+        """The number of calls of each caller whose responses are still to be sent; others wait behind them."""
         self.actions: dict[str, ActionHandler] = {}
         self._loop = loop
         self._executor = executor
@@ -330,7 +332,7 @@ class HandlerDispatcher:
 
     def answer(self, name: str, call: CallService, caller: Hashable) -> ServiceResponse | None:
         """Calls the handler of a quick service now and returns its response; None if it has to wait, or is another."""
-        if name not in self.quick or self._executor.is_busy(caller):
+        if name not in self.quick or caller in self._unanswered:
             return None
         return _call_handler(self.services[name], call)
 
@@ -345,10 +347,11 @@ class HandlerDispatcher:
             self._send(response)
         else:
             self.queued[id(call)] = call
+            self._unanswered[caller] = self._unanswered.get(caller, 0) + 1
             if batch := self.batches.get(name):
-                self._executor.submit_to_batch(caller, batch, call)
+                self._executor.submit_to_batch(caller, batch, (caller, call))
             else:
-                self._executor.submit(caller, partial(self._handle_call, handler, call))
+                self._executor.submit(caller, partial(self._handle_call, handler, caller, call))
 
     def start_goal(self, name: str, request: SendActionGoal) -> None:
         """Starts the handler of an action; goals run concurrently."""
@@ -387,19 +390,29 @@ class HandlerDispatcher:
 
     # -- services ------------------------------------------------------------------------------------------------------
 
-    def _handle_call(self, handler: ServiceHandler, call: CallService) -> None:
-        if self.queued.pop(id(call), None) is not None:  # else it was withdrawn
-            self._loop.call_soon(self._send, _call_handler(handler, call))
+    def _handle_call(self, handler: ServiceHandler, caller: Hashable, call: CallService) -> None:
+        was_withdrawn = self.queued.pop(id(call), None) is None
+        self._loop.call_soon(self._end_call, caller, None if was_withdrawn else _call_handler(handler, call))
 
-    def handle_batch(self, handler: BatchHandler, calls: list[CallService]) -> None:
-        """Handles consecutive calls of one caller and sends the responses in their order."""
-        calls = [call for call in calls if self.queued.pop(id(call), None) is not None]
+    def _end_call(self, caller: Hashable, response: ServiceResponse | None) -> None:
+        """Sends the response to a call, unless it was withdrawn."""
+        if self._unanswered[caller] > 1:
+            self._unanswered[caller] -= 1
+        else:
+            del self._unanswered[caller]
+        if response is not None:
+            self._send(response)
+
+    def handle_batch(self, handler: BatchHandler, items: list[tuple[Hashable, CallService]]) -> None:
+        """Handles consecutive calls of one caller, each with the caller, and sends the responses in their order."""
+        begun = [call for _, call in items if self.queued.pop(id(call), None) is not None]
         try:
-            results = handler([_decode_values(call.args) for call in calls])
+            results = handler([_decode_values(call.args) for call in begun]) if begun else []
         except Exception as error:
-            results = [error] * len(calls)
-        for call, result in zip(calls, results, strict=True):
-            self._loop.call_soon(self._send, _response(call, result))
+            results = [error] * len(begun)
+        responses = {id(call): _response(call, result) for call, result in zip(begun, results, strict=True)}
+        for caller, call in items:
+            self._loop.call_soon(self._end_call, caller, responses.get(id(call)))
 
     async def _handle_call_async(self, handler: ServiceHandler, call: CallService) -> None:
         try:

@@ -89,11 +89,6 @@ class KeyedSerialExecutor:
                 return
         self.submit(key, _Batch(run, [item]))
 
-    def is_busy(self, key: Hashable) -> bool:
-        """Whether a task with this key is queued or running."""
-        with self._lock:
-            return key in self._waiting
-
     def close(self) -> None:
         """Drops the queued tasks; running tasks are not interrupted."""
         with self._lock:
