@@ -242,8 +242,8 @@ class SparqlResult(msgspec.Struct, frozen=True):
 
     >>> from mindstage.knowledge import KnowledgeBase
     >>> result = KnowledgeBase().sparql("SELECT ?n ?twice { VALUES ?n { 1 2 } BIND(2 * ?n AS ?twice) }")
-    >>> [(n.value, twice.value) for n, twice in result], len(result), result["twice"][0].value
-    ([('1', '2'), ('2', '4')], 2, '2')
+    >>> [(n.value, twice.value) for n, twice in result], len(result), [term.value for term in result["twice"]]
+    ([('1', '2'), ('2', '4')], 2, ['2', '4'])
     """
 
     columns: tuple[str, ...]
