@@ -44,7 +44,7 @@ class _GraphName(NamedTuple):
     iri: str
     token: _Token
     is_from: bool
-    """Whether it stands in FROM or FROM NAMED, not in GRAPH."""
+    """Whether it is in FROM or FROM NAMED, not in GRAPH."""
 
 
 class QueryPrefixes:

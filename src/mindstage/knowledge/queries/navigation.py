@@ -12,6 +12,7 @@ from mindstage.errors import InvalidArgumentError
 from mindstage.knowledge.explain import individual_text, source_text, statement_line
 from mindstage.knowledge.queries.proximity import (
     PlacedBodies,
+    missing_about,
     missing_arguments,
     missing_bodies,
     parse_numbers,
@@ -407,7 +408,7 @@ def _missing_reachable(
         yield from _missing_path(kb, start, goal, map, radius, height, reach, start_position, present=present)
     elif reachable is False:
         reason = f"{individual_text(kb.reasoner, goal)} is reachable: ask for the path"
-        yield MissingKnowledge(kb.reasoner.class_of(goal) or THING, HAS_POSE, reason)
+        yield missing_about(kb, goal, reason)
 
 
 # -- rooms -------------------------------------------------------------------------------------------------------------
@@ -475,12 +476,11 @@ def in_room(
         in_room milk_carton_1
         in_room region='room 1'
     """
-    for state in present.states(map):
-        yield from _rooms_in(kb, state, thing)
+    for bodies in placed_states(present, map):
+        yield from _rooms_in(kb, bodies, thing)
 
 
-def _rooms_in(kb: QuestionContext, state: WorldState, thing: Iri | None) -> Iterator[RoomRow]:
-    bodies = PlacedBodies(state)
+def _rooms_in(kb: QuestionContext, bodies: PlacedBodies, thing: Iri | None) -> Iterator[RoomRow]:
     is_room = [_is_named(kb, body.cls, _ROOM_NAMES) for body in bodies.placed.bodies]
     found = list(_individual_rooms(kb, bodies, is_room))
     if not found and not any(is_room):
@@ -604,7 +604,7 @@ def _missing_room(
     yield from found
     if found:
         return
-    rows = [row for state in placed_states(present, map) for row in _rooms_in(kb, state.state, thing)]
+    rows = [row for bodies in placed_states(present, map) for row in _rooms_in(kb, bodies, thing)]
     if not rows:
         what = individual_text(kb.reasoner, thing) if thing is not None else "nothing"
         reason = f"{what} is in no room: no individual of a class of rooms, enclosing body or walls surround it"

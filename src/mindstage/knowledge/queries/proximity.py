@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from math import atan2, isfinite
 
 import numpy as np
@@ -89,7 +90,7 @@ def parse_numbers(text: str, name: str, counts: tuple[int, ...]) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class Viewpoint:
-    """Where somebody looks from."""
+    """The position and the heading of a viewer."""
 
     position: Array
     """[m]."""
@@ -149,16 +150,30 @@ class PlacedBodies:
         """The map of the individual in a row."""
         return self.maps[self.placed.bodies[row].id]
 
+    @cached_property
     def comparable(self) -> NDArray[np.bool_]:
-        """For each row, whether the body has a size and does not enclose all others."""
+        """For each row, whether the body has a size and does not enclose all others; read-only."""
         enclosing = set(SpatialRelations(self.state.world).enclosing_bodies)
-        return np.array([body.size is not None and body.id not in enclosing for body in self.placed.bodies], dtype=bool)
+        mask = np.array([body.size is not None and body.id not in enclosing for body in self.placed.bodies], dtype=bool)
+        mask.flags.writeable = False
+        return mask
 
     def candidates(self, *excluded: int) -> Indices:
         """The rows of all comparable bodies but some."""
-        mask = self.comparable()
+        mask = self.comparable.copy()
         mask[list(excluded)] = False
         return np.flatnonzero(mask)
+
+    def pairs(self, thing: Iri | None, other: Iri | None) -> tuple[int, Indices] | None:
+        """The row of the first individual that is given, and the rows that it is compared with: the other one or all.
+
+        None if an individual that is given is not here or not comparable. At least one must be given.
+        """
+        given = [self.row_of(each) for each in (thing, other) if each is not None]
+        rows = [row for row in given if row is not None]
+        if len(rows) < len(given) or not self.comparable[rows].all():
+            return None
+        return rows[0], np.array(rows[1:]) if len(rows) == 2 else self.candidates(rows[0])
 
     def group_of(self, row: int) -> frozenset[Iri]:
         """The individuals that attachments connect rigidly to the body in a row, with itself."""
@@ -168,9 +183,20 @@ class PlacedBodies:
         return frozenset(world.bodies[other].iri for other in np.flatnonzero(groups == groups[at]).tolist())
 
 
+def placed_states(present: StateAccess, map: Iri | None) -> Iterator[PlacedBodies]:
+    """The bodies of each state."""
+    for state in present.states(map):
+        yield PlacedBodies(state)
+
+
 def missing_arguments(text: str) -> MissingKnowledge:
     """What an open question lacks."""
     return MissingKnowledge(THING, HAS_POSE, text)
+
+
+def missing_about(kb: QuestionContext, individual: Iri, reason: str) -> MissingKnowledge:
+    """Why an individual with a pose is no answer."""
+    return MissingKnowledge(kb.reasoner.class_of(individual) or THING, HAS_POSE, reason)
 
 
 def missing_bodies(
@@ -257,20 +283,17 @@ def direction_of(
     """
     if thing is None and other is None:
         return
-    for state in present.states(map):
-        bodies = PlacedBodies(state)
+    for bodies in placed_states(present, map):
         yield from _directions_in(bodies, thing, other, Viewpoint.find(bodies, viewer, viewer_pose), frame)
 
 
 def _directions_in(
     bodies: PlacedBodies, thing: Iri | None, other: Iri | None, view: Viewpoint | None, frame: ReferenceFrame | None
 ) -> Iterator[DirectionRow]:
-    given = [bodies.row_of(each) for each in (thing, other) if each is not None]
-    rows = [row for row in given if row is not None]
-    if len(rows) < len(given) or not bodies.comparable()[rows].all():
+    pairs = bodies.pairs(thing, other)
+    if pairs is None:
         return
-    fixed = rows[0]
-    free = np.array(rows[1:]) if len(rows) == 2 else bodies.candidates(fixed)
+    fixed, free = pairs
     boxes = bodies.placed.boxes
     free = free[(free != fixed) & _is_beside(bodies.placed, fixed, free)] if len(free) else free
     things, others = (np.full(len(free), fixed), free) if thing is not None else (free, np.full(len(free), fixed))
@@ -366,15 +389,14 @@ def _missing_direction(
     if not found and thing is not None and other is not None:
         rows = [
             row
-            for state in present.states(map)
-            for bodies in (PlacedBodies(state),)
+            for bodies in placed_states(present, map)
             for row in _directions_in(bodies, thing, other, Viewpoint.find(bodies, viewer, viewer_pose), frame)
         ]
         where = ", ".join(f"{row.direction} in the frame {row.frame}" for row in rows)
         how = f"it is {where}" if where else "one is above, below or around the other, or they are in different maps"
         wanted = f" {direction}" if direction else ""
         reason = f"{individual_text(kb.reasoner, thing)} has no such direction{wanted} from {local_name(other)}: {how}"
-        yield MissingKnowledge(kb.reasoner.class_of(thing) or THING, HAS_POSE, reason)
+        yield missing_about(kb, thing, reason)
 
 
 # -- distance ----------------------------------------------------------------------------------------------------------
@@ -422,14 +444,11 @@ def distance(
     """
     if thing is None and other is None:
         return
-    for state in present.states(map):
-        bodies = PlacedBodies(state)
-        given = [bodies.row_of(each) for each in (thing, other) if each is not None]
-        rows = [row for row in given if row is not None]
-        if len(rows) < len(given) or not bodies.comparable()[rows].all():
+    for bodies in placed_states(present, map):
+        pairs = bodies.pairs(thing, other)
+        if pairs is None:
             continue
-        fixed = rows[0]
-        free = np.array(rows[1:]) if len(rows) == 2 else bodies.candidates(fixed)
+        fixed, free = pairs
         gaps = box_gaps(bodies.placed.boxes, np.full(len(free), fixed), free)
         centers = bodies.placed.boxes.center
         apart = np.linalg.norm(centers[free] - centers[fixed], axis=1)
@@ -441,7 +460,7 @@ def distance(
                 gap=round(float(gaps[at]), 6) + 0.0,
                 center_distance=round(float(apart[at]), 6),
                 map=bodies.map(pair[0]),
-                source=state.source,
+                source=bodies.state.source,
             )
 
 
@@ -482,21 +501,15 @@ def _not_comparable(
     for bodies in placed_states(present, map):
         rows = [bodies.row_of(each) for each in given]
         for each, row in zip(given, rows, strict=True):
-            if row is not None and not bodies.comparable()[row]:
+            if row is not None and not bodies.comparable[row]:
                 reason = (
                     f"{individual_text(kb.reasoner, each)} encloses all other bodies, and is not compared with them"
                 )
-                yield MissingKnowledge(kb.reasoner.class_of(each) or THING, HAS_POSE, reason)
+                yield missing_about(kb, each, reason)
                 return
     if len(given) > 1:
         names = " and ".join(local_name(each) for each in given)
         yield missing_arguments(f"{names} are in different maps, which have no common frame")
-
-
-def placed_states(present: StateAccess, map: Iri | None) -> Iterator[PlacedBodies]:
-    """The bodies of each state."""
-    for state in present.states(map):
-        yield PlacedBodies(state)
 
 
 # -- nearest -----------------------------------------------------------------------------------------------------------
@@ -628,7 +641,7 @@ def _missing_neighbor(
     start = local_name(thing) if thing is not None else "the position"
     if other is not None:
         reason = f"{local_name(other)} is not among the {count or 1} nearest to {start}: ask for more with count"
-        yield MissingKnowledge(kb.reasoner.class_of(other) or THING, HAS_POSE, reason)
+        yield missing_about(kb, other, reason)
     else:
         kind = f"of class {local_name(cls)} " if cls is not None else ""
         yield MissingKnowledge(

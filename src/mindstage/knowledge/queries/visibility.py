@@ -18,6 +18,7 @@ from mindstage.knowledge.owl import named_classes
 from mindstage.knowledge.queries.proximity import (
     PlacedBodies,
     Viewpoint,
+    missing_about,
     missing_arguments,
     missing_bodies,
     placed_states,
@@ -143,7 +144,7 @@ def _views(
     """The rows of bodies, how much of each is seen, and what hides the rest; the nearest first."""
     placed = bodies.placed
     scene = ShapeScene(placed.bodies, bodies.state.geometry)
-    usable = bodies.comparable()
+    usable = bodies.comparable
     own = bodies.row_of(viewer) if viewer is not None else None
     group = bodies.group_of(own) if own is not None else frozenset()
     skipped = ~usable | np.array([body.iri in group for body in placed.bodies], dtype=bool)
@@ -187,7 +188,7 @@ def _missing_visibility(
             for _, _, hidden_by in _views(bodies, view, viewer, thing):
                 by = ", ".join(local_name(each) for each in hidden_by)
                 reason = f"{individual_text(kb.reasoner, thing)} is hidden by {by}"
-                yield MissingKnowledge(kb.reasoner.class_of(thing) or THING, HAS_POSE, reason)
+                yield missing_about(kb, thing, reason)
 
 
 # -- what fits ---------------------------------------------------------------------------------------------------------
@@ -270,7 +271,7 @@ def fits(
 
 
 def _given_rows(bodies: PlacedBodies, iri: Iri | None) -> list[int]:
-    usable = bodies.comparable()
+    usable = bodies.comparable
     if iri is None:
         return [int(row) for row in np.flatnonzero(usable)]
     row = bodies.row_of(iri)
@@ -443,7 +444,7 @@ def _free_places(
     state, placed = bodies.state, bodies.placed
     own = bodies.row_of(thing) if thing is not None else None
     group = bodies.group_of(own) if own is not None else frozenset()
-    usable = bodies.comparable()
+    usable = bodies.comparable
     ignored = {body.id for row, body in enumerate(placed.bodies) if body.iri in group or not usable[row]}
     body = placed.bodies[support]
     reach = float(np.linalg.norm(item[0].size or (0.0, 0.0, 0.0)))
@@ -513,7 +514,7 @@ def _missing_place(
             text = (
                 f"{individual_text(kb.reasoner, support)} has no free place for {local_name(thing or cls or '')}: {why}"
             )
-            yield MissingKnowledge(kb.reasoner.class_of(support) or THING, HAS_POSE, text)
+            yield missing_about(kb, support, text)
 
 
 # -- liquids -----------------------------------------------------------------------------------------------------------
