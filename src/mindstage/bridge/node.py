@@ -16,7 +16,7 @@ from concurrent.futures import Future
 from functools import partial
 from inspect import iscoroutinefunction
 from itertools import count
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, cast
 
 import msgspec
 
@@ -163,7 +163,13 @@ class Node:
     # -- services ------------------------------------------------------------------------------------------------------
 
     def create_service(
-        self, name: str, type: str, handler: ServiceHandler, *, quick: bool = False, batch: BatchHandler | None = None
+        self,
+        name: str,
+        type: str,
+        handler: ServiceHandler | BatchHandler,
+        *,
+        quick: bool = False,
+        batched: bool = False,
     ) -> None:
         """Provides a service; if it exists, its handler is replaced.
 
@@ -174,8 +180,8 @@ class Node:
                 false`. A plain function runs in a worker thread, the calls of one caller in their order; a coroutine
                 function runs on the bridge's loop and must not block.
             quick: whether a plain function never blocks, so that it can also run on the loop.
-            batch: called instead with the arguments of all consecutive calls of one caller that wait; returns the
-                values or the exception of each.
+            batched: whether the handler is a `BatchHandler`, called with the arguments of all consecutive calls of one
+                caller that wait.
 
         Raises:
             AdvertiseError: the name is taken.
@@ -186,8 +192,10 @@ class Node:
             self._dispatcher.services[resolve_name(name)] = handler
             (self._dispatcher.quick.add if quick else self._dispatcher.quick.discard)(resolve_name(name))
             self._dispatcher.batches.pop(resolve_name(name), None)
-            if batch is not None:
-                self._dispatcher.batches[resolve_name(name)] = partial(self._dispatcher.handle_batch, batch)
+            if batched:
+                self._dispatcher.batches[resolve_name(name)] = partial(
+                    self._dispatcher.handle_batch, cast(BatchHandler, handler)
+                )
 
         self._loop.call(add)
 

@@ -287,9 +287,10 @@ class RosInterface:
 
     def _create_service(self, spec: ServiceSpec) -> None:
         name = spec.full_name(self.namespace)
-        handler = service_handler(name, spec.type, spec.handler, diagnostics=self._diagnostics, ros=self._ros)
-        batch = spec.batch and batch_handler(name, spec.type, spec.batch, diagnostics=self._diagnostics, ros=self._ros)
-        self._node.create_service(name, type_name(spec.type, self._ros), handler, quick=spec.quick, batch=batch)
+        make_handler = batch_handler if spec.batched else service_handler
+        handler = make_handler(name, spec.type, spec.handler, diagnostics=self._diagnostics, ros=self._ros)
+        type = type_name(spec.type, self._ros)
+        self._node.create_service(name, type, handler, quick=spec.quick, batched=spec.batched)
         if spec.timeout_s is not None and isinstance(self._node, LocalNode):
             self._node.set_service_timeout(name, spec.timeout_s)
         self._services.append(name)

@@ -124,7 +124,7 @@ def batch_handler(
     diagnostics: DiagnosticsPublisher,
     ros: RosVersion,
 ) -> Callable[[list[object]], list[object]]:
-    """Returns the handler of consecutive calls of a service, as `service_handler`; see `ServiceSpec.batch`."""
+    """Returns the handler of consecutive calls of a service, as `service_handler`; see `ServiceSpec.batched`."""
     failure_to_response = _error_mapping(name, service, diagnostics=diagnostics, ros=ros)
 
     def encode_result(result: Any, request: object) -> object:
@@ -342,9 +342,9 @@ class ServiceSpec:
     """Whether the handler never blocks, not even for the simulation."""
     timeout_s: float | None = None
     """Timeout of calls without one; None for the default of the node [s]."""
-    batch: Callable[[list[Any]], Sequence[Any]] | None = None
-    """Called instead with the requests of all consecutive calls of one client that wait; returns the response or the
-    exception of each.
+    batched: bool = False
+    """Whether the handler is called with the requests of all consecutive calls of one client that wait, and returns the
+    response or the exception of each.
     """
 
     def full_name(self, namespace: str) -> str:

@@ -119,7 +119,7 @@ class WorldControlServices:
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
         yield ServiceSpec(wire.SpawnSemanticMap, self.spawn_semantic_map, timeout_s=_SPAWN_TIMEOUT_S)
-        yield ServiceSpec(wire.SpawnModel, self.spawn_model, batch=self.spawn_models)
+        yield ServiceSpec(wire.SpawnModel, self.spawn_models, batched=True)
         yield ServiceSpec(wire.SpawnProMesh, self.spawn_pro_mesh)
         yield ServiceSpec(wire.SpawnPhysicsConstraint, self.spawn_physics_constraint)
         yield ServiceSpec(wire.AttachModelToParent, self.attach)
@@ -154,17 +154,14 @@ class WorldControlServices:
             failed_relations=tuple(relation for relation in request.relations if relation.child_id in failed_children),
         )
 
-    def spawn_model(self, request: wire.SpawnModel.Request) -> wire.SpawnModel.Response:
-        """Spawns one model, attached to its parent if it has one."""
-        (result,) = self.spawn_models([request])
-        if isinstance(result, MindstageError):
-            raise result
-        return result
-
     def spawn_models(
         self, requests: Sequence[wire.SpawnModel.Request]
     ) -> list[wire.SpawnModel.Response | MindstageError]:
-        """Spawns models in their order, in as few edits as possible; returns the response or the error of each."""
+        """Spawns models, each attached to its parent if it has one, in their order and in as few edits as possible.
+
+        Returns:
+            The response or the error of each.
+        """
         results: dict[int, wire.SpawnModel.Response | MindstageError] = {}
         batch: dict[BodyId, _RequestedModel] = {}
         for index, request in enumerate(requests):
