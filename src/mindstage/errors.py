@@ -37,6 +37,12 @@
     │   ├── UnsupportedByEngineError    a capability that the engine does not have
     │   ├── EngineClosedError           called after `close`
     │   └── SimulationDivergedError     positions, velocities or accelerations are not finite
+    ├── ImaginationError                a plan, or a copy of a simulation, that cannot be used (exit code 2)
+    │   ├── PlanError                   a plan that cannot be read, or does not fit the world
+    │   └── CommitError                 edits of a copy that cannot be made in the original
+    ├── EpisodeError                    an episode that cannot be recorded, read or asked (exit code 2)
+    │   ├── EpisodeFileError            a file that is no episode, or is damaged, or that cannot be written
+    │   └── EpisodeTimeError            a time outside of an episode
     ├── SimulationError                 failure of the simulation thread (exit code 2)
     │   └── SimulationTimeoutError      a call into the simulation thread did not finish in time
     ├── BridgeError                     failure of a bridge, its peer or the connection (exit code 2)
@@ -71,7 +77,7 @@ alternatives or with what to try. Errors can be pickled and copied.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import KW_ONLY, InitVar, dataclass, field
+from dataclasses import KW_ONLY, InitVar, dataclass, field, fields, is_dataclass
 from difflib import get_close_matches
 from string import Formatter
 from typing import Any, ClassVar
@@ -92,6 +98,7 @@ __all__ = [
     "BrowserNotFoundError",
     "CacheError",
     "CertificateError",
+    "CommitError",
     "ConnectionLostError",
     "EndpointError",
     "EndpointUnreachableError",
@@ -99,8 +106,12 @@ __all__ = [
     "EngineError",
     "EngineTimeoutError",
     "EngineUnavailableError",
+    "EpisodeError",
+    "EpisodeFileError",
+    "EpisodeTimeError",
     "FailureResponseError",
     "FoxgloveUnavailableError",
+    "ImaginationError",
     "InvalidArgumentError",
     "InvalidColorError",
     "InvalidRequestError",
@@ -114,6 +125,7 @@ __all__ = [
     "NameNotFoundError",
     "NoFreePlacementError",
     "NothingToUndoError",
+    "PlanError",
     "PoseUnreachableError",
     "PrologError",
     "PrologGoalError",
@@ -209,6 +221,11 @@ class MindstageError(Exception):
         names = {name for _, name, _, _ in Formatter().parse(self.template) if name}
         return self.template.format_map({name: getattr(self, name) for name in names})
 
+    def __repr__(self) -> str:
+        # Here once, since a generated method per class would take a third of the time of the import.
+        shown = (f"{each.name}={getattr(self, each.name)!r}" for each in fields(self)) if is_dataclass(self) else ()
+        return f"{type(self).__name__}({', '.join(shown)})" if is_dataclass(self) else super().__repr__()
+
     def __reduce__(self) -> tuple[Any, ...]:
         return _restore, (type(self), self.args, self.__dict__)
 
@@ -226,7 +243,7 @@ class WorldError(MindstageError):
     """A valid request that the world cannot fulfill; the world is unchanged."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class BodyNotFoundError(WorldError):
     """No body in the world has that id."""
 
@@ -247,7 +264,7 @@ class BodyNotFoundError(WorldError):
         return f" in {self.world!r}" if self.world else ""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class BodyExistsError(WorldError):
     """The id of a body to be spawned is in use."""
 
@@ -256,7 +273,7 @@ class BodyExistsError(WorldError):
     body: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class PoseUnreachableError(WorldError):
     """The joints and attachments of the body do not allow that pose."""
 
@@ -267,7 +284,7 @@ class PoseUnreachableError(WorldError):
     reason: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class AttachmentError(WorldError):
     """The child cannot be attached to that parent."""
 
@@ -279,7 +296,7 @@ class AttachmentError(WorldError):
     reason: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class NoFreePlacementError(WorldError):
     """There is no support surface for the object, or no free space on it."""
 
@@ -291,7 +308,7 @@ class NoFreePlacementError(WorldError):
     reason: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class RestoreError(WorldError):
     """A deleted body cannot be restored."""
 
@@ -302,7 +319,7 @@ class RestoreError(WorldError):
     reason: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class NothingToUndoError(WorldError):
     """There is no edit to undo or, with `redo`, to redo."""
 
@@ -324,7 +341,7 @@ class KnowledgeError(MindstageError):
     """A source of knowledge or a query cannot be used."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class SourceParseError(KnowledgeError):
     """A file does not exist, or its content does not follow its format."""
 
@@ -341,7 +358,7 @@ class SourceParseError(KnowledgeError):
         return f"{self.source}, line {self.line}" if self.line is not None else self.source
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class MapNotFoundError(KnowledgeError):
     """No semantic map, or none of that name, is among the loaded sources."""
 
@@ -361,7 +378,7 @@ class MapNotFoundError(KnowledgeError):
         return f"no semantic map{where}: nothing there is a knowrob:SemanticEnvironmentMap"
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class AmbiguousMapError(KnowledgeError):
     """Several maps are loaded and none was selected."""
 
@@ -376,7 +393,7 @@ class AmbiguousMapError(KnowledgeError):
         return f"{len(self.known)} maps are loaded ({', '.join(self.known)}); name one of them"
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class MapRejectedError(KnowledgeError):
     """A map has findings, and strict mode allows none."""
 
@@ -395,7 +412,7 @@ class MapRejectedError(KnowledgeError):
         return f"{self.map} is rejected for {number}: {first}; fix them, or leave out --strict"
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class MapWriteError(KnowledgeError):
     """A world cannot be written to a map file: the format cannot express it, or the file cannot be written."""
 
@@ -407,7 +424,7 @@ class MapWriteError(KnowledgeError):
     remedy: str = ""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class NameNotFoundError(KnowledgeError):
     """No entity of that kind has the name."""
 
@@ -423,7 +440,7 @@ class NameNotFoundError(KnowledgeError):
         self.suggestions = closest_names(self.name.rpartition("#")[2].rpartition(":")[2], known)
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class AmbiguousNameError(KnowledgeError):
     """Several entities have the name, or are instances of the class that was named instead of its only instance."""
 
@@ -444,7 +461,7 @@ class AmbiguousNameError(KnowledgeError):
         return f"{self.name!r} may be any of {len(names)} {self.entity_type} names: {shown}; give one of them{how}"
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class QuestionNotFoundError(KnowledgeError):
     """No question has that name."""
 
@@ -465,7 +482,7 @@ class QuestionNotFoundError(KnowledgeError):
         return "`mindstage questions` lists all of them"
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class SentenceNotUnderstoodError(KnowledgeError):
     """A plain sentence asks no declared question, or contains a name that is unknown."""
 
@@ -490,7 +507,7 @@ class SentenceNotUnderstoodError(KnowledgeError):
         return "; ".join([f"{shown!r} is not understood: {cause}", *filter(None, more)])
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class AmbiguousSentenceError(KnowledgeError):
     """A plain sentence can be understood in several ways."""
 
@@ -507,7 +524,7 @@ class AmbiguousSentenceError(KnowledgeError):
         return f"{text!r} may mean {len(self.candidates)} questions: {shown}; ask one of them"
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class QuestionTimeoutError(KnowledgeError):
     """A question was not answered before its timeout; the simulation continues."""
 
@@ -518,7 +535,7 @@ class QuestionTimeoutError(KnowledgeError):
     timeout_s: float
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class QueryLimitError(KnowledgeError):
     """The limit of concurrent questions is reached."""
 
@@ -529,7 +546,7 @@ class QueryLimitError(KnowledgeError):
     pending: int
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class InvalidArgumentError(KnowledgeError):
     """A question has no such argument or does not accept that value, or an assertion is not valid."""
 
@@ -541,7 +558,7 @@ class InvalidArgumentError(KnowledgeError):
     remedy: str = ""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class SparqlSyntaxError(KnowledgeError):
     """The text is not a SPARQL 1.1 query, or uses what is not supported, such as SERVICE."""
 
@@ -552,7 +569,7 @@ class SparqlSyntaxError(KnowledgeError):
     remedy: str = ""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class SparqlTimeoutError(KnowledgeError):
     """A SPARQL query did not finish before its timeout."""
 
@@ -562,7 +579,7 @@ class SparqlTimeoutError(KnowledgeError):
     timeout_s: float
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class ReasonerUnavailableError(KnowledgeError):
     """The OWL 2 RL reasoner is not installed."""
 
@@ -572,7 +589,7 @@ class ReasonerUnavailableError(KnowledgeError):
     cause: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class StoreError(KnowledgeError):
     """A store folder has another content or format, or is locked by another process."""
 
@@ -584,7 +601,7 @@ class StoreError(KnowledgeError):
     remedy: str = ""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class EndpointUnreachableError(KnowledgeError):
     """A SPARQL endpoint does not respond, or not in time."""
 
@@ -595,7 +612,7 @@ class EndpointUnreachableError(KnowledgeError):
     cause: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class EndpointError(KnowledgeError):
     """A SPARQL endpoint returned an error, or a reply that is not a SPARQL result."""
 
@@ -609,7 +626,7 @@ class EndpointError(KnowledgeError):
     """HTTP status code."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class ShapeNotFoundError(KnowledgeError):
     """No shape has that name."""
 
@@ -630,7 +647,7 @@ class ShapeNotFoundError(KnowledgeError):
         return f"there is {', '.join(self.known)}"
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class InvalidShapeError(KnowledgeError):
     """A shape cannot be built: a size or a parameter is invalid."""
 
@@ -648,7 +665,7 @@ class EngineError(MindstageError):
     """A failure of the engine, independent of the world that it simulates."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class EngineUnavailableError(EngineError):
     """The engine is not installed or cannot be reached."""
 
@@ -660,7 +677,7 @@ class EngineUnavailableError(EngineError):
     remedy: str = ""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class EngineTimeoutError(EngineError):
     """The engine did not reply in time; the command may or may not have been executed."""
 
@@ -675,7 +692,7 @@ class EngineTimeoutError(EngineError):
     timeout_s: float
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class UnsupportedByEngineError(EngineError):
     """The engine does not have the capability."""
 
@@ -687,7 +704,7 @@ class UnsupportedByEngineError(EngineError):
     remedy: str = ""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class EngineClosedError(EngineError):
     """The engine was called after `close`."""
 
@@ -696,7 +713,7 @@ class EngineClosedError(EngineError):
     engine: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class SimulationDivergedError(EngineError):
     """The simulation diverged: positions, velocities or accelerations are not finite."""
 
@@ -707,13 +724,68 @@ class SimulationDivergedError(EngineError):
     what: str
 
 
+class ImaginationError(MindstageError):
+    """A plan, or a copy of a simulation, that cannot be used."""
+
+
+@dataclass(eq=False, repr=False)
+class PlanError(ImaginationError):
+    """A plan that cannot be read, or that names what the world does not have."""
+
+    template = "{place}: {cause}"
+
+    place: str
+    """Where: the file, with its line, or the step."""
+    _: KW_ONLY
+    cause: str
+
+
+@dataclass(eq=False, repr=False)
+class CommitError(ImaginationError):
+    """The edits of a copy of a simulation cannot be made in the original."""
+
+    template = "the edits cannot be made in the original: {reason}"
+
+    _: KW_ONLY
+    reason: str
+
+
+class EpisodeError(MindstageError):
+    """An episode cannot be recorded, read or asked."""
+
+
+@dataclass(eq=False)
+class EpisodeFileError(EpisodeError):
+    """A file that is no episode, that is damaged, or that cannot be written."""
+
+    template = "{path}: {cause}{hint}"
+
+    path: str
+    _: KW_ONLY
+    cause: str
+    remedy: str = ""
+
+
+@dataclass(eq=False)
+class EpisodeTimeError(EpisodeError):
+    """A time at which the episode has no state."""
+
+    template = "{episode} has no state at {time_s:g} s; it lasts from {begin_s:g} to {end_s:g} s"
+
+    episode: str
+    _: KW_ONLY
+    time_s: float
+    begin_s: float
+    end_s: float
+
+
 class SimulationError(MindstageError):
     """The simulation thread could not execute the call."""
 
     code = "StageError"
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class SimulationTimeoutError(SimulationError):
     """The thread that owns the engine did not finish the call in time.
 
@@ -740,7 +812,7 @@ class BridgeError(MindstageError):
     """A failure of a bridge, of its peer or of the connection."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class BridgeUnavailableError(BridgeError):
     """The rosbridge server cannot listen at that address."""
 
@@ -752,7 +824,7 @@ class BridgeUnavailableError(BridgeError):
     cause: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class FoxgloveUnavailableError(BridgeError):
     """The Foxglove SDK is not installed, or its server cannot listen at that address."""
 
@@ -763,7 +835,7 @@ class FoxgloveUnavailableError(BridgeError):
     remedy: str = ""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class AuthenticationError(BridgeError):
     """A token is required, and none or an invalid one was sent."""
 
@@ -774,7 +846,7 @@ class AuthenticationError(BridgeError):
     cause: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class CertificateError(BridgeError):
     """A file with a certificate, a private key or authorities for TLS cannot be used."""
 
@@ -786,7 +858,7 @@ class CertificateError(BridgeError):
     remedy: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class ConnectionLostError(BridgeError):
     """No connection, or a closed one; a pending request may or may not have been executed."""
 
@@ -797,7 +869,7 @@ class ConnectionLostError(BridgeError):
     cause: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class ServiceNotFoundError(BridgeError):
     """No service or action of that name is advertised."""
 
@@ -812,7 +884,7 @@ class ServiceNotFoundError(BridgeError):
         self.suggestions = closest_names(self.service, known)
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class ServiceTimeoutError(BridgeError):
     """A service or an action did not return in time."""
 
@@ -825,7 +897,7 @@ class ServiceTimeoutError(BridgeError):
     timeout_s: float
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class ServiceCallError(BridgeError):
     """A service or an action failed for a reason other than the state of the world."""
 
@@ -836,7 +908,7 @@ class ServiceCallError(BridgeError):
     cause: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class FailureResponseError(BridgeError):
     """A service failed, and its type can express that; the handler of a service raises it."""
 
@@ -848,7 +920,7 @@ class FailureResponseError(BridgeError):
     """The response message, for callers at a rosbridge that only transmits messages of the type."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class AdvertiseError(BridgeError):
     """A service, action or topic cannot be advertised under that name."""
 
@@ -859,7 +931,7 @@ class AdvertiseError(BridgeError):
     cause: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class MessageValidationError(BridgeError):
     """A message does not match its type."""
 
@@ -880,7 +952,7 @@ class MessageValidationError(BridgeError):
         return f"{self.path}: " if self.path else ""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TypeNotFoundError(BridgeError):
     """No message, service or action type has that name."""
 
@@ -899,7 +971,7 @@ class TypeNotFoundError(BridgeError):
 # -- user interfaces ---------------------------------------------------------------------------------------------------
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class InvalidColorError(MindstageError):
     """Neither a color name nor a color value."""
 
@@ -924,7 +996,7 @@ class PrologError(MindstageError):
     """A failure of the Prolog console."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class PrologUnavailableError(PrologError):
     """SWI-Prolog or pyswip is not installed, or already in use."""
 
@@ -937,7 +1009,7 @@ class PrologUnavailableError(PrologError):
     )
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class PrologGoalError(PrologError):
     """A goal has a syntax error or threw an exception; the kind is a Mindstage error class, or `prolog`."""
 
@@ -949,7 +1021,7 @@ class PrologGoalError(PrologError):
     cause: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class PrologTimeoutError(PrologError):
     """A goal did not finish in time."""
 
@@ -960,7 +1032,7 @@ class PrologTimeoutError(PrologError):
     timeout_s: float
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class ViewerUnavailableError(MindstageError):
     """The page's server cannot listen at that address."""
 
@@ -976,7 +1048,7 @@ class BrowserError(MindstageError):
     """A failure of the browser that renders pictures of the page."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class BrowserNotFoundError(BrowserError):
     """No suitable browser is installed, or it does not start."""
 
@@ -997,7 +1069,7 @@ class BrowserNotFoundError(BrowserError):
         return searched if names else ""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class BrowserCrashedError(BrowserError):
     """The browser exited, returned an error, or did not reply in time."""
 
@@ -1006,7 +1078,7 @@ class BrowserCrashedError(BrowserError):
     cause: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class CacheError(MindstageError):
     """The cache directory cannot be written."""
 
@@ -1017,7 +1089,7 @@ class CacheError(MindstageError):
     cause: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class InvalidRequestError(MindstageError):
     """A request from the page is unknown, or its arguments are invalid."""
 

@@ -24,7 +24,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from mindstage.engines import Capability, Engine, SpawnNoteKind, SpawnOptions, SpawnReport
+from mindstage.engines import Capability, DynamicsScale, Engine, SpawnNoteKind, SpawnOptions, SpawnReport
 from mindstage.errors import AttachmentError, BodyNotFoundError, EngineClosedError, PoseUnreachableError
 from mindstage.scene import Body, BodyId, BodyPhysics, Joint, JointMimic, Material, Mobility, Pose, World, diff
 from mindstage.scene.transforms import normalize, quat_angle, quat_rotate
@@ -773,6 +773,63 @@ class PhysicsContract(DescriptionContract):
         assert engine.time_s == forks[0].time_s
         if Capability.JOINTS in engine.capabilities:
             assert engine.joint_positions() == forks[0].joint_positions()
+
+    def test_contacts_carry_the_weight_of_a_body_at_rest(self, engine: Engine) -> None:
+        if Capability.CONTACTS not in engine.capabilities:
+            pytest.skip("the engine has no CONTACTS capability")
+        lower = body("lower", (0, 0, 0.2), (0.4, 0.4, 0.4), "dynamic", 3.0)
+        upper = body("upper", (0.05, 0, 0.5), (0.2, 0.2, 0.2), "dynamic", 2.0)
+        engine.spawn(world(upper, FLOOR, lower))
+        for _ in range(30):  # forces are those of the last step, and nothing sleeps while it is touched
+            engine.apply_force(BodyId("upper"), (0.0, 0.0, 1e-3))
+            engine.step(0.02)
+        contacts = {(each.a, each.b): each for each in engine.contacts()}
+        assert set(contacts) == {("upper", "lower"), ("floor", "lower")}
+        on_lower, on_floor = contacts[BodyId("upper"), BodyId("lower")], contacts[BodyId("floor"), BodyId("lower")]
+        assert on_lower.force_n == pytest.approx(2.0 * 9.81, rel=0.02)
+        assert on_floor.force_n == pytest.approx(5.0 * 9.81, rel=0.02)
+        np.testing.assert_allclose(on_lower.normal, (0, 0, -1), atol=1e-3)
+        np.testing.assert_allclose(on_floor.normal, (0, 0, 1), atol=1e-3)
+        np.testing.assert_allclose(on_lower.position, (0.05, 0.0, 0.4), atol=5e-3)
+        assert -1e-3 < on_lower.depth_m < 2e-3
+
+    def test_a_contact_with_the_added_ground_has_no_second_body(self, engine: Engine) -> None:
+        if Capability.CONTACTS not in engine.capabilities:
+            pytest.skip("the engine has no CONTACTS capability")
+        crate = body("crate", (0, 0, 0.2), (0.4, 0.4, 0.4), "dynamic", 3.0)
+        engine.spawn(world(crate), options=SpawnOptions(ground=True))
+        engine.step(0.1)
+        assert [(each.a, each.b) for each in engine.contacts()] == [("crate", None)]
+
+    def test_scaled_mass_and_friction_change_the_motion_and_not_the_description(self, engine: Engine) -> None:
+        if Capability.SCALE_DYNAMICS not in engine.capabilities:
+            pytest.skip("the engine has no SCALE_DYNAMICS capability")
+        crates = [body(f"crate{row}", (0, 2.0 * row, 0.2), (0.4, 0.4, 0.4), "dynamic", 2.0) for row in range(3)]
+        engine.spawn(world(FLOOR, *crates))
+        engine.step(0.5)
+        before, original = engine.snapshot(), engine.fork()
+        heavy, slippery = BodyId("crate1"), BodyId("crate2")
+        engine.scale_dynamics({heavy: DynamicsScale(mass=2.0)})
+        engine.scale_dynamics({heavy: DynamicsScale(mass=4.0), slippery: DynamicsScale(friction=0.25)})
+        assert diff(before, engine.snapshot()).identical(0.0)
+        engine.spawn(world(body("new", (4, 4, 1), (0.2, 0.2, 0.2), "dynamic", 1.0)))  # a new model keeps the factors
+        start = {each.id: current_pose(engine, each.id) for each in crates}
+        for _ in range(25):
+            for each in crates:
+                engine.apply_force(each.id, (25.0, 0.0, 0.0))
+                original.apply_force(each.id, (25.0, 0.0, 0.0))
+            engine.step(0.02)
+            original.step(0.02)
+        moved = {each.id: displacement(engine, each.id, start[each.id]) for each in crates}
+        unscaled = {each.id: displacement(original, each.id, start[each.id]) for each in crates}
+        assert moved["crate0"] == pytest.approx(unscaled["crate0"], rel=0.02)
+        assert moved["crate1"] < 0.001 < 0.1 < unscaled["crate1"], "8 kg with a friction of 0.8 need 63 N"
+        assert moved["crate2"] == pytest.approx((25.0 / 2.0 - 0.2 * 9.81) / 2 * 0.5**2, rel=0.05)
+        for invalid in (0.0, -1.0, float("nan"), float("inf")):
+            with pytest.raises(ValueError, match="mass of 'crate1'"):
+                engine.scale_dynamics({heavy: DynamicsScale(mass=invalid)})
+        with pytest.raises(BodyNotFoundError):
+            engine.scale_dynamics({slippery: DynamicsScale(), BodyId("nothing"): DynamicsScale()})
 
     def test_an_undisturbed_room_stays_at_rest(self, engine: Engine) -> None:
         still: World = msgspec.structs.replace(room(), bodies=tuple(b for b in room().bodies if b.id != "crate"))

@@ -37,7 +37,7 @@ from mindstage.scene import (
     World,
     diff,
 )
-from mindstage.scene.diff import BODY_FIELDS, JOINT_FIELDS, LIGHT_FIELDS, MEASURED_KINDS, WORLD_FIELDS, ChangeKind
+from mindstage.scene.world_diff import BODY_FIELDS, JOINT_FIELDS, LIGHT_FIELDS, MEASURED_KINDS, WORLD_FIELDS, ChangeKind
 
 STATEMENTS: Mapping[str, Any] = {
     "tags": (Tag(type="SemLog", key="Id", value="x"),),

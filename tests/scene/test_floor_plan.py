@@ -151,3 +151,32 @@ def test_a_door_separates_two_rooms_however_the_house_is_turned(turn: float) -> 
 def test_walls_that_surround_nothing_make_no_room() -> None:
     assert wall_rooms(walls_of_two_rooms(0.0)[:3]).areas == ()
     assert wall_rooms(np.zeros((0, 6, 2))).areas == ()
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.3, 2.0])
+def test_free_cells_are_those_that_a_search_through_all_footprints_finds(radius: float) -> None:
+    random = np.random.default_rng(7)
+    bodies = [body("floor", (0.3, -0.2, -0.05), (9.0, 6.0, 0.1), quaternion=(0.98, 0.0, 0.0, 0.199))]
+    for at in range(60):
+        yaw = random.uniform(0, np.pi)
+        size = tuple(random.uniform(0.02, 0.8, 2).tolist()) if at else (12.0, 0.05)
+        position = (*random.uniform(-5, 5, 2).tolist(), 0.5)
+        quaternion = (float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2)))
+        bodies.append(body(f"b{at}", position, (*size, 1.0), quaternion=quaternion))
+    scene = world(*bodies)
+    plan = floor_plan(scene, radius=radius, floor=(0,))
+    cells = plan.centers(np.arange(plan.is_free.size))
+    placed = BodyBoxes.from_bodies(scene.bodies).boxes
+    apart = np.stack(
+        [
+            np.linalg.norm(np.maximum(np.abs((cells - center[:2]) @ rotation[:2, :2]) - half[:2], 0.0), axis=1)
+            for center, rotation, half in zip(placed.center, placed.rotation, placed.half_extents, strict=True)
+        ]
+    )
+    required = np.sqrt(radius**2 + plan.cell**2 / 2)
+    assert np.array_equal(plan.is_free.reshape(-1), (apart[0] == 0.0) & (apart[1:].min(axis=0) >= required))
+    lengths = plan.lengths_to(np.array([plan.nearest_cell(np.zeros(2), free=False)]), footprints(placed)[1:], 0.4)
+    for at, length in enumerate(lengths):
+        near = plan.cells_near(footprints(placed)[at + 1][None], 0.4)
+        assert np.array_equal(near, np.flatnonzero((apart[at + 1] <= 0.4) & plan.is_free.reshape(-1)))
+        assert np.isinf(length) or len(near)

@@ -155,7 +155,12 @@ def any_value(world: World, wanted: Callable[[PropertyAssertion], object]) -> bo
 
 
 VARIANTS: dict[str, Callable[[World], object]] = {
-    "every mobility": lambda w: {b.physics.mobility for b in w.bodies} >= {None, *list(Mobility)[:3]},
+    "an unknown mobility": lambda w: any(b.physics.mobility is None for b in w.bodies),
+    "two mobilities": lambda w: len({b.physics.mobility for b in w.bodies}) > 1,
+    **{
+        f"a {each} body": lambda w, each=each: any(b.physics.mobility is each for b in w.bodies)
+        for each in list(Mobility)[:3]
+    },
     "a mass of zero": lambda w: any(b.physics.mass_kg == 0.0 for b in w.bodies),
     "no size": lambda w: any(b.size is None for b in w.bodies),
     "one class with two sizes": same_class_two_sizes,

@@ -82,6 +82,40 @@ def test_visibility_is_the_fraction_of_sample_points_that_single_rays_see() -> N
         assert bool(each.hidden_by) == (each.share < 1.0)
 
 
+def test_wide_narrow_and_compound_bodies_hide_as_in_a_search_through_all_rays() -> None:
+    random, bodies, geometry = np.random.default_rng(4), [body("floor", (0.0, 0.0, -0.5), (40.0, 40.0, 0.1))], {}
+    for at in range(160):
+        position, quaternion = random.uniform((-8, -8, 0), (8, 8, 2)), normalize(random.normal(size=4))
+        bodies.append(
+            body(f"b{at}", tuple(position), tuple(random.uniform(0.05, 1.5, 3)), quaternion=tuple(quaternion))
+        )
+        if at % 3 == 0:
+            parts = (CollisionShape(size=(0.1, 0.8, 0.8), pose=Pose((x, 0.0, 0.0))) for x in (-0.4, 0.4))
+            geometry[bodies[-1].id] = shapes(*parts, key=str(at))
+    scene, count = ShapeScene(bodies, geometry), len(bodies)
+    origin, skipped = np.array([0.2, -0.1, 1.3]), np.zeros(count, dtype=bool)
+    skipped[[5, 9]] = True
+    found = {each.row: each for each in scene.visibility(origin, range(count), skipped)}
+    boxes, hiders = scene.shape_boxes, set()
+    for row in range(0, count, 8):
+        points, _ = scene.sample_points([row])
+        ray = points - origin
+        start = np.einsum("sji,sj->si", boxes.rotation, origin - boxes.center)[:, None]
+        along = np.einsum("sji,nj->sni", boxes.rotation, ray)
+        ends = np.stack([(side * boxes.half_extents[:, None] - start) / along for side in (-1.0, 1.0)])
+        near, far = ends.min(axis=0).max(axis=2), ends.max(axis=0).min(axis=2)
+        hit = np.where((near <= far) & (far >= 0.0), np.maximum(near, 0.0), np.inf) * np.linalg.norm(ray, axis=1)
+        own = np.minimum(hit[scene.owner == row].min(axis=0), np.linalg.norm(ray, axis=1))
+        others = np.flatnonzero((scene.owner != row) & ~skipped[scene.owner])
+        first = hit[others].min(axis=0)
+        hidden = first <= own - 1e-6
+        by = {int(scene.owner[others[at]]) for at in hit[others].argmin(axis=0)[hidden]}
+        assert found[row].share == pytest.approx(1.0 - hidden.mean()), row
+        assert set(found[row].hidden_by) == by, row
+        hiders |= by
+    assert len(hiders) > 5
+
+
 def test_a_wall_hides_the_half_that_is_behind_it() -> None:
     scene = ShapeScene(
         [

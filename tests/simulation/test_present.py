@@ -204,5 +204,5 @@ def test_the_present_of_a_store_in_a_folder_leaves_nothing_behind(tmp_path: Path
 def test_an_endpoint_has_no_present() -> None:
     kb = KnowledgeBase(bundled_ontology=False, endpoint=SparqlEndpoint("http://localhost:9/query"))
     kb.maps = lambda: ()  # type: ignore[method-assign]  # nothing is fetched
-    with pytest.raises(SparqlSyntaxError, match="does not contain the current state; use the questions pose_of"):
+    with pytest.raises(SparqlSyntaxError, match="the current state or episodes; use the questions pose_of"):
         kb.sparql("ASK { GRAPH <urn:mindstage:present> { ?s ?p ?o } }")

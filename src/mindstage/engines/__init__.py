@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
     Capability,
+    Contact,
+    DynamicsScale,
     Engine,
     EngineStats,
     MovedBody,
@@ -32,6 +34,8 @@ if TYPE_CHECKING:
 __all__ = [
     "DEFAULT_SPAWN_OPTIONS",
     "Capability",
+    "Contact",
+    "DynamicsScale",
     "Engine",
     "EngineStats",
     "GodotEngine",

@@ -26,6 +26,8 @@ from mindstage.scene.display import counted, html_table
 __all__ = [
     "DEFAULT_SPAWN_OPTIONS",
     "Capability",
+    "Contact",
+    "DynamicsScale",
     "Engine",
     "EngineStats",
     "MovedBody",
@@ -53,6 +55,10 @@ class Capability(StrEnum):
     """`save_state` and `restore_state`."""
     FORK = "fork"
     """`fork`."""
+    CONTACTS = "contacts"
+    """`contacts`."""
+    SCALE_DYNAMICS = "scale dynamics"
+    """`scale_dynamics`."""
     JOINTS = "joints"
     """`joint_positions`."""
     STATISTICS = "statistics"
@@ -70,6 +76,33 @@ class EngineStats(msgspec.Struct, frozen=True, kw_only=True):
     """Number of contact points of the awake bodies."""
     timestep_s: float | None = None
     """Time step of the physics [s]; None for an engine without one."""
+
+
+class Contact(msgspec.Struct, frozen=True, kw_only=True):
+    """All contact points of two bodies, or of a body and the ground, merged to one."""
+
+    a: BodyId
+    b: BodyId | None
+    """None for a ground plane that the engine has added."""
+    position: Vector
+    """Mean of the contact points, weighted by force, in the world frame [m]."""
+    normal: Vector
+    """Unit vector from `a` to `b`."""
+    force_n: float
+    """Sum of the normal forces [N]."""
+    depth_m: float
+    """The deepest penetration [m]; negative for a gap."""
+
+
+class DynamicsScale(msgspec.Struct, frozen=True, kw_only=True):
+    """Factors for the dynamics of a body, relative to its description."""
+
+    mass: float = 1.0
+    """Factor of the mass and the moments of inertia."""
+    friction: float = 1.0
+    """Factor of the sliding friction; it has no effect against a body that is more slippery by its description."""
+    joint_friction: float = 1.0
+    """Factor of the friction and the damping of the joint that moves the body."""
 
 
 class SpawnFailure(msgspec.Struct, frozen=True):
@@ -362,6 +395,20 @@ class Engine(Protocol):
 
         Both continue independently: edits and steps of one have no effect on the other. Neither closes the other.
         """
+
+    def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
+        """Scales masses and frictions, without a change of the world (capability SCALE_DYNAMICS).
+
+        A snapshot has the described values, and later edits keep the factors. A second call replaces the factors of the
+        bodies that it names. The bodies wake up.
+
+        Raises:
+            BodyNotFoundError: for the first unknown id; nothing changes then.
+            ValueError: a factor is not a positive number.
+        """
+
+    def contacts(self) -> tuple[Contact, ...]:
+        """The contacts of awake bodies at the last step, in the order of the ids (capability CONTACTS)."""
 
     def close(self) -> None:
         """Closes the engine; closing it again has no effect."""

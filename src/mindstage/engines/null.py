@@ -13,6 +13,8 @@ from types import MappingProxyType
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
     Capability,
+    Contact,
+    DynamicsScale,
     EngineStats,
     PoseArray,
     SavedState,
@@ -22,7 +24,7 @@ from mindstage.engines.base import (
 )
 from mindstage.engines.kinematic_tree import coupled_body_poses
 from mindstage.engines.registry import EntityRegistry
-from mindstage.errors import EngineClosedError
+from mindstage.errors import EngineClosedError, UnsupportedByEngineError
 from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, Vector, World
 from mindstage.scene.transforms import (
     Array,
@@ -149,6 +151,12 @@ class NullEngine:
         forked = NullEngine()
         forked.restore_state(self.save_state())
         return forked
+
+    def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
+        raise UnsupportedByEngineError(self.name, what="scale masses and frictions", remedy="use mujoco")
+
+    def contacts(self) -> tuple[Contact, ...]:
+        raise UnsupportedByEngineError(self.name, what="report contacts", remedy="use mujoco")
 
     def close(self) -> None:
         self._closed = True

@@ -1,51 +1,58 @@
-"""Scene description: worlds as engine-independent values, frame conversions, and the comparison of worlds."""
+"""Scene description: worlds as engine-independent values, frame conversions, and the comparison of worlds.
 
-from mindstage.scene.blank_node_matching import Statement
-from mindstage.scene.diff import MECHANICAL_KINDS, ChangeKind, FieldChange, WorldDiff, diff
-from mindstage.scene.geometry import (
-    NO_GEOMETRY,
-    AttachedLight,
-    BodyGeometry,
-    CollisionShape,
-    CollisionShapeType,
-    GeometryMap,
-    GeometrySource,
-    PbrMaterial,
-    SupportSurface,
-    VisualMesh,
-)
-from mindstage.scene.model import (
-    IDENTITY,
-    AngularLimits,
-    Attachment,
-    AxisMotion,
-    BlankNode,
-    Body,
-    BodyId,
-    BodyPhysics,
-    Color,
-    FactValue,
-    Iri,
-    IriRef,
-    Joint,
-    JointMimic,
-    Light,
-    LightType,
-    LinearLimits,
-    Literal,
-    Material,
-    Mobility,
-    NamedResource,
-    Pose,
-    PrimitiveShape,
-    PrimitiveType,
-    PropertyAssertion,
-    Quaternion,
-    SoftLimit,
-    Tag,
-    Vector,
-    World,
-)
+A module is imported when one of its names is first used: questions about classes need no NumPy.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from mindstage.scene.blank_node_matching import Statement
+    from mindstage.scene.geometry import (
+        NO_GEOMETRY,
+        AttachedLight,
+        BodyGeometry,
+        CollisionShape,
+        CollisionShapeType,
+        GeometryMap,
+        GeometrySource,
+        PbrMaterial,
+        SupportSurface,
+        VisualMesh,
+    )
+    from mindstage.scene.model import (
+        IDENTITY,
+        AngularLimits,
+        Attachment,
+        AxisMotion,
+        BlankNode,
+        Body,
+        BodyId,
+        BodyPhysics,
+        Color,
+        FactValue,
+        Iri,
+        IriRef,
+        Joint,
+        JointMimic,
+        Light,
+        LightType,
+        LinearLimits,
+        Literal,
+        Material,
+        Mobility,
+        NamedResource,
+        Pose,
+        PrimitiveShape,
+        PrimitiveType,
+        PropertyAssertion,
+        Quaternion,
+        SoftLimit,
+        Tag,
+        Vector,
+        World,
+    )
+    from mindstage.scene.world_diff import MECHANICAL_KINDS, ChangeKind, FieldChange, WorldDiff, diff
 
 __all__ = [
     "IDENTITY",
@@ -95,3 +102,19 @@ __all__ = [
     "WorldDiff",
     "diff",
 ]
+
+_MODULES = ("model", "geometry", "blank_node_matching", "world_diff")
+"""The modules of these names; those that most programs need first."""
+
+
+def __getattr__(name: str) -> object:
+    for module in map(import_module, (f"{__name__}.{each}" for each in (_MODULES if name in __all__ else ()))):
+        if name in module.__all__:
+            value: object = getattr(module, name)
+            globals()[name] = value
+            return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

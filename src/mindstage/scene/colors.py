@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from types import MappingProxyType
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from mindstage.errors import InvalidColorError
 from mindstage.scene.model import Color
-from mindstage.scene.transforms import Array
+
+if TYPE_CHECKING:
+    from mindstage.scene.transforms import Array
 
 __all__ = [
     "COLORS",
@@ -91,11 +92,15 @@ def hex_color(color: Color) -> str:
 
 def srgb_to_linear(colors: Array) -> Array:
     """Returns the linear values of sRGB values from 0 to 1 (IEC 61966-2-1)."""
+    import numpy as np  # here, since names of colors need no arrays
+
     clipped = np.clip(colors, 0.0, 1.0)
     return np.where(clipped <= 0.04045, clipped / 12.92, ((clipped + 0.055) / 1.055) ** 2.4)
 
 
 def linear_to_srgb(linear_values: Array) -> Array:
     """Returns the sRGB values of linear values from 0 to 1: the inverse of `srgb_to_linear`."""
+    import numpy as np  # see above
+
     linear_values = np.clip(linear_values, 0.0, 1.0)
     return np.where(linear_values <= 0.0031308, 12.92 * linear_values, 1.055 * linear_values ** (1 / 2.4) - 0.055)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from html import escape
 
 __all__ = ["counted", "html_table", "short_name"]
 
@@ -33,6 +32,8 @@ def html_table(
         rows: one cell per column; None is an empty cell.
         notes: further lines below the table.
     """
+    from html import escape  # a table of two thousand entities, which only notebooks need
+
     head = "".join(f"<th>{escape(column)}</th>" for column in columns)
     body = "".join(f"<tr>{''.join(f'<td>{_cell(cell)}</td>' for cell in row)}</tr>" for row in rows[:_MOST_ROWS])
     left = len(rows) - _MOST_ROWS
@@ -43,4 +44,6 @@ def html_table(
 
 
 def _cell(value: object) -> str:
+    from html import escape  # see above
+
     return "" if value is None else escape(f"{value:.6g}" if isinstance(value, float) else str(value))

@@ -14,7 +14,7 @@ lines that keep the same clearance exactly.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from math import ceil, hypot, sqrt
 
@@ -41,7 +41,8 @@ _MIN_FLOOR_AREA_M2, _MAX_FLOOR_THICKNESS_M = 4.0, 0.5
 _SAME_LEVEL_M = 0.03
 _MOVABLE_PENALTY, _FIXED_PENALTY = 100.0, 10_000.0
 """Cost of a blocked cell in cells, for the question which bodies are in the way: movable ones first."""
-_POINTS_AT_ONCE = 64
+_PAIRS_AT_ONCE = 1 << 18
+"""Number of pairs of cell and polygon per chunk, which bounds the memory."""
 _NEIGHBORS = ((1, 0), (0, 1), (1, 1), (1, -1))
 
 
@@ -69,6 +70,121 @@ def find_floor(bodies: BodyBoxes, *, below: float | None = None) -> tuple[float,
         return float(bodies.low[:, 2].min()), ()
     level = float(top[rows].min() if below is None else top[rows].max())
     return level, tuple(rows[np.abs(top[rows] - level) <= _SAME_LEVEL_M].tolist())
+
+
+class _Grid:
+    """Square cells; an index is flat, and y runs fastest."""
+
+    def __init__(self, origin: Array, cell: float, shape: tuple[int, int]) -> None:
+        """Stores the center of the first cell [m], the extent of a cell [m], and the number of cells along x and y."""
+        self.origin, self.cell, self.shape = origin, cell, shape
+
+    @property
+    def count(self) -> int:
+        """The number of cells."""
+        return self.shape[0] * self.shape[1]
+
+    def centers(self, cells: Indices) -> Array:
+        """The centers of cells, n x 2 [m]."""
+        return np.asarray(self.origin + np.stack(np.unravel_index(cells, self.shape), axis=1) * self.cell)
+
+    def cell_at(self, points: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """The column and row of the cell of each point, n x 2, and whether the point is on the grid."""
+        at = np.round((points - self.origin) / self.cell).astype(int)
+        return at, np.all((at >= 0) & (at < self.shape), axis=-1)
+
+    def near(
+        self, polygons: Array, reach: float, *, used: NDArray[np.bool_] | None = None
+    ) -> Iterator[tuple[Indices, Indices]]:
+        """Yields pairs of a cell whose center is within a distance of a convex polygon, and the polygon, in chunks.
+
+        Args:
+            polygons: n x 6 x 2 [m].
+            reach: the distance, inclusive [m].
+            used: for each cell, whether it may be in a pair; None for all.
+        """
+        windows = _Windows(self, polygons, reach)
+        for rows in windows.chunks(np.arange(len(polygons))):
+            yield windows.near(rows, used)
+
+    def covered(self, polygons: Array, reach: float) -> NDArray[np.bool_]:
+        """Whether the center of each cell is within a distance of one of some polygons, of the grid's shape."""
+        found = np.zeros(self.count, dtype=bool)
+        windows = _Windows(self, polygons, reach)
+        pending = np.arange(len(polygons))
+        while len(pending):
+            rows = next(windows.chunks(pending))
+            found[windows.near(rows, None)[0]] = True
+            pending = pending[len(rows) :]
+            if len(pending) and len(rows) < _CROWDED_CHUNK:  # large windows are covered by a few polygons
+                pending = pending[windows.any_open(pending, found)]
+        return found.reshape(self.shape)
+
+
+_CROWDED_CHUNK = 1024
+"""Polygons of a chunk below which it is worth while to look for windows that are covered already."""
+
+
+class _Windows:
+    """The rectangles of cells around polygons."""
+
+    def __init__(self, grid: _Grid, polygons: Array, reach: float) -> None:
+        self._grid, self._polygons, self._reach = grid, polygons, reach
+        shape = np.array(grid.shape)
+        low = (polygons.min(axis=1) - reach - grid.origin) / grid.cell
+        high = (polygons.max(axis=1) + reach - grid.origin) / grid.cell
+        self._first = np.clip(np.ceil(low - 1e-6), 0, shape).astype(np.intp)
+        self._span = np.maximum(np.clip(np.floor(high + 1e-6) + 1, 0, shape).astype(np.intp) - self._first, 0)
+        self._count = self._span.prod(axis=1)
+        self._center = polygons.mean(axis=1)
+        away = polygons - self._center[:, None]
+        self._outer = np.sqrt(np.sum(away * away, axis=2).max(axis=1, initial=0.0))
+        side = np.roll(polygons, -1, axis=1) - polygons
+        length = np.sqrt(np.sum(side * side, axis=2))
+        height = np.abs(side[..., 0] * away[..., 1] - side[..., 1] * away[..., 0])
+        self._has_area = polygon_areas(polygons) > 1e-12
+        inner = np.divide(height, length, out=np.full(length.shape, np.inf), where=length > 1e-9).min(axis=1)
+        self._inner = np.where(self._has_area, inner, 0.0)
+
+    def chunks(self, rows: Indices) -> Iterator[Indices]:
+        """Consecutive parts of the rows, of few pairs each."""
+        ends = np.cumsum(self._count[rows])
+        start = 0
+        while start < len(rows):
+            done = int(ends[start - 1]) if start else 0
+            end = max(start + 1, int(np.searchsorted(ends, done + _PAIRS_AT_ONCE, side="right")))
+            yield rows[start:end]
+            start = end
+
+    def near(self, rows: Indices, used: NDArray[np.bool_] | None) -> tuple[Indices, Indices]:
+        """The pairs of some polygons, as in `_Grid.near`."""
+        counts = self._count[rows]
+        which = np.repeat(rows, counts)
+        at = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
+        across = np.repeat(self._span[rows, 1], counts)
+        column = at // np.maximum(across, 1)
+        row = at - column * across + np.repeat(self._first[rows, 1], counts)
+        column += np.repeat(self._first[rows, 0], counts)
+        cells = column * self._grid.shape[1] + row
+        if used is not None:
+            kept = np.flatnonzero(used[cells])
+            which, column, row, cells = which[kept], column[kept], row[kept], cells[kept]
+        x, y = self._grid.origin[0] + column * self._grid.cell, self._grid.origin[1] + row * self._grid.cell
+        away_x, away_y = x - self._center[which, 0], y - self._center[which, 1]
+        apart = away_x * away_x + away_y * away_y
+        is_near = apart <= (self._reach + self._inner * (1.0 - 1e-9))[which] ** 2
+        unsure = np.flatnonzero(~is_near & (apart <= ((self._reach + self._outer) * (1.0 + 1e-9))[which] ** 2))
+        exact = which[unsure]
+        distance = _distances(x[unsure], y[unsure], self._polygons[exact], self._has_area[exact])
+        is_near[unsure] = distance <= self._reach
+        return cells[is_near], which[is_near]
+
+    def any_open(self, rows: Indices, covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Whether each window has a cell that is not covered, from a summed area table (Crow 1984)."""
+        total = np.zeros(np.add(self._grid.shape, 1), dtype=np.intp)
+        total[1:, 1:] = (~covered.reshape(self._grid.shape)).cumsum(axis=0).cumsum(axis=1)
+        (x, y), (end_x, end_y) = self._first[rows].T, (self._first + self._span)[rows].T
+        return np.asarray(total[end_x, end_y] - total[x, end_y] - total[end_x, y] + total[x, y] > 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,6 +234,7 @@ class FloorPlan:
         self._owner = scene.owner[rows]
         prints = footprints(boxes)
         self._polygons = prints[rows]
+        self._low, self._high = self._polygons.min(axis=1), self._polygons.max(axis=1)
         slabs = prints[np.isin(scene.owner, list(floor))]
         everything = (slabs if len(slabs) else self._polygons).reshape(-1, 2)
         edge = 0.0 if len(slabs) else _MARGIN_M + 2 * radius
@@ -127,12 +244,12 @@ class FloorPlan:
             else (np.full(2, -_MARGIN_M), np.full(2, _MARGIN_M))
         )
         self.cell = max(CELL_M, sqrt(float(np.prod(last - first)) / _MAX_CELLS))
-        self.shape = tuple(max(1, ceil(extent / self.cell)) for extent in (last - first).tolist())
-        self._origin = first + self.cell / 2
+        shape = [max(1, ceil(extent / self.cell)) for extent in (last - first).tolist()]
+        self._grid = _Grid(first + self.cell / 2, self.cell, (shape[0], shape[1]))
+        self.shape = self._grid.shape
         self._required = sqrt(radius * radius + self.cell * self.cell / 2)
-        self._distance = self._distance_field()
-        self.is_floor = self._within(slabs) if len(slabs) else np.ones(self.shape, dtype=bool)
-        self.is_free = self.is_floor & (self._distance >= self._required)
+        self.is_floor = self._grid.covered(slabs, 0.0) if len(slabs) else np.ones(self.shape, dtype=bool)
+        self.is_free = self.is_floor & ~self._grid.covered(self._polygons, np.nextafter(self._required, 0.0))
         groups = RigidGroups.from_world(world)
         self._is_movable = (
             (groups.is_dynamic | groups.is_jointed)[self._owner] if len(world.bodies) else np.zeros(0, bool)
@@ -142,58 +259,18 @@ class FloorPlan:
 
     def centers(self, cells: Indices) -> Array:
         """The centers of cells, n x 2 [m]; cells are indices into the flat grid."""
-        return np.asarray(self._origin + np.stack(np.unravel_index(cells, self.shape), axis=1) * self.cell)
+        return self._grid.centers(cells)
 
-    def _window(self, low: Array, high: Array) -> tuple[slice, slice]:
-        start = np.clip(np.floor((low - self._origin) / self.cell).astype(int), 0, None)
-        end = np.clip(np.ceil((high - self._origin) / self.cell).astype(int) + 1, 0, None)
-        return slice(start[0], min(end[0], self.shape[0])), slice(start[1], min(end[1], self.shape[1]))
-
-    def _grid_points(self, window: tuple[slice, slice]) -> Array:
-        x = self._origin[0] + np.arange(window[0].start, max(window[0].start, window[0].stop)) * self.cell
-        y = self._origin[1] + np.arange(window[1].start, max(window[1].start, window[1].stop)) * self.cell
-        return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-
-    def _distance_field(self) -> Array:
-        """The distance of each cell's center to the nearest footprint, as far as it is below the required one [m]."""
-        field = np.full(self.shape, np.inf)
-        reach = self._required + self.cell
-        for polygon in self._polygons:
-            window = self._window(polygon.min(axis=0) - reach, polygon.max(axis=0) + reach)
-            points = self._grid_points(window)
-            if points.size:
-                near = _point_polygon_distances(points.reshape(-1, 2), polygon[None])[:, 0]
-                field[window] = np.minimum(field[window], near.reshape(points.shape[:2]))
-        return field
-
-    def _within(self, polygons: Array) -> NDArray[np.bool_]:
-        inside = np.zeros(self.shape, dtype=bool)
-        for polygon in polygons:
-            window = self._window(polygon.min(axis=0), polygon.max(axis=0))
-            points = self._grid_points(window)
-            if points.size:
-                found = _point_polygon_distances(points.reshape(-1, 2), polygon[None])[:, 0] <= 0.0
-                inside[window] |= found.reshape(points.shape[:2])
-        return inside
-
-    def cells_near(self, polygons: Array, reach: float) -> Indices:
-        """The free cells whose centers are within a distance of some polygons [m]."""
-        found = []
-        for polygon in polygons:
-            window = self._window(polygon.min(axis=0) - reach, polygon.max(axis=0) + reach)
-            points = self._grid_points(window)
-            if points.size:
-                near = _point_polygon_distances(points.reshape(-1, 2), polygon[None])[:, 0] <= reach
-                rows = np.flatnonzero(near & self.is_free[window].reshape(-1))
-                columns = points.shape[1]
-                found.append((rows // columns + window[0].start) * self.shape[1] + rows % columns + window[1].start)
+    def cells_near(self, polygons: Array, reach: float, *, free: bool = True) -> Indices:
+        """The cells of the floor whose centers are within a distance of some polygons [m]; only free ones, or all."""
+        used = (self.is_free if free else self.is_floor).reshape(-1)
+        found = [cells for cells, _ in self._grid.near(polygons, reach, used=used)]
         return np.unique(np.concatenate(found)) if found else np.zeros(0, dtype=np.intp)
 
     def nearest_cell(self, point: Array, *, free: bool) -> int | None:
         """The cell nearest to a point, or the nearest free one within the radius and two cells; None without one."""
         if not free:
-            at = np.round((point - self._origin) / self.cell).astype(int)
-            inside = np.all((at >= 0) & (at < self.shape))
+            at, inside = self._grid.cell_at(point)
             return int(at[0] * self.shape[1] + at[1]) if inside else None
         cells = self.cells_near(np.tile(point, (1, 6, 1)), self.radius + 2 * self.cell)
         if not len(cells):
@@ -202,9 +279,22 @@ class FloorPlan:
 
     # -- paths ---------------------------------------------------------------------------------------------------------
 
-    def distances_from(self, starts: Indices) -> Array:
-        """The length of the shortest path from some cells to each cell, flat [m]; infinite without one."""
-        return np.asarray(self._search(starts)[0])
+    def lengths_to(self, starts: Indices, polygons: Array, reach: float) -> Array:
+        """The length of the shortest path from some cells to within a distance of each polygon [m].
+
+        Args:
+            starts: free cells.
+            polygons: n x 6 x 2 [m].
+            reach: the largest distance of the end of a path from the polygon [m].
+
+        Returns:
+            n lengths on the grid [m]; infinite without a path.
+        """
+        length = np.asarray(self._search(starts)[0])
+        found = np.full(len(polygons), np.inf)
+        for cells, rows in self._grid.near(polygons, reach, used=np.isfinite(length)):
+            np.minimum.at(found, rows, length[cells])
+        return found
 
     def path(self, starts: Indices, goals: Indices) -> FloorPath | None:
         """The shortest path from one of some free cells to one of others; None if there is none."""
@@ -225,44 +315,30 @@ class FloorPlan:
         Empty if not even the removal of all obstacles would open a way.
         """
         penalty = np.zeros(self.shape)
-        movable = np.full(self.shape, True)
-        for polygon, is_movable in zip(self._polygons, self._is_movable.tolist(), strict=True):
-            if not is_movable:
-                window = self._window(polygon.min(axis=0) - self._required, polygon.max(axis=0) + self._required)
-                points = self._grid_points(window)
-                if points.size:
-                    near = _point_polygon_distances(points.reshape(-1, 2), polygon[None])[:, 0] < self._required
-                    movable[window] &= ~near.reshape(points.shape[:2])
+        strictly = np.nextafter(self._required, 0.0)
+        is_fixed = self._grid.covered(self._polygons[~self._is_movable], strictly)
         blocked = ~self.is_free
-        penalty[blocked] = np.where(movable[blocked], _MOVABLE_PENALTY, _FIXED_PENALTY) * self.cell
+        penalty[blocked] = np.where(is_fixed[blocked], _FIXED_PENALTY, _MOVABLE_PENALTY) * self.cell
         length, previous = self._search(starts, passable=self.is_floor, penalty=penalty)
         if not len(goals) or not np.isfinite(length[goals]).any():
             return ()
         cells = _trace(previous, int(goals[np.argmin(length[goals])]))
         crossed = cells[blocked.reshape(-1)[cells]]
-        if not len(crossed) or not len(self._polygons):
-            return ()
-        found: dict[int, None] = {}
-        for start in range(0, len(crossed), _POINTS_AT_ONCE):
-            centers = self.centers(crossed[start : start + _POINTS_AT_ONCE])
-            near = _point_polygon_distances(centers, self._polygons) < self._required
-            found |= dict.fromkeys(self._owner[np.nonzero(near)[1]].tolist())
-        return tuple(found)
-
-    def all_cells_near(self, polygons: Array, reach: float) -> Indices:
-        """The cells of the floor, free or not, within a distance of some polygons [m]."""
-        free, self.is_free = self.is_free, self.is_floor
-        try:
-            return self.cells_near(polygons, reach)
-        finally:
-            self.is_free = free
+        place = np.full(self._grid.count, -1, dtype=np.intp)
+        place[crossed] = np.arange(len(crossed))
+        pairs = [np.zeros((0, 2), dtype=np.intp)]
+        for near, rows in self._grid.near(self._polygons, strictly, used=place >= 0):
+            pairs.append(np.stack([place[near], rows], axis=1))
+        found = np.concatenate(pairs)
+        order = np.lexsort((found[:, 1], found[:, 0]))
+        return tuple(dict.fromkeys(self._owner[found[order, 1]].tolist()))
 
     def _search(
         self, starts: Indices, *, passable: NDArray[np.bool_] | None = None, penalty: Array | None = None
     ) -> tuple[Array, Indices]:
         """Dijkstra's algorithm from several cells at once: lengths and predecessors of all cells, flat."""
         allowed = self.is_free if passable is None else passable
-        count = self.shape[0] * self.shape[1]
+        count = self._grid.count
         number = np.arange(count).reshape(self.shape)
         sources, targets, weights = [], [], []
         for dx, dy in _NEIGHBORS:
@@ -302,12 +378,13 @@ class FloorPlan:
         return points[kept] if len(points) > 1 else points
 
     def _is_clear(self, a: Array, b: Array) -> bool:
-        distance = _segment_polygon_distances(np.stack([a, b]), self._polygons).min(initial=np.inf)
+        reach = self.radius + self.cell
+        near = np.all((self._low <= np.maximum(a, b) + reach) & (self._high >= np.minimum(a, b) - reach), axis=1)
+        distance = _segment_polygon_distances(np.stack([a, b]), self._polygons[near]).min(initial=np.inf)
         if distance < self.radius:
             return False
         count = max(2, ceil(float(np.linalg.norm(b - a)) / (self.cell / 4)))
-        samples = np.linspace(a, b, count)
-        at = np.round((samples - self._origin) / self.cell).astype(int)
+        at, _ = self._grid.cell_at(np.linspace(a, b, count))
         return bool(self.is_floor[at[:, 0], at[:, 1]].all())
 
 
@@ -324,25 +401,36 @@ def _corner_indices(points: Array) -> list[int]:
     return (np.flatnonzero(np.any(steps[1:] != steps[:-1], axis=1)) + 1).tolist()
 
 
-def _point_polygon_distances(points: Array, polygons: Array) -> Array:
-    """The distance of each point to each convex polygon, n x m [m]; 0 inside."""
-    x, y = points[:, :1], points[:, 1:]
-    squared = np.full((len(points), len(polygons)), np.inf)
-    inside = np.ones(squared.shape, dtype=bool)
-    for at in range(polygons.shape[1]):
-        start, end = polygons[:, at], polygons[:, (at + 1) % polygons.shape[1]]
-        side_x, side_y = end[:, 0] - start[:, 0], end[:, 1] - start[:, 1]
+def _distances(x: Array, y: Array, polygons: Array, has_area: NDArray[np.bool_]) -> Array:
+    """The distance of each point to its convex polygon [m]; 0 inside.
+
+    Args:
+        x: of each point [m], of any shape that `polygons` without its last two axes broadcasts with.
+        y: of each point [m].
+        polygons: ... x k x 2 corners, counterclockwise [m].
+        has_area: for each polygon, whether it has an inside.
+    """
+    squared: float | Array = np.inf
+    inside: NDArray[np.bool_] = np.broadcast_to(has_area, np.broadcast_shapes(x.shape, polygons.shape[:-2])).copy()
+    corners = polygons.shape[-2]
+    for at in range(corners):
+        start, end = polygons[..., at, :], polygons[..., (at + 1) % corners, :]
+        side_x, side_y = end[..., 0] - start[..., 0], end[..., 1] - start[..., 1]
         length = side_x * side_x + side_y * side_y
         extended = length > 1e-18
-        away_x, away_y = x - start[:, 0], y - start[:, 1]
+        away_x, away_y = x - start[..., 0], y - start[..., 1]
         share = (away_x * side_x + away_y * side_y) / np.where(extended, length, 1.0)
         share = np.where(extended, np.clip(share, 0.0, 1.0), 0.0)
         inside &= (side_x * away_y - side_y * away_x >= 0.0) | ~extended
-        away_x -= share * side_x
-        away_y -= share * side_y
-        np.minimum(squared, away_x * away_x + away_y * away_y, out=squared)
-    inside &= polygon_areas(polygons) > 1e-12
+        away_x = away_x - share * side_x
+        away_y = away_y - share * side_y
+        squared = np.minimum(squared, away_x * away_x + away_y * away_y)
     return np.asarray(np.where(inside, 0.0, np.sqrt(squared)))
+
+
+def _point_polygon_distances(points: Array, polygons: Array) -> Array:
+    """The distance of each point to each convex polygon, n x m [m]; 0 inside."""
+    return _distances(points[:, :1], points[:, 1:], polygons[None], polygon_areas(polygons) > 1e-12)
 
 
 def _segment_polygon_distances(points: Array, polygons: Array) -> Array:
@@ -414,20 +502,12 @@ def wall_rooms(walls: Array, *, opening: float = 1.3, min_area: float = 1.0) -> 
         return WallRooms(np.zeros(2), CELL_M, np.zeros((1, 1), dtype=np.intp), (), ())
     low, high = walls.reshape(-1, 2).min(axis=0) - opening, walls.reshape(-1, 2).max(axis=0) + opening
     cell = max(CELL_M, sqrt(float(np.prod(high - low)) / _MAX_CELLS))
-    shape = tuple(ceil(extent / cell) + 1 for extent in (high - low).tolist())
+    shape = [ceil(extent / cell) + 1 for extent in (high - low).tolist()]
+    grid = _Grid(low, cell, (shape[0], shape[1]))
+    covered = [np.stack(pair) for pair in grid.near(walls, cell * 0.71)]
+    cells, owners = np.concatenate(covered, axis=1)
     is_wall = np.zeros(shape, dtype=bool)
-    cells = []
-    for polygon in walls:
-        start = np.clip(np.floor((polygon.min(axis=0) - low) / cell).astype(int) - 2, 0, None)
-        end = np.ceil((polygon.max(axis=0) - low) / cell).astype(int) + 3
-        x, y = (low[axis] + np.arange(start[axis], min(end[axis], shape[axis])) * cell for axis in (0, 1))
-        points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-        covered = (_point_polygon_distances(points.reshape(-1, 2), polygon[None])[:, 0] <= cell * 0.71).reshape(
-            len(x), len(y)
-        )
-        window = (slice(start[0], start[0] + len(x)), slice(start[1], start[1] + len(y)))
-        is_wall[window] |= covered
-        cells.append((window, covered))
+    is_wall.reshape(-1)[cells] = True
     from scipy.ndimage import distance_transform_edt, label  # see above
 
     space = distance_transform_edt(~is_wall) * cell
@@ -442,20 +522,21 @@ def wall_rooms(walls: Array, *, opening: float = 1.3, min_area: float = 1.0) -> 
     numbers[kept] = np.arange(1, len(kept) + 1)
     number = numbers[grown]
     return WallRooms(
-        low, cell, number, tuple(float(sizes[each]) for each in kept), _walls_around(number, cells, len(kept))
+        low, cell, number, tuple(float(sizes[each]) for each in kept), _walls_around(number, cells, owners, len(kept))
     )
 
 
-def _walls_around(
-    number: NDArray[np.intp], covered: Sequence[tuple[tuple[slice, slice], NDArray[np.bool_]]], count: int
-) -> tuple[tuple[int, ...], ...]:
-    """The walls with a cell next to each room."""
-    from scipy.ndimage import binary_dilation  # see above
-
+def _walls_around(number: NDArray[np.intp], cells: Indices, owners: Indices, count: int) -> tuple[tuple[int, ...], ...]:
+    """The walls with a cell next to each room, from the cells of walls and the wall of each."""
+    padded = np.pad(number, 1)
+    x, y = np.unravel_index(cells, number.shape)
+    pairs = {
+        pair
+        for dx, dy in itertools.product(range(3), repeat=2)
+        for pair in zip(padded[x + dx, y + dy].tolist(), owners.tolist(), strict=True)
+    }
     found: list[list[int]] = [[] for _ in range(count)]
-    for row, (window, cells) in enumerate(covered):
-        near = binary_dilation(cells, structure=np.ones((3, 3), dtype=bool))
-        for room in np.unique(number[window][near]).tolist():
-            if room:
-                found[room - 1].append(row)
+    for room, wall in sorted(pairs):
+        if room:
+            found[room - 1].append(wall)
     return tuple(map(tuple, found))

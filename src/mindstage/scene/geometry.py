@@ -13,11 +13,13 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
-from numpy import uint8, uint32
-from numpy.typing import NDArray
-
 from mindstage.scene.model import IDENTITY, BodyId, Color, FrozenStruct, LightType, Pose, Vector
-from mindstage.scene.transforms import Array
+
+if TYPE_CHECKING:  # NumPy is not needed to refer to geometry
+    from numpy import uint8, uint32
+    from numpy.typing import NDArray
+
+    from mindstage.scene.transforms import Array
 
 __all__ = [
     "NO_GEOMETRY",
@@ -170,6 +172,16 @@ class BodyGeometry:
         object.__delattr__(geometry, "key")
         object.__delattr__(geometry, "visuals")
         return geometry
+
+    def __getstate__(self) -> list[Any]:
+        """The fields, without computing `key` and `visuals` if that is deferred and was not done yet."""
+        deferred = ("key", "visuals") if self._draw is not None else ()
+        return [None if name in deferred else getattr(self, name) for name in self.__slots__]
+
+    def __setstate__(self, state: list[Any]) -> None:
+        for name, value in zip(self.__slots__, state, strict=True):
+            if value is not None or name not in ("key", "visuals"):
+                object.__setattr__(self, name, value)
 
     if not TYPE_CHECKING:  # otherwise mypy accepts any attribute
 

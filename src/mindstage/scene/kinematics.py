@@ -182,9 +182,10 @@ class RigidGroups:
             if joint.parent in rows and joint.child in rows:
                 moving, holder = moving_body(joint, world.bodies[rows[joint.parent]], world.bodies[rows[joint.child]])
                 jointed_pairs.add((int(root_row[rows[moving.id]]), int(root_row[rows[holder.id]])))
-        is_jointed = np.isin(root_row, [moving for moving, _ in jointed_pairs])
+        is_jointed = np.zeros(len(world.bodies), dtype=bool)
+        is_jointed[[moving for moving, _ in jointed_pairs]] = True
         is_dynamic = np.array([body.physics.is_dynamic for body in world.bodies], dtype=bool)
-        return cls(root_row, frozenset(jointed_pairs), is_jointed, is_dynamic[root_row])
+        return cls(root_row, frozenset(jointed_pairs), is_jointed[root_row], is_dynamic[root_row])
 
 
 def moving_body(joint: Joint, parent: Body, child: Body) -> tuple[Body, Body]:

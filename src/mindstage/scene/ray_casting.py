@@ -1,15 +1,16 @@
 """Ray casting over collision shapes: what is visible from a point, what hides it, and how much liquid a shape retains.
 
 Boxes, ellipsoids, cylinders and convex hulls are intersected exactly. Rays from one origin are directions on a
-sphere, on which each shape covers a cap; a KD-tree over the directions gives the few rays that can meet a shape, so
-the cost grows with the number of rays that meet shapes' bounding spheres, not with rays times shapes.
+sphere, on which each shape covers a cap. The rays to one body form a bundle, which covers a cap, too. Shapes are tried
+from near to far with the bundles whose caps they meet, and a ray ends at the first shape that begins behind what the
+ray has met. So the cost grows with what can be seen, not with rays times shapes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +26,10 @@ from mindstage.scene.collision_shapes import (
 from mindstage.scene.geometry import GeometryMap
 from mindstage.scene.mesh import convex_hull
 from mindstage.scene.model import Body
-from mindstage.scene.proximity import BodyBoxes
+from mindstage.scene.proximity import BodyBoxes, box_point_gaps
 from mindstage.scene.transforms import Array, normalize, pose_array, pose_multiply, rotation_matrix
 
-__all__ = ["ShapeScene", "Visibility", "retained_volume"]
+__all__ = ["Depressions", "ShapeScene", "Visibility", "find_depressions", "retained_volume"]
 
 _BOX, _SPHERE, _CYLINDER, _HULL = range(4)
 _SAMPLE_COUNT = 96
@@ -36,8 +37,15 @@ _SAMPLE_COUNT = 96
 _PULL_IN = 1.0 - 1e-4
 """Sample points are inside their shape by so much, that rays to them meet it."""
 _DEPTH_TOLERANCE_M = 1e-6
-_CHUNK_SIZE = 1 << 18
-"""Number of pairs of ray and shape per chunk."""
+_PAIRS_AT_ONCE = 1 << 16
+"""Number of pairs of ray and shape per chunk: their arrays fit in a cache."""
+_MAX_STEPS = 8
+"""Number of shapes that a ray is tested with at once, while few rays are left."""
+_CAPS_AT_ONCE = 1 << 20
+"""Number of pairs of bundle and body per batch of bodies."""
+_WIDE_BUNDLE = 4.0
+"""Bundles that are wider than the median by this factor are split into single rays."""
+_PARALLEL = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +64,124 @@ class Visibility:
 class _HullPlanes:
     normals: Array
     offsets: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Caps:
+    """Caps of the unit sphere."""
+
+    center: Array
+    """n x 3 unit vectors."""
+    radius: Array
+    """n [rad], at most pi."""
+
+    @classmethod
+    def around_shapes(cls, offset: Array, reach: Array) -> _Caps:
+        """The directions to spheres about offsets from the origin, n x 3 [m], of a radius [m]."""
+        apart = np.maximum(np.linalg.norm(offset, axis=1), 1e-12)
+        radius = np.arcsin(np.clip(reach / apart, 0.0, 1.0))
+        return cls(offset / apart[:, None], np.where(apart <= reach + _DEPTH_TOLERANCE_M, np.pi, radius))
+
+    def terms(self, *, is_first: bool) -> Array:
+        """Five numbers for each cap: two caps overlap if the product of those of a first and a second is not negative.
+
+        It is the cosine between the centers, less the cosine of the sum of the radii. A cap of more than a hemisphere
+        overlaps everything.
+        """
+        cosine, sine = np.cos(self.radius + 1e-6), np.sin(self.radius + 1e-6)
+        found = np.column_stack([self.center, -cosine if is_first else cosine, sine])
+        found[self.radius + 1e-6 >= np.pi / 2] = (0.0, 0.0, 0.0, 0.0, 1.0)
+        return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ShapeGroups:
+    """The shapes of each body that has some, with bounds around them."""
+
+    owner: Indices
+    """n, the rows of the bodies."""
+    begin: Indices
+    """n, the first shape of each."""
+    count: Indices
+    """n, the number of shapes of each."""
+    middle: Array
+    """n x 3, the centers of axis-aligned bounding boxes [m]."""
+    half: Array
+    """n x 3, half of their extents [m]."""
+    center: Array
+    """n x 3, the centers of bounding spheres [m]."""
+    reach: Array
+    """n, their radii [m]."""
+
+    @classmethod
+    def around(cls, owner: Indices, boxes: OrientedBoxes, reach: Array) -> _ShapeGroups:
+        """Groups shapes, which are sorted by their owner; `reach` is the radius of a sphere around each [m]."""
+        owners, begin, count = np.unique(owner, return_index=True, return_counts=True)
+        if not len(owners):
+            none = np.zeros((0, 3))
+            return cls(owners, begin, count, none, none, none, np.zeros(0))
+        low, high = boxes.bounds()
+        low, high = np.minimum.reduceat(low, begin, axis=0), np.maximum.reduceat(high, begin, axis=0)
+        middle = (low + high) / 2
+        center = np.where((count == 1)[:, None], boxes.center[begin], middle)
+        apart = np.linalg.norm(boxes.center - np.repeat(center, count, axis=0), axis=1)
+        radius = np.maximum.reduceat(apart + reach, begin)
+        return cls(owners, begin, count, middle, (high - low) / 2 * (1.0 + 1e-9) + 1e-9, center, radius)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rays:
+    """Rays from one origin, and what they have met so far."""
+
+    directions: Array
+    """n x 3 unit vectors."""
+    targets: Indices
+    """n, the body at which each ray ends; -1 for none."""
+    own: Array
+    """n, the distance at which each ray ends: that of its target, or its limit [m]."""
+    distance: Array
+    """n, the distance of the first other body [m]; infinite without one."""
+    body: Indices
+    """n, that body; -1 without one."""
+    at: Indices
+    """n, the next body of each ray in a list of bodies."""
+    end: Indices
+    """n, the end of its part of the list."""
+
+    @classmethod
+    def begin(cls, directions: Array, limits: Array, targets: Indices) -> _Rays:
+        """Rays that have met nothing."""
+        count = len(directions)
+        at, end, body = np.zeros((3, count), dtype=np.intp)
+        body -= 1
+        return cls(directions, targets, limits.astype(np.float64), np.full(count, np.inf), body, at, end)
+
+    def reach(self, rays: Indices) -> Array:
+        """How far some rays go [m]."""
+        return np.asarray(np.minimum(self.distance[rays], self.own[rays]))
+
+
+def _bundles(directions: Array, targets: Indices) -> tuple[_Caps, Indices, Indices]:
+    """Bundles consecutive rays to one target, or single rays: their caps, the first ray of each and the counts."""
+    alone = targets < 0
+    while True:
+        starts = np.flatnonzero((np.diff(targets, prepend=-2) != 0) | alone)
+        counts = np.diff([*starts, len(targets)])
+        center = np.add.reduceat(directions, starts, axis=0)
+        center /= np.maximum(np.linalg.norm(center, axis=1), 1e-12)[:, None]
+        bundle = np.repeat(np.arange(len(starts)), counts)
+        chord = np.maximum.reduceat(np.linalg.norm(directions - center[bundle], axis=1), starts)
+        radius = 2 * np.arcsin(np.minimum(chord / 2, 1.0))
+        several = counts > 1
+        wide = several & (radius > _WIDE_BUNDLE * np.median(radius[several])) if several.any() else several
+        if alone.any() or not wide.any():
+            return _Caps(center, radius), starts, counts
+        alone = wide[bundle]
+
+
+def _ranges(first: Indices, counts: Indices) -> Indices:
+    """The numbers of several ranges, one after another."""
+    return np.asarray(np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum()))
 
 
 class ShapeScene:
@@ -79,7 +205,8 @@ class ShapeScene:
         types = [SHAPE_TYPES.index(primitive_collision_type(kept[at])) for at in simple]
         owners, hulls = [rows[kept[at].id] for at in simple], dict[int, _HullPlanes]()
         planes = dict[tuple[CompiledGeometry, int], _HullPlanes | None]()
-        for body, pose in zip(kept, body_poses, strict=True):
+        body_pose, own_poses = list[int](), [np.zeros((0, 7))]
+        for at_body, body in enumerate(kept):
             own = geometry.get(body.id)
             compiled = compile_geometry(own.collision_shapes) if own is not None else None
             if compiled is None or not len(compiled.shapes):
@@ -90,10 +217,12 @@ class ShapeScene:
                     planes[key] = _hull_planes(points)
                 if (found := planes[key]) is not None:
                     hulls[len(owners) + at] = found
-            poses.append(pose_multiply(np.tile(pose, (len(compiled.shapes), 1)), compiled.poses))
+            body_pose += [at_body] * len(compiled.shapes)
+            own_poses.append(compiled.poses)
             sizes.append(compiled.sizes)
             types += compiled.types.tolist()
             owners += [rows[body.id]] * len(compiled.shapes)
+        poses.append(pose_multiply(body_poses[body_pose], np.concatenate(own_poses)))
         order = np.argsort(owners, kind="stable")
         placed, count = np.concatenate(poses)[order], len(owners)
         self.owner: Indices = np.array(owners, dtype=np.intp)[order]
@@ -105,6 +234,7 @@ class ShapeScene:
         self._hulls = {at_new[at]: each for at, each in hulls.items()}
         is_round = self._type == _SPHERE
         self._reach = np.where(is_round, self._half.max(axis=1, initial=0.0), np.linalg.norm(self._half, axis=1))
+        self._groups = _ShapeGroups.around(self.owner, self.shape_boxes, self._reach)
 
     @property
     def shape_boxes(self) -> OrientedBoxes:
@@ -127,66 +257,140 @@ class ShapeScene:
         Returns:
             The distance [m] (infinite if nothing is met), and the row of the body (-1), each of length n.
         """
-        distance, body = np.full(len(directions), np.inf), np.full(len(directions), -1, dtype=np.intp)
-        for rays, hits, shapes in self._hits(origin, directions, limits, ~skipped[self.owner]):
-            order = np.lexsort((self.owner[shapes], hits))[::-1]
-            rays, hits, shapes = rays[order], hits[order], shapes[order]
-            first = np.full(len(directions), np.inf)
-            owner = np.full(len(directions), -1, dtype=np.intp)
-            first[rays], owner[rays] = hits, self.owner[shapes]  # the last assignment, which is the nearest, wins
-            nearer = first < distance
-            distance[nearer], body[nearer] = first[nearer], owner[nearer]
+        none = np.full(len(directions), -1, dtype=np.intp)
+        distance, body, _ = self._trace(origin, directions, limits, none, skipped)
         return distance, body
 
-    def _hits(
-        self, origin: Array, directions: Array, limits: Array, used: NDArray[np.bool_]
-    ) -> Iterator[tuple[Indices, Array, Indices]]:
-        """Yields rays, distances and shapes of intersections, in chunks."""
-        rays, shapes = self._candidates(origin, directions, limits, used)
-        for start in range(0, len(rays), _CHUNK_SIZE):
-            ray, shape = rays[start : start + _CHUNK_SIZE], shapes[start : start + _CHUNK_SIZE]
-            near, far = self._intersections(origin, directions[ray], shape)
-            entry = np.maximum(near, 0.0)
-            met = (near <= far) & (far >= 0.0) & (entry <= limits[ray])
-            yield ray[met], entry[met], shape[met]
+    def _trace(
+        self, origin: Array, directions: Array, limits: Array, targets: Indices, skipped: NDArray[np.bool_]
+    ) -> tuple[Array, Indices, Array]:
+        """Finds the first body that each ray meets besides its target.
 
-    def _candidates(
-        self, origin: Array, directions: Array, limits: Array, used: NDArray[np.bool_]
-    ) -> tuple[Indices, Indices]:
-        """Pairs of rays and shapes whose bounding spheres they can meet."""
-        offset = self._center - origin
-        apart = np.linalg.norm(offset, axis=1)
-        rows = np.flatnonzero(used & (apart - self._reach <= limits.max(initial=0.0)))
-        if not len(rows) or not len(directions):
-            return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
-        around = apart[rows] <= self._reach[rows] + _DEPTH_TOLERANCE_M
-        angle = np.arcsin(np.clip(self._reach[rows] / np.maximum(apart[rows], 1e-12), 0.0, 1.0))
-        chord = np.where(around, 2.1, 2 * np.sin(angle / 2) + 1e-6)
-        center = offset[rows] / np.maximum(apart[rows], 1e-12)[:, None]
-        from scipy.spatial import cKDTree  # here, since the import takes 0.1 s
+        Args:
+            origin: where all rays start [m].
+            directions: n x 3 unit vectors.
+            limits: n, the length of each ray [m].
+            targets: n, the row of the body at which each ray ends; -1 for none.
+            skipped: for each body, whether rays pass through it, unless it is their target.
 
-        found = cKDTree(directions).query_ball_point(center, chord)
-        counts = np.array([len(each) for each in found])
-        rays = np.concatenate([np.asarray(each, dtype=np.intp) for each in found]) if counts.sum() else np.zeros(0, int)
-        return rays.astype(np.intp), np.repeat(rows, counts)
+        Returns:
+            The distance [m] and the row of the first other body, as far as it is before the target, else infinite and
+            -1; of several at one distance the lowest row. Then the distance of the target, at most the limit [m].
+        """
+        rays = _Rays.begin(directions, limits, targets)
+        if not len(directions) or not len(self.owner):
+            return rays.distance, rays.body, rays.own
+        bodies = self._groups
+        gaps = np.maximum(box_point_gaps(self.shape_boxes, origin), 0.0) * (1.0 - 1e-9)
+        bound = np.minimum.reduceat(gaps, bodies.begin)
+        rows = np.flatnonzero((~skipped[bodies.owner] | np.isin(bodies.owner, targets)) & (bound <= limits.max()))
+        rows = rows[np.argsort(bound[rows], kind="stable")]
+        body_terms = _Caps.around_shapes(bodies.center[rows] - origin, bodies.reach[rows]).terms(is_first=False)
+        bundles, first_ray, ray_count = _bundles(directions, targets)
+        terms = bundles.terms(is_first=True)
+        start = np.einsum("nji,nj->ni", self._rotation, origin - self._center)
+        farthest = np.maximum.reduceat(rays.own, first_ray)
+        done = 0
+        while done < len(rows):
+            open_ = np.flatnonzero(farthest >= bound[rows[done]])
+            if not len(open_):
+                break
+            batch = slice(done, done + max(1, _CAPS_AT_ONCE // len(open_)))
+            done = batch.stop
+            met = np.flatnonzero(terms[open_] @ body_terms[batch].T >= -1e-12)  # by bundle, then by the bound
+            which, listed = np.divmod(met, len(rows[batch]))
+            which, listed = open_[which], rows[batch][listed]
+            kept = bound[listed] <= farthest[which]
+            which, listed = which[kept], listed[kept]
+            touched, first, length = np.unique(which, return_index=True, return_counts=True)
+            if len(touched):
+                active = _ranges(first_ray[touched], ray_count[touched])
+                rays.at[active] = np.repeat(first, ray_count[touched])
+                rays.end[active] = np.repeat(first + length, ray_count[touched])
+                self._advance(rays, active, listed, origin, start, bound, skipped)
+                ends = np.cumsum(ray_count[touched]) - ray_count[touched]
+                farthest[touched] = np.maximum.reduceat(rays.reach(active), ends)
+        return rays.distance, rays.body, rays.own
 
-    def _intersections(self, origin: Array, directions: Array, shapes: Indices) -> tuple[Array, Array]:
-        """Entry and exit distances of each pair of ray and shape; entry > exit where they miss."""
-        start = np.einsum("nji,nj->ni", self._rotation[shapes], origin - self._center[shapes])
+    def _advance(
+        self,
+        rays: _Rays,
+        active: Indices,
+        listed: Indices,
+        origin: Array,
+        start: Array,
+        bound: Array,
+        skipped: NDArray[np.bool_],
+    ) -> None:
+        """Tests rays with their parts of a list of bodies, from near to far.
+
+        Args:
+            rays: the rays; `at` and `end` are their parts of the list.
+            active: rows of the rays to test; each has a body.
+            listed: the list of rows of `self._groups`.
+            origin: where all rays start [m].
+            start: the origin in the frame of each shape [m].
+            bound: for each body, a lower bound of its distance [m]; the parts are sorted by it.
+            skipped: for each body of the scene, whether it hides nothing.
+        """
+        bodies = self._groups
+        while len(active):
+            active = active[bound[listed[rays.at[active]]] <= rays.reach(active)]
+            steps = max(1, min(_MAX_STEPS, _PAIRS_AT_ONCE // max(len(active), 1)))
+            for first in range(0, len(active), _PAIRS_AT_ONCE):
+                ray = active[first : first + _PAIRS_AT_ONCE]
+                entry = rays.at[ray]
+                if steps > 1:
+                    ray = np.repeat(ray, steps)
+                    entry = np.repeat(entry, steps) + np.arange(len(ray)) % steps
+                    kept = np.flatnonzero(entry < rays.end[ray])
+                    ray, entry = ray[kept], entry[kept]
+                body = listed[entry]
+                near, far = _slabs(origin - bodies.middle[body], rays.directions[ray], bodies.half[body])
+                kept = np.flatnonzero((near <= far) & (far >= 0.0) & (near <= rays.reach(ray)))
+                ray, body = ray[kept], body[kept]
+                shape = _ranges(bodies.begin[body], bodies.count[body])
+                ray = np.repeat(ray, bodies.count[body])
+                near, far = self._intersections(start[shape], rays.directions[ray], shape)
+                hit = np.maximum(near, 0.0)
+                hits = np.flatnonzero((near <= far) & (far >= 0.0) & (hit <= rays.reach(ray)))
+                ray, hit, owner = ray[hits], hit[hits], self.owner[shape[hits]]
+                is_own = owner == rays.targets[ray]
+                np.minimum.at(rays.own, ray[is_own], hit[is_own])
+                other = np.flatnonzero(~is_own & ~skipped[owner])
+                ray, hit, owner = ray[other], hit[other], owner[other]
+                order = np.lexsort((owner, hit))[::-1]
+                ray, hit, owner = ray[order], hit[order], owner[order]
+                nearer = (hit < rays.distance[ray]) | (owner < rays.body[ray])
+                # Of several assignments to one ray the last wins, which is the nearest.
+                rays.distance[ray[nearer]], rays.body[ray[nearer]] = hit[nearer], owner[nearer]
+            rays.at[active] += steps
+            active = active[rays.at[active] < rays.end[active]]
+
+    def _intersections(self, start: Array, directions: Array, shapes: Indices) -> tuple[Array, Array]:
+        """Entry and exit distances of each pair of ray and shape; entry > exit where they miss.
+
+        Args:
+            start: the origin in the frame of each shape, n x 3 [m].
+            directions: n x 3.
+            shapes: n rows.
+        """
         along = np.einsum("nji,nj->ni", self._rotation[shapes], directions)
         half = self._half[shapes]
-        types = self._type[shapes]
         near, far = _slabs(start, along, half)
+        types = self._type[shapes]
+        if not types.any():
+            return near, far
         for kind, axes in ((_SPHERE, 3), (_CYLINDER, 2)):
             rows = np.flatnonzero(types == kind)
             if len(rows):
                 enter, leave = _quadric(start[rows, :axes] / half[rows, :axes], along[rows, :axes] / half[rows, :axes])
                 near[rows], far[rows] = np.maximum(near[rows], enter), np.minimum(far[rows], leave)
         hull_pairs = np.flatnonzero(types == _HULL)
-        for shape in np.unique(shapes[hull_pairs]).tolist():
-            planes = self._hulls.get(shape)
+        hull_pairs = hull_pairs[np.argsort(shapes[hull_pairs], kind="stable")]
+        for rows in np.split(hull_pairs, np.flatnonzero(np.diff(shapes[hull_pairs])) + 1):
+            planes = self._hulls.get(int(shapes[rows[0]])) if len(rows) else None
             if planes is not None:
-                rows = hull_pairs[shapes[hull_pairs] == shape]
                 enter, leave = _half_spaces(start[rows], along[rows], planes)
                 near[rows], far[rows] = np.maximum(near[rows], enter), np.minimum(far[rows], leave)
         return near, far
@@ -207,55 +411,57 @@ class ShapeScene:
         offset = points - origin
         length = np.linalg.norm(offset, axis=1)
         directions = offset / np.maximum(length, 1e-12)[:, None]
-        own_hit = length.copy()
-        hides, hit = np.full(len(points), -1, dtype=np.intp), np.full(len(points), np.inf)
-        for rays, distances, shapes in self._hits(origin, directions, length, np.ones(len(self.owner), dtype=bool)):
-            own = self.owner[shapes] == owners[rays]
-            np.minimum.at(own_hit, rays[own], distances[own])
-            other = ~own & ~skipped[self.owner[shapes]]
-            ray, far, owner = rays[other], distances[other], self.owner[shapes][other]
-            order = np.lexsort((owner, far))[::-1]
-            nearest, first = np.full(len(points), np.inf), np.full(len(points), -1, dtype=np.intp)
-            nearest[ray[order]], first[ray[order]] = far[order], owner[order]
-            nearer = nearest < hit
-            hit[nearer], hides[nearer] = nearest[nearer], first[nearer]
+        hit, hides, own_hit = self._trace(origin, directions, length, owners, skipped)
         seen = hit > own_hit - _DEPTH_TOLERANCE_M
-        bounds = [0, *(np.flatnonzero(np.diff(owners)) + 1).tolist(), len(owners)]
-        return [self._summary(int(owners[start]), seen[start:end], hides[start:end]) for start, end in pairwise(bounds)]
-
-    @staticmethod
-    def _summary(target: int, seen: NDArray[np.bool_], hides: Indices) -> Visibility:
-        rows, counts = np.unique(hides[~seen], return_counts=True)
-        order = np.lexsort((rows, -counts))
-        return Visibility(target, float(seen.mean()), tuple(rows[order].tolist()))
+        begin = np.flatnonzero(np.diff(owners, prepend=-1))
+        share = np.add.reduceat(seen.astype(np.intp), begin) / np.diff([*begin, len(owners)])
+        number = np.cumsum(np.diff(owners, prepend=-1) != 0) - 1
+        pairs, counts = np.unique((number * len(self.bodies) + hides)[~seen], return_counts=True)
+        target, hider = np.divmod(pairs, len(self.bodies))
+        order = np.lexsort((hider, -counts, target))
+        first = np.searchsorted(target[order], np.arange(len(begin) + 1)).tolist()
+        hidden_by = hider[order].tolist()
+        return [
+            Visibility(row, each, tuple(hidden_by[first[at] : first[at + 1]]))
+            for at, (row, each) in enumerate(zip(owners[begin].tolist(), share.tolist(), strict=True))
+        ]
 
     def sample_points(self, targets: Sequence[int]) -> tuple[Array, Indices]:
         """Returns points on the surfaces of bodies, n x 3 [m], in proportion to the areas of shapes, and their rows."""
-        points, owners = [np.zeros((0, 3))], [np.zeros(0, dtype=np.intp)]
-        starts, ends = (
-            np.searchsorted(self.owner, targets, side="left"),
-            np.searchsorted(self.owner, targets, side="right"),
-        )
-        for target, start, end in zip(targets, starts.tolist(), ends.tolist(), strict=True):
-            x, y, z = self._half[start:end].T
-            area = x * y + y * z + x * z
-            share = area / max(float(area.sum()), 1e-12)
-            for shape, count in zip(
-                range(start, end), np.maximum(1, np.round(share * _SAMPLE_COUNT)).tolist(), strict=True
-            ):
-                local = self._surface_points(shape, int(count)) * _PULL_IN
-                points.append(self._center[shape] + local @ self._rotation[shape].T)
-                owners.append(np.full(len(local), target, dtype=np.intp))
-        return np.concatenate(points), np.concatenate(owners)
+        rows = np.asarray(targets, dtype=np.intp)
+        begin, end = (np.searchsorted(self.owner, rows, side=side) for side in ("left", "right"))
+        counts = end - begin
+        shapes = _ranges(begin, counts)
+        if not len(shapes):
+            return np.zeros((0, 3)), np.zeros(0, dtype=np.intp)
+        x, y, z = self._half[shapes].T
+        area = x * y + y * z + x * z
+        of_target = np.repeat(np.arange(len(rows)), counts)
+        total = np.bincount(of_target, area, len(rows))
+        samples = np.maximum(1, np.round(area / np.maximum(total, 1e-12)[of_target] * _SAMPLE_COUNT)).astype(np.intp)
+        points = np.zeros((samples.sum(), 3))
+        begin = np.cumsum(samples) - samples
+        kinds = np.where([shape in self._hulls for shape in shapes.tolist()], -1 - shapes, self._type[shapes])
+        order = np.lexsort((kinds, samples))
+        changes = np.flatnonzero(np.diff(kinds[order]) | np.diff(samples[order])) + 1
+        for alike in np.split(order, changes):
+            count = int(samples[alike[0]])
+            local = self._surface_points(shapes[alike], count) * _PULL_IN
+            placed = self._center[shapes[alike], None] + np.einsum("nij,nkj->nki", self._rotation[shapes[alike]], local)
+            points[begin[alike][:, None] + np.arange(count)] = placed
+        return points, np.repeat(rows[of_target], samples)
 
-    def _surface_points(self, shape: int, count: int) -> Array:
-        """Points on the surface of a shape about its center, in directions of a Fibonacci lattice (Gonzalez 2010)."""
-        half, unit = self._half[shape], _fibonacci_sphere(count)
-        match int(self._type[shape]):
-            case _ if (planes := self._hulls.get(shape)) is not None:
-                across = unit @ planes.normals.T
-                reach = np.where(across > 1e-12, planes.offsets / np.maximum(across, 1e-12), np.inf).min(axis=1)
-                return np.asarray(unit * reach[:, None])
+    def _surface_points(self, shapes: Indices, count: int) -> Array:
+        """Points on the surfaces of shapes of one type, or of one hull, about their centers, n x count x 3 [m].
+
+        They are in the directions of a Fibonacci lattice (Gonzalez 2010), scaled by the extents of the shape.
+        """
+        half, unit = self._half[shapes][:, None], _fibonacci_sphere(count)
+        if (planes := self._hulls.get(int(shapes[0]))) is not None:
+            across = unit @ planes.normals.T
+            reach = np.where(across > 1e-12, planes.offsets / np.maximum(across, 1e-12), np.inf).min(axis=1)
+            return np.asarray(unit * reach[:, None])[None]
+        match int(self._type[shapes[0]]):
             case 1:
                 return np.asarray(unit * half)
             case 2:
@@ -303,13 +509,14 @@ def _hull_planes(points: Array) -> _HullPlanes | None:
 
 def _slabs(start: Array, along: Array, half: Array) -> tuple[Array, Array]:
     """Entry and exit of rays through boxes about the origin (Kay and Kajiya 1986)."""
-    parallel = np.abs(along) < 1e-12
-    safe = np.where(parallel, 1.0, along)
-    one, other = (-half - start) / safe, (half - start) / safe
-    outside = parallel & (np.abs(start) > half)
-    near = np.where(parallel, np.where(outside, np.inf, -np.inf), np.minimum(one, other))
-    far = np.where(parallel, np.where(outside, -np.inf, np.inf), np.maximum(one, other))
-    return near.max(axis=1), far.min(axis=1)
+    near, far = np.full(len(start), -np.inf), np.full(len(start), np.inf)
+    for axis in range(start.shape[1]):
+        # A parallel ray gets a slope that is too small to matter, so that it meets its slab always or very far away.
+        slope = np.where(np.abs(along[:, axis]) < _PARALLEL, _PARALLEL, along[:, axis])
+        to, width = -start[:, axis] / slope, half[:, axis] / np.abs(slope)
+        np.maximum(near, to - width, out=near)
+        np.minimum(far, to + width, out=far)
+    return near, far
 
 
 def _quadric(start: Array, along: Array) -> tuple[Array, Array]:
@@ -350,8 +557,58 @@ def _fibonacci_sphere(count: int) -> Array:
 _HEIGHT_GRID = 48
 
 
-def retained_volume(scene: ShapeScene, row: int, low: Array, high: Array) -> float:
-    """Returns the volume of the depressions of a body, seen from above at its current pose [m³].
+@dataclass(frozen=True, slots=True, eq=False)
+class Depressions:
+    """The depressions of a body at its pose, seen from above on a grid."""
+
+    height: Array
+    """The top of the body in each cell [m]; -inf beside it."""
+    level: Array
+    """The surface of the liquid in each cell if the depressions are full [m]."""
+    cell: tuple[float, float]
+    """The extents of a cell along x and y [m]."""
+
+    @property
+    def volume(self) -> float:
+        """What the depressions retain [m³]."""
+        return self.volume_below(math.inf)
+
+    def volume_below(self, surface: float) -> float:
+        """The volume of the liquid below a horizontal surface [m³]."""
+        solid = np.isfinite(self.height)
+        depth = np.minimum(self.level[solid], surface) - self.height[solid]
+        return float(np.maximum(depth, 0.0).sum() * self.cell[0] * self.cell[1])
+
+    def tilted_volume(self, tilt_rad: float, heading_rad: float) -> float:
+        """What is retained if the body is tilted towards a horizontal direction [m³].
+
+        The columns of the grid stay fixed to the body, so that a leaning wall hides nothing; the level of the liquid is
+        a horizontal plane, and so an inclined one in the frame of the columns. Exact for a vessel without overhangs.
+        """
+        if math.cos(tilt_rad) < 1e-6:
+            return 0.0
+        x, y = np.indices(self.height.shape) * np.reshape(self.cell, (2, 1, 1))
+        along = x * math.cos(heading_rad) + y * math.sin(heading_rad)
+        height = self.height * math.cos(tilt_rad) - along * math.sin(tilt_rad)
+        level = _filled(np.pad(height, 1, constant_values=-np.inf))[1:-1, 1:-1]
+        solid = np.isfinite(height)
+        depth = (level[solid] - height[solid]) / math.cos(tilt_rad)
+        return float(depth.sum() * self.cell[0] * self.cell[1])
+
+    def surface_of(self, volume: float) -> float:
+        """The height of the surface of a volume [m³], if it fills the deepest parts first [m]."""
+        wet = np.isfinite(self.height) & (self.level > self.height)
+        if not wet.any():
+            return math.nan
+        low, high = float(self.height[wet].min()), float(self.level[wet].max())
+        for _ in range(40):
+            middle = (low + high) / 2
+            low, high = (low, middle) if self.volume_below(middle) >= volume else (middle, high)
+        return high
+
+
+def find_depressions(scene: ShapeScene, row: int, low: Array, high: Array) -> Depressions | None:
+    """Finds the depressions of a body, seen from above at its current pose; None for a convex shape, which has none.
 
     The heights of its collision shapes are sampled on a grid; liquid flows over the lowest rim of a depression, and
     through each cell without a shape: depressions are filled as in hydrology (Barnes, Lehman and Mulla 2014).
@@ -363,14 +620,19 @@ def retained_volume(scene: ShapeScene, row: int, low: Array, high: Array) -> flo
         high: the upper corner [m].
     """
     if np.count_nonzero(scene.owner == row) < 2 or np.any(high[:2] - low[:2] <= 0.0):
-        return 0.0  # a convex shape retains nothing
+        return None
     step = (high[:2] - low[:2]) / _HEIGHT_GRID
     x, y = (low[axis] + (np.arange(_HEIGHT_GRID) + 0.5) * step[axis] for axis in (0, 1))
     grid_x, grid_y = np.meshgrid(x, y, indexing="ij")
     height = scene.top_heights(row, grid_x.reshape(-1), grid_y.reshape(-1)).reshape(_HEIGHT_GRID, _HEIGHT_GRID)
     level = _filled(np.pad(height, 1, constant_values=-np.inf))[1:-1, 1:-1]
-    solid = np.isfinite(height)
-    return float((level[solid] - height[solid]).sum() * step.prod())
+    return Depressions(height, level, (float(step[0]), float(step[1])))
+
+
+def retained_volume(scene: ShapeScene, row: int, low: Array, high: Array) -> float:
+    """Returns the volume of the depressions of a body at its current pose [m³]; see `find_depressions`."""
+    found = find_depressions(scene, row, low, high)
+    return 0.0 if found is None else found.volume
 
 
 def _filled(height: Array) -> Array:

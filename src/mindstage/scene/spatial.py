@@ -311,7 +311,10 @@ class SpatialRelations:
         """Returns whether two bodies are in different rigid groups that no joint connects."""
         one, other, count = self._group[a], self._group[b], int(self._group.max(initial=0)) + 1
         joined = [first * count + second for pair in self._jointed_pairs for first, second in (pair, pair[::-1])]
-        return np.asarray((one != other) & ~np.isin(one * count + other, joined))
+        pairs = one * count + other
+        # np.isin would load numpy.ma, which is slow.
+        nearest = np.array([*sorted(joined), -1], dtype=np.intp)[np.searchsorted(sorted(joined), pairs)]
+        return np.asarray((one != other) & (nearest != pairs))
 
     def _in_same_container(self, a: Indices, b: Indices) -> tuple[Indices, Indices]:
         """Returns the pairs of related bodies with the same container, or both without one."""

@@ -2,9 +2,12 @@
 
 from mindstage.engines.base import EngineStats, SpawnNoteKind
 from mindstage.simulation.highlights import HighlightGroup, HighlightResult, Marker, MarkerType, UnhighlightedItem
+from mindstage.simulation.image import SimulationImage
+from mindstage.simulation.imagined import ForkOrigin
 from mindstage.simulation.interaction import JointAxisState, JointHandle
 from mindstage.simulation.joint_motion import JointMotion, SimulationJoint
-from mindstage.simulation.simulation import ClientDirectory, ConnectedClient, Simulation
+from mindstage.simulation.observation import ClientDirectory, ConnectedClient
+from mindstage.simulation.simulation import Simulation
 from mindstage.simulation.state import StateSnapshot
 from mindstage.simulation.undo import SpawnRecord, UndoHistory, UndoStack
 
@@ -12,6 +15,7 @@ __all__ = [
     "ClientDirectory",
     "ConnectedClient",
     "EngineStats",
+    "ForkOrigin",
     "HighlightGroup",
     "HighlightResult",
     "JointAxisState",
@@ -20,6 +24,7 @@ __all__ = [
     "Marker",
     "MarkerType",
     "Simulation",
+    "SimulationImage",
     "SimulationJoint",
     "SpawnNoteKind",
     "SpawnRecord",

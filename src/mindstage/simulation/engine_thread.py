@@ -19,7 +19,7 @@ from typing import Any, Generic, TypeVar
 
 from mindstage.errors import SimulationTimeoutError
 
-__all__ = ["EditHold", "EngineThread", "RealTimeClock"]
+__all__ = ["DirectCalls", "EditHold", "EngineThread", "RealTimeClock"]
 
 
 _MAX_LAG_S = 0.25
@@ -265,3 +265,17 @@ class EngineThread:
                 return
             if call is not None:
                 call.future.cancel()
+
+
+class DirectCalls:
+    """Runs the calls of a simulation in the thread of their caller; it replaces `EngineThread` if there is only one."""
+
+    def run(self, function: Callable[[], T], *, label: str, timeout_s: float) -> T:
+        """Runs a function, and returns its result or raises its exception; the timeout is not applied."""
+        return function()
+
+    def allow_rebuild(self) -> None:
+        """Does nothing, since there are no timeouts."""
+
+    def stop(self, *, timeout_s: float = 10.0) -> None:
+        """Does nothing, since there is no thread."""

@@ -6,7 +6,7 @@ force limited to that of an arm. Joint positions need only the poses of a snapsh
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import msgspec
@@ -50,7 +50,8 @@ class SpringPerturbation:
     """The mass that is pulled."""
     max_force: float = 150.0
     """Limit of the force [N]; the default is about the force of an arm."""
-    _previous_position: Array | None = None
+    held: Array | None = None
+    """Where the point was at the last call of `force`, in the world frame [m]."""
 
     def force(self, pose: PoseArray, duration_s: float) -> tuple[Vector, Vector]:
         """Returns the force [N] and the point at which it acts [m], both in the world frame.
@@ -60,17 +61,28 @@ class SpringPerturbation:
             duration_s: time since the last call [s], for the velocity of the point.
         """
         held = pose[:3] + quat_rotate(normalize(pose[3:]), np.asarray(self.point))
-        velocity = (
-            np.zeros(3) if self._previous_position is None else (held - self._previous_position) / max(duration_s, 1e-6)
-        )
-        self._previous_position = held
-        stiffness = min(_MAX_STIFFNESS, _STIFFNESS_PER_KG * self.mass_kg)
-        damping = 1.4 * (stiffness * self.mass_kg) ** 0.5
-        force = stiffness * (np.asarray(self.target) - held) - damping * velocity
-        size = float(np.linalg.norm(force))
-        if size > self.max_force:
-            force *= self.max_force / size
-        return _vector(force), _vector(held)
+        return _vector(spring_forces([self], held[None], duration_s)[0]), _vector(held)
+
+
+def spring_forces(springs: Sequence[SpringPerturbation], held: Array, duration_s: float | Array) -> Array:
+    """The forces of springs and dampers, k x 3 [N].
+
+    Args:
+        springs: the springs, k; they remember where they are held.
+        held: the current position of the point of each one in the world, k x 3 [m].
+        duration_s: time since the last call [s], for the velocity of the points; one number, or k x 1.
+    """
+    previous = np.array([now if each.held is None else each.held for each, now in zip(springs, held, strict=True)])
+    for each, now in zip(springs, held, strict=True):
+        each.held = now
+    mass = np.array([[each.mass_kg] for each in springs])
+    stiffness = np.minimum(_MAX_STIFFNESS, _STIFFNESS_PER_KG * mass)
+    damping = 1.4 * np.sqrt(stiffness * mass)
+    stretch = np.array([each.target for each in springs]) - held
+    force = stiffness * stretch - damping * (held - previous) / np.maximum(duration_s, 1e-6)
+    size = np.sqrt((force * force).sum(axis=1, keepdims=True))
+    limit = np.array([[each.max_force] for each in springs])
+    return np.asarray(force * np.minimum(1.0, limit / np.maximum(size, 1e-12)))
 
 
 class Perturbations(dict[BodyId, SpringPerturbation]):
@@ -93,14 +105,20 @@ class Perturbations(dict[BodyId, SpringPerturbation]):
 
     def step(self, engine: Engine, duration_s: float) -> None:
         """Steps the engine [s] while applying the forces."""
+        for part_s in self.substeps(engine, duration_s):
+            engine.step(part_s)
+
+    def substeps(self, engine: Engine, duration_s: float) -> Iterator[float]:
+        """Applies the forces for a time [s], and yields the parts by which the caller has to step the engine [s]."""
         left_s = duration_s
         while self and left_s > _SUBSTEP_S:
-            self._apply_forces(engine, _SUBSTEP_S)
-            engine.step(_SUBSTEP_S)
+            self.apply_forces(engine, _SUBSTEP_S)
+            yield _SUBSTEP_S
             left_s -= _SUBSTEP_S
-        engine.step(left_s)
+        yield left_s
 
-    def _apply_forces(self, engine: Engine, duration_s: float) -> None:
+    def apply_forces(self, engine: Engine, duration_s: float) -> None:
+        """Applies the forces for the next step of the engine [s]."""
         ids, poses = engine.poses()
         rows = {id: row for row, id in enumerate(ids) if id in self}
         for id, perturbation in list(self.items()):
@@ -177,6 +195,8 @@ class JointHandle:
         """The dynamic end, which is pulled; in some maps it is the parent."""
         self._movable_axes = movable_axes(joint)
         self._size = bodies[self.moving_body].size or (0.0, 0.0, 0.0)
+        self._held_points: dict[str, Array] = {}
+        """Where the moving body is held in `pull_target`, by axis."""
         self._parent_from_joint = pose_multiply(pose_inverse(_spawn_pose(spawn_record, bodies, parent)), frame)
         self._child_from_joint = pose_multiply(pose_inverse(_spawn_pose(spawn_record, bodies, child)), frame)
 
@@ -210,7 +230,10 @@ class JointHandle:
     def pull_target(self, axis: str, value: float, poses: Mapping[BodyId, Array]) -> PullTarget:
         """The pull that moves one axis to a value [m or rad], at the side far from a hinge, or at the center."""
         goal = self._pose_array_at(axis, value, poses)
-        point = np.zeros(3) if AXIS_NAMES.index(axis) < 3 else self._farthest_side(AXIS_NAMES.index(axis) % 3)
+        if axis not in self._held_points:
+            index = AXIS_NAMES.index(axis)
+            self._held_points[axis] = np.zeros(3) if index < 3 else self._farthest_side(index % 3)
+        point = self._held_points[axis]
         return PullTarget(self.moving_body, _vector(point), _vector(goal[:3] + quat_rotate(goal[3:], point)))
 
     def _relative_joint_frame(self, poses: Mapping[BodyId, Array]) -> Array:

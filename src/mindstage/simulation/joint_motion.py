@@ -8,7 +8,7 @@ print(f"blocked at {door.openness:.0%}")
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from typing import TypeVar
 
 import msgspec
@@ -17,7 +17,7 @@ import numpy as np
 from mindstage.engines.base import Capability
 from mindstage.engines.kinematic_tree import AXIS_NAMES
 from mindstage.errors import AmbiguousNameError, BodyNotFoundError, InvalidArgumentError, NameNotFoundError
-from mindstage.scene import BodyId, World
+from mindstage.scene import BodyId, Pose, World
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply
 from mindstage.simulation.interaction import JointAxisState, JointHandle
 from mindstage.simulation.state import EngineSession, poses_in
@@ -66,7 +66,13 @@ class SimulationJoint:
     """
 
     def __init__(
-        self, simulation: EngineSession, joint: JointHandle, world: World, *, master: SimulationJoint | None = None
+        self,
+        simulation: EngineSession,
+        joint: JointHandle,
+        world: World,
+        *,
+        master: SimulationJoint | None = None,
+        on_pull: Callable[[BodyId, float], object] | None = None,
     ) -> None:
         """See `find_joint`.
 
@@ -75,7 +81,9 @@ class SimulationJoint:
             joint: its kinematics, with at least one axis that is not locked.
             world: a current snapshot of the simulation.
             master: the joint that it mimics, if any.
+            on_pull: called with the id and the target [m or rad] when it is pulled.
         """
+        self._on_pull = on_pull
         self._master = master
         self._simulation = simulation
         self._joint = joint
@@ -110,6 +118,10 @@ class SimulationJoint:
             BodyNotFoundError: one of its bodies was deleted.
         """
         return self._joint.positions(self._poses())[self._axis.name] + self._zero
+
+    def pose_at(self, position: float) -> Pose:
+        """The pose of `body` at a position [m or rad]."""
+        return self._joint.pose_for(self._axis.name, position - self._zero, self._poses())
 
     @property
     def range(self) -> tuple[float, float]:
@@ -151,6 +163,17 @@ class SimulationJoint:
             whole = self.open_position - self.closed_position
         return min(1.0, abs(offset / whole))
 
+    def position_at(self, fraction: float) -> float:
+        """The position in which it is open by a fraction, from 0 (closed) to 1 [m or rad].
+
+        Raises:
+            InvalidArgumentError: the fraction is out of range, or the joint has no limits.
+        """
+        if not 0.0 <= fraction <= 1.0:
+            raise InvalidArgumentError(self.id, cause=f"it cannot be open by {fraction}", remedy="give 0 to 1")
+        closed = self.closed_position
+        return closed + fraction * (self.open_position - closed)
+
     def open(self, fraction: float = 1.0, *, timeout_s: float = 10.0) -> JointMotion:
         """Opens it, fully or to a fraction of its range.
 
@@ -161,10 +184,7 @@ class SimulationJoint:
         Raises:
             InvalidArgumentError: the fraction is out of range, or the joint has no limits.
         """
-        if not 0.0 <= fraction <= 1.0:
-            raise InvalidArgumentError(self.id, cause=f"it cannot be open by {fraction}", remedy="give 0 to 1")
-        closed = self.closed_position
-        return self.move_to(closed + fraction * (self.open_position - closed), timeout_s=timeout_s)
+        return self.move_to(self.position_at(fraction), timeout_s=timeout_s)
 
     def close(self, *, timeout_s: float = 10.0) -> JointMotion:
         """Moves it to `closed_position`; see `move_to`."""
@@ -186,15 +206,28 @@ class SimulationJoint:
             BodyNotFoundError: one of the joint's bodies was deleted.
             PoseUnreachableError: the body cannot take that pose.
         """
+        motion = self.moving_to(position, timeout_s=timeout_s, tolerance=tolerance)
+        while True:
+            try:
+                duration_s = next(motion)
+            except StopIteration as end:
+                moved: JointMotion = end.value
+                return moved
+            self._simulation.step(duration_s)
+
+    def moving_to(
+        self, position: float, *, timeout_s: float = 10.0, tolerance: float | None = None
+    ) -> Generator[float, None, JointMotion]:
+        """`move_to` for callers that step the simulation themselves: yields the times [s] by which they have to."""
         low, high = self.range
         if not low - _MIN_RANGE <= position <= high + _MIN_RANGE:
             cause = f"the position {position:g} is out of range"
             raise InvalidArgumentError(self.id, cause=cause, remedy=f"give {low:g} to {high:g} {self._unit}")
         limit = _TOLERANCES[self.is_prismatic] if tolerance is None else tolerance
         if self._master is not None:
-            duration_s = self._move_master(self._master, position, timeout_s, limit)
+            duration_s = yield from self._move_master(self._master, position, timeout_s, limit)
         elif Capability.JOINTS in self._simulation.capabilities and self._simulates:
-            duration_s = self._pull(position, timeout_s, limit)
+            duration_s = yield from self._pull(position, timeout_s, limit)
         else:
             pose = self._joint.pose_for(self._axis.name, position - self._zero, self._poses())
             self._simulation.run_on_engine(
@@ -213,7 +246,9 @@ class SimulationJoint:
     def _unit(self) -> str:
         return "m" if self.is_prismatic else "rad"
 
-    def _move_master(self, master: SimulationJoint, position: float, timeout_s: float, tolerance: float) -> float:
+    def _move_master(
+        self, master: SimulationJoint, position: float, timeout_s: float, tolerance: float
+    ) -> Generator[float, None, float]:
         """Moves the mimicked joint to where it puts this one; returns the simulated time [s].
 
         Raises:
@@ -232,15 +267,18 @@ class SimulationJoint:
         if low - slack <= target <= high + slack:
             target = min(max(target, low), high)
         accuracy = min(tolerance / abs(mimic.multiplier), _TOLERANCES[master.is_prismatic])
-        return master.move_to(target, timeout_s=timeout_s, tolerance=accuracy).duration_s
+        moved = yield from master.moving_to(target, timeout_s=timeout_s, tolerance=accuracy)
+        return moved.duration_s
 
-    def _pull(self, target: float, timeout_s: float, tolerance: float) -> float:
+    def _pull(self, target: float, timeout_s: float, tolerance: float) -> Generator[float, None, float]:
         """Pulls until the joint is at rest at the target, or until the timeout; returns the simulated time [s]."""
         start = before = self.position
         low, high = self.range
         whole = high - low if math.isfinite(high - low) else abs(target - start)
         speed = max(whole, abs(target - start), _MIN_RANGE) / _RAMP_S
         elapsed_s, extra, rests = 0.0, 0.0, 0
+        if self._on_pull is not None:
+            self._on_pull(self.id, target)
         try:
             while elapsed_s < timeout_s and rests < _REST_STEPS:
                 elapsed_s += _CONTROL_STEP_S
@@ -251,7 +289,7 @@ class SimulationJoint:
                     extra = max(-whole, min(whole, extra))
                 pull = self._joint.pull_target(self._axis.name, setpoint + extra - self._zero, self._poses())
                 self._simulation.pull(pull.id, point=pull.point, target=pull.target)
-                self._simulation.step(_CONTROL_STEP_S)
+                yield _CONTROL_STEP_S
                 now = self.position
                 is_at_rest = abs(now - before) <= tolerance * _CONTROL_STEP_S * 4
                 rests = rests + 1 if is_at_rest and abs(now - target) <= tolerance else 0
@@ -290,8 +328,15 @@ class SimulationJoint:
         return positions[self.id][AXIS_NAMES.index(name)] - self._joint.positions(self._poses())[name]
 
 
-def find_joint(simulation: EngineSession, name: str) -> SimulationJoint:
+def find_joint(
+    simulation: EngineSession, name: str, *, on_pull: Callable[[BodyId, float], object] | None = None
+) -> SimulationJoint:
     """Finds the joint of that id or IRI, or the only one that moves the body of that id or IRI.
+
+    Args:
+        simulation: the simulation.
+        name: the id or IRI of a joint or body.
+        on_pull: called with the id and the target [m or rad] when a joint is pulled.
 
     Raises:
         NameNotFoundError: no movable joint or body has that name.
@@ -322,6 +367,6 @@ def find_joint(simulation: EngineSession, name: str) -> SimulationJoint:
         master = None
         if mimic is not None and mimic.joint in by_id and mimic.joint not in followers:
             master = with_master(by_id[mimic.joint], followers | {mimic.joint})
-        return SimulationJoint(simulation, handle, world, master=master)
+        return SimulationJoint(simulation, handle, world, master=master, on_pull=on_pull)
 
     return with_master(found[0], frozenset({found[0].joint.id}))

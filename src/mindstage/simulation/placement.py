@@ -28,7 +28,7 @@ from mindstage.scene import (
     World,
 )
 from mindstage.scene.placement import PlacementSampler, PlacementSurface, support_surfaces
-from mindstage.scene.transforms import Array, normalize, quat_conjugate, quat_multiply, quat_rotate
+from mindstage.scene.transforms import Array, normalize, pose_from_array, quat_conjugate, quat_multiply, quat_rotate
 from mindstage.simulation.state import EngineSession
 
 __all__ = [
@@ -86,14 +86,14 @@ def make_body(simulation: EngineSession, cls: str, *, id: str | None = None, siz
 def place_body(
     simulation: EngineSession, body: Body, geometry: BodyGeometry | None, *, support_id: str, inside: bool
 ) -> PlacementResult:
-    """Spawns a body on another one, or in it, at a pose at which it stays.
+    """Spawns a body on another one, or in it, at a pose at which it stays; a body that exists is moved there.
 
     Free candidate poses are simulated until one is stable: the body is dropped from 1 mm and observed until it rests.
     If the engine can save its state, the trials do not affect other bodies; otherwise simulated time advances for all.
 
     Args:
         simulation: the simulation.
-        body: the body to spawn; its pose is ignored.
+        body: the body; its pose is ignored.
         geometry: its geometry.
         support_id: the id of the holder. With `inside`, surfaces of its parts and drawers are used too.
         inside: whether the body is placed in the holder, or on it.
@@ -107,6 +107,9 @@ def place_body(
     rows = {id: row for row, id in enumerate(snapshot.ids)}
     if support_id not in rows:
         raise BodyNotFoundError(support_id, known=snapshot.ids)
+    exists = body.id in rows
+    if body.id == support_id:
+        raise NoFreePlacementError(body.id, f"on {support_id}", reason="it cannot be placed on itself")
     location = f"{'into' if inside else 'on'} {support_id}"
     surfaces = list(
         _placement_surfaces(simulation, BodyId(support_id), bodies, existing, rows, snapshot.poses, inside=inside)
@@ -114,7 +117,8 @@ def place_body(
     if not surfaces:
         reason = "it has no known support surface inside" if inside else "none of its sides is level and faces up"
         raise NoFreePlacementError(body.id, location, reason=reason)
-    sampler = PlacementSampler(bodies, existing, snapshot.ids, snapshot.poses, enclosing_body_ids(simulation))
+    ignored_ids = enclosing_body_ids(simulation) | {body.id}
+    sampler = PlacementSampler(bodies, existing, snapshot.ids, snapshot.poses, ignored_ids)
     reasons, attempts = list[str](), 0
     for surface in surfaces:
         candidates, reason = sampler.candidate_poses(body, geometry, surface)
@@ -122,7 +126,8 @@ def place_body(
             reasons.append(reason)
         for candidate in _sample_poses(candidates, _MAX_ATTEMPTS - attempts):
             attempts += 1
-            rest_pose = _try_placement(simulation, msgspec.structs.replace(body, pose=candidate), geometry)
+            placed = msgspec.structs.replace(body, pose=candidate)
+            rest_pose = _try_move(simulation, placed) if exists else _try_placement(simulation, placed, geometry)
             if rest_pose is not None:
                 return PlacementResult(id=body.id, support_id=surface.body_id, pose=rest_pose, attempts=attempts)
             reasons.append("it does not stay there")
@@ -213,6 +218,30 @@ def _try_placement(simulation: EngineSession, body: Body, geometry: BodyGeometry
             persistent=False,
         )
     return rest_pose
+
+
+def _try_move(simulation: EngineSession, body: Body) -> Pose | None:
+    """Simulates an existing body at its pose; if it is stable, moves it to the rest pose and returns that, else None.
+
+    Raises:
+        PoseUnreachableError: a joint of the body does not allow the pose.
+    """
+
+    def simulate(engine: Engine) -> Pose | None:
+        before = engine.save_state() if Capability.SAVE in engine.capabilities else None
+        start = _current_pose(engine, body.id)
+        engine.set_pose(body.id, body.pose)
+        rest_pose = _settle(engine, body)
+        if before is not None:
+            engine.restore_state(before)
+        if rest_pose is not None:
+            engine.set_pose(body.id, rest_pose)
+        elif before is None:
+            engine.set_pose(body.id, pose_from_array(start))
+        return rest_pose
+
+    timeout_s = simulation.timeout_s + 10 * _MAX_SETTLE_S
+    return simulation.run_on_engine(simulate, label="place", timeout_s=timeout_s, edits=True)
 
 
 def _settle(engine: Engine, body: Body) -> Pose | None:

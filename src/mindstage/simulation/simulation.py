@@ -9,12 +9,9 @@ from __future__ import annotations
 
 import os
 import time
-from collections import Counter
 from collections.abc import Callable, Container, Iterable
 from contextlib import ExitStack, suppress
 from functools import partial
-from threading import Lock
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import msgspec
@@ -28,10 +25,7 @@ from mindstage.engines.base import (
     MovedBody,
     RebuildingEngine,
     SavedState,
-    SpawnFailure,
     SpawnNote,
-    SpawnNoteKind,
-    SpawnOptions,
     SpawnReport,
 )
 from mindstage.engines.place import REST_CHECK_S, PlaceBounds, find_moved_bodies
@@ -43,15 +37,18 @@ from mindstage.errors import (
     SimulationError,
 )
 from mindstage.knowledge import KnowledgeBase, SparqlResult
+from mindstage.knowledge.history import NOW, WorldState, time_arguments
+from mindstage.knowledge.over_time import argument_names, ask_over_time, recorded_so_far
 from mindstage.knowledge.queries import AnswerRow, Answers, Question
-from mindstage.knowledge.questions import StateAccess, WorldState
+from mindstage.knowledge.questions import StateAccess
 from mindstage.knowledge.sentences import resolve_question
-from mindstage.scene import NO_GEOMETRY, Body, BodyGeometry, BodyId, Color, GeometryMap, GeometrySource, Vector, World
+from mindstage.scene import Body, BodyId, Color, GeometryMap, Vector, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
 from mindstage.scene.transforms import Array
-from mindstage.simulation.engine_thread import EditHold, EngineThread, RealTimeClock
+from mindstage.simulation.engine_thread import DirectCalls, EditHold, EngineThread, RealTimeClock
+from mindstage.simulation.geometry_provider import GeometryProvider, with_geometry_notes, with_immovable_notes
 from mindstage.simulation.highlights import (
     HighlightResult,
     Highlights,
@@ -59,180 +56,20 @@ from mindstage.simulation.highlights import (
     MarkerStore,
     highlight_request,
 )
+from mindstage.simulation.imagined import EditRecordingEngine, ForkOrigin, commit_edits, copied_engine
 from mindstage.simulation.interaction import Perturbations
 from mindstage.simulation.joint_motion import SimulationJoint, find_joint
+from mindstage.simulation.observation import ClientDirectory, Observers, SimulationObserver, current_client
 from mindstage.simulation.placement import PlacementResult, make_body, place_body
 from mindstage.simulation.state import StateSnapshot
 from mindstage.simulation.undo import UndoStack
 
 if TYPE_CHECKING:
-    from mindstage.geometry.fit import FittedGeometry, MeshProvider
-    from mindstage.geometry.immovable import ImmovableBodies
+    from mindstage.episodes.recorder import Recorder
+    from mindstage.geometry.fit import MeshProvider
     from mindstage.saving import FileDialect, FileFormat
 
-__all__ = [
-    "ClientDirectory",
-    "ConnectedClient",
-    "GeometryProvider",
-    "Simulation",
-    "with_geometry_notes",
-]
-
-
-class ConnectedClient(msgspec.Struct, frozen=True, kw_only=True):
-    """A connected client, such as a ROS node."""
-
-    name: str
-    transport: str
-    """The transport, such as "ROS"."""
-    activity: str = ""
-    """A short description of what it uses."""
-
-
-class ClientDirectory:
-    """Lists connected clients, and notifies listeners of edits; may be used from any thread."""
-
-    def __init__(self) -> None:
-        self._sources: tuple[Callable[[], Iterable[ConnectedClient]], ...] = ()
-        self._edit_callbacks: tuple[Callable[[], None], ...] = ()
-
-    def add_client_source(self, source: Callable[[], Iterable[ConnectedClient]]) -> Callable[[], None]:
-        """Registers a callback, for any thread, that lists connected clients; returns a function that removes it."""
-        self._sources = (*self._sources, source)
-
-        def remove() -> None:
-            self._sources = tuple(each for each in self._sources if each is not source)
-
-        return remove
-
-    def clients(self) -> tuple[ConnectedClient, ...]:
-        """The clients that are connected now."""
-        return tuple(client for source in self._sources for client in source())
-
-    def on_edit(self, callback: Callable[[], None]) -> Callable[[], None]:
-        """Registers a callback for edits, called after they are published; returns a function that removes it.
-
-        It is called in the engine thread, and must not block.
-        """
-        self._edit_callbacks = (*self._edit_callbacks, callback)
-
-        def remove() -> None:
-            self._edit_callbacks = tuple(each for each in self._edit_callbacks if each is not callback)
-
-        return remove
-
-    def notify_edit(self) -> None:
-        """Calls the edit callbacks: bodies, materials or highlights were added, removed or changed."""
-        for callback in self._edit_callbacks:
-            callback()
-
-
-_SOURCE_TEXTS = {
-    GeometrySource.MESH: "from meshes",
-    GeometrySource.ONTOLOGY: "from the shape rules of their classes",
-    GeometrySource.CLASS_NAME: "inferred from the names of their classes",
-    GeometrySource.MAP: "the primitive shapes of the map",
-}
-
-
-class GeometryProvider:
-    """Fits geometry to bodies, and keeps it, also of deleted bodies, until `clear`."""
-
-    def __init__(self, knowledge: KnowledgeBase, *, shapes: bool, meshes: MeshProvider | None) -> None:
-        """Creates a provider without geometry.
-
-        Args:
-            knowledge: the source of shape rules for classes.
-            shapes: whether shape rules are used; otherwise a body without a mesh has its primitive shape.
-            meshes: the source of meshes.
-        """
-        self._knowledge = knowledge
-        self._shapes, self._meshes = shapes, meshes
-        self._geometry: dict[BodyId, BodyGeometry] = {}
-        self._immovable: frozenset[BodyId] = frozenset()
-        self._cached: tuple[tuple[BodyId, ...], GeometryMap] = ((), NO_GEOMETRY)
-        self._lock = Lock()
-
-    def set_knowledge(self, knowledge: KnowledgeBase) -> None:
-        """Replaces the source of shape rules."""
-        self._knowledge = knowledge
-
-    def fit(self, world: World, *, geometry: GeometryMap | None = None) -> FittedGeometry:
-        """Fits geometry to the bodies of a world, unless it is given."""
-        from mindstage.geometry.fit import FitNote, FittedGeometry, fit_geometry
-
-        if geometry is not None:
-            return FittedGeometry(geometry)
-        if self._shapes:
-            return fit_geometry(world, self._knowledge, meshes=self._meshes)
-        if self._meshes is None:
-            return FittedGeometry(NO_GEOMETRY)
-        found = self._meshes.geometry_for(world.bodies)
-        return FittedGeometry(found.geometry, tuple(FitNote((), text) for text in found.notes))
-
-    def find_immovable(self, world: World) -> ImmovableBodies:
-        """The dynamic bodies of a world that cannot be loose, by their class or size."""
-        from mindstage.geometry.immovable import find_immovable_bodies
-
-        return find_immovable_bodies(world, self._knowledge)
-
-    @property
-    def immovable(self) -> frozenset[BodyId]:
-        """The bodies that were spawned as immovable ones."""
-        return self._immovable
-
-    def options(self, *, immovable: frozenset[BodyId] | None = None, ground: bool = False) -> SpawnOptions:
-        """The options of a spawn; by default with the bodies that were immovable when they were spawned."""
-        return SpawnOptions(immovable=self._immovable if immovable is None else immovable, ground=ground)
-
-    def add(
-        self,
-        geometry: GeometryMap,
-        *,
-        failed: Iterable[SpawnFailure] = (),
-        immovable: frozenset[BodyId] = frozenset(),
-    ) -> None:
-        """Keeps the geometry of spawned bodies; a failed body may have the id of one that exists."""
-        failed_ids = {failure.id for failure in failed}
-        with self._lock:
-            self._immovable |= immovable - failed_ids
-            self._geometry |= {id: fitted for id, fitted in geometry.items() if id not in failed_ids}
-            self._cached = ((), NO_GEOMETRY)
-
-    def for_world(self, world: World) -> GeometryMap:
-        """The geometry with which a world was spawned."""
-        return {body.id: self._geometry[body.id] for body in world.bodies if body.id in self._geometry}
-
-    def clear(self) -> None:
-        """Removes all geometry."""
-        with self._lock:
-            self._geometry, self._cached, self._immovable = {}, ((), NO_GEOMETRY), frozenset()
-
-    def for_ids(self, ids: tuple[BodyId, ...]) -> GeometryMap:
-        """The geometry of bodies; the same object for the same tuple."""
-        with self._lock:
-            cached_ids, geometry = self._cached
-            if cached_ids is not ids:
-                geometry = MappingProxyType({id: self._geometry[id] for id in ids if id in self._geometry})
-                self._cached = (ids, geometry)
-            return geometry
-
-
-def with_geometry_notes(report: SpawnReport, fitted: FittedGeometry, ids: Iterable[BodyId]) -> SpawnReport:
-    """Adds notes on the sources of the bodies' geometry to a report."""
-    spawned = set(ids) - {failure.id for failure in report.failed_bodies}
-    count = Counter(geometry.source for id, geometry in fitted.geometry.items() if id in spawned)
-    notes = [SpawnNote(SpawnNoteKind.SHAPE, note.ids, note.text) for note in fitted.notes]
-    if count:
-        counts = ", ".join(f"{count[source]} {text}" for source, text in _SOURCE_TEXTS.items() if count[source])
-        notes.insert(0, SpawnNote(SpawnNoteKind.SHAPE, (), f"geometry: {counts}"))
-    return replace(report, notes=(*report.notes, *notes)) if notes else report
-
-
-def with_immovable_notes(report: SpawnReport, immovable: ImmovableBodies) -> SpawnReport:
-    """Adds notes on dynamic bodies that are simulated as static ones to a report."""
-    notes = [SpawnNote(SpawnNoteKind.IMMOVABLE, ids, text) for ids, text in immovable.notes]
-    return replace(report, notes=(*report.notes, *notes)) if notes else report
+__all__ = ["Simulation"]
 
 
 T = TypeVar("T")
@@ -263,6 +100,15 @@ class _StartState(msgspec.Struct, frozen=True, eq=False):
     """None if the engine cannot save its state; the worlds are then spawned again."""
 
 
+_PICKLED_FIELDS = (
+    "knowledge",
+    "timeout_s",
+    "_geometry_provider",
+    "_worlds",
+    "_temporary_worlds",
+    "_reports",
+    "_grounded",
+)
 _TICK_S = 1 / 60
 """Interval at which a playing simulation is stepped and published [s]."""
 _STEP_CHUNK_S = 0.1
@@ -280,6 +126,7 @@ class Simulation:
         timeout_s: float = 10.0,
         shapes: bool = True,
         meshes: MeshProvider | None = None,
+        threaded: bool = True,
     ) -> None:
         """Starts the engine thread; from then on the engine must be used through the simulation only.
 
@@ -289,13 +136,15 @@ class Simulation:
             timeout_s: timeout of a call [s], after which it raises `SimulationTimeoutError`.
             shapes: whether bodies get geometry from the shape rules of their classes; otherwise primitive shapes.
             meshes: the source of meshes, which take precedence over shape rules.
+            threaded: whether the engine has a thread of its own; otherwise calls run in the thread of their caller,
+                which must always be the same, and the simulation cannot play in real time.
         """
         self.knowledge = knowledge
         self.timeout_s = timeout_s
         self.clients = ClientDirectory()
         self.undo_stack = UndoStack(self)
         self._engine = engine
-        self._rebuilding_engine = engine if isinstance(engine, RebuildingEngine) else None
+        self._rebuilding_engine: RebuildingEngine | None = engine if isinstance(engine, RebuildingEngine) else None
         self._geometry_provider = GeometryProvider(knowledge, shapes=shapes, meshes=meshes)
         self._revision = 0
         self._worlds: tuple[World, ...] = ()
@@ -311,12 +160,18 @@ class Simulation:
         self._perturbations = Perturbations()
         self._highlights = Highlights()
         self._markers = MarkerStore()
+        self._observers = Observers()
+        self._recorder: Recorder | None = None
         self._error = ""
         self._engine_error: EngineError | None = None
         self._closed = False
         self._at_close = ExitStack()
         self._state = self._read_state()
-        self._thread = EngineThread(self._tick, on_late_end=self._notify_late_end)
+        self._origin: ForkOrigin | None = None
+        self._imaginations: tuple[Simulation, ...] = ()
+        self._thread: EngineThread | DirectCalls = DirectCalls()
+        if threaded:
+            self._thread = EngineThread(self._tick, on_late_end=self._notify_late_end)
 
     # -- the world -----------------------------------------------------------------------------------------
 
@@ -631,13 +486,18 @@ class Simulation:
         if self._closed:
             raise SimulationError("the simulation is closed; make a new one")
 
+        client = current_client()
+
         def run() -> T:
             if self._is_rebuild_pending():
                 self._thread.allow_rebuild()
             try:
                 if saves_first:
                     self._save_initial_state()
-                return function(self._engine)
+                if not self._observers:
+                    return function(self._engine)
+                with self._observers.editing(self._engine, label=label, client=client) as engine:
+                    return function(engine)
             finally:
                 if edits and self._is_rebuild_pending():
                     self._edit_hold.add_edit()
@@ -654,22 +514,42 @@ class Simulation:
     def ask(self, question: Question[Any] | str, /, *positional: object, **args: object) -> Answers[Any]:
         """All answers to a question or a plain sentence, for the current state; see `KnowledgeBase.ask`.
 
-        The state is read from the engine at most once, and only by questions about it.
+        The state is read from the engine at most once, and only by questions about it. With `at`, `during`, `since`,
+        `until` or `episode` the question is about an episode of the knowledge base, or what is being recorded, and not
+        about the present.
         """
-        present = StateAccess(self.knowledge, self.current_state)
+        time, args = time_arguments(args, declared=argument_names(question))
+        present = StateAccess(self.knowledge, self.current_state, simulation=self)
         resolved, known, notes = resolve_question(
             self.knowledge, question, args, positional=positional, find_body=present.find_individual
         )
-        return resolved.ask(self.knowledge, known, present=present, notes=notes)
+        if time != NOW or resolved.about_past:
+            with recorded_so_far(self._recorder) as running:
+                episodes = (*self.knowledge.episodes, *running)
+                return ask_over_time(self.knowledge, resolved, known, time=time, episodes=episodes, notes=notes)
+        answers = resolved.ask(self.knowledge, known, present=present, notes=notes)
+        if self._observers:
+            self._observers.report_answers(answers)
+        return answers
 
-    def sparql(self, query: str, *, timeout_s: float = 30.0, allow_service: bool = False) -> SparqlResult:
+    def sparql(
+        self,
+        query: str,
+        *,
+        timeout_s: float = 30.0,
+        allow_service: bool = False,
+        at: float | None = None,
+        episode: str | None = None,
+    ) -> SparqlResult:
         """Runs a SPARQL query; see `KnowledgeBase.sparql`.
 
         The graph `urn:mindstage:present`, which a query names with FROM or GRAPH, has the current state: poses, joint
         positions, attachments, and what is on or in what. All other graphs are as loaded.
         """
         present = StateAccess(self.knowledge, self.current_state)
-        return self.knowledge.sparql(query, timeout_s=timeout_s, allow_service=allow_service, present=present)
+        return self.knowledge.sparql(
+            query, timeout_s=timeout_s, allow_service=allow_service, present=present, at=at, episode=episode
+        )
 
     def highlight(
         self,
@@ -723,6 +603,107 @@ class Simulation:
         removed = tuple(ids)
         return self.run_on_engine(lambda _: self._markers.remove(removed), label="remove markers")
 
+    # -- recordings ----------------------------------------------------------------------------------------
+
+    def observe(self, observer: SimulationObserver) -> Callable[[], None]:
+        """Registers an observer of states and edits; returns a function that removes it."""
+        return self._observers.add(observer)
+
+    def record(self, path: str | os.PathLike[str], *, rate_hz: float = 30.0) -> Recorder:
+        """Records everything that happens from now on in an episode file, until `stop` or the end of the context.
+
+        Args:
+            path: a file that does not exist, ending with ".mcap".
+            rate_hz: frames per simulated second; see `Recorder`.
+
+        Raises:
+            EpisodeFileError: the file exists or cannot be written, or the suffix is another one.
+        """
+        from mindstage.episodes.recorder import Recorder
+
+        self._recorder = Recorder(self, path, rate_hz=rate_hz)
+        return self._recorder
+
+    # -- copies --------------------------------------------------------------------------------------------
+
+    def imagine(self, *, threaded: bool = True, physics: bool = False) -> Simulation:
+        """Copies the simulation: `with sim.imagine() as copy`. Nothing that happens in the copy affects the original.
+
+        The copy starts in exactly the same state if the engine can be forked; otherwise it is simulated by MuJoCo from
+        a snapshot, and `origin.notes` lists the differences. The knowledge base is shared. `commit` makes the edits of
+        the copy in the original; closing it throws it away.
+
+        Args:
+            threaded: whether the copy has a thread of its own; otherwise it is used from the calling thread only, and
+                cannot play in real time.
+            physics: whether the copy of an engine without physics is simulated by MuJoCo, from a snapshot.
+        """
+        provider = self._geometry_provider
+
+        def fork(engine: Engine) -> tuple[Engine, ForkOrigin]:
+            options = provider.options(ground=self._grounded)
+            copied, notes = copied_engine(
+                engine, worlds=self.worlds, geometry=self.geometry, options=options, physics=physics
+            )
+            ids, poses = engine.poses()
+            return copied, ForkOrigin(self, self._revision, ids, poses, notes)
+
+        engine, origin = self.run_on_engine(fork, label="imagine")
+        self._observers.report("imagination", details={"notes": origin.notes})
+        recorded = EditRecordingEngine(engine)
+        copy = Simulation(self.knowledge, recorded.as_engine(), timeout_s=self.timeout_s, threaded=threaded)
+        copy._geometry_provider, copy._origin = provider.copy(), origin
+        copy._worlds, copy._temporary_worlds, copy._reports = self._worlds, self._temporary_worlds, self._reports
+        copy._grounded = self._grounded
+        if self._initial_state is not None and not origin.notes:
+            copy._initial_state = recorded.own_state(self._initial_state)
+        if threaded:
+            self._imaginations = (*self._imaginations, copy)
+            copy.on_close(lambda: self._forget_imagination(copy))
+        return copy
+
+    @property
+    def origin(self) -> ForkOrigin | None:
+        """The simulation that this one is a copy of, and its state then; None if it is no copy."""
+        return self._origin
+
+    @property
+    def imaginations(self) -> tuple[Simulation, ...]:
+        """The copies that are open and have threads of their own, in the order in which they were made."""
+        return self._imaginations
+
+    def commit(self) -> tuple[str, ...]:
+        """Makes the edits of this copy in its original: spawned, deleted, moved and attached bodies, moved joints.
+
+        Edits are repeated, their outcome is not: joints are moved by pulling again, and time that passed in the copy is
+        not stepped in the original.
+
+        Returns:
+            The edits that were made, in words.
+
+        Raises:
+            CommitError: this is not a copy, or the original has changed since it was copied, or an edit is not possible
+                there.
+        """
+        return commit_edits(self._engine, self._origin)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process needs to make an equal copy; only copies without a thread can be pickled."""
+        if not isinstance(self._thread, DirectCalls) or not isinstance(self._engine, EditRecordingEngine):
+            raise TypeError("only a copy that was made with `imagine(threaded=False)` can be pickled")
+        state = {name: getattr(self, name) for name in _PICKLED_FIELDS}
+        return {**state, "engine": self._engine.engine, "notes": self._origin.notes if self._origin else ()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        engine = EditRecordingEngine(state.pop("engine")).as_engine()
+        notes = state.pop("notes")
+        Simulation.__init__(self, state.pop("knowledge"), engine, timeout_s=state.pop("timeout_s"), threaded=False)
+        self.__dict__ |= state
+        self._origin = ForkOrigin(self, self._revision, self._state.ids, self._state.poses, notes)
+
+    def _forget_imagination(self, copy: Simulation) -> None:
+        self._imaginations = tuple(each for each in self._imaginations if each is not copy)
+
     # -- time ----------------------------------------------------------------------------------------------
 
     def step(self, duration_s: float, *, progress: Callable[[float], None] | None = None) -> None:
@@ -734,9 +715,10 @@ class Simulation:
         """
         done = 0.0
         while done < duration_s:
-            chunk = min(_STEP_CHUNK_S, duration_s - done)
+            longest = self._observers.step_s(_STEP_CHUNK_S)
+            chunk = min(longest, duration_s - done)
             self.run_on_engine(partial(self._advance, chunk), label="step", timeout_s=self.timeout_s * 6)
-            done = done + chunk if duration_s - done > _STEP_CHUNK_S else duration_s
+            done = done + chunk if duration_s - done > longest else duration_s
             if progress is not None:
                 progress(done)
 
@@ -744,6 +726,8 @@ class Simulation:
         """Starts to advance simulated time at a multiple of real time, in the background."""
         if not speed > 0:
             raise ValueError(f"speed must be above 0, not {speed}")
+        if isinstance(self._thread, DirectCalls):
+            raise SimulationError("a simulation without a thread cannot play; use `step`, or copy it with `threaded`")
         self._error, self._clock = "", RealTimeClock(speed)
         self.run_on_engine(lambda engine: None, label="play")
 
@@ -764,10 +748,10 @@ class Simulation:
         return make_body(self, cls, id=id, size=size)
 
     def place(self, item: Body | str, *, on: str | None = None, into: str | None = None) -> PlacementResult:
-        """Spawns a body on or in another one, at a free pose at which it stays.
+        """Spawns a body on or in another one, at a free pose at which it stays; an existing body is moved there.
 
         Args:
-            item: a body, whose pose is ignored, or the name of a class for a new body of that class.
+            item: a body, whose pose is ignored, the id of a body that exists, or the name of a class for a new body.
             on: the id of the body to place it on.
             into: the id of the body to place it in, including its parts and drawers.
 
@@ -779,6 +763,10 @@ class Simulation:
         """
         if (on is None) is (into is None):
             raise InvalidArgumentError("place", cause="it needs one holder", remedy="give either `on` or `into`")
+        if isinstance(item, str) and item in self._state.ids:
+            body = self.snapshot().body(BodyId(item))
+            geometry = self.geometry.get(body.id)
+            return place_body(self, body, geometry, support_id=on or into or "", inside=into is not None)
         body = item if isinstance(item, Body) else self.make_body(item)
         geometry = self._geometry_provider.fit(World(iri=body.iri, bodies=(body,))).geometry.get(body.id)
         return place_body(self, body, geometry, support_id=on or into or "", inside=into is not None)
@@ -793,7 +781,8 @@ class Simulation:
             NameNotFoundError: no movable joint or body has that name.
             AmbiguousNameError: several joints move that body.
         """
-        return find_joint(self, id)
+        record = self._engine.add_joint_motion if isinstance(self._engine, EditRecordingEngine) else None
+        return find_joint(self, id, on_pull=record)
 
     def save(
         self,
@@ -834,10 +823,15 @@ class Simulation:
             point: where the force acts, in the body frame [m].
             target: where the point is pulled to, in the world frame [m].
         """
+        is_new = id not in self._perturbations
         self._perturbations.pull(id, point=point, target=target, worlds=self.worlds)
+        if is_new:
+            self._observers.report("pull", ids=(id,), details={"point": point, "target": target})
 
     def release(self, id: BodyId | None = None) -> None:
         """Ends the pull on one body, or all pulls."""
+        if released := tuple(self._perturbations) if id is None else (id,):
+            self._observers.report("release", ids=released)
         self._perturbations.release(id)
 
     # -- closing -------------------------------------------------------------------------------------------
@@ -894,7 +888,7 @@ class Simulation:
                 if self._is_rebuild_pending():
                     self._thread.allow_rebuild()
                 with self._edit_hold.rebuilding():
-                    self._advance(due_s)
+                    self._advance_observed(due_s)
             except EngineError as error:
                 self._error, self._clock = str(error), None
             clock.advance(due_s)
@@ -908,6 +902,15 @@ class Simulation:
 
     def _advance(self, duration_s: float, _: Engine | None = None) -> None:
         self._perturbations.step(self._engine, duration_s)
+
+    def _advance_observed(self, duration_s: float) -> None:
+        """Advances time, and publishes the states in between that observers need."""
+        part_s = self._observers.step_s(duration_s)
+        while duration_s > part_s * (1.0 + 1e-9):
+            self._advance(part_s)
+            duration_s -= part_s
+            self._publish_if_possible()
+        self._advance(duration_s)
 
     def _save_initial_state(self) -> None:
         """Saves the state after the last persistent spawns, before anything changes it."""
@@ -934,6 +937,9 @@ class Simulation:
             self._engine_error, self._clock, self._error = error, None, str(error)
             self._state = msgspec.structs.replace(self._state, playing=False, error=self._error)
             raise
+        if self._observers:
+            pending = self._is_rebuild_pending()
+            self._observers.publish(self._state, self._engine, edited=edits, rebuild_pending=pending)
         if edits:
             self.clients.notify_edit()
 

@@ -16,7 +16,7 @@ from mindstage.scene import BodyId, Color, GeometryMap, Vector, World
 from mindstage.scene.transforms import Array, normalize
 from mindstage.simulation.highlights import HighlightGroup, Marker
 
-__all__ = ["EngineSession", "StateSnapshot", "poses_in"]
+__all__ = ["EngineSession", "StateSnapshot", "WorldSession", "poses_in"]
 
 T = TypeVar("T")
 
@@ -50,19 +50,14 @@ class StateSnapshot(msgspec.Struct, frozen=True, eq=False):
     """The error that paused the simulation; empty if there is none."""
 
 
-class EngineSession(Protocol):
-    """The part of `Simulation` that placement, undo and joint motion use."""
+class WorldSession(Protocol):
+    """The part of `Simulation` through which a world is read and changed, but not stepped."""
 
     knowledge: KnowledgeBase
-    timeout_s: float
 
     @property
     def worlds(self) -> tuple[World, ...]:
         """The worlds that were spawned."""
-
-    @property
-    def reports(self) -> tuple[SpawnReport, ...]:
-        """The report of each spawn."""
 
     @property
     def state(self) -> StateSnapshot:
@@ -71,6 +66,30 @@ class EngineSession(Protocol):
     @property
     def capabilities(self) -> frozenset[Capability]:
         """The optional capabilities of the engine."""
+
+    def snapshot(self) -> World:
+        """The current state as a world."""
+
+    def pull(self, id: BodyId, *, point: Vector, target: Vector) -> None:
+        """Pulls a point of a body towards a target [m]."""
+
+    def release(self, id: BodyId | None = None) -> None:
+        """Ends the pull on one body, or all pulls."""
+
+    def run_on_engine(
+        self, function: Callable[[Engine], T], *, label: str = "", timeout_s: float | None = None, edits: bool = False
+    ) -> T:
+        """Runs a function on the engine, in the thread that owns it."""
+
+
+class EngineSession(WorldSession, Protocol):
+    """The part of `Simulation` that placement, undo and joint motion use."""
+
+    timeout_s: float
+
+    @property
+    def reports(self) -> tuple[SpawnReport, ...]:
+        """The report of each spawn."""
 
     @property
     def geometry(self) -> GeometryMap:
@@ -90,25 +109,15 @@ class EngineSession(Protocol):
     ) -> SpawnReport:
         """Spawns a world."""
 
-    def snapshot(self) -> World:
-        """The current state as a world."""
-
     def step(self, duration_s: float) -> None:
         """Advances simulated time [s]."""
 
-    def pull(self, id: BodyId, *, point: Vector, target: Vector) -> None:
-        """Pulls a point of a body towards a target [m]."""
-
-    def release(self, id: BodyId | None = None) -> None:
-        """Ends the pull on one body, or all pulls."""
+    @property
+    def closed(self) -> bool:
+        """Whether `close` was called."""
 
     def reset(self) -> None:
         """Restores the state after the last persistent spawn."""
-
-    def run_on_engine(
-        self, function: Callable[[Engine], T], *, label: str = "", timeout_s: float | None = None, edits: bool = False
-    ) -> T:
-        """Runs a function on the engine, in the thread that owns it."""
 
 
 def poses_in(snapshot: StateSnapshot, ids: Container[BodyId]) -> dict[BodyId, Array]:

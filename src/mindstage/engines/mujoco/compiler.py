@@ -402,6 +402,7 @@ class _SpecBuilder:
         """Names of hull meshes by their points."""
         self.scenery_boxes = OrientedBoxes.from_poses(np.zeros((0, 7)), np.zeros((0, 3)))
         """A box around each geom of the scenery."""
+        self.scenery_geom_counts: list[int] = []
         self.frames = _frames(model_input)
         self.spec_bodies: dict[BodyId, Any] = {}
         self.free_joints: dict[BodyId, Any] = {}
@@ -485,7 +486,7 @@ class _SpecBuilder:
             if model_input.is_fixed(group) and excluded.isdisjoint(group.bodies):
                 scenery += group.bodies
         shapes_of_body = [model_input.builder.collision_shapes(id) for id in scenery]
-        counts = [len(shapes) for shapes, _ in shapes_of_body]
+        counts = self.scenery_geom_counts = [len(shapes) for shapes, _ in shapes_of_body]
         standing = np.repeat(model_input.poses[[model_input.rows[id] for id in scenery]], counts, axis=0)
         local = [_IDENTITY_POSE[None] if poses is None else poses for _, poses in shapes_of_body]
         poses = pose_multiply(standing, np.concatenate([np.zeros((0, 7)), *local]))
@@ -658,8 +659,13 @@ class _SpecBuilder:
         }
         order = np.fromiter((numbers.get(id, 0) for id in model_input.rows), dtype=np.intp, count=len(model_input.rows))
         rows = np.array([model_input.rows[id] for id in scenery], dtype=np.intp)
+        row_of_body = np.full(model.nbody, -1, dtype=np.intp)
+        row_of_body[order[order > 0]] = np.flatnonzero(order > 0)
+        geom_rows = row_of_body[model.geom_bodyid]
+        scenery_rows = np.repeat(rows, self.scenery_geom_counts)
+        geom_rows[: len(scenery_rows)] = scenery_rows  # the geoms of the world body are the first, in this order
         return CompiledModel(
-            model, data, model_input.rows, numbers, order, rows, model_input.poses[rows], joints, free, mocap
+            model, data, model_input.rows, numbers, order, rows, model_input.poses[rows], joints, free, mocap, geom_rows
         )
 
 

@@ -11,7 +11,9 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
+from typing import NamedTuple
 
+import msgspec
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,8 @@ from numpy.typing import NDArray
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
     Capability,
+    Contact,
+    DynamicsScale,
     EngineStats,
     PoseArray,
     SavedState,
@@ -33,6 +37,8 @@ from mindstage.engines.mujoco.state import (
     CompiledModel,
     ModelJoint,
     current_joint_coordinates,
+    find_contacts,
+    scale_model,
     set_joint_coordinates,
     transfer_state,
     wake_islands,
@@ -63,7 +69,7 @@ from mindstage.scene.transforms import (
     pose_multiply,
 )
 
-__all__ = ["ModelCache", "MujocoEngine"]
+__all__ = ["ModelCache", "MujocoEngine", "whole_steps"]
 
 
 class ModelCache:
@@ -84,18 +90,18 @@ class ModelCache:
         self._changed_boxes: list[Array] = []
         self._fast_bodies: set[BodyId] = set()
         """Bodies that were reported as fast."""
+        self._scales: dict[BodyId, DynamicsScale] = {}
 
     def copy(self) -> ModelCache:
         """An independent copy, stale if this one is; compiled models are immutable and shared."""
         result = ModelCache(self._timestep_s, time_s=self._time_s)
         result.builder, result.stale = self.builder.copy(), self.stale
         if self._compiled is not None:
-            result._compiled = copy.copy(self._compiled)
-            result._compiled.data = copy.copy(self._compiled.data)
+            result._compiled = self._compiled.copy()
         result._pending_poses, result._at_rest = dict(self._pending_poses), set(self._at_rest)
         result._stale_poses = self._stale_poses
         result._changed_boxes, result._kinematics_driven = list(self._changed_boxes), self._kinematics_driven
-        result._fast_bodies = set(self._fast_bodies)
+        result._fast_bodies, result._scales = set(self._fast_bodies), dict(self._scales)
         return result
 
     # -- state ------------------------------------------------------------------------------------------------
@@ -159,11 +165,15 @@ class ModelCache:
 
     def bounds(self, ids: Iterable[BodyId]) -> Array:
         """The axis-aligned box around some bodies, 2 x 3: lower and upper corner [m]."""
+        boxes = self._boxes(ids)
+        return np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+
+    def _boxes(self, ids: Iterable[BodyId]) -> Array:
+        """The axis-aligned box around each of some bodies, k x 2 x 3: lower and upper corner [m]."""
         poses_by_id = self.poses_by_id()
         selected = list(ids)
         poses = np.array([poses_by_id[id] for id in selected]).reshape(-1, 7)
-        low, high = OrientedBoxes.from_poses(poses, self.builder.mass_properties.sizes(selected)).bounds()
-        return np.array([low.min(axis=0), high.max(axis=0)])
+        return np.stack(OrientedBoxes.from_poses(poses, self.builder.mass_properties.sizes(selected)).bounds(), axis=1)
 
     def model_input(self, poses: Array | None = None) -> ModelInput:
         """The input for compiling the current world.
@@ -285,6 +295,24 @@ class ModelCache:
                 )
                 self.late_notes.append(SpawnNote(SpawnNoteKind.FAST, (id,), text))
 
+    def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
+        """See `Engine.scale_dynamics`."""
+        for id, scale in scales.items():
+            self.registry.body(id)
+            for name, factor in msgspec.structs.asdict(scale).items():
+                if not 0.0 < factor < float("inf"):
+                    raise ValueError(f"the factor of the {name} of {id!r} must be above 0 and finite, not {factor}")
+        before, self._scales = self._scales, {**self._scales, **scales}
+        boxes = self._boxes(scales)
+        if self.stale or self._compiled is None:
+            self._changed_boxes += list(boxes)
+        elif scales:
+            compiled = self._compiled
+            compiled.model = copy.copy(compiled.model)  # forks share it
+            changes = {id: _relative_scale(scale, before.get(id)) for id, scale in scales.items()}
+            scale_model(compiled, self.forest.root_of, changes)
+            wake_islands(compiled, boxes)
+
     def enable_kinematic_motion(self, id: BodyId) -> None:
         """Makes kinematic bodies movable in place, when the first of them is moved."""
         group = self.forest.groups.get(id)
@@ -306,8 +334,21 @@ class ModelCache:
             self._at_rest,
             changed_boxes,
         )
+        if scales := {id: scale for id, scale in self._scales.items() if id in self.registry.bodies}:
+            scale_model(compiled, self.forest.root_of, scales)
         self._compiled, self.stale, self._stale_poses = compiled, False, None
         self._pending_poses, self._at_rest, self._changed_boxes = {}, set(), []
+
+
+def _relative_scale(scale: DynamicsScale, before: DynamicsScale | None) -> DynamicsScale:
+    """The factors that replace earlier ones."""
+    if before is None:
+        return scale
+    return DynamicsScale(
+        mass=scale.mass / before.mass,
+        friction=scale.friction / before.friction,
+        joint_friction=scale.joint_friction / before.joint_friction,
+    )
 
 
 _MIN_FAST_SPEED = 0.5
@@ -321,11 +362,38 @@ _POSE_TOLERANCE = 1e-12
 """Poses that differ by less from the described one are equal to it [m, rad], relative to larger coordinates."""
 
 
+def whole_steps(duration_s: float, timestep_s: float) -> tuple[int, float]:
+    """The number of time steps in a duration [s], and the remainder [s]."""
+    steps = int(duration_s / timestep_s + 1e-6)
+    return steps, max(0.0, duration_s - steps * timestep_s)
+
+
+class _KnownJoints(NamedTuple):
+    """The result of `MujocoEngine.joint_positions`, of which only joints between moved bodies are computed again."""
+
+    compiled: CompiledModel
+    ids: list[BodyId]
+    rows: NDArray[np.intp]
+    """n x 2: the rows of both ends of each joint in arrays of poses."""
+    poses: Array
+    """n x 2 x 7: the poses of the ends."""
+    positions: Mapping[BodyId, tuple[float, ...]]
+
+
 class MujocoEngine:
     """An engine that simulates with MuJoCo."""
 
     name = "mujoco"
-    capabilities = frozenset({Capability.SAVE, Capability.FORK, Capability.JOINTS, Capability.STATISTICS})
+    capabilities = frozenset(
+        {
+            Capability.SAVE,
+            Capability.FORK,
+            Capability.CONTACTS,
+            Capability.SCALE_DYNAMICS,
+            Capability.JOINTS,
+            Capability.STATISTICS,
+        }
+    )
 
     def __init__(self, *, timestep_s: float = 0.002) -> None:
         """Creates an engine with an empty world.
@@ -338,6 +406,7 @@ class MujocoEngine:
         self._pending_s = 0.0
         self._forces: list[tuple[BodyId, Array, Array | None]] = []
         self._closed = False
+        self._known_joints: _KnownJoints | None = None
 
     @property
     def time_s(self) -> float:
@@ -401,11 +470,9 @@ class MujocoEngine:
 
     def step(self, duration_s: float) -> None:
         cache = self._require_open()
-        self._pending_s += duration_s
-        steps = int(self._pending_s / self._timestep_s + 1e-6)
+        steps, self._pending_s = whole_steps(self._pending_s + duration_s, self._timestep_s)
         if steps <= 0:
             return
-        self._pending_s = max(0.0, self._pending_s - steps * self._timestep_s)
         compiled = cache.model()
         cache.builder.mark_simulated()
         if self._forces:
@@ -436,16 +503,27 @@ class MujocoEngine:
 
     def joint_positions(self) -> Mapping[BodyId, tuple[float, ...]]:
         cache = self._require_open()
-        compiled, poses = cache.model(), cache.poses_by_id()
-        positions = {}
-        for id, model_joint in compiled.joints.items():
-            joint = model_joint.tree_joint.joint
+        compiled, poses = cache.model(), cache.poses()
+        known = self._known_joints
+        if known is None or known.compiled is not compiled:
+            joints = [(id, each.tree_joint.joint) for id, each in compiled.joints.items()]
+            ends = [(compiled.rows[joint.parent], compiled.rows[joint.child]) for _, joint in joints]
+            rows = np.array(ends, dtype=np.intp).reshape(-1, 2)
+            known = _KnownJoints(compiled, [id for id, _ in joints], rows, np.full((len(joints), 2, 7), np.nan), {})
+        ends_now = poses[known.rows]
+        is_moved = (ends_now != known.poses).any(axis=(1, 2))
+        if not is_moved.any():
+            self._known_joints = known
+            return known.positions
+        positions = dict(known.positions)
+        for row in np.flatnonzero(is_moved).tolist():
+            id = known.ids[row]
             parent_from_frame, child_from_frame = cache.builder.joint_frames[id]
-            fixed = pose_multiply(poses[joint.parent], parent_from_frame)
-            moving = pose_multiply(poses[joint.child], child_from_frame)
-            positions[id] = tuple(
-                joint_coordinates(pose_multiply(pose_inverse(fixed), moving), model_joint.axes).tolist()
-            )
+            fixed = pose_multiply(ends_now[row, 0], parent_from_frame)
+            moving = pose_multiply(ends_now[row, 1], child_from_frame)
+            relative = pose_multiply(pose_inverse(fixed), moving)
+            positions[id] = tuple(joint_coordinates(relative, compiled.joints[id].axes).tolist())
+        self._known_joints = known._replace(poses=ends_now, positions=positions)
         return positions
 
     def stats(self) -> EngineStats:
@@ -473,6 +551,20 @@ class MujocoEngine:
         self._cache = state.copy()
         self._forces.clear()
         self._pending_s = 0.0
+
+    def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
+        self._require_open().scale_dynamics(scales)
+
+    def contacts(self) -> tuple[Contact, ...]:
+        cache = self._require_open()
+        return find_contacts(cache.model(), cache.registry.ids)
+
+    def compiled(self) -> CompiledModel:
+        """The current model with its state, compiled anew if anything has changed.
+
+        Who sets its state has to call `set_state`; the model is shared with forks and must not be changed.
+        """
+        return self._require_open().model()
 
     def fork(self) -> MujocoEngine:
         forked = MujocoEngine(timestep_s=self._timestep_s)

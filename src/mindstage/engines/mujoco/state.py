@@ -6,24 +6,34 @@ joints get their coordinates from their poses.
 
 from __future__ import annotations
 
+import copy
 import ctypes
-from collections.abc import Callable, Collection, Container, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Container, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mindstage.engines.base import Contact, DynamicsScale
 from mindstage.engines.kinematic_tree import JointAxis, TreeJoint, joint_coordinates
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, quat_conjugate, quat_rotate
 
 __all__ = [
     "CompiledModel",
+    "CompiledState",
+    "ContactPoints",
+    "MergedContacts",
     "ModelJoint",
+    "contact_points",
     "current_joint_coordinates",
+    "find_contacts",
+    "ground_last",
+    "merge_contacts",
+    "scale_model",
     "set_joint_coordinates",
     "transfer_state",
     "wake_islands",
@@ -43,6 +53,18 @@ class ModelJoint:
     """Start of its velocities in `qvel`."""
     body_id: int
     """The MuJoCo body that it moves."""
+
+
+class CompiledState(NamedTuple):
+    """All that changes in a model while time passes, except what is for speed only."""
+
+    qpos: Array
+    qvel: Array
+    mocap_pos: Array
+    """k x 3 [m]."""
+    mocap_quat: Array
+    """k x 4."""
+    time_s: float
 
 
 @dataclass(slots=True)
@@ -67,6 +89,8 @@ class CompiledModel:
     """Addresses in `qpos` and `qvel` of each rigid group with a free joint."""
     mocap_ids: dict[BodyId, int]
     """MuJoCo's mocap id of each kinematic group."""
+    geom_rows: NDArray[np.intp]
+    """Row of the body of each geom; -1 for the ground."""
     free_heights: NDArray[np.intp] = field(init=False)
     """Addresses in `qpos` of the heights of the free joints, in the order of `free_joint_addresses`."""
 
@@ -77,6 +101,22 @@ class CompiledModel:
         addresses = np.array(list(self.free_joint_addresses.values()), dtype=np.intp).reshape(-1, 2)
         self.free_heights = addresses[:, 0] + 2
         self.free_velocities = addresses[:, 1:] + np.arange(3)
+
+    def copy(self) -> CompiledModel:
+        """An independent copy of the state, sleep included; the model and all addresses are shared."""
+        result = replace(self)
+        result.data = copy.copy(self.data)
+        return result
+
+    def __setstate__(self, state: object) -> None:
+        """Restores a pickled model, whose data lack MuJoCo's lists of awake bodies."""
+        for each in fields(self):
+            setattr(self, each.name, state[1][each.name])  # type: ignore[index]
+        if _UPDATE_SLEEP is not None:
+            _UPDATE_SLEEP(self.model._address, self.data._address)
+        else:  # then all bodies wake up, and fall asleep again
+            self.data.tree_asleep[:] = _FULLY_AWAKE
+            mujoco.mj_forward(self.model, self.data)
 
     def without(self, removed: Collection[BodyId], *, remaining_joints: Container[BodyId]) -> CompiledModel:
         """The same model without some bodies and joints, so that their state is not transferred.
@@ -92,6 +132,32 @@ class CompiledModel:
                 id: addresses for id, addresses in self.free_joint_addresses.items() if id not in removed
             },
             joints={id: joint for id, joint in self.joints.items() if id in remaining_joints},
+        )
+
+    def set_state(self, state: CompiledState, *, contacts: bool = True) -> None:
+        """Sets the state; everything is awake then.
+
+        Args:
+            state: the state.
+            contacts: whether contacts and forces are computed, too, and not the poses only.
+        """
+        data = self.data
+        data.time = state.time_s
+        data.qpos[:], data.qvel[:] = state.qpos, state.qvel
+        data.mocap_pos[:], data.mocap_quat[:] = state.mocap_pos, state.mocap_quat
+        data.tree_asleep[:] = _FULLY_AWAKE
+        if _UPDATE_SLEEP is not None:
+            _UPDATE_SLEEP(self.model._address, data._address)
+        if contacts or _UPDATE_SLEEP is None:
+            mujoco.mj_forward(self.model, data)
+        else:
+            mujoco.mj_kinematics(self.model, data)
+
+    def state(self) -> CompiledState:
+        """A copy of the state."""
+        data = self.data
+        return CompiledState(
+            data.qpos.copy(), data.qvel.copy(), data.mocap_pos.copy(), data.mocap_quat.copy(), float(data.time)
         )
 
     def poses(self) -> Array:
@@ -277,3 +343,153 @@ def _disturbed_trees(compiled: CompiledModel, changed_boxes: NDArray[np.float64]
         is_near = np.all((center + reach >= low) & (center - reach <= high), axis=1)
         disturbed.update(trees[compiled.model.geom_bodyid[geoms[is_near]]].tolist())
     return disturbed if len(moving) else set()
+
+
+def scale_model(
+    compiled: CompiledModel,
+    root_of: Mapping[BodyId, BodyId],
+    scales: Mapping[BodyId, DynamicsScale],
+) -> None:
+    """Scales masses, frictions and joint frictions in a model that nothing else uses.
+
+    MuJoCo takes the friction of a contact from the geom of higher priority, otherwise the higher one of both. The
+    priority of a scaled geom is therefore raised by one, above that of geoms which are alike.
+
+    Args:
+        compiled: the model to change.
+        root_of: the root of the rigid group of each body.
+        scales: factors by body.
+    """
+    model = compiled.model
+    for id, scale in scales.items():
+        body_id, root = compiled.body_ids.get(id), compiled.body_ids.get(root_of.get(id, id))
+        if body_id is not None and scale.mass != 1.0:
+            model.body_mass[body_id] *= scale.mass
+            model.body_inertia[body_id] *= scale.mass
+        if scale.friction != 1.0:
+            geoms = compiled.geom_rows == compiled.rows[id]
+            model.geom_friction[geoms, 0] *= scale.friction
+            model.geom_priority[geoms] += 1
+        if scale.joint_friction != 1.0 and root is not None:
+            for joint in compiled.joints.values():
+                if joint.body_id == root:
+                    dofs = slice(joint.dof_address, joint.dof_address + len(joint.axes))
+                    model.dof_frictionloss[dofs] *= scale.joint_friction
+                    model.dof_damping[dofs] *= scale.joint_friction
+    _update_mass_constants(compiled, {id: scale.mass for id, scale in scales.items() if scale.mass != 1.0})
+
+
+def _update_mass_constants(compiled: CompiledModel, factors: Mapping[BodyId, float]) -> None:
+    """Updates what MuJoCo derives from masses: in closed form for bodies that move freely and alone, else by MuJoCo."""
+    model, needs_mujoco = compiled.model, False
+    for id, factor in factors.items():
+        body_id = compiled.body_ids.get(id)
+        if body_id is None:
+            continue  # scenery has no mass
+        tree = model.body_treeid[body_id]
+        if id in compiled.free_joint_addresses and np.count_nonzero(model.body_treeid == tree) == 1:
+            dofs = slice(compiled.free_joint_addresses[id][1], compiled.free_joint_addresses[id][1] + 6)
+            model.body_subtreemass[0] += model.body_mass[body_id] - model.body_subtreemass[body_id]
+            model.body_subtreemass[body_id] = model.body_mass[body_id]
+            model.body_invweight0[body_id] /= factor
+            model.dof_invweight0[dofs] /= factor
+            model.dof_M0[dofs] *= factor
+        else:
+            needs_mujoco = True
+    if needs_mujoco:
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+class ContactPoints(NamedTuple):
+    """The contact points of a world, k."""
+
+    geoms: NDArray[np.intp]
+    """The geoms that touch, k x 2."""
+    positions: Array
+    """k x 3, in the world frame [m]."""
+    normals: Array
+    """k x 3, from the first geom to the second one."""
+    forces: Array
+    """Normal forces, k [N]."""
+    distances: Array
+    """k, negative for a penetration [m]."""
+
+
+def find_contacts(compiled: CompiledModel, ids: Sequence[BodyId]) -> tuple[Contact, ...]:
+    """The contacts in the current state, merged by pair of bodies, in the order of the ids."""
+    points, ends = contact_points(compiled), ground_last(compiled.geom_rows, len(ids))
+    return merge_contacts(points, ends[points.geoms]).contacts(ids)
+
+
+def contact_points(compiled: CompiledModel) -> ContactPoints:
+    """The contact points in the current state."""
+    contact = compiled.data.contact
+    addresses = np.asarray(contact.efc_address)
+    force = np.zeros(len(addresses))
+    active = addresses >= 0
+    force[active] = compiled.data.efc_force[addresses[active]]
+    return ContactPoints(
+        np.array(contact.geom, dtype=np.intp),
+        np.array(contact.pos),
+        np.array(contact.frame).reshape(-1, 9)[:, :3],
+        force,
+        np.array(contact.dist),
+    )
+
+
+class MergedContacts(NamedTuple):
+    """Contact points merged by pair of bodies, k, in the order of the pairs."""
+
+    pairs: NDArray[np.intp]
+    """Rows of both bodies, k x 2, the lower one first."""
+    positions: Array
+    """k x 3, weighted by force, in the world frame [m]."""
+    normals: Array
+    """Unit vectors from the first body to the second one, k x 3."""
+    forces: Array
+    """Sums of the normal forces, k [N]."""
+    depths: Array
+    """k [m]."""
+
+    def contacts(self, ids: Sequence[BodyId]) -> tuple[Contact, ...]:
+        """As contacts of bodies; the row after the last body is the ground."""
+        return tuple(
+            Contact(
+                a=ids[a], b=ids[b] if b < len(ids) else None, position=tuple(position), normal=tuple(normal),
+                force_n=force_n, depth_m=depth,
+            )
+            for (a, b), position, normal, force_n, depth in zip(*(array.tolist() for array in self), strict=True)
+        )  # fmt: skip
+
+
+def ground_last(geom_rows: NDArray[np.intp], bodies: int) -> NDArray[np.intp]:
+    """The row of the body of each geom; that of the ground, -1 so far, is the one after all bodies."""
+    return np.where(geom_rows < 0, bodies, geom_rows)
+
+
+def merge_contacts(points: ContactPoints, ends: NDArray[np.intp]) -> MergedContacts:
+    """Merges contact points by pair of bodies.
+
+    Args:
+        points: the contact points, k.
+        ends: the rows of the two bodies of each point, k x 2; the ground is the last row.
+    """
+    force = points.forces
+    is_reversed = ends[:, 0] > ends[:, 1]
+    normals = np.where(is_reversed[:, None], -1.0, 1.0) * points.normals
+    stride = int(ends.max(initial=0)) + 1
+    low, high = np.sort(ends, axis=1).T
+    keys, group = np.unique(low * stride + high, return_inverse=True)
+    pairs = np.stack(np.divmod(keys, stride), axis=1)
+    weights = np.maximum(force, 1e-9)
+
+    def mean(values: Array) -> Array:
+        sums = np.stack([np.bincount(group, weights=weights * column) for column in values.T], axis=1)
+        return np.asarray(sums / np.bincount(group, weights=weights)[:, None])
+
+    forces = np.asarray(np.bincount(group, weights=force), dtype=float)
+    depths = np.full(len(pairs), -np.inf)
+    np.maximum.at(depths, group, -points.distances)
+    directions = mean(normals)
+    directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-12)
+    return MergedContacts(pairs, mean(points.positions), directions, forces, depths)

@@ -8,10 +8,12 @@ timeout while the connection is lost; the first call after it is restored succee
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Mapping
 
-from mindstage.engines.base import Engine, EngineStats, SpawnNote
+from mindstage.engines.base import Contact, DynamicsScale, Engine, EngineStats, SpawnNote
 from mindstage.engines.remote.client import RemoteProfile, ServiceClient
 from mindstage.errors import EngineClosedError, UnsupportedByEngineError
+from mindstage.scene import BodyId
 
 __all__ = ["RemoteEngine"]
 
@@ -61,6 +63,24 @@ class RemoteEngine(Engine):
         self._require_open()
         remedy = "spawn its snapshot in a MujocoEngine, which has no velocities then"
         raise UnsupportedByEngineError(self.name, what="fork", remedy=remedy)
+
+    def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
+        """Not available over the wire; no remote engine has the capability.
+
+        Raises:
+            UnsupportedByEngineError: always.
+        """
+        self._require_open()
+        raise UnsupportedByEngineError(self.name, what="scale masses and frictions", remedy="fork its simulation")
+
+    def contacts(self) -> tuple[Contact, ...]:
+        """Not available over the wire; no remote engine has the capability.
+
+        Raises:
+            UnsupportedByEngineError: always.
+        """
+        self._require_open()
+        raise UnsupportedByEngineError(self.name, what="report contacts", remedy="fork its simulation")
 
     def close(self) -> None:
         """Disconnects from the engine, which continues to run; closing it again has no effect."""

@@ -183,7 +183,7 @@ class MindstageRemoteEngine(RemoteEngine):
 
     @property
     def capabilities(self) -> frozenset[Capability]:
-        known = {each.value for each in Capability} - {Capability.STATISTICS.value}
+        known = {Capability.SAVE.value, Capability.JOINTS.value}  # the wire has no messages for others
         return frozenset(Capability(each) for each in self._remote_info.abilities if each in known)
 
     @property

@@ -105,9 +105,10 @@ def build_geometry(
     material_items = tuple(sorted((materials or {}).items(), key=lambda item: item[0]))
     contact = (friction, restitution, density)
     extents = (float(size[0]), float(size[1]), float(size[2]))
-    geometry = _build_cached(template, extents, up, front, material_items, light, contact)
+    arguments = template, extents, up, front, material_items, light, contact
+    geometry = _build_cached(*arguments)
     return BodyGeometry.deferred(
-        lambda: (geometry.key, geometry.visuals),
+        _CachedVisuals(arguments, geometry),
         collision_shapes=geometry.collision_shapes,
         source=source,
         reason="; ".join(part for part in (reason, geometry.reason) if part),
@@ -118,6 +119,21 @@ def build_geometry(
         support_surfaces=geometry.support_surfaces,
         lights=geometry.lights,
     )
+
+
+class _CachedVisuals:
+    """Returns the key and the visual meshes of a geometry; pickled as the arguments from which it was built."""
+
+    def __init__(self, arguments: tuple[Any, ...], geometry: BodyGeometry | None = None) -> None:
+        self._arguments = arguments
+        self._geometry = geometry
+
+    def __call__(self) -> tuple[str, tuple[VisualMesh, ...]]:
+        self._geometry = self._geometry or _build_cached(*self._arguments)
+        return self._geometry.key, self._geometry.visuals
+
+    def __reduce__(self) -> tuple[type[_CachedVisuals], tuple[tuple[Any, ...]]]:
+        return _CachedVisuals, (self._arguments,)
 
 
 @lru_cache(maxsize=_CACHE_SIZE)

@@ -1,0 +1,141 @@
+"""The geometry of the bodies of a simulation: fitted when a world is spawned, and kept until it is cleared."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from threading import Lock
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from msgspec.structs import replace
+
+from mindstage.engines.base import SpawnFailure, SpawnNote, SpawnNoteKind, SpawnOptions, SpawnReport
+from mindstage.knowledge import KnowledgeBase
+from mindstage.scene import NO_GEOMETRY, BodyGeometry, BodyId, GeometryMap, GeometrySource, World
+
+if TYPE_CHECKING:
+    from mindstage.geometry.fit import FittedGeometry, MeshProvider
+    from mindstage.geometry.immovable import ImmovableBodies
+
+__all__ = ["GeometryProvider", "with_geometry_notes", "with_immovable_notes"]
+
+_SOURCE_TEXTS = {
+    GeometrySource.MESH: "from meshes",
+    GeometrySource.ONTOLOGY: "from the shape rules of their classes",
+    GeometrySource.CLASS_NAME: "inferred from the names of their classes",
+    GeometrySource.MAP: "the primitive shapes of the map",
+}
+
+
+class GeometryProvider:
+    """Fits geometry to bodies, and keeps it, also of deleted bodies, until `clear`."""
+
+    def __init__(self, knowledge: KnowledgeBase, *, shapes: bool, meshes: MeshProvider | None) -> None:
+        """Creates a provider without geometry.
+
+        Args:
+            knowledge: the source of shape rules for classes.
+            shapes: whether shape rules are used; otherwise a body without a mesh has its primitive shape.
+            meshes: the source of meshes.
+        """
+        self._knowledge = knowledge
+        self._shapes, self._meshes = shapes, meshes
+        self._geometry: dict[BodyId, BodyGeometry] = {}
+        self._immovable: frozenset[BodyId] = frozenset()
+        self._cached: tuple[tuple[BodyId, ...], GeometryMap] = ((), NO_GEOMETRY)
+        self._lock = Lock()
+
+    def copy(self) -> GeometryProvider:
+        """Another provider with the same geometry and sources."""
+        copy = GeometryProvider(self._knowledge, shapes=self._shapes, meshes=self._meshes)
+        with self._lock:
+            copy._geometry, copy._immovable, copy._cached = dict(self._geometry), self._immovable, self._cached
+        return copy
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name not in ("_lock", "_cached")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__ |= {**state, "_lock": Lock(), "_cached": ((), NO_GEOMETRY)}
+
+    def set_knowledge(self, knowledge: KnowledgeBase) -> None:
+        """Replaces the source of shape rules."""
+        self._knowledge = knowledge
+
+    def fit(self, world: World, *, geometry: GeometryMap | None = None) -> FittedGeometry:
+        """Fits geometry to the bodies of a world, unless it is given."""
+        from mindstage.geometry.fit import FitNote, FittedGeometry, fit_geometry
+
+        if geometry is not None:
+            return FittedGeometry(geometry)
+        if self._shapes:
+            return fit_geometry(world, self._knowledge, meshes=self._meshes)
+        if self._meshes is None:
+            return FittedGeometry(NO_GEOMETRY)
+        found = self._meshes.geometry_for(world.bodies)
+        return FittedGeometry(found.geometry, tuple(FitNote((), text) for text in found.notes))
+
+    def find_immovable(self, world: World) -> ImmovableBodies:
+        """The dynamic bodies of a world that cannot be loose, by their class or size."""
+        from mindstage.geometry.immovable import find_immovable_bodies
+
+        return find_immovable_bodies(world, self._knowledge)
+
+    @property
+    def immovable(self) -> frozenset[BodyId]:
+        """The bodies that were spawned as immovable ones."""
+        return self._immovable
+
+    def options(self, *, immovable: frozenset[BodyId] | None = None, ground: bool = False) -> SpawnOptions:
+        """The options of a spawn; by default with the bodies that were immovable when they were spawned."""
+        return SpawnOptions(immovable=self._immovable if immovable is None else immovable, ground=ground)
+
+    def add(
+        self,
+        geometry: GeometryMap,
+        *,
+        failed: Iterable[SpawnFailure] = (),
+        immovable: frozenset[BodyId] = frozenset(),
+    ) -> None:
+        """Keeps the geometry of spawned bodies; a failed body may have the id of one that exists."""
+        failed_ids = {failure.id for failure in failed}
+        with self._lock:
+            self._immovable |= immovable - failed_ids
+            self._geometry |= {id: fitted for id, fitted in geometry.items() if id not in failed_ids}
+            self._cached = ((), NO_GEOMETRY)
+
+    def for_world(self, world: World) -> GeometryMap:
+        """The geometry with which a world was spawned."""
+        return {body.id: self._geometry[body.id] for body in world.bodies if body.id in self._geometry}
+
+    def clear(self) -> None:
+        """Removes all geometry."""
+        with self._lock:
+            self._geometry, self._cached, self._immovable = {}, ((), NO_GEOMETRY), frozenset()
+
+    def for_ids(self, ids: tuple[BodyId, ...]) -> GeometryMap:
+        """The geometry of bodies; the same object for the same tuple."""
+        with self._lock:
+            cached_ids, geometry = self._cached
+            if cached_ids is not ids:
+                geometry = MappingProxyType({id: self._geometry[id] for id in ids if id in self._geometry})
+                self._cached = (ids, geometry)
+            return geometry
+
+
+def with_geometry_notes(report: SpawnReport, fitted: FittedGeometry, ids: Iterable[BodyId]) -> SpawnReport:
+    """Adds notes on the sources of the bodies' geometry to a report."""
+    spawned = set(ids) - {failure.id for failure in report.failed_bodies}
+    count = Counter(geometry.source for id, geometry in fitted.geometry.items() if id in spawned)
+    notes = [SpawnNote(SpawnNoteKind.SHAPE, note.ids, note.text) for note in fitted.notes]
+    if count:
+        counts = ", ".join(f"{count[source]} {text}" for source, text in _SOURCE_TEXTS.items() if count[source])
+        notes.insert(0, SpawnNote(SpawnNoteKind.SHAPE, (), f"geometry: {counts}"))
+    return replace(report, notes=(*report.notes, *notes)) if notes else report
+
+
+def with_immovable_notes(report: SpawnReport, immovable: ImmovableBodies) -> SpawnReport:
+    """Adds notes on dynamic bodies that are simulated as static ones to a report."""
+    notes = [SpawnNote(SpawnNoteKind.IMMOVABLE, ids, text) for ids, text in immovable.notes]
+    return replace(report, notes=(*report.notes, *notes)) if notes else report

@@ -1,0 +1,328 @@
+"""Copies of a running simulation: the record of their edits, and their images for other processes.
+
+A copy has the engine state of its original, sleeping bodies and velocities included, if the engine can be forked.
+Otherwise it is simulated by MuJoCo, from a snapshot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import msgspec
+import numpy as np
+
+from mindstage.engines import NullEngine, make_engine
+from mindstage.engines.base import (
+    DEFAULT_SPAWN_OPTIONS,
+    Capability,
+    Engine,
+    PoseArray,
+    SavedState,
+    SpawnOptions,
+    SpawnReport,
+)
+from mindstage.errors import CommitError, WorldError
+from mindstage.scene import NO_GEOMETRY, Body, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, World
+from mindstage.scene.transforms import normalized_pose_array, pose_from_array
+from mindstage.simulation.interaction import JointHandle
+from mindstage.simulation.joint_motion import find_joint
+from mindstage.simulation.state import EngineSession
+from mindstage.simulation.undo import SpawnRecord
+
+__all__ = ["EditRecordingEngine", "ForkOrigin", "commit_edits", "copied_engine", "match_world"]
+
+_MAX_BEYOND_LIMIT = 0.05
+"""Joint limits are soft in simulations: a joint is so far beyond its limit at most [m or rad]."""
+_POSE_TOLERANCE = 1e-6
+"""A body of the original that differs by more has moved meanwhile [m, and parts of a unit quaternion]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForkOrigin:
+    """The simulation that another one was copied from, and its state then."""
+
+    original: EngineSession
+    revision: int
+    ids: tuple[BodyId, ...]
+    poses: PoseArray
+    notes: tuple[str, ...] = ()
+    """What the copy does not have in common with its original, one sentence each."""
+
+    def change(self) -> str:
+        """What has changed in the original since then, in words; empty if nothing has."""
+        state = self.original.state
+        if self.original.closed:
+            return "it is closed"
+        if state.ids != self.ids:
+            names = sorted(set(state.ids) ^ set(self.ids))
+            return f"bodies were added or removed meanwhile: {', '.join(names[:3])}"
+        moved = np.abs(state.poses - self.poses).max(axis=1, initial=0.0) > _POSE_TOLERANCE
+        if moved.any():
+            return f"{self.ids[int(np.argmax(moved))]!r} has moved meanwhile"
+        if state.revision != self.revision:
+            return "it was edited meanwhile"
+        return ""
+
+
+Edit = Callable[[EngineSession], object]
+
+
+class EditRecordingEngine:
+    """Passes all calls on to an engine, and records the edits, so that they can be made in another simulation."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._edits: tuple[tuple[str, Edit], ...] = ()
+        self._was_restored = False
+
+    @property
+    def edits(self) -> tuple[tuple[str, Edit], ...]:
+        """The label of each edit, and a function that makes it in another simulation."""
+        return self._edits
+
+    @property
+    def engine(self) -> Engine:
+        """The engine."""
+        return self._engine
+
+    def as_engine(self) -> Engine:
+        """This object, which passes on what it does not define."""
+        return cast("Engine", self)
+
+    @staticmethod
+    def own_state(state: SavedState) -> SavedState:
+        """The engine's own state in one that was saved here, or in another record."""
+        return state.state if isinstance(state, _RecordedState) else state
+
+    @property
+    def was_restored(self) -> bool:
+        """Whether a state was restored that is older than the copy, as `reset` does."""
+        return self._was_restored
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._engine, name)
+
+    def spawn(
+        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+    ) -> SpawnReport:
+        """See `Engine`; the same holds for the methods below."""
+        report = self._engine.spawn(world, geometry=geometry, options=options)
+
+        def spawn(other: EngineSession) -> None:
+            other.spawn(world, geometry=geometry, persistent=False)
+
+        self._edits += ((f"spawn {', '.join(body.id for body in world.bodies[:3])}", spawn),)
+        return report
+
+    def delete(self, ids: Iterable[BodyId]) -> None:
+        deleted = tuple(ids)
+        self._record(f"delete {', '.join(deleted[:3])}", lambda engine: engine.delete(deleted))
+
+    def clear(self) -> None:
+        self._record("clear", lambda engine: engine.clear())
+
+    def attach(self, parent: BodyId, child: BodyId) -> None:
+        self._record(f"attach {child} to {parent}", lambda engine: engine.attach(parent, child))
+
+    def detach(self, child: BodyId) -> None:
+        self._record(f"detach {child}", lambda engine: engine.detach(child))
+
+    def set_pose(self, id: BodyId, pose: Pose) -> None:
+        self._record(f"move {id}", lambda engine: engine.set_pose(id, pose))
+
+    def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
+        self._record(f"physics of {id}", lambda engine: engine.set_physics(id, physics))
+
+    def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
+        self._record(f"materials of {id}", lambda engine: engine.set_materials(id, materials))
+
+    def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
+        self._engine.highlight(ids, color)
+
+    def save_state(self) -> SavedState:
+        return SavedState(_RecordedState(self._engine.save_state(), self._edits, self._was_restored))
+
+    def restore_state(self, state: SavedState) -> None:
+        if isinstance(state, _RecordedState):
+            self._engine.restore_state(state.state)
+            self._edits, self._was_restored = state.edits, state.was_restored
+        else:
+            self._engine.restore_state(state)
+            self._edits, self._was_restored = (), True
+
+    def add_joint_motion(self, id: BodyId, position: float) -> None:
+        """Records that a joint was moved to a position [m or rad] by its drive or by pulling."""
+
+        def move(other: EngineSession) -> None:
+            find_joint(other, id).move_to(position)
+
+        self._edits += ((f"move joint {id} to {position:.4g}", move),)
+
+    def _record(self, label: str, edit: Callable[[Engine], None]) -> None:
+        edit(self._engine)
+        self._edits += ((label, lambda other: other.run_on_engine(edit, label=label, edits=True)),)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _RecordedState:
+    state: SavedState
+    edits: tuple[tuple[str, Edit], ...] = field(repr=False)
+    was_restored: bool
+
+
+def commit_edits(engine: Engine, origin: ForkOrigin | None) -> tuple[str, ...]:
+    """Makes the edits of a copy in its original; see `Simulation.commit`."""
+    if origin is None or not isinstance(engine, EditRecordingEngine):
+        raise CommitError(reason="this simulation is not a copy; use `with sim.imagine() as copy`")
+    if engine.was_restored:
+        raise CommitError(reason="the copy was reset to a state before it was made; call `reset` of the original")
+    if change := origin.change():
+        raise CommitError(reason=f"{change}; make another copy")
+    done: list[str] = []
+    for label, edit in engine.edits:
+        try:
+            edit(origin.original)
+        except WorldError as error:
+            made = f"{', '.join(done)} was done" if done else "nothing was done"
+            raise CommitError(reason=f"{label}: {error} ({made})") from error
+        done.append(label)
+    return tuple(done)
+
+
+def copied_engine(
+    engine: Engine,
+    *,
+    worlds: Iterable[World],
+    geometry: GeometryMap,
+    options: SpawnOptions,
+    physics: bool = False,
+) -> tuple[Engine, tuple[str, ...]]:
+    """An engine in the state of another one, and notes on what it does not have in common with it.
+
+    Args:
+        engine: the engine, called in the thread that owns it.
+        worlds: the worlds that were spawned in it.
+        geometry: the geometry of its bodies.
+        options: the options of their spawns.
+        physics: whether an engine without physics is copied to MuJoCo.
+    """
+    has_physics = engine.name != NullEngine.name
+    if Capability.FORK in engine.capabilities and (has_physics or not physics):
+        return engine.fork(), ()
+    copied = make_engine("mujoco")
+    present = engine.snapshot()
+    current = {body.id: body for body in present.bodies}
+    spawned: set[BodyId] = set()
+    for world in (*worlds, present):
+        bodies = tuple(each for each in world.bodies if each.id in current and each.id not in spawned)
+        spawned |= {body.id for body in bodies}
+        ends = [each for each in world.joints if each.parent in spawned and each.child in spawned]
+        known = set(copied.joint_positions())
+        attachments = [each for each in world.attachments if each.parent in spawned and each.child in spawned]
+        joints = tuple(each for each in ends if each.id not in known)
+        part = msgspec.structs.replace(
+            world, bodies=bodies, joints=joints, attachments=() if world is present else tuple(attachments)
+        )
+        copied.spawn(part, geometry=geometry, options=options)
+    cause = "cannot be forked" if has_physics else "has no physics"
+    notes = [f"{engine.name} {cause}: the copy is simulated by {copied.name}, from a snapshot at rest"]
+    _match_attachments(copied, present)
+    notes += _match_bodies(copied, present, SpawnRecord.from_worlds((present, *worlds)))
+    return copied, tuple(notes)
+
+
+def match_world(engine: Engine, present: World, *, worlds: Iterable[World]) -> tuple[str, ...]:
+    """Gives the bodies of an engine the poses, physics, materials and attachments that they have in a world.
+
+    Args:
+        engine: an engine with the same bodies and joints.
+        present: the world, with the poses of an engine: bodies that were moved out of overlaps are where they were
+            moved to.
+        worlds: the worlds that were spawned, to which joint positions are relative.
+
+    Returns:
+        What is different, one sentence each.
+    """
+    spawn_record = SpawnRecord.from_worlds((present, *worlds))
+    _match_attachments(engine, present)
+    _match_bodies(engine, present, spawn_record, tolerance=0.0)
+    notes = _match_bodies(engine, present, spawn_record, tolerance=0.0)  # again: parents have moved since
+    before = {body.id: body for body in engine.snapshot().bodies}
+    for body in present.bodies:
+        if body.id in before and before[body.id].materials != body.materials:
+            engine.set_materials(body.id, body.materials)
+    return tuple(notes)
+
+
+def _match_attachments(copied: Engine, present: World) -> None:
+    wanted = {each.child: each.parent for each in present.attachments}
+    now = {each.child: each.parent for each in copied.snapshot().attachments}
+    for child, parent in now.items():
+        if wanted.get(child) != parent:
+            copied.detach(child)
+    poses = {body.id: body.pose for body in present.bodies}
+    for child, parent in wanted.items():
+        if now.get(child) != parent:
+            copied.set_pose(parent, poses[parent])
+            copied.set_pose(child, poses[child])
+            copied.attach(parent, child)
+
+
+def _match_bodies(
+    copied: Engine, present: World, spawn_record: SpawnRecord, *, tolerance: float = _POSE_TOLERANCE
+) -> list[str]:
+    """Gives bodies their current pose and physics; parents come before what is attached to them."""
+    notes = []
+    parents = {each.child: each.parent for each in present.attachments}
+
+    def depth(id: BodyId) -> int:
+        count, visited = 0, {id}
+        while (parent := parents.get(id)) is not None and parent not in visited:
+            id, count = parent, count + 1
+            visited.add(id)
+        return count
+
+    before = {body.id: body for body in copied.snapshot().bodies}
+    rows = {id: row for row, id in enumerate(copied.poses()[0])}
+    for body in sorted(present.bodies, key=lambda each: depth(each.id)):
+        if body.id not in before:
+            notes.append(f"{body.id!r} is not in the copy: it cannot be spawned")
+            continue
+        if before[body.id].physics != body.physics:
+            copied.set_physics(body.id, body.physics)
+        pose = copied.poses()[1][rows[body.id]]
+        if np.abs(pose - normalized_pose_array(body.pose)).max() > tolerance:
+            try:
+                copied.set_pose(body.id, body.pose)
+            except WorldError as error:
+                notes += _move_near(copied, present, body, spawn_record, error)
+    return notes
+
+
+def _move_near(
+    copied: Engine, present: World, body: Body, spawn_record: SpawnRecord, refusal: WorldError
+) -> tuple[str, ...]:
+    """Moves a body that physics had pushed beyond a limit of its joint to that limit; returns notes."""
+    bodies = {each.id: each for each in present.bodies}
+    for joint in present.joints:
+        if body.id not in {joint.parent, joint.child} or not {joint.parent, joint.child} <= bodies.keys():
+            continue
+        handle = JointHandle(joint, bodies, spawn_record)
+        poses = {end: normalized_pose_array(bodies[end].pose) for end in (joint.parent, joint.child)}
+        if handle.moving_body != body.id or not handle.axes:
+            continue
+        positions, beyond = handle.positions(poses), 0.0
+        for axis in handle.axes:
+            low = -np.inf if axis.lower is None else axis.lower
+            high = np.inf if axis.upper is None else axis.upper
+            allowed = float(np.clip(positions[axis.name], low, high))
+            beyond = max(beyond, abs(positions[axis.name] - allowed))
+            poses[body.id] = normalized_pose_array(handle.pose_for(axis.name, allowed, poses))
+        if beyond <= _MAX_BEYOND_LIMIT:
+            with suppress(WorldError):
+                copied.set_pose(body.id, pose_from_array(poses[body.id]))
+                return ()
+    return (f"{body.id!r} has another pose in the copy: {refusal}",)

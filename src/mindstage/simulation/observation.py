@@ -1,0 +1,265 @@
+"""Observers and clients of a simulation: observers receive each state, and each edit with the client that made it.
+
+While there is an observer, functions that run on the engine get an `ObservedEngine`, which reports edits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from itertools import islice
+from typing import Any, Protocol, cast
+
+import msgspec
+
+from mindstage.engines.base import DEFAULT_SPAWN_OPTIONS, Engine, SavedState, SpawnOptions, SpawnReport
+from mindstage.knowledge.questions import Answers
+from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, World
+from mindstage.simulation.state import StateSnapshot
+
+__all__ = [
+    "ClientDirectory",
+    "ConnectedClient",
+    "ObservedEngine",
+    "Observers",
+    "SimulationObserver",
+    "as_client",
+    "current_client",
+]
+
+_client: ContextVar[str] = ContextVar("client", default="Python")
+_COMPOUND = {"reset", "clear", "undo", "redo", "place"}
+"""Labels of calls that consist of several edits, and are reported as one."""
+_UNDONE = {"check rest", "mark start"}
+"""Labels of calls that leave the world as it was."""
+_MAX_IDS = 1000
+_MAX_ANSWERS = 200
+
+
+@contextmanager
+def as_client(name: str) -> Iterator[None]:
+    """In the context, edits and questions of this thread are those of a client, such as "viewer"; else of "Python"."""
+    token = _client.set(name)
+    try:
+        yield
+    finally:
+        _client.reset(token)
+
+
+def current_client() -> str:
+    """The client whose call this thread executes."""
+    return _client.get()
+
+
+class ConnectedClient(msgspec.Struct, frozen=True, kw_only=True):
+    """A connected client, such as a ROS node."""
+
+    name: str
+    transport: str
+    """The transport, such as "ROS"."""
+    activity: str = ""
+    """A short description of what it uses."""
+
+
+class ClientDirectory:
+    """Lists connected clients, and notifies listeners of edits; may be used from any thread."""
+
+    def __init__(self) -> None:
+        self._sources: tuple[Callable[[], Iterable[ConnectedClient]], ...] = ()
+        self._edit_callbacks: tuple[Callable[[], None], ...] = ()
+
+    def add_client_source(self, source: Callable[[], Iterable[ConnectedClient]]) -> Callable[[], None]:
+        """Registers a callback, for any thread, that lists connected clients; returns a function that removes it."""
+        self._sources = (*self._sources, source)
+
+        def remove() -> None:
+            self._sources = tuple(each for each in self._sources if each is not source)
+
+        return remove
+
+    def clients(self) -> tuple[ConnectedClient, ...]:
+        """The clients that are connected now."""
+        return tuple(client for source in self._sources for client in source())
+
+    def on_edit(self, callback: Callable[[], None]) -> Callable[[], None]:
+        """Registers a callback for edits, called after they are published; returns a function that removes it.
+
+        It is called in the engine thread, and must not block.
+        """
+        self._edit_callbacks = (*self._edit_callbacks, callback)
+
+        def remove() -> None:
+            self._edit_callbacks = tuple(each for each in self._edit_callbacks if each is not callback)
+
+        return remove
+
+    def notify_edit(self) -> None:
+        """Calls the edit callbacks: bodies, materials or highlights were added, removed or changed."""
+        for callback in self._edit_callbacks:
+            callback()
+
+
+class SimulationObserver(Protocol):
+    """Receives states and edits. Its methods must be quick, and must not raise or call the simulation."""
+
+    interval_s: float
+    """Longest simulated time between two published states while the simulation is stepped [s]."""
+
+    def on_state(self, state: StateSnapshot, engine: Engine, *, edited: bool, rebuild_pending: bool) -> None:
+        """Called in the engine thread after a state was published.
+
+        Args:
+            state: the state.
+            engine: the engine, to which no reference may be kept.
+            edited: whether anything but poses may have changed since the state before.
+            rebuild_pending: whether reading joints or contacts would make the engine rebuild its model now.
+        """
+
+    def on_edit(self, kind: str, *, client: str, ids: Iterable[BodyId], details: Mapping[str, Any]) -> None:
+        """Called before the state with the edit is published, or after a question; in any thread.
+
+        Args:
+            kind: what was done, such as "spawn".
+            client: who did it.
+            ids: the bodies that it is about.
+            details: arguments and results, as JSON values.
+        """
+
+
+class Observers:
+    """The observers of a simulation; may be used from any thread."""
+
+    def __init__(self) -> None:
+        self._observers: tuple[SimulationObserver, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self._observers)
+
+    def add(self, observer: SimulationObserver) -> Callable[[], None]:
+        """Adds an observer; returns a function that removes it."""
+        self._observers = (*self._observers, observer)
+
+        def remove() -> None:
+            self._observers = tuple(each for each in self._observers if each is not observer)
+
+        return remove
+
+    def step_s(self, longest_s: float) -> float:
+        """The length of the steps into which a longer one is divided [s]."""
+        return min((longest_s, *(each.interval_s for each in self._observers)))
+
+    def publish(self, state: StateSnapshot, engine: Engine, *, edited: bool, rebuild_pending: bool) -> None:
+        """Passes a published state on."""
+        for observer in self._observers:
+            observer.on_state(state, engine, edited=edited, rebuild_pending=rebuild_pending)
+
+    def report(
+        self,
+        kind: str,
+        *,
+        ids: Iterable[BodyId] = (),
+        details: Mapping[str, Any] | None = None,
+        client: str | None = None,
+    ) -> None:
+        """Reports an edit or a request, by default of the client of this thread."""
+        reported = tuple(ids)
+        for observer in self._observers:
+            observer.on_edit(kind, client=client or current_client(), ids=reported, details=details or {})
+
+    def report_answers(self, answers: Answers[Any]) -> None:
+        """Reports a question with its answers."""
+        rows = [msgspec.to_builtins(row) for row in islice(answers, _MAX_ANSWERS)]
+        details = {"question": answers.question.name, "args": msgspec.to_builtins(dict(answers.args))}
+        self.report("question", details=details | {"count": len(answers), "answers": rows})
+
+    @contextmanager
+    def editing(self, engine: Engine, *, label: str, client: str) -> Iterator[Engine]:
+        """The engine for a function that may edit the world; its edits are reported at the end.
+
+        Args:
+            engine: the engine.
+            label: the name of the call.
+            client: who made it.
+        """
+        observed = ObservedEngine(engine)
+        try:
+            yield cast("Engine", observed)
+        finally:
+            if label in _COMPOUND and observed.edits:
+                all_ids = dict.fromkeys(id for _, ids, _ in observed.edits for id in ids)
+                self.report(label, ids=tuple(all_ids)[:_MAX_IDS], client=client)
+            elif label not in _UNDONE:
+                for kind, ids, details in observed.edits:
+                    self.report(kind, ids=ids[:_MAX_IDS], details=details, client=client)
+
+
+class ObservedEngine:
+    """Passes all calls on to an engine, and lists the edits."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self.edits: list[tuple[str, tuple[BodyId, ...], Mapping[str, Any]]] = []
+        """The kind of each edit, the bodies that it is about, and its arguments."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._engine, name)
+
+    def spawn(
+        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
+    ) -> SpawnReport:
+        """See `Engine`; the same holds for the methods below."""
+        report = self._engine.spawn(world, geometry=geometry, options=options)
+        failed = {each.id for each in report.failed_bodies}
+        ids = tuple(body.id for body in world.bodies if body.id not in failed)
+        details = {"world": world.name or world.iri, "bodies": report.bodies, "joints": report.joints}
+        self.edits.append(("spawn", ids, details | ({"failed": sorted(failed)} if failed else {})))
+        return report
+
+    def delete(self, ids: Iterable[BodyId]) -> None:
+        """See `Engine`."""
+        deleted = tuple(ids)
+        self._engine.delete(deleted)
+        self.edits.append(("delete", deleted, {}))
+
+    def clear(self) -> None:
+        """See `Engine`."""
+        ids = self._engine.poses()[0]
+        self._engine.clear()
+        self.edits.append(("clear", ids, {}))
+
+    def attach(self, parent: BodyId, child: BodyId) -> None:
+        """See `Engine`."""
+        self._engine.attach(parent, child)
+        self.edits.append(("attach", (child, parent), {"parent": parent, "child": child}))
+
+    def detach(self, child: BodyId) -> None:
+        """See `Engine`."""
+        self._engine.detach(child)
+        self.edits.append(("detach", (child,), {}))
+
+    def set_pose(self, id: BodyId, pose: Pose) -> None:
+        """See `Engine`."""
+        self._engine.set_pose(id, pose)
+        self.edits.append(("set pose", (id,), {"pose": msgspec.to_builtins(pose)}))
+
+    def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
+        """See `Engine`."""
+        self._engine.set_physics(id, physics)
+        self.edits.append(("set physics", (id,), {"physics": msgspec.to_builtins(physics)}))
+
+    def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
+        """See `Engine`."""
+        self._engine.set_materials(id, materials)
+        self.edits.append(("set materials", (id,), {"materials": msgspec.to_builtins(materials)}))
+
+    def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
+        """See `Engine`."""
+        highlighted = tuple(ids)
+        self._engine.highlight(highlighted, color)
+        self.edits.append(("highlight", highlighted, {"color": color}))
+
+    def restore_state(self, state: SavedState) -> None:
+        """See `Engine`."""
+        self._engine.restore_state(state)
+        self.edits.append(("restore", (), {}))
