@@ -1,0 +1,64 @@
+"""Imagination: plans are tried in copies of a running world, many times, with a verdict and its reason."""
+
+from mindstage.imagination.execution import PlanRunner, is_uncertain, run_plan, validate_plan
+from mindstage.imagination.executors import Executor, InProcessExecutor, Job, WorkerPoolExecutor
+from mindstage.imagination.plan_files import PlanBuilder, PlanFile, dump_plan, load_plan, plan_schema
+from mindstage.imagination.plans import (
+    Attach,
+    ChangePhysics,
+    Check,
+    Close,
+    Detach,
+    Move,
+    Open,
+    Place,
+    Plan,
+    PlanStep,
+    Pull,
+    Push,
+    Uncertainty,
+    Wait,
+)
+from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
+from mindstage.imagination.verdicts import CauseCount, Progress, Replay, ReplayFrame, Verdict, imagine, wilson_interval
+
+__all__ = [
+    "Attach",
+    "CauseCount",
+    "ChangePhysics",
+    "Check",
+    "Close",
+    "Detach",
+    "EventKind",
+    "Executor",
+    "ImaginedEvent",
+    "InProcessExecutor",
+    "Job",
+    "Move",
+    "Open",
+    "Outcome",
+    "Place",
+    "Plan",
+    "PlanBuilder",
+    "PlanFile",
+    "PlanRunner",
+    "PlanStep",
+    "Progress",
+    "Pull",
+    "Push",
+    "Replay",
+    "ReplayFrame",
+    "SampleResult",
+    "Uncertainty",
+    "Verdict",
+    "Wait",
+    "WorkerPoolExecutor",
+    "dump_plan",
+    "imagine",
+    "is_uncertain",
+    "load_plan",
+    "plan_schema",
+    "run_plan",
+    "validate_plan",
+    "wilson_interval",
+]

@@ -1,0 +1,170 @@
+"""Plans: what is to be done in a world, how uncertain that world is, and what must hold at the end.
+
+A plan is plain data: frozen, comparable, and serializable as JSON and YAML. Positions and directions are in the world
+frame (x forward, y left, z up), lengths in meters, forces in newtons, times in simulated seconds.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, TypeAlias
+
+import msgspec
+from msgspec import Meta
+
+from mindstage.scene import Mobility, Pose, Vector
+
+__all__ = [
+    "Attach",
+    "ChangePhysics",
+    "Check",
+    "Close",
+    "Detach",
+    "Move",
+    "Open",
+    "Place",
+    "Plan",
+    "PlanStep",
+    "Pull",
+    "Push",
+    "Uncertainty",
+    "Wait",
+]
+
+Positive: TypeAlias = Annotated[float, Meta(gt=0)]
+NonNegative: TypeAlias = Annotated[float, Meta(ge=0)]
+
+
+class _Step(msgspec.Struct, frozen=True, kw_only=True, tag_field="do", forbid_unknown_fields=True):
+    deadline_s: Positive = 10.0
+    """The step fails if it has not ended after this simulated time [s]."""
+
+
+class Place(_Step, frozen=True, kw_only=True, tag="place"):
+    """Puts a thing at a free place on or in another one, at which it stays."""
+
+    thing: str
+    """The id of a body, which is moved there, or the name of a class, of which a new body is spawned."""
+    on: str | None = None
+    into: str | None = None
+    """The id of the holder; exactly one of `on` and `into`."""
+
+
+class Move(_Step, frozen=True, kw_only=True, tag="move"):
+    """Sets the pose of a thing, at rest; what is attached to it moves along."""
+
+    thing: str
+    to: Pose | None = None
+    by: Vector | None = None
+    """A displacement [m] instead of a pose; exactly one of `to` and `by`."""
+
+
+class Pull(_Step, frozen=True, kw_only=True, tag="pull"):
+    """Pulls a point of a thing to a target with the force of an arm, and releases it there."""
+
+    thing: str
+    target: Vector
+    """Where the point is pulled to, in the world frame [m]."""
+    point: Vector = (0.0, 0.0, 0.0)
+    """The point, in the frame of the body [m]."""
+
+
+class Push(_Step, frozen=True, kw_only=True, tag="push"):
+    """Applies a constant force to a thing."""
+
+    thing: str
+    force: Vector
+    """In the world frame [N]."""
+    point: Vector | None = None
+    """Where it acts, in the frame of the body [m]; None for the center of mass."""
+    duration_s: Positive = 0.5
+
+
+class Open(_Step, frozen=True, kw_only=True, tag="open"):
+    """Opens a door or drawer by pulling."""
+
+    thing: str
+    """The id of the joint or of the body that it moves."""
+    fraction: Annotated[float, Meta(ge=0, le=1)] = 1.0
+
+
+class Close(_Step, frozen=True, kw_only=True, tag="close"):
+    """Closes a door or drawer by pulling."""
+
+    thing: str
+
+
+class Wait(_Step, frozen=True, kw_only=True, tag="wait"):
+    """Lets time pass."""
+
+    duration_s: Positive
+
+
+class Attach(_Step, frozen=True, kw_only=True, tag="attach"):
+    """Attaches a child rigidly to a parent, at their current poses."""
+
+    parent: str
+    child: str
+
+
+class Detach(_Step, frozen=True, kw_only=True, tag="detach"):
+    """Detaches a body from its parent."""
+
+    child: str
+
+
+class ChangePhysics(_Step, frozen=True, kw_only=True, tag="set_physics"):
+    """Changes physical properties of a body; those that are None remain."""
+
+    thing: str
+    mass_kg: Positive | None = None
+    mobility: Mobility | None = None
+    gravity: bool | None = None
+
+
+PlanStep: TypeAlias = Place | Move | Pull | Push | Open | Close | Wait | Attach | Detach | ChangePhysics
+
+
+class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Standard deviations of normally distributed properties of one body, or of each body of a class.
+
+    Deviations of a pose apply to where a free body is at the start, and to where a step places or moves it.
+    """
+
+    thing: str
+    """The id of a body, or the name of a class."""
+    position_m: float | tuple[float, float, float] = 0.0  # msgspec 0.22 crashes if these numbers have constraints
+    """Along x, y, z of the world; one number is for x and y, and the height is then exact."""
+    yaw_rad: NonNegative = 0.0
+    """Rotation about the vertical axis."""
+    mass: NonNegative = 0.0
+    """Relative to the mass."""
+    friction: NonNegative = 0.0
+    """Relative to the coefficients of friction."""
+    joint_friction: NonNegative = 0.0
+    """Relative to the friction and damping of the joint that moves the body."""
+
+
+class Check(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A question that is asked at the end, and the answer with which a sample succeeds."""
+
+    question: str
+    args: dict[str, str | float | bool] = msgspec.field(default_factory=dict)
+    expect: Literal["any", "none"] | dict[str, str | float | bool] = "any"
+    """At least one answer, none, or one with these values in its columns."""
+
+
+class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Steps that are executed in order, and what must hold at the end."""
+
+    steps: tuple[PlanStep, ...]
+    name: str = ""
+    uncertainty: tuple[Uncertainty, ...] = ()
+    check: Check | None = None
+    """None if it is enough that each step ends in time and that no forbidden event occurs."""
+    until: Check | None = None
+    """After the last step, time passes until this holds, or else until everything is at rest."""
+    deadline_s: Positive = 30.0
+    """The sample fails if the plan has not ended after this simulated time [s]."""
+    forbid: tuple[str, ...] = ("fell", "tipped", "left")
+    """Kinds of events (`EventKind`) with which a sample fails. Setting a pose is no event, what follows from it is."""
+    format_version: Literal[1] = 1

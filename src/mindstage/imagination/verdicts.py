@@ -1,0 +1,440 @@
+"""Verdicts: a plan is tried many times in copies of a world, and judged with a probability and a reason.
+
+>>> import mindstage as ms
+>>> from mindstage.imagination import Plan, Push, Uncertainty
+>>> with ms.open("bundled:kitchen") as sim:
+...     push = Plan(steps=(Push(thing="milk_carton_1", force=(2.0, 0.0, 0.0)),))
+...     verdict = ms.imagine(sim, push)
+>>> verdict.outcome
+<Outcome.SUCCEEDED: 'succeeded'>
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from math import sqrt
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from mindstage.engines.base import PoseArray
+from mindstage.errors import ImaginationError, PlanError
+from mindstage.imagination.execution import is_uncertain, never, validate_plan
+from mindstage.imagination.executors import Executor, InProcessExecutor, Job, SampleRunner, WorkerPoolExecutor
+from mindstage.imagination.plan_files import PlanFile, load_plan
+from mindstage.imagination.plans import Check, Plan, Uncertainty
+from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
+from mindstage.imagination.stated_uncertainty import stated_uncertainty
+from mindstage.scene import BodyId
+from mindstage.scene.display import counted, html_table
+from mindstage.simulation import Simulation
+from mindstage.simulation.image import SimulationImage
+
+__all__ = ["CauseCount", "Progress", "Replay", "ReplayFrame", "Verdict", "imagine", "wilson_interval"]
+
+_Z = 1.959963984540054
+"""Two-sided 95 % quantile of the normal distribution."""
+_BATCH = 10
+"""The interval is looked at after each such number of samples, in their order, however many workers there are."""
+_MAX_KEPT = 1000
+"""Number of samples whose results are kept; the counts are of all."""
+
+
+def wilson_interval(successes: int, samples: int) -> tuple[float, float]:
+    """The 95 % confidence interval of a probability after Wilson (1927), the score interval without correction.
+
+    Args:
+        successes: number of samples that succeeded.
+        samples: number of all samples; without any, the interval is 0 to 1.
+    """
+    if samples == 0:
+        return 0.0, 1.0
+    p, square = successes / samples, _Z * _Z
+    middle = (p + square / (2 * samples)) / (1 + square / samples)
+    half = _Z * sqrt(p * (1 - p) / samples + square / (4 * samples * samples)) / (1 + square / samples)
+    low = 0.0 if successes == 0 else max(0.0, middle - half)
+    return low, 1.0 if successes == samples else min(1.0, middle + half)
+
+
+class CauseCount(msgspec.Struct, frozen=True, kw_only=True):
+    """How many samples did not succeed for one cause."""
+
+    kind: EventKind
+    thing: BodyId | None
+    other: BodyId | None
+    count: int
+
+
+class Progress(msgspec.Struct, frozen=True, kw_only=True):
+    """The state of a trial after some samples."""
+
+    done: int
+    """Number of samples that have ended."""
+    samples: int
+    """The largest number of samples."""
+    succeeded: int
+    failed: int
+    interval: tuple[float, float]
+    """The interval of the probability so far."""
+
+
+class ReplayFrame(msgspec.Struct, frozen=True, eq=False):
+    """The poses of all bodies at one time of a sample."""
+
+    time_s: float
+    """Simulated time since the start [s]."""
+    ids: tuple[BodyId, ...]
+    poses: PoseArray
+    """n x 7, in the order of `ids`: position [m] and quaternion (w, x, y, z)."""
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} at {self.time_s:.2f} s, {counted(len(self.ids), 'body')}>"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Replay:
+    """One sample, executed again."""
+
+    result: SampleResult
+    frames: tuple[ReplayFrame, ...]
+    """At least one for each 0.1 s of simulated time."""
+
+    def __repr__(self) -> str:
+        result = self.result
+        cause = f": {result.cause.text}" if result.cause is not None else ""
+        frames = counted(len(self.frames), "frame")
+        return f"<{type(self).__name__} of sample {result.index}, {result.outcome}{cause}; {frames}>"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """The result of many samples of a plan. Verdicts with the same plan, world and seed are equal."""
+
+    outcome: Outcome
+    """Succeeded if the whole interval is at least the threshold, failed if it is below, else unknown."""
+    probability: float | None
+    """Part of the samples with a known outcome that succeeded; None without any."""
+    interval: tuple[float, float]
+    """95 % interval of the probability after Wilson; a sample that is unknown counts as failed for the lower bound, and
+    as succeeded for the upper one. Both are equal for a plan without uncertainty."""
+    samples: int
+    """Number of samples that were begun."""
+    succeeded: int
+    failed: int
+    unknown: int
+    seed: int
+    threshold: float
+    """The required probability."""
+    stopped: str
+    """Why there are no more samples, in words."""
+    first_failure: SampleResult | None
+    """The sample with the lowest index that failed."""
+    causes: tuple[CauseCount, ...]
+    """Why samples did not succeed, the most frequent cause first."""
+    assumptions: tuple[str, ...]
+    """What the verdict rests on, one sentence each."""
+    plan: Plan
+    results: tuple[SampleResult, ...] = field(repr=False)
+    """The first samples, at most 1,000, in the order of their indices."""
+    _image: SimulationImage | None = field(default=None, repr=False, compare=False)
+
+    def __bool__(self) -> bool:
+        return self.outcome is Outcome.SUCCEEDED
+
+    def __str__(self) -> str:
+        if self.probability is None:
+            return f"{self.outcome}: no sample has a known outcome ({self.stopped})"
+        low, high = self.interval
+        known = self.succeeded + self.failed
+        parts = [f"{self.succeeded:,} of {known:,} samples succeeded"]
+        if is_uncertain(self.plan):
+            parts = [f"{parts[0]} ({self.probability:.2f}, 95 % interval {low:.2f} to {high:.2f})"]
+        if self.unknown:
+            parts.append(f"{self.unknown:,} {'is' if self.unknown == 1 else 'are'} unknown")
+        if self.first_failure is not None and self.first_failure.cause is not None:
+            parts.append(f"sample {self.first_failure.index}: {self.first_failure.cause.text}")
+        return f"{self.outcome}: {'; '.join(parts)}"
+
+    def end_poses(self, body: str) -> PoseArray:
+        """The poses of a body at the end of the kept samples in which it is reported, k x 7.
+
+        Args:
+            body: the id of a body that the plan names, that is uncertain, or that moved by more than 1 cm.
+        """
+        poses = [each.end_poses[body] for each in self.results if body in each.end_poses]
+        return np.array([[*pose.position, *pose.quaternion] for pose in poses], dtype=float).reshape(-1, 7)
+
+    def replay(self, index: int | None = None, *, stop: Callable[[], bool] = never) -> Replay:
+        """Executes one sample again, exactly as before.
+
+        Args:
+            index: the number of the sample; by default the first one that failed, else the first one.
+            stop: ends the replay when it returns true.
+
+        Raises:
+            ImaginationError: the world is not known any more, as of a verdict that was read from JSON.
+        """
+        if self._image is None:
+            raise ImaginationError("the world of this verdict is not known any more; imagine the plan again")
+        failed = self.first_failure.index if self.first_failure is not None else 0
+        frames: list[ReplayFrame] = []
+        runner = SampleRunner(Job(self._image, self.plan, self.seed))
+        result = runner.run(
+            failed if index is None else index,
+            stop=stop,
+            on_poses=lambda time_s, ids, poses: frames.append(ReplayFrame(time_s, ids, poses)),
+        )
+        return Replay(result, tuple(frames))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The verdict as plain data: the fields of this class except `results`, with the distribution of end poses."""
+        names = sorted({id for each in self.results for id in each.end_poses})
+        positions = {id: self.end_poses(id)[:, :3] for id in names}
+        return {
+            "outcome": self.outcome.value,
+            "probability": self.probability,
+            "interval": list(self.interval),
+            "samples": self.samples,
+            "succeeded": self.succeeded,
+            "failed": self.failed,
+            "unknown": self.unknown,
+            "seed": self.seed,
+            "threshold": self.threshold,
+            "stopped": self.stopped,
+            "why": str(self),
+            "first_failure": msgspec.to_builtins(self.first_failure),
+            "causes": [msgspec.to_builtins(each) for each in self.causes],
+            "assumptions": list(self.assumptions),
+            "end_positions": {
+                id: {"count": len(each), "mean": each.mean(axis=0).tolist(), "deviation": each.std(axis=0).tolist()}
+                for id, each in positions.items()
+            },
+            "plan": msgspec.to_builtins(self.plan),
+        }
+
+    def to_json(self) -> str:
+        """`to_dict` as JSON: the same text for the same world, plan and seed, unless time ran out."""
+        return json.dumps(self.to_dict(), ensure_ascii=False, sort_keys=True)
+
+    def _repr_html_(self) -> str:
+        """Causes as an HTML table, for notebooks."""
+        rows = [(each.kind.value, each.thing or "", each.other or "", str(each.count)) for each in self.causes]
+        return html_table(str(self), ("cause", "thing", "other", "samples"), rows)
+
+
+def imagine(
+    simulation: Simulation,
+    plan: Plan | PlanFile | str | os.PathLike[str],
+    *,
+    check: Check | None = None,
+    uncertainty: Iterable[Uncertainty] = (),
+    samples: int = 100,
+    seed: int = 0,
+    budget_s: float = 60.0,
+    threshold: float = 0.9,
+    width: float | None = 0.1,
+    workers: int | str | Executor = 1,
+    progress: Callable[[Progress], object] = lambda progress: None,
+    cancel: Callable[[], bool] = never,
+) -> Verdict:
+    """Tries a plan in copies of a simulation, which stays as it is, and judges it.
+
+    Args:
+        simulation: the simulation in whose current state each sample begins.
+        plan: the plan, or the path or text of one in JSON or YAML.
+        check: a question at the end, instead of the plan's.
+        uncertainty: added to the plan's, before which comes that of the maps (`stated_uncertainty`); what is stated
+            later precedes.
+        samples: the largest number of samples; a plan without uncertainty has one, since all would be equal.
+        seed: determines the random numbers.
+        budget_s: limit of the wall time [s]; samples that have not ended by then are unknown.
+        threshold: the probability that the plan must have to succeed.
+        width: the trial ends early when the interval is as narrow; None to run all samples.
+        workers: number of processes; "ray" or "ray://HOST:PORT" for a Ray cluster; "gpu" or "gpu:WORLDS" for
+            MuJoCo Warp on a GPU, "gpu:cpu" without one; or an executor, which remains open.
+        progress: called after each batch of samples.
+        cancel: asked at least every 0.2 s; true ends the trial with what is known.
+
+    Raises:
+        PlanError: the plan does not fit the world; nothing was run.
+        ImaginationError: the executor is not available, or its workers cannot be started.
+    """
+    deadline_s = time.monotonic() + budget_s
+    if isinstance(plan, str | os.PathLike):
+        plan = load_plan(plan)
+    file = plan if isinstance(plan, PlanFile) else None
+    given = plan.plan if isinstance(plan, PlanFile) else plan
+    stated = stated_uncertainty(simulation)
+    plan = msgspec.structs.replace(given, check=check or given.check, uncertainty=(*given.uncertainty, *uncertainty))
+    if samples < 1:
+        raise ImaginationError(f"a verdict needs at least one sample, not {samples}")
+    validate_plan(plan, simulation, place=str if file is None else file.place)
+    plan = msgspec.structs.replace(plan, uncertainty=(*stated.uncertainty, *plan.uncertainty))
+    image = SimulationImage.capture(simulation)
+    limit = samples if is_uncertain(plan) else 1
+    executor, is_own = (workers, False) if not isinstance(workers, int | str) else (make_executor(workers, limit), True)
+    trial = _Trial(limit, width=width if is_uncertain(plan) else None)
+    try:
+        results = executor.run(Job(image, plan, seed), range(limit), deadline_s=deadline_s, cancel=cancel)
+        for result in results:
+            if trial.add(result):
+                progress(trial.progress())
+            if trial.is_decided:
+                break
+        close = getattr(results, "close", None)
+        if close is not None:
+            close()
+    except PlanError as error:  # a step that this executor cannot run
+        raise error if file is None else PlanError(file.place(error.place), cause=error.cause) from error
+    finally:
+        if is_own:
+            executor.close()
+    stopped = trial.stopped
+    if not stopped or trial.has_interrupted_samples:
+        stopped = "canceled" if cancel() else f"the budget of {budget_s:g} s was used up"
+    return _verdict(
+        trial.counted(),
+        plan,
+        image,
+        seed=seed,
+        threshold=threshold,
+        stopped=stopped,
+        assumptions=(*stated.notes, *executor.notes),
+    )
+
+
+def make_executor(workers: int | str, samples: int = 1) -> Executor:
+    """The executor for a number of processes, or a name; see `imagine`.
+
+    Raises:
+        ImaginationError: the name is unknown, or the executor cannot be used.
+    """
+    if isinstance(workers, str) and workers.isdecimal():
+        workers = int(workers)
+    if isinstance(workers, int):
+        if workers < 1:
+            raise ImaginationError(f"there must be at least one worker, not {workers}")
+        return InProcessExecutor() if workers == 1 or samples == 1 else WorkerPoolExecutor(min(workers, samples))
+    if workers == "ray" or workers.startswith("ray://"):
+        from mindstage.imagination.ray_executor import RayExecutor
+
+        return RayExecutor(workers)
+    if workers == "gpu" or workers.startswith("gpu:"):
+        from mindstage.imagination.warp_executor import WarpExecutor
+
+        return WarpExecutor.from_name(workers, samples)
+    raise ImaginationError(f"no executor is named {workers!r}: give a number of processes, ray, ray://HOST:PORT or gpu")
+
+
+class _Trial:
+    """Collects results, and decides after each batch whether more are needed."""
+
+    def __init__(self, limit: int, *, width: float | None) -> None:
+        self._limit, self._width = limit, width
+        self._results: dict[int, SampleResult] = {}
+        self._prefix = 0
+        self._counts: Counter[Outcome] = Counter()
+        self.stopped = ""
+
+    @property
+    def is_decided(self) -> bool:
+        return bool(self.stopped)
+
+    @property
+    def has_interrupted_samples(self) -> bool:
+        """Whether a sample was ended by the caller or by the deadline."""
+        return any(each.is_interrupted for each in self._results.values())
+
+    def add(self, result: SampleResult) -> bool:
+        """Adds a result; true if a batch has become complete."""
+        self._results[result.index] = result
+        is_complete = False
+        while self._prefix in self._results and not self.stopped:
+            self._counts[self._results[self._prefix].outcome] += 1
+            self._prefix += 1
+            if self._prefix == self._limit:
+                self.stopped = "all samples were run"
+            if self._prefix % _BATCH == 0 or self.stopped:
+                is_complete = True
+                low, high = _interval(self._counts)
+                if not self.stopped and self._width is not None and high - low <= self._width:
+                    self.stopped = f"the interval is narrower than {self._width:g}"
+        return is_complete
+
+    def progress(self) -> Progress:
+        return Progress(
+            done=self._prefix,
+            samples=self._limit,
+            succeeded=self._counts[Outcome.SUCCEEDED],
+            failed=self._counts[Outcome.FAILED],
+            interval=_interval(self._counts),
+        )
+
+    def counted(self) -> list[SampleResult]:
+        """The results of the verdict in order: without those after the one with which it was decided."""
+        last = self._prefix if self.stopped else self._limit
+        return [self._results[index] for index in sorted(self._results) if index < last]
+
+
+def _interval(counts: Mapping[Outcome, int]) -> tuple[float, float]:
+    succeeded, unknown = counts.get(Outcome.SUCCEEDED, 0), counts.get(Outcome.UNKNOWN, 0)
+    total = succeeded + unknown + counts.get(Outcome.FAILED, 0)
+    return wilson_interval(succeeded, total)[0], wilson_interval(succeeded + unknown, total)[1]
+
+
+def _verdict(
+    results: list[SampleResult],
+    plan: Plan,
+    image: SimulationImage,
+    *,
+    seed: int,
+    threshold: float,
+    stopped: str,
+    assumptions: Iterable[str] = (),
+) -> Verdict:
+    counts = Counter(result.outcome for result in results)
+    succeeded, failed = counts[Outcome.SUCCEEDED], counts[Outcome.FAILED]
+    known = succeeded + failed
+    rests_on = [*image.notes, *assumptions]
+    if is_uncertain(plan):
+        interval = _interval(counts)
+    else:
+        interval = (float(succeeded), float(succeeded)) if known else (0.0, 1.0)
+        rests_on.append("no uncertainty is stated: everything is exactly as in the world, and one sample suffices")
+    outcome = Outcome.UNKNOWN
+    if results and interval[0] >= threshold:
+        outcome = Outcome.SUCCEEDED
+    elif results and interval[1] < threshold:
+        outcome = Outcome.FAILED
+    causes = Counter(_cause_key(result.cause) for result in results if result.cause is not None)
+    return Verdict(
+        outcome=outcome,
+        probability=succeeded / known if known else None,
+        interval=interval,
+        samples=len(results),
+        succeeded=succeeded,
+        failed=failed,
+        unknown=counts[Outcome.UNKNOWN],
+        seed=seed,
+        threshold=threshold,
+        stopped=stopped,
+        first_failure=next((each for each in results if each.outcome is Outcome.FAILED), None),
+        causes=tuple(
+            CauseCount(kind=kind, thing=thing, other=other, count=count)
+            for (kind, thing, other), count in sorted(causes.items(), key=lambda item: (-item[1], str(item[0])))
+        ),
+        assumptions=tuple(rests_on),
+        plan=plan,
+        results=tuple(results[:_MAX_KEPT]),
+        _image=image,
+    )
+
+
+def _cause_key(cause: ImaginedEvent) -> tuple[EventKind, BodyId | None, BodyId | None]:
+    return cause.kind, cause.thing, cause.other

@@ -1,0 +1,307 @@
+"""Verdicts: their numbers, their reason, the same for the same seed, within the budget, whatever runs the samples."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mindstage as ms
+from mindstage.errors import ImaginationError, PlanError
+from mindstage.imagination import (
+    Check,
+    EventKind,
+    InProcessExecutor,
+    Job,
+    Move,
+    Outcome,
+    Plan,
+    Progress,
+    Push,
+    SampleResult,
+    Uncertainty,
+    Wait,
+    WorkerPoolExecutor,
+    imagine,
+    wilson_interval,
+)
+from mindstage.imagination.executors import lost_sample
+from mindstage.scene import BodyId, Pose, diff
+from mindstage.simulation import Simulation, SimulationImage
+from tests.engines.scenes import body
+from tests.imagination.scenes import TABLE_HEIGHT_M, on_table
+
+BOX_Z = TABLE_HEIGHT_M + 0.05
+NEAR_EDGE = Plan(
+    name="near the edge",
+    steps=(Move(thing="box", to=Pose((0.0, 0.0, BOX_Z))), Wait(duration_s=1.0)),
+    uncertainty=(Uncertainty(thing="box", position_m=(0.02, 0.0, 0.0), yaw_rad=0.3, mass=0.1),),
+)
+ENDLESS = Plan(
+    steps=(Wait(duration_s=1e6, deadline_s=1e7),),
+    deadline_s=1e7,
+    uncertainty=(Uncertainty(thing="box", mass=0.1),),
+)
+
+
+@pytest.fixture
+def sim() -> Iterator[Simulation]:
+    with on_table(body("box", (-0.5, 0.0, BOX_Z), (0.2, 0.1, 0.1), "dynamic", 1.0)) as sim:
+        sim.step(0.5)
+        yield sim
+
+
+@pytest.fixture(scope="module")
+def pool() -> Iterator[WorkerPoolExecutor]:
+    with WorkerPoolExecutor(2) as pool:
+        yield pool
+
+
+def test_the_interval_is_that_of_published_tables() -> None:
+    """Values of R's binom::binom.confint(method = "wilson"), also in Brown, Cai and DasGupta (2001)."""
+    assert wilson_interval(0, 10) == pytest.approx((0.0, 0.2775328), abs=1e-6)
+    assert wilson_interval(5, 10) == pytest.approx((0.2365931, 0.7634069), abs=1e-6)
+    assert wilson_interval(10, 10) == pytest.approx((0.7224672, 1.0), abs=1e-6)
+    assert wilson_interval(81, 263) == pytest.approx((0.2552901, 0.3661772), abs=1e-4)
+    assert wilson_interval(0, 0) == (0.0, 1.0)
+
+
+def test_a_verdict_counts_its_samples_and_names_the_first_failure(sim: Simulation) -> None:
+    verdict = imagine(sim, NEAR_EDGE, samples=30, width=None)
+    assert verdict.outcome is Outcome.FAILED
+    assert not verdict
+    assert (verdict.samples, verdict.succeeded + verdict.failed, verdict.unknown) == (30, 30, 0)
+    assert 0.2 < (verdict.probability or 0.0) < 0.8
+    assert verdict.interval == wilson_interval(verdict.succeeded, 30)
+    assert [each.index for each in verdict.results] == list(range(30))
+    first = next(each for each in verdict.results if each.outcome is Outcome.FAILED)
+    assert verdict.first_failure == first
+    assert first.cause is not None
+    assert first.cause.thing == "box"
+    if first.cause.kind is EventKind.FELL:
+        assert first.cause.other == "table"
+        assert first.cause.amount == pytest.approx(TABLE_HEIGHT_M, abs=0.06)
+    assert sum(each.count for each in verdict.causes) == verdict.failed
+    assert str(verdict).startswith("failed: ")
+    assert f"sample {first.index}: box" in str(verdict)
+    assert verdict.end_poses("box").shape == (30, 7)
+
+
+def test_the_outcome_follows_from_the_interval_and_the_threshold(sim: Simulation) -> None:
+    p = imagine(sim, NEAR_EDGE, samples=30, width=None).probability or 0.0
+    for threshold, outcome in ((0.1, Outcome.SUCCEEDED), (p, Outcome.UNKNOWN), (0.95, Outcome.FAILED)):
+        assert imagine(sim, NEAR_EDGE, samples=30, width=None, threshold=threshold).outcome is outcome
+
+
+def test_a_plan_without_uncertainty_is_one_sample_with_a_certain_outcome(sim: Simulation) -> None:
+    verdict = imagine(sim, Plan(steps=(Wait(duration_s=0.5),)), samples=100)
+    assert (verdict.outcome, verdict.probability, verdict.interval) == (Outcome.SUCCEEDED, 1.0, (1.0, 1.0))
+    assert verdict.samples == 1
+    assert "no uncertainty is stated" in verdict.assumptions[-1]
+    verdict = imagine(sim, Plan(steps=(Move(thing="box", by=(0.8, 0.0, 0.0)), Wait(duration_s=0.5))))
+    assert (verdict.outcome, verdict.interval) == (Outcome.FAILED, (0.0, 0.0))
+
+
+def test_it_ends_when_the_interval_is_narrow_enough(sim: Simulation) -> None:
+    safe = Plan(steps=(Wait(duration_s=0.1),), uncertainty=(Uncertainty(thing="box", position_m=0.01),))
+    verdict = imagine(sim, safe, samples=1000, width=0.2)
+    assert verdict.samples == 20, "the interval of 20 successes of 20 is 0.16 wide, that of 10 of 10 is 0.28"
+    assert "narrower" in verdict.stopped
+    assert imagine(sim, safe, samples=20, width=0.2, workers=WorkerPoolStandIn()).samples == 20
+
+
+class WorkerPoolStandIn(InProcessExecutor):
+    """Gives results in another order, and more than are needed."""
+
+    def run(self, job: Job, indices: object, **options: object) -> Iterator[SampleResult]:
+        yield from reversed(list(super().run(job, indices, **options)))  # type: ignore[arg-type]
+
+
+def test_the_same_seed_gives_the_same_json_on_one_and_on_two_workers(sim: Simulation, pool: WorkerPoolExecutor) -> None:
+    alone = imagine(sim, NEAR_EDGE, samples=40, seed=7, width=0.35)
+    assert alone.to_json() == imagine(sim, NEAR_EDGE, samples=40, seed=7, width=0.35).to_json()
+    assert alone.to_json() == imagine(sim, NEAR_EDGE, samples=40, seed=7, width=0.35, workers=pool).to_json()
+    shuffled = imagine(sim, NEAR_EDGE, samples=40, seed=7, width=0.35, workers=WorkerPoolStandIn())
+    assert alone.to_json() == shuffled.to_json()
+    assert alone != imagine(sim, NEAR_EDGE, samples=40, seed=8, width=0.35)
+
+
+def test_the_json_has_the_promised_fields(sim: Simulation) -> None:
+    content = json.loads(imagine(sim, NEAR_EDGE, samples=10).to_json())
+    assert set(content) == {
+        "outcome", "probability", "interval", "samples", "succeeded", "failed", "unknown", "seed", "threshold",
+        "stopped", "why", "first_failure", "causes", "assumptions", "end_positions", "plan",
+    }  # fmt: skip
+    assert content["outcome"] == "failed"
+    assert content["first_failure"]["cause"]["thing"] == "box"
+    assert content["plan"]["steps"][1] == {"do": "wait", "duration_s": 1.0, "deadline_s": 10.0}
+
+
+def test_a_thousand_imaginations_leave_the_world_bit_for_bit_the_same(sim: Simulation) -> None:
+    def bits(simulation: Simulation) -> bytes:
+        data = simulation.run_on_engine(lambda engine: engine._cache.model().data)  # type: ignore[attr-defined]
+        names = ("qpos", "qvel", "qacc_warmstart", "xpos", "xquat", "tree_asleep", "body_awake", "time")
+        return b"".join(np.asarray(getattr(data, name)).tobytes() for name in names)
+
+    before, world = bits(sim), sim.snapshot()
+    plan = Plan(steps=(Push(thing="box", force=(5.0, 0.0, 0.0), duration_s=0.02),), uncertainty=NEAR_EDGE.uncertainty)
+    assert imagine(sim, plan, samples=1000, width=None, budget_s=300).samples == 1000
+    assert bits(sim) == before
+    assert diff(world, sim.snapshot()).identical(0.0)
+
+
+def test_a_sample_can_be_replayed_exactly(sim: Simulation) -> None:
+    verdict = imagine(sim, NEAR_EDGE, samples=10)
+    sim.undo_stack.delete([BodyId("box")])  # the world of the verdict remains
+    replay = verdict.replay()
+    assert replay.result == verdict.first_failure
+    heights = [frame.poses[frame.ids.index(BodyId("box"))][2] for frame in replay.frames]
+    assert heights[0] > TABLE_HEIGHT_M > heights[-1] + 0.5
+    assert max(np.diff([frame.time_s for frame in replay.frames])) <= 0.1 + 1e-9
+    assert verdict.replay(3).result == verdict.results[3]
+
+
+def test_a_check_decides_what_the_answer_at_the_end_must_be(sim: Simulation) -> None:
+    still = Plan(steps=(Wait(duration_s=0.1),))
+    on_table = Check(question="where_is", args={"thing": "box"}, expect={"relation": "on", "other": "table"})
+    assert imagine(sim, still, check=on_table)
+    verdict = imagine(
+        sim, still, check=Check(question="where_is", args={"thing": "box"}, expect={"other": "floor", "relation": "on"})
+    )
+    assert verdict.outcome is Outcome.FAILED
+    assert verdict.causes[0].kind is EventKind.CHECK
+    assert "where_is" in str(verdict)
+    assert verdict.results[0].answers
+    assert not imagine(sim, still, check=Check(question="where_is", args={"thing": "box"}, expect="none"))
+
+
+# -- time and losses ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_plan_that_never_ends_ends_at_its_budget(sim: Simulation, pool: WorkerPoolExecutor, workers: int) -> None:
+    begin = time.monotonic()
+    verdict = imagine(sim, ENDLESS, samples=100, budget_s=1.5, workers=pool if workers == 2 else 1)
+    assert time.monotonic() - begin < 10.0
+    assert verdict.outcome is Outcome.UNKNOWN
+    assert verdict.probability is None
+    assert verdict.failed == 0
+    assert verdict.samples == verdict.unknown <= workers
+    assert "budget of 1.5 s" in str(verdict)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_it_can_be_canceled(sim: Simulation, pool: WorkerPoolExecutor, workers: int) -> None:
+    canceled = threading.Event()
+    timer = threading.Timer(0.3, canceled.set)
+    timer.start()
+    verdict = imagine(sim, ENDLESS, samples=100, workers=pool if workers == 2 else 1, cancel=canceled.is_set)
+    assert verdict.outcome is Outcome.UNKNOWN
+    assert verdict.stopped == "canceled"
+
+
+def test_a_killed_worker_makes_its_sample_unknown_and_is_replaced(sim: Simulation, pool: WorkerPoolExecutor) -> None:
+    first_batch = threading.Event()
+
+    def kill() -> None:
+        assert first_batch.wait(60.0)
+        os.kill(pool.process_ids[0], signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    verdict = imagine(
+        sim, NEAR_EDGE, samples=120, width=None, workers=pool, progress=lambda progress: first_batch.set()
+    )
+    killer.join(60.0)
+    assert (verdict.samples, verdict.unknown) == (120, 1)
+    lost = next(each for each in verdict.results if each.outcome is Outcome.UNKNOWN)
+    assert lost.cause is not None
+    assert "signal 9" in lost.cause.text
+    assert len(pool.process_ids) == 2
+    alone = imagine(sim, NEAR_EDGE, samples=120, width=None)
+    assert [each for each in alone.results if each.index != lost.index] == [
+        each for each in verdict.results if each is not lost
+    ]
+    low, high = verdict.interval
+    assert low == wilson_interval(verdict.succeeded, 120)[0]
+    assert high == wilson_interval(verdict.succeeded + 1, 120)[1]
+
+
+def test_workers_end_with_their_pool_and_with_their_parent(sim: Simulation) -> None:
+    with WorkerPoolExecutor(2) as own:
+        imagine(sim, NEAR_EDGE, samples=4, workers=own)
+        processes = own.process_ids
+        assert len(processes) == 2
+    for process in processes:
+        with pytest.raises(ProcessLookupError):
+            os.kill(process, 0)
+
+
+def test_an_error_of_all_samples_is_raised_and_the_pool_remains_usable(
+    sim: Simulation, pool: WorkerPoolExecutor
+) -> None:
+    bad = Job(SimulationImage.capture(sim), Plan(steps=(Move(thing="no", by=(0.0, 0.0, 1.0)),)))
+    with pytest.raises(ImaginationError, match="there is no body 'no'"):
+        list(pool.run(bad, range(3), deadline_s=time.monotonic() + 60.0))
+    assert imagine(sim, NEAR_EDGE, samples=10, workers=pool).samples == 10
+
+
+def test_unknown_samples_are_never_failed() -> None:
+    class Losing(InProcessExecutor):
+        def run(self, job: Job, indices: object, **options: object) -> Iterator[SampleResult]:
+            for result in super().run(job, indices, **options):  # type: ignore[arg-type]
+                yield lost_sample(result.index, "the node is gone") if result.index % 2 else result
+
+    with on_table(body("box", (-0.5, 0.0, BOX_Z), (0.2, 0.1, 0.1), "dynamic", 1.0)) as sim:
+        safe = Plan(steps=(Wait(duration_s=0.1),), uncertainty=(Uncertainty(thing="box", position_m=0.01),))
+        verdict = imagine(sim, safe, samples=20, width=None, workers=Losing())
+    assert (verdict.succeeded, verdict.failed, verdict.unknown) == (10, 0, 10)
+    assert verdict.probability == 1.0
+    assert verdict.interval == (wilson_interval(10, 20)[0], 1.0)
+    assert verdict.outcome is Outcome.UNKNOWN
+    assert "10 are unknown" in str(verdict)
+
+
+# -- bad input ---------------------------------------------------------------------------------------------------------
+
+
+def where_is(**options: object) -> Check:
+    return Check(question="where_is", **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("plan", "options", "message"),
+    [
+        (Plan(steps=(Move(thing="bx", by=(0.0, 0.0, 1.0)),)), {}, r"steps\[0\].thing: .*'bx'; near: 'box'"),
+        (Plan(steps=(Move(thing="box"),)), {}, r"steps\[0\]: .*either `to`"),
+        (NEAR_EDGE, {"check": Check(question="where_iss")}, r"check: .*where_is"),
+        (NEAR_EDGE, {"check": where_is(args={"ting": 1})}, "check: .*ting"),
+        (NEAR_EDGE, {"check": where_is(args={"thing": "bx"})}, "check: .*bx"),
+        (NEAR_EDGE, {"check": where_is(expect={"plce": "x"})}, r"check.expect: .*'plce'"),
+        (NEAR_EDGE, {"uncertainty": [Uncertainty(thing="bok")]}, r"uncertainty\[1\].thing: .*'box'"),
+        (NEAR_EDGE, {"samples": 0}, "at least one sample"),
+        (NEAR_EDGE, {"workers": 0}, "at least one worker"),
+        (NEAR_EDGE, {"workers": "cloud"}, "no executor is named 'cloud'"),
+        ("steps:\n  - do: wait\n    duration_s: 1\nforbid: [fel]\n", {}, r"the plan:4: forbid\[0\]: .*'fell'"),
+    ],
+)
+def test_bad_input_is_named_before_anything_runs(
+    sim: Simulation, plan: Plan | str, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises((PlanError, ImaginationError), match=message):
+        imagine(sim, plan, **options)
+
+
+def test_progress_is_reported_after_each_batch(sim: Simulation) -> None:
+    seen: list[Progress] = []
+    verdict = ms.imagine(sim, NEAR_EDGE, samples=25, width=None, progress=seen.append)
+    assert [each.done for each in seen] == [10, 20, 25]
+    assert seen[-1].succeeded == verdict.succeeded
+    assert seen[-1].interval == verdict.interval
