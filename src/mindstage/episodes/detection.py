@@ -1,0 +1,156 @@
+"""Detection of events in recordings and in running worlds: the same code, one frame after the other.
+
+detector = EventDetector(geometry=simulation.geometry)
+for frame in frames:
+for event in detector.update(frame):
+print(event)  # it has begun, or it has ended
+detector.finish()
+print(detector.events)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mindstage.engines.base import PoseArray
+from mindstage.episodes.contact_events import ContactTracker
+from mindstage.episodes.event_log import EventLog
+from mindstage.episodes.handling_events import HandlingDetector
+from mindstage.episodes.motion_events import FallDetector, JointMotionDetector, SlideDetector, TipDetector
+from mindstage.episodes.recording import EpisodeEvent, EpisodeFrame, Recording
+from mindstage.episodes.tracking import BodyTable, DetectionThresholds, MotionTracker
+from mindstage.errors import EpisodeError
+from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap
+from mindstage.scene.transforms import normalize, pose_array
+
+__all__ = ["EventDetector", "detect_events"]
+
+
+class EventDetector:
+    """Detects events from frames, in the order of time.
+
+    A frame is processed when the next one has arrived, since positions are smoothed over three frames, and most events
+    are certain a tenth of a second after they have begun; their times are those of the frames all the same.
+    """
+
+    def __init__(self, *, geometry: GeometryMap = NO_GEOMETRY, thresholds: DetectionThresholds | None = None) -> None:
+        """Creates a detector that has seen no frame.
+
+        Args:
+            geometry: the geometry of the bodies, by which contacts are found where none were recorded; a body without
+                an entry is its primitive shape.
+            thresholds: by default those that `DetectionThresholds` documents.
+        """
+        self.thresholds = DetectionThresholds() if thresholds is None else thresholds
+        self._log = EventLog()
+        self._motion = MotionTracker(self.thresholds)
+        self._contacts = ContactTracker(self.thresholds, geometry, self._log)
+        self._joints = JointMotionDetector(self.thresholds, self._log)
+        self._handling = HandlingDetector(self.thresholds, self._log, self._contacts)
+        self._falls = FallDetector(self.thresholds, self._log)
+        self._tips = TipDetector(self.thresholds, self._log)
+        self._slides = SlideDetector(self.thresholds, self._log, self._contacts)
+        self._table: BodyTable | None = None
+        self._before: EpisodeFrame | None = None
+        self._pending: EpisodeFrame | None = None
+        """The last frame, which is processed when its successor is known."""
+        self._last_poses = np.zeros((0, 7))
+        self._last_rows: Mapping[BodyId, int] = {}
+        self._finished = False
+
+    @property
+    def events(self) -> tuple[EpisodeEvent, ...]:
+        """All events so far, in the order of their begin; those that last have no end."""
+        return self._log.events
+
+    def update(self, frame: EpisodeFrame) -> tuple[EpisodeEvent, ...]:
+        """Takes a frame; returns the events that were found to have begun or ended, each as it is now.
+
+        An event is returned once or twice: when it begins, with no end, and when it ends, with the same id. Of two
+        frames of the same time the last one counts.
+
+        Raises:
+            EpisodeError: the frame is earlier than the one before, or the detector is finished.
+        """
+        if self._finished:
+            raise EpisodeError("the detection is finished; create another EventDetector")
+        pending = self._pending
+        if pending is not None:
+            if not frame.time_s >= pending.time_s:
+                raise EpisodeError(f"a frame at {frame.time_s:g} s came after one at {pending.time_s:g} s")
+            if frame.time_s > pending.time_s:
+                self._process(pending, frame)
+                self._before = pending
+        self._pending = frame
+        return self._log.take_changed()
+
+    def finish(self) -> tuple[EpisodeEvent, ...]:
+        """Ends the detection; returns the events that were found to have begun or ended since the last frame.
+
+        Calling it twice is harmless.
+        """
+        if not self._finished:
+            self._finished = True
+            if self._pending is not None:
+                self._process(self._pending, None)
+            for each in (self._contacts, self._joints, self._handling, self._slides):
+                each.finish()
+        return self._log.take_changed()
+
+    def _process(self, frame: EpisodeFrame, after: EpisodeFrame | None) -> None:
+        table = self._table
+        if table is None or table.ids != frame.ids or table.structure is not frame.structure:
+            table = BodyTable.from_frame(frame, table)
+            self._table = table
+        poses = _smoothed(self._before, frame, after)
+        unknown = np.asarray(~np.isfinite(poses).all(axis=1))
+        if unknown.any():  # a diverged simulation, a lost marker: it is where it was
+            self._fill(poses, unknown, table)
+        sample = self._motion.sample(frame.time_s, table, poses)
+        self._last_poses, self._last_rows = poses, table.row
+        self._contacts.update(sample, frame.contacts)
+        self._joints.update(sample, frame.joint_positions)
+        held = self._handling.update(sample)
+        counts, agents = table.group_sums(self._contacts.contact_counts), self._handling.agents
+        self._falls.update(sample, counts, held)
+        held[[table.row[id] for id in agents]] = True
+        self._tips.update(sample, counts, held)
+        self._slides.update(sample, agents)
+        self._motion.keep()
+
+    def _fill(self, poses: PoseArray, unknown: NDArray[np.bool_], table: BodyTable) -> None:
+        """Replaces poses that are not finite by the last known ones, or by those of the structure."""
+        by_id = {body.id: body for body in table.structure.bodies}
+        for row in np.flatnonzero(unknown).tolist():
+            id = table.ids[row]
+            before = self._last_rows.get(id)
+            pose = self._last_poses[before] if before is not None else pose_array([by_id[id].pose])[0]
+            poses[row] = pose if np.isfinite(pose).all() else (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+
+
+def detect_events(recording: Recording, *, thresholds: DetectionThresholds | None = None) -> tuple[EpisodeEvent, ...]:
+    """Returns all events of a recording, in the order of their begin."""
+    detector = EventDetector(geometry=recording.geometry, thresholds=thresholds)
+    for frame in recording.frames():
+        detector.update(frame)
+    detector.finish()
+    return detector.events
+
+
+def _smoothed(before: EpisodeFrame | None, frame: EpisodeFrame, after: EpisodeFrame | None) -> PoseArray:
+    """The poses of a frame with unit quaternions, each coordinate the median of three frames."""
+    poses = np.array(frame.poses, dtype=np.float64)
+    off = np.abs(np.einsum("ij,ij->i", poses[:, 3:], poses[:, 3:]) - 1.0) > _UNIT_TOLERANCE
+    if off.any():
+        poses[off, 3:] = normalize(poses[off, 3:])
+    if before is not None and after is not None and before.ids == frame.ids == after.ids:
+        one, other = before.poses[:, :3], after.poses[:, :3]
+        low, high = np.minimum(one, other), np.maximum(one, other)
+        poses[:, :3] = np.clip(poses[:, :3], low, high)
+    return poses
+
+
+_UNIT_TOLERANCE = 1e-9

@@ -1,0 +1,889 @@
+"""Recording: a running simulation is written to an episode file.
+
+The engine thread only takes references to the published arrays, at the rate of the recording and after each edit; a
+thread of the recorder finds what has changed, and writes it. What is older than a second is on the disk.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import time
+import uuid
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from itertools import chain
+from pathlib import Path
+from threading import Event, Lock, Thread
+from typing import Any, NamedTuple, Protocol, TypeVar
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from mindstage.assets.gltf import world_to_glb
+from mindstage.engines.base import Capability, Contact, Engine, PoseArray
+from mindstage.episodes.detection import EventDetector
+from mindstage.episodes.geometry_file import encode_geometry
+from mindstage.episodes.mcap_file import EpisodeFileWriter
+from mindstage.episodes.messages import ChunkHead, EpisodeEncoder, EpisodeTopic
+from mindstage.episodes.recording import EpisodeEdit, EpisodeEvent, EpisodeFrame, Recording
+from mindstage.episodes.structure import WorldStructure
+from mindstage.errors import EpisodeError, EpisodeFileError, InvalidArgumentError, MapWriteError, MindstageError
+from mindstage.knowledge import KnowledgeBase
+from mindstage.knowledge.io.write import write_map
+from mindstage.scene import BodyGeometry, BodyId, GeometryMap, Mobility, World
+
+__all__ = ["EpisodeHeader", "RecordedSimulation", "RecordedState", "Recorder", "RecordingFolder", "write_episode"]
+
+_POLL_S = 0.1
+"""Wall time between two turns of the writing thread [s]."""
+_CHUNK_WALL_S = 0.6
+"""Wall time after which a chunk is written, so that a killed process loses less than a second."""
+_CHUNK_FRAMES = 120
+"""Seeking decodes a chunk."""
+_CHUNK_BYTES = 1 << 20
+_BASE_S = 30.0
+"""Episode time after which a chunk begins with the state of all bodies."""
+_MAX_RATE_HZ = 1000.0
+_MAX_RESTING_FRAMES = 30
+"""Frames without any change after which no more are searched for events until something moves."""
+_STOP_TIMEOUT_S = 60.0
+_NONE: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
+_log = logging.getLogger("mindstage.episodes")
+T = TypeVar("T")
+
+
+class RecordedState(Protocol):
+    """The part of `StateSnapshot` that is recorded."""
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time [s]."""
+
+    @property
+    def ids(self) -> tuple[BodyId, ...]:
+        """The bodies that exist; the same object until one is added or removed."""
+
+    @property
+    def poses(self) -> PoseArray:
+        """N x 7, in the order of `ids`."""
+
+
+class RecordedSimulation(Protocol):
+    """The part of `Simulation` that a recorder uses."""
+
+    knowledge: KnowledgeBase
+
+    @property
+    def engine_name(self) -> str:
+        """The name of the engine."""
+
+    @property
+    def capabilities(self) -> frozenset[Capability]:
+        """The optional capabilities of the engine."""
+
+    @property
+    def worlds(self) -> tuple[World, ...]:
+        """The worlds that were spawned."""
+
+    @property
+    def geometry(self) -> GeometryMap:
+        """The geometry of the bodies that exist."""
+
+    @property
+    def immovable(self) -> frozenset[BodyId]:
+        """Dynamic bodies that are simulated as static ones."""
+
+    def run_on_engine(self, function: Callable[[Engine], T], *, label: str = "") -> T:
+        """Runs a function in the engine thread, and publishes the state."""
+
+    def observe(self, observer: Any) -> Callable[[], None]:
+        """Registers an observer; returns a function that removes it."""
+
+    def on_close(self, callback: Callable[[], None]) -> None:
+        """Registers a callback that is called before the simulation is closed."""
+
+
+class EpisodeHeader(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The first attachment of an episode file."""
+
+    format_version: int = 1
+    episode: str
+    """A random identifier."""
+    start_unix_s: float
+    """Wall time of the begin, in seconds since 1970."""
+    engine: str
+    rate_hz: float
+    has_joints: bool
+    """Whether joint positions are recorded."""
+    has_contacts: bool
+    """Whether contacts are recorded."""
+    has_events: bool
+    """Whether events were detected while it was recorded."""
+    source: str = "Mindstage"
+
+
+class _Capture(NamedTuple):
+    """What the engine thread takes at one time."""
+
+    time_ns: int
+    ids: tuple[BodyId, ...]
+    poses: PoseArray
+    joints: Mapping[BodyId, tuple[float, ...]] | None
+    contacts: tuple[Contact, ...] | None
+    structure: WorldStructure | None
+    """None if nothing but poses can have changed."""
+    geometry: GeometryMap | None
+    """The geometry of the bodies, together with the structure."""
+    moved: NDArray[np.intp] | None
+    """The rows of the poses that differ from those of the capture before; None if the bodies are others."""
+
+
+class Recorder:
+    """Records a simulation in a file until `stop`, or until the simulation is closed.
+
+    >>> with Recorder(sim, "run.mcap"):
+    ...     sim.step(10.0)
+    """
+
+    def __init__(
+        self,
+        simulation: RecordedSimulation,
+        path: str | os.PathLike[str],
+        *,
+        rate_hz: float = 30.0,
+        events: bool = True,
+    ) -> None:
+        """Starts to record; the state at this time is the first frame.
+
+        Args:
+            simulation: the simulation.
+            path: the file to write, ending with ".mcap".
+            rate_hz: frames per simulated second. Edits are recorded when they are made.
+            events: whether events are detected while it records; otherwise whoever reads the file detects them.
+
+        Raises:
+            EpisodeFileError: the file exists or cannot be written, or the suffix is another one.
+            InvalidArgumentError: the rate is not between 0 and 1000 Hz.
+        """
+        self.path = Path(path)
+        if self.path.suffix != ".mcap":
+            raise EpisodeFileError(str(path), cause="an episode file ends with .mcap", remedy="rename it")
+        if not 0.0 < rate_hz <= _MAX_RATE_HZ:
+            cause = f"{rate_hz:g} Hz is not above 0 and at most {_MAX_RATE_HZ:g} Hz"
+            raise InvalidArgumentError("rate", cause=cause, remedy="30 is the default")
+        self.interval_s = 1.0 / rate_hz
+        """Simulated time between two frames [s]."""
+        self._simulation = simulation
+        self._pending: deque[_Capture | EpisodeEdit | Event] = deque()
+        self._wake = Event()
+        self._has_ended = False
+        self._error: Exception | None = None
+        self._stopped = False
+        self._frames = 0
+        capabilities = simulation.capabilities
+        self._has_joints = Capability.JOINTS in capabilities
+        self._has_contacts = Capability.CONTACTS in capabilities
+        self._last: _Capture | None = None
+        self._last_content = b""
+        self._last_time_s = 0.0
+        self._offset_s = 0.0
+        self._next_ns = 0
+        self._is_edited = True
+        header = EpisodeHeader(
+            episode=uuid.uuid4().hex,
+            start_unix_s=time.time(),
+            engine=simulation.engine_name,
+            rate_hz=rate_hz,
+            has_joints=self._has_joints,
+            has_contacts=self._has_contacts,
+            has_events=events,
+        )
+        self._writer = _EpisodeWriter(EpisodeFileWriter(self.path), header, simulation.knowledge, detects=events)
+        self._thread = Thread(target=self._write, name="mindstage-recorder", daemon=True)
+        self._thread.start()
+        self._remove = simulation.observe(self)
+        try:
+            self._publish_now()
+        except BaseException:
+            self._remove()
+            self._end()
+            raise
+        simulation.on_close(self.stop)
+
+    @property
+    def recording(self) -> bool:
+        """Whether it is still recording: neither stopped nor failed."""
+        return not self._stopped and self._error is None
+
+    @property
+    def frames(self) -> int:
+        """The number of frames so far."""
+        return self._frames
+
+    @property
+    def time_s(self) -> float:
+        """The time since the begin of the episode [s]."""
+        return self._last.time_ns / 1e9 if self._last else 0.0
+
+    def stop(self) -> None:
+        """Records the last state and finishes the file; may be called repeatedly.
+
+        Raises:
+            EpisodeError: the file could not be written, for the stated reason.
+        """
+        if not self._stopped:
+            try:
+                self._is_edited = True
+                self._publish_now()
+            except MindstageError as error:  # the engine has failed: what was recorded is kept
+                _log.warning("the last state could not be recorded: %s", error)
+            self._stopped = True
+            self._remove()
+            self._end()
+        self._thread.join(_STOP_TIMEOUT_S)
+        if self._thread.is_alive():
+            raise EpisodeFileError(str(self.path), cause=f"it could not be finished within {_STOP_TIMEOUT_S:g} s")
+        if self._error is not None:
+            cause, self._error = self._error, None
+            if isinstance(cause, EpisodeError):
+                raise cause
+            raise EpisodeFileError(str(self.path), cause=f"recording failed: {cause}") from cause
+
+    def flush(self) -> None:
+        """Writes everything that was recorded so far, so that the file can be read.
+
+        Raises:
+            EpisodeFileError: it was not written in time.
+        """
+        written = Event()
+        self._pending.append(written)
+        self._wake.set()
+        if self.recording and not written.wait(_STOP_TIMEOUT_S) and self.recording:
+            raise EpisodeFileError(str(self.path), cause=f"it could not be written within {_STOP_TIMEOUT_S:g} s")
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def __repr__(self) -> str:
+        state = "recording" if self.recording else "failed" if self._error else "stopped"
+        return f"<{type(self).__name__} {self.path}: {state}, {self._frames:,} frames>"
+
+    def _publish_now(self) -> None:
+        self._simulation.run_on_engine(lambda _: None, label="record")
+
+    # -- in the engine thread ------------------------------------------------------------------------------------------
+
+    def on_edit(self, kind: str, *, client: str, ids: Iterable[BodyId] = (), details: Mapping[str, Any] = {}) -> None:
+        """Records an edit or a request; called in any thread.
+
+        Args:
+            kind: see `EpisodeEdit`.
+            client: who did it.
+            ids: the bodies that it is about.
+            details: arguments and results, as JSON values.
+        """
+        if self._last is None or not self.recording:
+            return
+        edit = EpisodeEdit(time_s=self.time_s, kind=kind, client=client, ids=tuple(ids), details=details)
+        self._pending.append(edit)
+
+    def on_state(self, state: RecordedState, engine: Engine, *, edited: bool, rebuild_pending: bool) -> None:
+        """Records a published state if a frame is due.
+
+        Args:
+            state: the state.
+            engine: the engine.
+            edited: whether anything but poses may have changed.
+            rebuild_pending: whether reading joints and contacts would make the engine rebuild its model.
+        """
+        if not self.recording:
+            return
+        try:
+            self._observe(state, engine, edited=edited, rebuild_pending=rebuild_pending)
+        except Exception as error:  # recording must not stop the simulation
+            self._error = error
+            self._end()
+            _log.exception("recording of %s failed", self.path)
+
+    def _observe(self, state: RecordedState, engine: Engine, *, edited: bool, rebuild_pending: bool) -> None:
+        last = self._last
+        time_s = state.time_s
+        if last is None:
+            self._offset_s = -time_s
+        elif time_s < self._last_time_s or (edited and time_s != self._last_time_s):
+            self._offset_s += self._last_time_s - time_s  # a saved state was restored
+        self._last_time_s = time_s
+        time_ns = round((time_s + self._offset_s) * 1e9)
+        has_changed = edited or self._is_edited or last is None or state.ids is not last.ids
+        if not has_changed and time_ns < self._next_ns:
+            return
+        interval_ns = round(self.interval_s * 1e9)
+        if time_ns >= self._next_ns:
+            # an engine steps a little more or less than the interval
+            behind_ns = time_ns - self._next_ns
+            self._next_ns += interval_ns * (behind_ns // interval_ns + 1) - (0 if last else interval_ns // 10)
+        self._is_edited = False
+        structure, geometry = None, None
+        if has_changed:
+            structure = WorldStructure.of_snapshot(
+                engine.snapshot(),
+                state.ids,
+                state.poses,
+                spawned=self._simulation.worlds,
+                immovable=self._simulation.immovable,
+            )
+            geometry = self._simulation.geometry
+        moved, content = None, state.poses.tobytes()
+        if last is not None and last.ids is state.ids:
+            is_same = content == self._last_content  # much faster than to compare numbers
+            moved = _NONE if is_same else np.flatnonzero((state.poses != last.poses).any(axis=1))
+        self._last_content = content
+        self._last = _Capture(
+            time_ns if last is None else max(time_ns, last.time_ns),
+            state.ids,
+            state.poses,
+            self._joints(engine, structure, moved, rebuild_pending=rebuild_pending),
+            self._contacts(engine, state.ids, rebuild_pending=rebuild_pending),
+            structure,
+            geometry,
+            moved,
+        )
+        self._frames += 1
+        self._pending.append(self._last)
+
+    def _joints(
+        self,
+        engine: Engine,
+        structure: WorldStructure | None,
+        moved: NDArray[np.intp] | None,
+        *,
+        rebuild_pending: bool,
+    ) -> Mapping[BodyId, tuple[float, ...]] | None:
+        """The positions of the joints; those of before if they cannot have changed."""
+        if not self._has_joints:
+            return None
+        last = self._last
+        if last is None or last.joints is None:
+            return engine.joint_positions()
+        if structure is None and moved is not None and not len(moved):
+            return last.joints
+        if rebuild_pending and structure is not None and moved is not None:
+            ids = {last.ids[row] for row in moved.tolist()}
+            joints = {joint.id for joint in structure.world.joints if not ids.intersection((joint.parent, joint.child))}
+            if last.joints.keys() <= joints:
+                return last.joints
+        return engine.joint_positions()
+
+    def _contacts(
+        self, engine: Engine, ids: tuple[BodyId, ...], *, rebuild_pending: bool
+    ) -> tuple[Contact, ...] | None:
+        """The contacts; while the model waits for its rebuild, those of before between the bodies that still exist."""
+        if not self._has_contacts:
+            return None
+        if not rebuild_pending or self._last is None or self._last.contacts is None:
+            return engine.contacts()
+        if ids is self._last.ids:
+            return self._last.contacts
+        present = {*ids, None}
+        return tuple(each for each in self._last.contacts if each.a in present and each.b in present)
+
+    def _end(self) -> None:
+        self._has_ended = True
+        self._wake.set()
+
+    # -- in the thread that writes -------------------------------------------------------------------------------------
+
+    def _write(self) -> None:
+        try:
+            has_ended = False
+            while not has_ended:
+                # the thread is not woken for each frame, which would interrupt the engine's thread
+                self._wake.wait(_POLL_S)
+                self._wake.clear()
+                has_ended = self._has_ended
+                for _ in range(len(self._pending)):
+                    self._write_item(self._pending.popleft())
+                self._writer.flush_if_due()
+                if self._writer.work():
+                    self._wake.set()
+            while self._pending:
+                self._write_item(self._pending.popleft())
+            self._writer.finish()
+        except Exception as error:
+            self._error = self._error or error
+            _log.exception("recording of %s failed", self.path)
+            self._writer.abort()
+
+    def _write_item(self, item: _Capture | EpisodeEdit | Event) -> None:
+        match item:
+            case _Capture():
+                self._writer.add_frame(item)
+            case EpisodeEdit():
+                self._writer.add_edit(item)
+            case Event():
+                self._writer.work(all=True)
+                self._writer.flush()
+                item.set()
+
+
+class RecordingFolder:
+    """Records a simulation in new files of a folder, one at a time; may be used from any thread."""
+
+    def __init__(self, simulation: RecordedSimulation, folder: Path) -> None:
+        """Records nothing before `start`.
+
+        Args:
+            simulation: the simulation.
+            folder: created with the first recording, if it does not exist.
+        """
+        self.folder = folder
+        self._simulation = simulation
+        self._recorder: Recorder | None = None
+        self._lock = Lock()
+
+    @property
+    def recorder(self) -> Recorder | None:
+        """The recorder that is running; None if there is none."""
+        recorder = self._recorder
+        return recorder if recorder is not None and recorder.recording else None
+
+    def start(self, name: str = "", *, rate_hz: float = 30.0) -> Path:
+        """Starts to record.
+
+        Args:
+            name: the name of the file, without a folder; by default the current time.
+            rate_hz: see `Recorder`.
+
+        Returns:
+            The path of the file.
+
+        Raises:
+            EpisodeError: a recording is running, the name has a folder, or the file exists or cannot be written.
+        """
+        with self._lock:
+            if self.recorder is not None:
+                raise EpisodeError(f"{self.recorder.path} is being recorded; stop that first")
+            chosen = name.removesuffix(".mcap") or time.strftime("episode-%Y-%m-%d-%H-%M-%S")
+            if Path(chosen).name != chosen or chosen.startswith("."):
+                raise EpisodeFileError(name, cause="it is not the name of a file", remedy="give it without a folder")
+            try:
+                self.folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise EpisodeFileError(str(self.folder), cause=error.strerror or str(error)) from error
+            self._recorder = Recorder(self._simulation, self.folder / f"{chosen}.mcap", rate_hz=rate_hz)
+            return self._recorder.path
+
+    def stop(self) -> Path:
+        """Finishes the recording that is running, and returns its path.
+
+        Raises:
+            EpisodeError: nothing is being recorded, or the file could not be written.
+        """
+        with self._lock:
+            if self._recorder is None:
+                raise EpisodeError("nothing is being recorded")
+            recorder, self._recorder = self._recorder, None
+        recorder.stop()
+        return recorder.path
+
+
+class _EpisodeWriter:
+    """Writes frames and edits to a file: only what has changed, and at the begin of each chunk what is needed."""
+
+    def __init__(
+        self, file: EpisodeFileWriter, header: EpisodeHeader, knowledge: KnowledgeBase, *, detects: bool
+    ) -> None:
+        self._file, self._header, self._knowledge = file, header, knowledge
+        self._encode = EpisodeEncoder()
+        self._structure: WorldStructure | None = None
+        self._poses: PoseArray = np.zeros((0, 7))
+        self._joints: Mapping[BodyId, tuple[float, ...]] = {}
+        self._contacts: tuple[Contact, ...] = ()
+        self._time_ns = 0
+        self._number = -1
+        self._base = 0
+        self._base_ns = 0
+        self._complete = -1
+        """The number of the last structure that was written as a whole."""
+        self._changed_bodies: set[BodyId] = set()
+        """The bodies that have moved since the last base chunk."""
+        self._changed_joints: set[BodyId] = set()
+        self._knowledge_digest = b""
+        self._jobs: deque[Callable[[], None]] = deque()
+        self._geometry_keys: set[str] = set()
+        self._geometry_of: dict[BodyId, BodyGeometry] = {}
+        """The geometry of all bodies so far, which the detection of events reads."""
+        self._attached: dict[BodyId, BodyGeometry] = {}
+        """That which is in the file."""
+        self._detected: EpisodeFrame | None = None
+        """The last frame, whether events were detected in it or it was skipped."""
+        self._skipped: EpisodeFrame | None = None
+        self._resting_frames = 0
+        self._detector = EventDetector(geometry=self._geometry_of) if detects else None
+        self._geometry_files = 0
+        self._open_since_s: float | None = None
+        self._chunk_frames = 0
+        self._chunk_bytes = 0
+
+    # -- chunks --------------------------------------------------------------------------------------------------------
+
+    def flush_if_due(self) -> None:
+        """Writes the open chunk if it is old or long."""
+        if self._open_since_s is None:
+            return
+        is_long = self._chunk_frames >= _CHUNK_FRAMES or self._chunk_bytes >= _CHUNK_BYTES
+        if is_long or time.monotonic() - self._open_since_s >= _CHUNK_WALL_S:
+            self.flush()
+
+    def flush(self) -> None:
+        """Writes the open chunk."""
+        if self._open_since_s is not None:
+            self._open_since_s = None
+            self._file.end_chunk()
+
+    def _add(self, topic: EpisodeTopic, data: bytes, time_ns: int | None = None) -> None:
+        self._chunk_bytes += len(data)
+        self._file.add(topic, self._time_ns if time_ns is None else time_ns, data)
+
+    def _begin_chunk(self) -> None:
+        assert self._structure is not None
+        self._open_since_s, self._chunk_frames, self._chunk_bytes = time.monotonic(), 0, 0
+        self._number += 1
+        is_base = self._number == 0 or self._time_ns - self._base_ns >= _BASE_S * 1e9
+        if is_base:
+            self._base, self._base_ns = self._number, self._time_ns
+            self._changed_bodies, self._changed_joints = set(), set()
+        repeated = self._whole_state() if is_base else self._changed_state()
+        head = ChunkHead(self._header.episode, self._number, self._base, self._structure.number, len(repeated))
+        self._add(EpisodeTopic.CHUNKS, self._encode.chunk(head))
+        for topic, data in repeated:
+            self._add(topic, data)
+
+    def _whole_state(self) -> list[tuple[EpisodeTopic, bytes]]:
+        structure, time_ns = self._structure, self._time_ns
+        assert structure is not None
+        messages = []
+        if self._complete < structure.number:
+            self._complete = structure.number
+            messages.append((EpisodeTopic.WORLD, self._encode.world(time_ns, structure.complete_record())))
+        moving: list[int] = []
+        fixed: list[int] = []
+        for row, body in enumerate(structure.world.bodies):
+            is_movable = body.physics.mobility in {Mobility.DYNAMIC, Mobility.KINEMATIC}
+            (moving if is_movable and body.id not in structure.immovable else fixed).append(row)
+        for topic, rows in ((EpisodeTopic.TF_STATIC, fixed), (EpisodeTopic.TF, moving)):
+            if rows:
+                ids = [structure.ids[row] for row in rows]
+                messages.append((topic, self._encode.transforms(time_ns, ids, self._poses[rows])))
+        messages.append((EpisodeTopic.MARKERS, self._encode.markers(time_ns, structure.world.bodies)))
+        if self._joints:
+            messages.append((EpisodeTopic.JOINTS, self._encode.joints(time_ns, self._named(self._joints))))
+        messages.append((EpisodeTopic.CONTACTS, self._encode.contacts(time_ns, self._contacts)))
+        return messages
+
+    def _changed_state(self) -> list[tuple[EpisodeTopic, bytes]]:
+        structure, time_ns = self._structure, self._time_ns
+        assert structure is not None
+        messages = []
+        if rows := sorted(structure.rows[id] for id in self._changed_bodies if id in structure.rows):
+            ids = [structure.ids[row] for row in rows]
+            messages.append((EpisodeTopic.TF, self._encode.transforms(time_ns, ids, self._poses[rows])))
+        if joints := {id: self._joints[id] for id in sorted(self._changed_joints) if id in self._joints}:
+            messages.append((EpisodeTopic.JOINTS, self._encode.joints(time_ns, self._named(joints))))
+        messages.append((EpisodeTopic.CONTACTS, self._encode.contacts(time_ns, self._contacts)))
+        return messages
+
+    def _named(self, joints: Mapping[BodyId, Sequence[float]]) -> dict[str, float]:
+        assert self._structure is not None
+        names = self._structure.joint_names
+        return {
+            name: value
+            for id, values in joints.items()
+            if id in names
+            for name, value in zip(names[id], values, strict=True)
+        }
+
+    # -- frames --------------------------------------------------------------------------------------------------------
+
+    def add_frame(self, capture: _Capture) -> None:
+        """Writes what has changed since the frame before."""
+        if self._structure is None:
+            self._add_first_frame(capture)
+            return
+        if self._open_since_s is None:
+            self._begin_chunk()
+        self._time_ns = time_ns = capture.time_ns
+        moved = self._update_structure(capture)
+        if len(moved):
+            ids = [capture.ids[row] for row in moved.tolist()]
+            self._changed_bodies.update(ids)
+            self._add(EpisodeTopic.TF, self._encode.transforms(time_ns, ids, capture.poses[moved]))
+        self._poses = capture.poses
+        if capture.joints is not None and capture.joints is not self._joints:
+            before = self._joints
+            changed = {id: values for id, values in capture.joints.items() if before.get(id) != values}
+            gone: dict[BodyId, tuple[float, ...]] = dict.fromkeys(before.keys() - capture.joints.keys(), (np.nan,) * 6)
+            changed |= gone
+            if changed:
+                self._changed_joints.update(changed)
+                if named := self._named(changed):
+                    self._add(EpisodeTopic.JOINTS, self._encode.joints(time_ns, named))
+            self._joints = capture.joints
+        if capture.contacts is not None and capture.contacts != self._contacts:
+            self._contacts = capture.contacts
+            self._add(EpisodeTopic.CONTACTS, self._encode.contacts(time_ns, self._contacts))
+        self._end_frame(capture)
+        self.flush_if_due()
+
+    def _end_frame(self, capture: _Capture) -> None:
+        self._add(EpisodeTopic.CLOCK, self._encode.clock(self._time_ns))
+        self._chunk_frames += 1
+        if self._detector is not None:
+            self._detect(self._detector, capture)
+
+    def _detect(self, detector: EventDetector, capture: _Capture) -> None:
+        """Detects events; long rests are left out, apart from their begin and their last frame."""
+        assert self._structure is not None
+        frame = EpisodeFrame(
+            time_s=self._time_ns / 1e9,
+            structure=self._structure.world,
+            ids=self._structure.ids,
+            poses=capture.poses,
+            joint_positions=capture.joints,
+            contacts=capture.contacts,
+            unmoved_poses=self._structure.unmoved_poses,
+        )
+        before, self._detected = self._detected, frame
+        is_resting = (
+            before is not None
+            and capture.moved is not None
+            and not len(capture.moved)
+            and frame.contacts == before.contacts
+            and frame.structure is before.structure
+        )
+        self._resting_frames = self._resting_frames + 1 if is_resting else 0
+        if self._resting_frames > _MAX_RESTING_FRAMES:
+            self._skipped = frame
+            return
+        if self._skipped is not None:
+            self._add_events(detector.update(self._skipped))
+            self._skipped = None
+        self._add_events(detector.update(frame))
+
+    def _add_events(self, events: Iterable[EpisodeEvent]) -> None:
+        for event in events:
+            self._add(EpisodeTopic.EVENTS, self._encode.event(self._time_ns, event))
+
+    def _update_structure(self, capture: _Capture) -> NDArray[np.intp]:
+        """Writes a change of the structure, and returns the rows of the poses that are new or have changed."""
+        before = self._structure
+        assert before is not None
+        if capture.structure is not None:
+            if (followed := before.followed_by(capture.structure)) is not None:
+                self._structure, record = followed
+                self._add(EpisodeTopic.WORLD, self._encode.world(self._time_ns, record))
+            if capture.geometry is not None:
+                self._geometry_of |= capture.geometry
+                self._jobs.append(partial(self._add_geometry, capture.geometry, capture.structure.world))
+        assert self._structure is not None
+        if capture.moved is not None:
+            return capture.moved
+        if self._structure.ids == before.ids:
+            return np.flatnonzero((capture.poses != self._poses).any(axis=1))
+        rows = np.array([before.rows.get(id, -1) for id in capture.ids], dtype=np.intp)
+        is_new = rows < 0
+        is_new[~is_new] = (capture.poses[~is_new] != self._poses[rows[~is_new]]).any(axis=1)
+        return np.flatnonzero(is_new)
+
+    def _add_first_frame(self, capture: _Capture) -> None:
+        assert capture.structure is not None
+        self._structure, self._poses, self._time_ns = capture.structure, capture.poses, capture.time_ns
+        self._joints, self._contacts = capture.joints or {}, capture.contacts or ()
+        self._file.add_attachment("episode.json", "application/json", msgspec.json.encode(self._header))
+        values = msgspec.to_builtins(self._header, str_keys=True)
+        self._file.add_metadata("mindstage", {name: str(value) for name, value in values.items()})
+        self._geometry_of |= capture.geometry or {}
+        self._begin_chunk()
+        self._end_frame(capture)
+        self.flush()
+        self._jobs.append(partial(self._add_map, "map-begin.owl.zst", self._structure.frame(self._poses)))
+        self._jobs.append(self._add_knowledge)
+        self._jobs.append(partial(self._add_geometry, capture.geometry or {}, self._structure.world))
+
+    def work(self, *, all: bool = False) -> bool:
+        """Does one of the jobs that take long, between which frames are written, or all; returns whether there is more.
+
+        These are the attachments: a whole kitchen as OWL and its meshes take longer than a frame may wait.
+        """
+        while self._jobs:
+            self._jobs.popleft()()
+            if not all:
+                break
+        return bool(self._jobs)
+
+    def _add_map(self, name: str, frame: EpisodeFrame) -> None:
+        """Attaches a world as a semantic map."""
+        try:
+            text = write_map(frame.world())
+        except MapWriteError as error:
+            _log.warning("%s has no %s: %s", self._file.path, name, error)
+            return
+        self._file.add_attachment(name, "application/rdf+xml+zstd", text.encode(), time_ns=self._time_ns)
+
+    def _add_knowledge(self) -> None:
+        """Attaches the knowledge base, if it has changed since it was attached."""
+        try:
+            content = self._knowledge.to_bytes()
+        except MindstageError as error:
+            _log.warning("%s cannot be asked without the knowledge base: %s", self._file.path, error)
+            return
+        if (digest := hashlib.sha256(content).digest()) != self._knowledge_digest:
+            self._knowledge_digest = digest
+            name = "knowledge.msgpack.zst"
+            self._file.add_attachment(name, "application/msgpack+zstd", content, time_ns=self._time_ns)
+
+    def _add_geometry(self, geometry: GeometryMap, world: World) -> None:
+        """Attaches geometry that is not in the file yet, and the bodies of a world with it as glTF."""
+        new = {id: each for id, each in geometry.items() if self._attached.get(id) is not each}
+        if not new:
+            return
+        self._attached |= new
+        name = f"geometry-{self._geometry_files}"
+        self._geometry_files += 1
+        content = encode_geometry(new, known=self._geometry_keys)
+        self._file.add_attachment(f"{name}.msgpack.zst", "application/msgpack+zstd", content, time_ns=self._time_ns)
+        if not self._geometry_keys >= {each.key for each in new.values()}:
+            self._add_gltf(f"{name}.glb.zst", new, world)
+        self._geometry_keys |= {each.key for each in new.values()}
+
+    def _add_gltf(self, name: str, geometry: GeometryMap, world: World) -> None:
+        """Attaches bodies with their geometry, where they are, for other programs."""
+        world = replace(
+            world,
+            bodies=tuple(body for body in world.bodies if body.id in geometry),
+            joints=(),
+            attachments=(),
+            lights=world.lights if self._geometry_files == 1 else (),
+        )
+        try:
+            content = world_to_glb(world, geometry=geometry).data
+        except MapWriteError as error:
+            _log.warning("%s has no %s: %s", self._file.path, name, error)
+            return
+        self._file.add_attachment(name, "model/gltf-binary+zstd", content, time_ns=self._time_ns)
+
+    def add_edit(self, edit: EpisodeEdit) -> None:
+        """Writes an edit or a request."""
+        if self._structure is None:
+            return
+        if self._open_since_s is None:
+            self._begin_chunk()
+        self._add(EpisodeTopic.EDITS, self._encode.edit(round(edit.time_s * 1e9), edit))
+
+    def add_events(self, events: Sequence[EpisodeEvent]) -> None:
+        """Writes events that were not detected here."""
+        if events and self._open_since_s is None:
+            self._begin_chunk()
+        self._add_events(events)
+
+    # -- the end -------------------------------------------------------------------------------------------------------
+
+    def finish(self) -> None:
+        """Writes the rest of the file."""
+        if self._detector is not None and self._structure is not None:
+            last = () if self._skipped is None else self._detector.update(self._skipped)
+            if last := (*last, *self._detector.finish()):
+                if self._open_since_s is None:
+                    self._begin_chunk()
+                self._add_events(last)
+        self.flush()
+        if self._structure is not None:
+            self._jobs.append(partial(self._add_map, "map-end.owl.zst", self._structure.frame(self._poses)))
+            self._jobs.append(self._add_knowledge)
+            self.work(all=True)
+        self._file.close()
+
+    def abort(self) -> None:
+        """Closes the file after a failure, as far as that is possible."""
+        try:
+            self._file.close()
+        except (OSError, ValueError) as error:
+            _log.warning("%s could not be finished: %s", self._file.path, error)
+
+
+def write_episode(
+    recording: Recording,
+    path: str | os.PathLike[str],
+    *,
+    knowledge: KnowledgeBase,
+    immovable: frozenset[BodyId] = frozenset(),
+    source: str = "",
+) -> None:
+    """Writes a recording of any kind, such as a bag, as an episode file, with its events and edits.
+
+    Args:
+        recording: what is written; its times become those since its begin.
+        path: the file to write, ending with ".mcap", which must not exist.
+        knowledge: the knowledge base that the episode is asked with.
+        immovable: the dynamic bodies that cannot move, as of `Simulation.immovable`.
+        source: what the recording was made from; by default its name.
+
+    Raises:
+        EpisodeFileError: the file exists or cannot be written, or the suffix is another one.
+    """
+    if Path(path).suffix != ".mcap":
+        raise EpisodeFileError(str(path), cause="an episode file ends with .mcap", remedy="rename it")
+    frames = recording.frames()
+    first = next(frames)
+    header = EpisodeHeader(
+        episode=uuid.uuid4().hex,
+        start_unix_s=recording.start_unix_s or 0.0,
+        engine="none",
+        rate_hz=0.0,
+        has_joints=first.joint_positions is not None,
+        has_contacts=first.contacts is not None,
+        has_events=True,
+        source=source or recording.name,
+    )
+    events, edits = deque(recording.events()), deque(recording.edits())
+    writer = _EpisodeWriter(EpisodeFileWriter(Path(path)), header, knowledge, detects=False)
+    structure: World | None = None
+    try:
+        for frame in chain([first], frames):
+            is_new = frame.structure is not structure
+            structure = frame.structure
+            world = (
+                WorldStructure.of_snapshot(
+                    frame.world(), frame.ids, frame.poses, spawned=recording.spawned, immovable=immovable
+                )
+                if is_new
+                else None
+            )
+            time_ns = round((frame.time_s - recording.begin_s) * 1e9)
+            geometry = recording.geometry if is_new else None
+            joints, contacts = frame.joint_positions, frame.contacts
+            writer.add_frame(_Capture(time_ns, frame.ids, frame.poses, joints, contacts, world, geometry, None))
+            while edits and edits[0].time_s <= frame.time_s:
+                edit = edits.popleft()
+                writer.add_edit(replace(edit, time_s=edit.time_s - recording.begin_s))
+            begun = []
+            while events and events[0].begin_s <= frame.time_s:
+                begun.append(_shifted(events.popleft(), -recording.begin_s))
+            writer.add_events(begun)
+        writer.finish()
+    except BaseException:
+        writer.abort()
+        raise
+
+
+def _shifted(event: EpisodeEvent, offset_s: float) -> EpisodeEvent:
+    end_s = None if event.end_s is None else event.end_s + offset_s
+    return replace(event, begin_s=event.begin_s + offset_s, end_s=end_s)

@@ -1,0 +1,227 @@
+"""A folder of episodes as one memory: the index follows the files, and answers what each file answers."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from mindstage.engines import make_engine
+from mindstage.episodes import EpisodeEvent, EpisodeEventKind, EpisodeFrame, FrameRecording, memory
+from mindstage.episodes.history import EpisodeHistory
+from mindstage.episodes.memory import INDEX_NAME, EpisodeMemory
+from mindstage.errors import EpisodeError, EpisodeFileError, InvalidArgumentError
+from mindstage.knowledge import KnowledgeBase
+from mindstage.scene import BodyId
+from mindstage.scene.transforms import pose_array
+from mindstage.simulation import Simulation
+from tests.kitchenette import MAP, kitchenette
+
+KIND = EpisodeEventKind
+
+
+def event(kind: EpisodeEventKind, begin_s: float, thing: str = "Mug", **fields: Any) -> EpisodeEvent:
+    """An event of one second."""
+    times = {"begin_s": begin_s, "end_s": begin_s + 1.0} | fields
+    return EpisodeEvent(id=f"{kind.value}_{begin_s:g}", kind=kind, thing=BodyId(thing), **times)
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Files contain their events as JSON; the list has the name of each one that is opened."""
+    names: list[str] = []
+
+    def open_episode(path: Path, *, name: str | None = None) -> EpisodeHistory:
+        names.append(name or path.stem)
+        try:
+            events = msgspec.json.decode(path.read_bytes(), type=tuple[EpisodeEvent, ...])
+        except msgspec.MsgspecError as error:
+            raise EpisodeFileError(str(path), cause=str(error)) from error
+        world = kitchenette()
+        ids, poses = tuple(body.id for body in world.bodies), pose_array(body.pose for body in world.bodies)
+        frames = [
+            EpisodeFrame(time_s=time_s, structure=world, ids=ids, poses=np.array(poses)) for time_s in (0.0, 20.0)
+        ]
+        start = 1000.0 + 100.0 * len(path.stem)
+        return EpisodeHistory(FrameRecording(frames, events=events, start_unix_s=start), name=name)
+
+    monkeypatch.setattr(memory, "open_episode", open_episode)
+    return names
+
+
+def write(path: Path, *events: EpisodeEvent) -> None:
+    """A file of such a kind, with another time of modification than before."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    before = path.stat().st_mtime_ns if path.exists() else 0
+    path.write_bytes(msgspec.json.encode(events))
+    os.utime(path, ns=(before + 10**9, before + 10**9))
+
+
+@pytest.fixture
+def folder(tmp_path: Path, opened: list[str]) -> Path:
+    runs = tmp_path / "runs"
+    write(runs / "a.mcap", event(KIND.PICK_UP, 1.0, agent="hand"), event(KIND.FALL, 3.0))
+    write(runs / "day2" / "b.mcap", event(KIND.PICK_UP, 2.0, thing="Drawer"), event(KIND.CONTACT, 5.0, other="Floor"))
+    return runs
+
+
+@pytest.fixture
+def knowledge() -> Iterator[KnowledgeBase]:
+    with KnowledgeBase() as knowledge:
+        yield knowledge
+
+
+def test_all_episodes_are_asked_as_one(folder: Path, knowledge: KnowledgeBase) -> None:
+    with EpisodeMemory(folder) as runs:
+        assert knowledge.add_episode(runs) == ""
+        assert list(runs.names()) == ["a", "day2/b"]
+        rows = knowledge.ask("occurs", "PickingUp")
+        assert [(row.episode, row.thing, row.begin, row.end) for row in rows] == [
+            ("a", MAP + "Mug", 1.0, 2.0),
+            ("day2/b", MAP + "Drawer", 2.0, 3.0),
+        ]
+        assert [row.episode for row in knowledge.ask("occurs", episode="day2/b")] == ["day2/b"] * 2
+        assert [row.name for row in knowledge.ask("occurs", since=4.5)] == ["Contact_5"]
+        assert [row.name for row in knowledge.ask("occurs", at=3.5)] == ["Falling_3"]
+        (moved,) = knowledge.ask("who_moved", "Mug")
+        assert (moved.agent, moved.how, moved.episode) == ("hand", "PickingUp", "a")
+
+
+def test_a_class_of_things_stands_for_those_in_the_index(folder: Path, knowledge: KnowledgeBase) -> None:
+    with EpisodeMemory(folder) as runs:
+        knowledge.add_episode(runs)
+        assert [row.thing for row in knowledge.ask("occurs", "PickingUp", "Cup")] == [MAP + "Mug"]
+        assert [row.thing for row in knowledge.ask("occurs", "PickingUp", "Drawer")] == [MAP + "Drawer"]
+        answers = knowledge.ask("occurs", "PickingUp", "Fridge")
+        assert answers.missing[0].reason == "no PickingUp of Fridge happened in 2 episodes"
+
+
+def test_a_class_of_events_stands_for_its_subclasses(folder: Path, knowledge: KnowledgeBase) -> None:
+    with EpisodeMemory(folder) as runs:
+        knowledge.add_episode(runs)
+
+        def kinds(cls: str) -> list[str]:
+            return sorted({row.kind.rpartition("#")[2] for row in knowledge.ask("occurs", cls)})
+
+        assert kinds("Event") == ["Contact", "Falling", "PickingUp"]
+        assert kinds("knowrob:TransportationEvent") == kinds("Action") == ["PickingUp"]
+        assert kinds("MotionEvent") == ["Falling"]
+
+
+def test_nothing_is_opened_for_events_once_it_is_indexed(folder: Path, opened: list[str]) -> None:
+    EpisodeMemory(folder).close()
+    assert opened == ["a", "day2/b"]
+    with EpisodeMemory(folder) as runs, KnowledgeBase() as knowledge:
+        knowledge.add_episode(runs)
+        assert len(knowledge.ask("occurs")) == 4
+        assert opened == ["a", "day2/b"]
+        assert len(knowledge.ask("where_is", "Mug", "on", at=1.0, episode="a")) == 1
+        assert opened == ["a", "day2/b", "a"]
+
+
+def test_a_changed_file_is_indexed_again_and_a_touched_one_is_not(folder: Path, opened: list[str]) -> None:
+    with EpisodeMemory(folder) as runs:
+        opened.clear()
+        write(folder / "a.mcap", event(KIND.OPEN, 7.0))
+        os.utime(folder / "day2" / "b.mcap", (time.time(), time.time()))
+        assert runs.update() == 1
+        assert opened == ["a"]
+        assert [each.kind for each in runs.history("a").events()] == ["Opening"]
+        assert runs.update() == 0
+
+
+def test_a_file_with_the_same_size_and_other_content_is_indexed_again(folder: Path, opened: list[str]) -> None:
+    with EpisodeMemory(folder) as runs:
+        size = (folder / "a.mcap").stat().st_size
+        write(folder / "a.mcap", event(KIND.PICK_UP, 4.0, agent="hand"), event(KIND.FALL, 3.0))
+        assert (folder / "a.mcap").stat().st_size == size
+        assert runs.update() == 1
+        assert [each.begin_s for each in runs.history("a").events()] == [3.0, 4.0]
+
+
+def test_removed_and_added_files_are_followed(folder: Path) -> None:
+    with EpisodeMemory(folder) as runs:
+        (folder / "a.mcap").unlink()
+        write(folder / "ccc.mcap", event(KIND.TIP_OVER, 0.5))
+        runs.update()
+        assert list(runs.names()) == ["day2/b", "ccc"]
+        with pytest.raises(EpisodeError, match="has no episode 'a'"):
+            runs.history("a")
+
+
+def test_a_damaged_file_is_listed_and_the_others_are_read(folder: Path, opened: list[str]) -> None:
+    (folder / "bad.mcap").write_bytes(b"MCAP?")
+    with EpisodeMemory(folder) as runs:
+        assert list(runs.names()) == ["a", "day2/b"]
+        ((path, cause),) = runs.problems
+        assert path == folder / "bad.mcap"
+        assert "bad.mcap" in cause
+        opened.clear()
+        assert runs.update() == 0
+        assert opened == []
+        write(folder / "bad.mcap", event(KIND.CLOSE, 1.0))
+        assert runs.update() == 1
+        assert runs.problems == ()
+
+
+def test_an_index_of_another_version_is_made_again(folder: Path, opened: list[str]) -> None:
+    EpisodeMemory(folder).close()
+    with sqlite3.connect(folder / INDEX_NAME) as database:
+        database.execute("pragma user_version = 99")
+    opened.clear()
+    with EpisodeMemory(folder) as runs:
+        assert len(opened) == len(runs.names()) == 2
+
+
+@pytest.mark.parametrize("content", [b"not a database, but text that is long enough to be one" * 20, None])
+def test_a_file_in_the_place_of_the_index_that_is_something_else_is_kept(folder: Path, content: bytes | None) -> None:
+    index = folder / INDEX_NAME
+    if content is None:
+        with sqlite3.connect(index) as database:
+            database.execute("create table receipts (total integer)")
+    else:
+        index.write_bytes(content)
+    before = index.read_bytes()
+    with pytest.raises(EpisodeFileError, match=r"no index|something else"):
+        EpisodeMemory(folder)
+    assert index.read_bytes() == before
+
+
+def test_a_folder_that_does_not_exist_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidArgumentError, match="no folder"):
+        EpisodeMemory(tmp_path / "nowhere")
+
+
+def test_closing_twice_is_harmless(folder: Path) -> None:
+    runs = EpisodeMemory(folder)
+    runs.close()
+    runs.close()
+
+
+def test_recorded_files_answer_as_each_of_them_does(tmp_path: Path) -> None:
+    with KnowledgeBase() as knowledge, Simulation(knowledge, make_engine("null")) as simulation:
+        simulation.spawn(kitchenette())
+        with simulation.record(tmp_path / "one.mcap"):
+            simulation.step(0.2)
+            simulation.run_on_engine(lambda engine: engine.delete([BodyId("Mug")]), edits=True)
+            simulation.step(0.5)
+        shutil.copy(tmp_path / "one.mcap", tmp_path / "two.mcap")
+        (tmp_path / "three.mcap").write_bytes((tmp_path / "one.mcap").read_bytes()[:40])
+        with EpisodeMemory(tmp_path) as runs:
+            assert set(runs.names()) == {"one", "two"}
+            assert [problem.path.name for problem in runs.problems] == ["three.mcap"]
+            knowledge.add_episode(runs)
+            rows = knowledge.ask("changed")
+            assert {(row.episode, row.thing, row.change.value) for row in rows} == {
+                ("one", MAP + "Mug", "disappeared"),
+                ("two", MAP + "Mug", "disappeared"),
+            }
+            assert {row.episode for row in knowledge.ask("last_seen", "Mug")} == {"one", "two"}

@@ -1,0 +1,347 @@
+"""Recorders: what they write, who did what, and what remains of a process that was killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+
+from mindstage.engines import make_engine
+from mindstage.episodes.detection import detect_events
+from mindstage.episodes.episode import Episode
+from mindstage.episodes.recorder import Recorder, RecordingFolder
+from mindstage.errors import EpisodeError, EpisodeFileError, InvalidArgumentError
+from mindstage.knowledge import KnowledgeBase
+from mindstage.scene import BodyId, Pose
+from mindstage.simulation import Simulation
+from mindstage.simulation.observation import as_client
+from tests.kitchenette import kitchenette
+
+
+@pytest.fixture
+def simulation() -> Iterator[Simulation]:
+    with Simulation(KnowledgeBase(), make_engine("mujoco")) as simulation:
+        simulation.spawn(kitchenette())
+        yield simulation
+
+
+def drop_the_mug(simulation: Simulation, path: Path) -> dict[float, np.ndarray]:
+    """Records a falling mug; returns its live pose by time."""
+    live = {}
+    with simulation.record(path) as recorder:
+        simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug"), Pose((0.0, 0.0, 1.0))), edits=True)
+        for _ in range(30):
+            simulation.step(1 / 30)
+            live[recorder.time_s] = simulation.state.poses[simulation.state.ids.index(BodyId("Mug"))].copy()
+    return live
+
+
+def test_rosbags_reads_the_same_poses_and_times(simulation: Simulation, tmp_path: Path) -> None:
+    live = drop_the_mug(simulation, tmp_path / "run.mcap")
+    found = {}
+    with AnyReader([tmp_path / "run.mcap"]) as reader:
+        assert {"/tf", "/tf_static", "/joint_states", "/clock", "/markers"} <= {
+            each.topic for each in reader.connections
+        }
+        assert {each.digest for each in reader.connections}  # every definition was parsed
+        for connection, time_ns, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            if connection.topic == "/tf":
+                for each in message.transforms:
+                    assert each.header.stamp.sec * 10**9 + each.header.stamp.nanosec == time_ns
+                    if each.child_frame_id == "Mug":
+                        moved, turned = each.transform.translation, each.transform.rotation
+                        found[time_ns / 1e9] = [moved.x, moved.y, moved.z, turned.w, turned.x, turned.y, turned.z]
+            elif connection.topic == "/clock":
+                assert message.clock.sec * 10**9 + message.clock.nanosec == time_ns
+    assert len(found) > 10
+    for time_s, pose in live.items():  # a pose holds until the next message
+        assert found[max(each for each in found if each <= time_s)] == pose.tolist()
+
+
+def test_every_message_is_read_by_two_other_programs(simulation: Simulation, tmp_path: Path) -> None:
+    with simulation.record(tmp_path / "run.mcap") as recorder:
+        simulation.pull(BodyId("Drawer"), point=(0.0, 0.0, 0.0), target=(1.5, 0.0, 0.65))
+        simulation.step(0.5)
+        simulation.ask("where_is")
+        assert recorder.recording
+    counts: dict[str, int] = {}
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        for each in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            counts[each.channel.topic] = counts.get(each.channel.topic, 0) + 1
+            if each.channel.topic == "/joint_states":
+                positions = dict(zip(each.decoded_message.name, each.decoded_message.position, strict=True))
+            elif each.channel.topic == "/markers":
+                drawn = {marker.header.frame_id: marker for marker in each.decoded_message.markers}
+            elif each.channel.topic == "/mindstage/contacts":
+                contacts = each.decoded_message.contacts
+    with AnyReader([tmp_path / "run.mcap"]) as reader:
+        others = {each.topic: each.msgcount for each in reader.connections if each.msgcount}
+        for connection, _, data in reader.messages():
+            reader.deserialize(data, connection.msgtype)
+    assert counts == others
+    state = simulation.current_state()
+    assert state.joint_positions is not None
+    assert positions["DrawerSlide"] == state.joint_positions[BodyId("DrawerSlide")][0] < -0.2
+    fridge = drawn["Fridge"]
+    assert (fridge.scale.x, fridge.scale.y, fridge.scale.z) == (0.6, 0.6, 1.8)
+    assert fridge.frame_locked
+    live = simulation.run_on_engine(lambda engine: engine.contacts())
+    assert [(each.a, each.b, each.force_n) for each in contacts] == [
+        (each.a, each.b or "", each.force_n) for each in live
+    ]
+
+
+def test_only_what_moved_is_written(simulation: Simulation, tmp_path: Path) -> None:
+    simulation.step(2.0)
+    with simulation.record(tmp_path / "run.mcap"):
+        simulation.step(3.0)
+    with AnyReader([tmp_path / "run.mcap"]) as reader:
+        counts = {each.topic: each.msgcount for each in reader.connections}
+    assert counts["/clock"] > 80
+    assert counts["/tf"] < 5
+
+
+def test_edits_and_questions_are_recorded_with_their_client(simulation: Simulation, tmp_path: Path) -> None:
+    mug = BodyId("Mug")
+    with simulation.record(tmp_path / "run.mcap") as recorder:
+        simulation.step(0.5)
+        at = recorder.time_s
+        with as_client("viewer"):
+            simulation.run_on_engine(lambda engine: engine.set_pose(mug, Pose((0.0, 0.0, 0.05))), edits=True)
+            simulation.highlight("Mug", "green", label="look")
+        simulation.step(0.5)
+        answers = simulation.ask("where_is", "Mug")
+        with simulation.imagine() as copy:
+            copy.run_on_engine(lambda engine: engine.delete([mug]), edits=True)
+        with pytest.raises(Exception, match="Teapot"):
+            simulation.run_on_engine(lambda engine: engine.delete([BodyId("Teapot")]), edits=True)
+    with Episode(tmp_path / "run.mcap") as episode:
+        edits = episode.edits()
+    assert [(each.kind, each.client) for each in edits] == [
+        ("set pose", "viewer"),
+        ("highlight", "viewer"),
+        ("question", "Python"),
+        ("imagination", "Python"),
+    ]
+    moved, _, question, _ = edits
+    assert (moved.time_s, moved.ids) == (at, (mug,))
+    assert moved.details["pose"]["position"] == [0.0, 0.0, 0.05]
+    assert question.details["question"] == "where_is"
+    assert len(question.details["answers"]) == question.details["count"] == len(answers) > 0
+    assert question.time_s == episode_end(tmp_path / "run.mcap")
+
+
+def episode_end(path: Path) -> float:
+    with Episode(path) as episode:
+        return episode.end_s
+
+
+def test_frames_have_the_requested_rate_however_the_simulation_is_stepped(
+    simulation: Simulation, tmp_path: Path
+) -> None:
+    for rate_hz, step_s in ((10.0, 1.0), (50.0, 1.0), (10.0, 0.01), (30.0, 0.002)):
+        path = tmp_path / f"{rate_hz}-{step_s}.mcap"
+        with simulation.record(path, rate_hz=rate_hz):
+            for _ in range(round(1.0 / step_s)):
+                simulation.step(step_s)
+        with Episode(path) as episode:
+            times = [frame.time_s for frame in episode.frames()]
+        assert len(times) == pytest.approx(rate_hz + 1, abs=2)
+        assert np.diff(times[:-1]).max() <= 1.2 / rate_hz
+
+
+def test_events_detected_while_recording_are_those_detected_from_the_file(
+    simulation: Simulation, tmp_path: Path
+) -> None:
+    simulation.step(0.5)
+    with simulation.record(tmp_path / "run.mcap") as recorder:
+        simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug"), Pose((0.0, 0.0, 1.0))), edits=True)
+        simulation.pull(BodyId("Drawer"), point=(0.0, 0.0, 0.0), target=(1.5, 0.0, 0.65))
+        simulation.step(1.5)
+        simulation.release()
+        simulation.step(4.0)  # a rest, of which not all frames are searched
+        simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug"), Pose((0.0, 0.5, 1.0))), edits=True)
+        simulation.step(2.0)
+        assert recorder.recording
+    with Episode(tmp_path / "run.mcap") as episode:
+        events = episode.events()
+        assert sum(event.kind.value == "Falling" for event in events) == 2
+        assert {"Falling", "Opening"} <= {event.kind.value for event in events}
+        assert events == detect_events(episode)
+        opening = next(event for event in events if event.kind.value == "Opening")
+        assert opening.thing == "Drawer"
+        assert 0.0 <= opening.begin_s < 0.3
+
+
+def test_events_of_a_recording_without_them_are_detected_when_it_is_read(
+    simulation: Simulation, tmp_path: Path
+) -> None:
+    simulation.step(0.5)
+    with Recorder(simulation, tmp_path / "without.mcap", events=False), simulation.record(tmp_path / "with.mcap"):
+        simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug"), Pose((0.0, 0.0, 1.0))), edits=True)
+        simulation.step(1.0)
+    with Episode(tmp_path / "without.mcap") as without, Episode(tmp_path / "with.mcap") as recorded:
+        assert not without.header.has_events
+        assert [each.kind for each in without.events()] == [each.kind for each in recorded.events()] != []
+
+
+def test_a_playing_simulation_is_recorded(simulation: Simulation, tmp_path: Path) -> None:
+    with simulation.record(tmp_path / "run.mcap"):
+        simulation.play(speed=4.0)
+        deadline = time.monotonic() + 20.0
+        while simulation.state.time_s < 1.0 and time.monotonic() < deadline:
+            time.sleep(0.02)
+        simulation.pause()
+    with Episode(tmp_path / "run.mcap") as episode:
+        assert episode.end_s == pytest.approx(simulation.state.time_s, abs=1e-9)
+        times = [frame.time_s for frame in episode.frames()]
+        assert np.diff(times[:-1]).max() < 2 / 30  # however long a tick was
+
+
+def test_a_simulation_without_a_thread_is_recorded(tmp_path: Path) -> None:
+    with Simulation(KnowledgeBase(), make_engine("mujoco"), threaded=False) as simulation:
+        simulation.spawn(kitchenette())
+        with simulation.record(tmp_path / "run.mcap"):
+            simulation.step(0.5)
+    assert episode_end(tmp_path / "run.mcap") == pytest.approx(0.5, abs=0.003)
+
+
+def test_closing_the_simulation_finishes_the_file(tmp_path: Path) -> None:
+    with Simulation(KnowledgeBase(), make_engine("mujoco")) as simulation:
+        simulation.spawn(kitchenette())
+        recorder = simulation.record(tmp_path / "run.mcap")
+        simulation.step(0.5)
+    assert not recorder.recording
+    recorder.stop()
+    with Episode(tmp_path / "run.mcap") as episode:
+        assert episode.losses == ()
+
+
+def test_two_recorders_at_once_write_the_same_states(simulation: Simulation, tmp_path: Path) -> None:
+    with simulation.record(tmp_path / "a.mcap"), simulation.record(tmp_path / "b.mcap", rate_hz=10.0):
+        drop_the_mug(simulation, tmp_path / "c.mcap")
+    with Episode(tmp_path / "a.mcap") as a, Episode(tmp_path / "b.mcap") as b:
+        last_a, last_b = a.frame_at(a.end_s), b.frame_at(b.end_s)
+    assert np.array_equal(last_a.poses, last_b.poses)
+
+
+def test_a_file_that_exists_is_not_overwritten(simulation: Simulation, tmp_path: Path) -> None:
+    (tmp_path / "run.mcap").write_bytes(b"precious")
+    with pytest.raises(EpisodeFileError, match="it exists"):
+        simulation.record(tmp_path / "run.mcap")
+    assert (tmp_path / "run.mcap").read_bytes() == b"precious"
+
+
+def test_other_suffixes_folders_and_rates_are_refused(simulation: Simulation, tmp_path: Path) -> None:
+    with pytest.raises(EpisodeFileError, match=r"ends with \.mcap"):
+        simulation.record(tmp_path / "run.bag")
+    with pytest.raises(EpisodeFileError, match="No such file"):
+        simulation.record(tmp_path / "missing" / "run.mcap")
+    for rate in (0.0, -1.0, float("nan"), 1e6):
+        with pytest.raises(InvalidArgumentError, match="Hz"):
+            simulation.record(tmp_path / "run.mcap", rate_hz=rate)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_stops_the_recording_and_not_the_simulation(
+    simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    recorder = simulation.record(tmp_path / "run.mcap")
+    monkeypatch.setattr(os, "fdatasync", fail)
+    for _ in range(20):
+        simulation.step(0.2)
+        time.sleep(0.1)
+        if not recorder.recording:
+            break
+    assert not recorder.recording
+    simulation.step(0.1)
+    with pytest.raises(EpisodeFileError, match="No space left"):
+        recorder.stop()
+
+
+KILLED = """
+import sys, time
+from mindstage.engines import make_engine
+from mindstage.knowledge import KnowledgeBase
+from mindstage.simulation import Simulation
+from tests.kitchenette import kitchenette
+
+simulation = Simulation(KnowledgeBase(), make_engine("mujoco"))
+simulation.spawn(kitchenette())
+recorder = simulation.record(sys.argv[1])
+simulation.play()
+while True:
+    time.sleep(0.05)
+    print(f"{time.time()} {recorder.time_s}", flush=True)
+"""
+
+
+def test_a_killed_process_loses_less_than_a_second(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    process = subprocess.Popen(
+        [sys.executable, "-c", KILLED, str(path)], stdout=subprocess.PIPE, text=True, env=os.environ
+    )
+    assert process.stdout is not None
+    seen: list[tuple[float, float]] = []
+    deadline = time.monotonic() + 60.0
+    for line in process.stdout:
+        wall_s, time_s = map(float, line.split())
+        seen.append((wall_s, time_s))
+        if time_s > 3.0 or time.monotonic() > deadline:
+            break
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait(10.0)
+    killed_s = time.time()
+    process.stdout.close()
+    saved = max(time_s for wall_s, time_s in seen if wall_s < killed_s - 1.2)
+    assert saved > 1.0
+    with Episode(path) as episode:
+        assert episode.end_s >= saved
+        (loss,) = episode.losses
+        assert loss.begin_s == episode.end_s
+        assert loss.end_s is None
+        assert "interrupted" in loss.cause
+        assert len(list(episode.frames())) > 20
+
+
+def test_a_folder_gets_one_recording_at_a_time(simulation: Simulation, tmp_path: Path) -> None:
+    recordings = RecordingFolder(simulation, tmp_path / "runs")
+    with pytest.raises(EpisodeError, match="nothing is being recorded"):
+        recordings.stop()
+    first = recordings.start("first")
+    simulation.step(0.1)
+    with pytest.raises(EpisodeError, match="stop that first"):
+        recordings.start("second")
+    assert recordings.stop() == first == tmp_path / "runs" / "first.mcap"
+    for name in ("../outside", "/tmp/outside", ".hidden", "a/b"):
+        with pytest.raises(EpisodeFileError, match="not the name of a file"):
+            recordings.start(name)
+    unnamed = recordings.start()
+    recordings.stop()
+    assert sorted((tmp_path / "runs").iterdir()) == sorted([first, unnamed])
+
+
+def test_numbers_of_numpy_that_a_program_passes_are_recorded(tmp_path: Path) -> None:
+    with Simulation(KnowledgeBase(), make_engine("mujoco")) as simulation:
+        simulation.spawn(kitchenette())
+        x, y, z = np.array([1.5, 0.0, 1.0])
+        with simulation.record(tmp_path / "run.mcap"):
+            simulation.pull(BodyId("Mug"), point=(0.0, 0.0, 0.0), target=(x, y, z))
+            simulation.step(0.1)
+    with Episode(tmp_path / "run.mcap") as episode:
+        (pull,) = [edit for edit in episode.edits() if edit.kind == "pull"]
+        assert list(pull.details["target"]) == [1.5, 0.0, 1.0]
