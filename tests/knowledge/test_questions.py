@@ -12,6 +12,7 @@ import pytest
 
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError, QuestionNotFoundError
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge.knowledge_base import AnswerCache
 from mindstage.knowledge.queries import (
     HandleOf,
     Question,
@@ -22,7 +23,6 @@ from mindstage.knowledge.queries import (
     question,
     storage_place,
 )
-from mindstage.knowledge.questions import AnswerCache
 from mindstage.knowledge.rdf import local_name
 from mindstage.scene import Iri
 from tests.knowledge.maps import KNOWROB, ROOM_NAMESPACE, body_turtle, knowledge_base_from, room_map

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 from mindstage.errors import AmbiguousNameError
 from mindstage.knowledge import KnowledgeBase, MapDialect, bundled_kitchen, save_map
 from mindstage.knowledge.graph_diff import lost_statements
-from mindstage.knowledge.io.files import bundled_ontology, soma_alignment
+from mindstage.knowledge.io.files import bundled_ontology, event_ontology, soma_alignment
 from mindstage.knowledge.queries import AnswerRow, list_questions
 from mindstage.knowledge.rdf import local_name
 from mindstage.scene import Iri, diff
@@ -189,6 +190,7 @@ def test_the_alignment_makes_no_class_of_knowrob_a_subclass_of_another(
 
 def test_every_class_of_knowrob_in_the_alignment_exists() -> None:
     household = KnowledgeBase()
+    household.load((), ontologies=event_ontology())
     quads = list(ox.parse(path=soma_alignment(), format=ox.RdfFormat.TURTLE))
     nodes = {node.value for quad in quads for node in quad.triple if isinstance(node, ox.NamedNode)}
     own = {node for node in nodes if node.startswith((KNOWROB, "http://mindstage.org/ontology#"))}
@@ -217,6 +219,53 @@ def test_a_kitchen_exported_to_soma_gives_the_same_answers(
     assert soma_alignment() in kitchen_in_soma.sources()
     individuals = [row.individual for row in kitchen.ask("everything_in_map")]
     assert_same_answers(kitchen, kitchen_in_soma, individuals[::20])
+
+
+@pytest.mark.parametrize("dialect", [MapDialect.SOMA, MapDialect.SEMLOG])
+def test_a_map_of_soma_answers_the_same_after_its_export(
+    dialect: MapDialect, room: KnowledgeBase, tmp_path: Path
+) -> None:
+    """Joints get names in the file, so that they are individuals of the map there; unnamed bodies get other labels."""
+    path = tmp_path / "room.owl"
+    save_map(room.world(), path, dialect=dialect)
+    exported = knowledge_base_from(path, bundled_ontology=True)
+    joints = {joint.iri for joint in room.world().joints}
+    assert len(joints) == 17
+    assert not joints & {row.individual for row in room.ask("everything_in_map")}
+    counted = {"maps", "analyse", "how_many"}
+    for question in list_questions():
+        if question.name not in counted:
+            before, after = (
+                sorted(without_labels(row) for row in kb.ask(question) if not joints & names_in(row))
+                for kb in (room, exported)
+            )
+            assert after == before, question.name
+    for name, least in (("handle_of", 30), ("storage_place_in_environment", 100), ("openings", 15)):
+        assert len(exported.ask(name)) >= least
+    for row in exported.ask("handle_of"):
+        args = {"individual": row.individual, "handle": row.handle}
+        assert list(map(without_labels, room.ask("handle_of", **args))) == [without_labels(row)]
+
+
+def names_in(row: AnswerRow) -> set[str]:
+    """The texts of the fields of an answer."""
+    return {*map(str, msgspec.to_builtins(row).values())}
+
+
+def without_labels(row: AnswerRow) -> str:
+    """An answer without the labels of blank nodes, and without statements in the vocabulary of the file."""
+    fields = {name: value for name, value in msgspec.to_builtins(row).items() if name not in OTHER_STATEMENTS}
+    return re.sub(r"_:\w+", "_:label", str(fields))
+
+
+def test_inferences_about_affordances_are_marked_as_mindstage_s_own() -> None:
+    quads = list(ox.parse(path=soma_alignment(), format=ox.RdfFormat.TURTLE))
+    comment = ox.NamedNode("http://www.w3.org/2000/01/rdf-schema#comment")
+    marked = {
+        quad.subject for quad in quads if quad.predicate == comment and "inference of Mindstage" in str(quad.object)
+    }
+    owners = {quad.subject.value.partition("#")[2] for quad in quads if quad.object in marked}
+    assert owners == {"Graspability", "Storage"}
 
 
 def renamed(quads: Iterable[ox.Quad], classes: Mapping[str, str]) -> Iterable[ox.Triple]:

@@ -11,6 +11,7 @@ import pytest
 from mindstage.errors import SourceParseError
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.knowledge import knowledge_base as module
+from mindstage.knowledge.io.sources import SourceRegistry
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.queries import list_questions
 from mindstage.knowledge.rdf import local_name
@@ -172,3 +173,56 @@ def test_a_failed_load_does_not_leave_an_index_of_what_failed(folder: Path, tmp_
         assert not kb.sparql("ASK { <e:Good> ?p ?o }")
         assert "Good" not in kb.names.by_local_name
         assert kb.ask("storage_place", "CowsMilk")
+
+
+def several_maps() -> str:
+    """One file with three maps, which are not in the order of their names."""
+    described = "@prefix knowrob: <http://knowrob.org/kb/knowrob.owl#> .\n"
+    for name in ("zoo", "attic", "mill"):
+        described += f"<urn:{name}> a knowrob:SemanticEnvironmentMap .\n"
+        described += f"<urn:{name}-cup> a knowrob:Cup ; knowrob:describedInMap <urn:{name}> .\n"
+    return described
+
+
+def test_several_maps_of_a_file_are_listed_in_its_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "maps.ttl"
+    file.write_text(several_maps(), encoding="utf-8")
+    plain = KnowledgeBase()
+    plain.load(file)
+    assert plain.maps() == ("urn:zoo", "urn:attic", "urn:mill")
+    # The index has them from the one time that the text is read.
+    monkeypatch.setattr(SourceRegistry, "source_graph", lambda *_: pytest.fail("the graph was made again"))
+    with KnowledgeBase(store=tmp_path / "store") as kb:
+        kb.load(file)
+        assert kb.maps() == plain.maps()
+    with KnowledgeBase(store=tmp_path / "store") as again:
+        assert again.maps() == plain.maps()
+
+
+def test_a_file_that_is_repaired_is_indexed_once(tmp_path: Path) -> None:
+    whole = bundled_kitchen().read_text(encoding="utf-8")
+    broken = whole.replace('rdf:about="', "rdf:about=", 1)
+    assert broken != whole
+    file = tmp_path / "kitchen.owl"
+    file.write_text(broken, encoding="utf-8")
+    plain = KnowledgeBase()
+    plain.load(file)
+    assert plain.findings()
+    with KnowledgeBase(store=tmp_path / "store") as kb:
+        kb.load(file)
+        assert kb.findings() == plain.findings()
+    with KnowledgeBase(store=tmp_path / "store") as again:
+        assert not problems(again)
+        assert_same_answers(again, plain)
+
+
+def test_a_file_that_cannot_be_repaired_leaves_no_names_behind(folder: Path, tmp_path: Path) -> None:
+    file = tmp_path / "wrong.ttl"
+    file.write_text("<urn:Phantom> a <http://www.w3.org/2002/07/owl#Class> .\n<urn:", encoding="utf-8")
+    with KnowledgeBase(store=folder) as kb:
+        with pytest.raises(SourceParseError):
+            kb.load(file)
+        assert "Phantom" not in kb.names.by_local_name
+        assert not list(kb.store.quads_for_pattern(ox.NamedNode("urn:Phantom"), None, None))
+    with KnowledgeBase(store=folder) as again:
+        assert "Phantom" not in again.names.by_local_name

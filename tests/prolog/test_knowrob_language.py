@@ -59,6 +59,48 @@ def test_classes_are_reflexive_and_inherited(kitchen: PrologConsole) -> None:
     assert kitchen.holds("is_class(knowrob:'Handle'), \\+ is_class(kitchen:fridge), is_individual(kitchen:fridge)")
 
 
+def test_paths_of_a_property_are_followed_in_both_directions(console: PrologConsole) -> None:
+    for one, other in ("ab", "bc", "ca", "xy"):
+        assert console.holds(f"rdf_assert('http://t#{one}', 'http://t#next', 'http://t#{other}')")
+    below = "findall(X, triple('http://t#a', {}('http://t#next'), X), L), sort(L, S), length(S, N)"
+    assert console.solutions(below.format("transitive"))[0]["N"] == 3, "a circle leads back to its start"
+    assert console.holds("triple('http://t#x', transitive('http://t#next'), 'http://t#y')")
+    assert not console.holds("triple('http://t#y', transitive('http://t#next'), 'http://t#y')")
+    assert console.holds("triple('http://t#y', reflexive('http://t#next'), 'http://t#y')")
+    assert not console.holds("triple('http://t#a', reflexive('http://t#next'), 'http://t#c')")
+    assert console.holds("triple('http://t#a', transitive(reflexive('http://t#next')), 'http://t#c')")
+    assert len(console.solutions("triple(X, transitive('http://t#next'), 'http://t#y')")) == 1
+    assert len(console.solutions("triple(X, transitive('http://t#next'), Y)")) == 10
+
+
+def test_statements_hold_at_all_times_and_relations_of_the_present_have_no_interval(kitchen: PrologConsole) -> None:
+    goal = "kb_call(has_type(kitchen:fridge, knowrob:'Refrigerator') during [B, E])"
+    assert kitchen.solutions(goal) == [{"B": 0.0, "E": "inf"}]
+    assert kitchen.holds("ask(triple(milk_carton_1, mass, 1.05) since 10.0)")
+    with pytest.raises(PrologGoalError, match="no episode was added"):
+        kitchen.solutions("kb_call(is_inside_of(milk_carton_1, fridge) during [0.0, 1.0])")
+
+
+def test_knowrob_of_2018_creates_asserts_and_retracts(console: PrologConsole) -> None:
+    (cup,) = console.solutions("kb_create(knowrob:'Cup', X, _), kb_assert(X, knowrob:mass, 0.25)")
+    assert console.holds(f"kb_type_of('{cup['X']}', knowrob:'Cup'), kb_triple('{cup['X']}', knowrob:mass, 0.25)")
+    assert console.holds(f"kb_retract('{cup['X']}', knowrob:mass, _)")
+    assert not console.holds(f"kb_triple('{cup['X']}', knowrob:mass, _)")
+    assert console.holds(
+        "kb_create([knowrob:'Cup', knowrob:'Artifact'], X), kb_triple(X, rdf:type, knowrob:'Artifact')"
+    )
+
+
+@pytest.mark.parametrize(
+    "form", ["mat(M), length(M, 16)", "pose([_, _, 1.4], [0.0, 0.0, _, _])", "[_, _, 1.4, _, _, _, _]"]
+)
+def test_poses_have_the_forms_of_knowrob_of_2016(form: str, kitchen: PrologConsole) -> None:
+    pose, _, rest = form.partition("M), ")
+    given = f"{pose}M)" if rest else form
+    goal = f"get_timepoint(T), object_pose_at_time(fridge, T, {given})"
+    assert len(kitchen.solutions(goal + (f", {rest}" if rest else ""))) == 1
+
+
 def test_what_is_told_is_asked_and_forgotten(console: PrologConsole) -> None:
     told = "[new_iri(X, knowrob:'Cup'), has_type(X, knowrob:'Cup'), triple(X, knowrob:mass, 0.25)]"
     (row,) = console.solutions(f"kb_project({told}), triple(X, knowrob:mass, M)")
@@ -130,7 +172,7 @@ def test_variables_in_a_description_are_bound(kitchen: PrologConsole) -> None:
         ("[an, object, [type, flubber]]", "flubber"),
         ("[an, object, [flubber, 1]]", "flubber"),
         ("[a, pose, [0, 0, 0], [0, 0, 0, 1]]", "pose has no individuals"),
-        ("[an, object, [on, oven, during, [0, 1]]]", "episodes are not recorded"),
+        ("[an, object, [on, oven, during, [0, 1]]]", "properties in descriptions have no intervals"),
         ("[the, object]", "the"),
     ],
 )
@@ -209,9 +251,9 @@ def test_every_predicate_that_is_not_here_is_in_the_table(kitchen: PrologConsole
 
 def test_every_predicate_of_these_modules_is_in_the_table(kitchen: PrologConsole) -> None:
     listed = set(_indicators("as KnowRob", "differs", "not here"))
-    for module in ("objects", "language"):
-        rows = kitchen.solutions(f"module_property(mindstage_knowrob_{module}, exports(L)), member(Name/Arity, L)")
-        own = {("full_name", 3), ("bind", 2), ("knowrob_not_here", 2)}
+    for module in ("knowrob_objects", "knowrob_language", "episodes"):
+        rows = kitchen.solutions(f"module_property(mindstage_{module}, exports(L)), member(Name/Arity, L)")
+        own = {("full_name", 3), ("bind", 2), ("described_event", 3), ("is_episode_event", 1), ("knowrob_not_here", 2)}
         assert {(row["Name"], row["Arity"]) for row in rows} - own <= listed
 
 
@@ -225,3 +267,8 @@ def test_definitions_of_users_take_precedence(prolog: Path, tmp_path: Path) -> N
 def _indicators(*statuses: str) -> list[tuple[str, int]]:
     names = [predicate.split("/") for predicate, status, _ in ROWS if status in statuses]
     return [(name, int(arity)) for name, arity in names]
+
+
+@pytest.mark.parametrize(("goal", "holds"), [("during([1, 2], [0, 5])", True), ("during([1, 7], [0, 5])", False)])
+def test_during_is_the_relation_of_allen_between_intervals(kitchen: PrologConsole, goal: str, holds: bool) -> None:
+    assert kitchen.holds(goal) is holds

@@ -415,3 +415,15 @@ def test_visitors_may_ask_what_reads_and_nothing_that_changes(kitchen: PrologCon
     for goal in ("ask(halt)", "tell(is_at(fridge, P))", "show(fridge)", "marker(cube(a), M)", "spawn_constraint([])"):
         with pytest.raises(PrologGoalError, match="cannot be asked here"):
             kitchen.answers(goal)
+
+
+@pytest.mark.parametrize("pairs_per_page", [1, 5000, 1 << 16])
+@pytest.mark.parametrize("relation", ["comp_toTheLeftOf", "comp_inCenterOf", "on_Physical", "in_ContGeneric"])
+def test_all_pairs_are_those_of_each_body(
+    relation: str, pairs_per_page: int, kitchen: PrologConsole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mindstage.prolog.object_predicates._PAIRS_PER_PAGE", pairs_per_page)
+    every = f"findall(A-B, {relation}(A, B), Pairs), length(Pairs, N), sort(Pairs, Sorted), length(Sorted, N)"
+    each = f"findall(A-B, ( object_dimensions(A, _, _, _), {relation}(A, B) ), Each), sort(Each, Other), Other = Sorted"
+    assert kitchen.solutions(f"{every}, {each}, N > 10")[0]["N"] > 10
+    assert not kitchen.holds(f"{relation}(A, A)")

@@ -59,6 +59,93 @@ def test_sample_files_load_except_those_with_errors_of_their_own(shared_data: Pa
     assert len(files) - len(failed) >= 95
 
 
+PACKAGES = Path(__file__).with_name("packages")
+FRIDGE_DOOR = f"'{KITCHEN}fridge_door'"
+
+
+@pytest.mark.parametrize(
+    ("file", "goals"),
+    [
+        (
+            "lab_tools/prolog/init.pl",
+            {
+                "tools_of_class(knowrob:'Handle', Ts), length(Ts, 33)": 1,
+                f"handle_height({FRIDGE_DOOR}, 1.15)": 1,
+                "spoken_name('http://a#fridge_door', 'fridge door')": 1,
+                "heavy_thing(X), \\+ ( rdf_has(X, knowrob:mass, literal(type(_, V))), atom_number(V, N), N =< 5 )": 17,
+                "is_class('http://example.org/lab.owl#Wrench')": 1,
+            },
+        ),
+        (
+            "lab_rules/prolog/comp_lab.pl",
+            {
+                "rdf_has(A, lab:onTopOf, kitchen:floor), comp_on_top(A, B), B == 'FLOOR'": 0,
+                f"comp_on_top('{KITCHEN}milk_carton_1', '{KITCHEN}floor'), "
+                f"rdf_has('{KITCHEN}milk_carton_1', lab:onTopOf, '{KITCHEN}floor')": 1,
+                "comp_dist(fridge, fridge, D), D =:= 0.0": 1,
+            },
+        ),
+        ("lab_rules/prolog/lab_tests.pl", {"run_tests(lab_tools)": 1}),
+        (
+            "lab_rules/prolog/perception.pl",
+            {
+                "see(knowrob:'Cup', X), seen(X, T), get_timepoint(Now), Now @>= T": 1,
+                "visible_at(fridge, _, [_, _, 1.4])": 1,
+            },
+        ),
+        (
+            "lab_lang/prolog/episodes.pl",
+            {
+                f"ep_event('{KITCHEN}fridge', knowrob:'Refrigerator')": 1,
+                "ep_create(dul:'Event', E, belief_state), rdf_has(E, dul:hasTimeInterval, I), I \\== E": 1,
+            },
+        ),
+        (
+            "lab_lang/prolog/openease_queries.pl",
+            {
+                "milk_pose(X, [_, _, Z]), number(Z)": 2,
+                "where(milk_carton_1, Y), where_then(milk_carton_1, Y, T), nonvar(T)": 1,
+                "setof(P, store_at(milk_carton_1, P), [One]), kb_type_of(One, knowrob:'Refrigerator')": 1,
+            },
+        ),
+        (
+            "lab2/src/__init__.pl",
+            {
+                "tool_on(X, Y), rdf_has(X, soma:isOntopOf, Y)": 90,
+                "tool_mass(milk_carton_1, 1.05)": 1,
+                "grasp_handle(X, _), is_a(X, knowrob:'Door')": 17,
+                "mass_during(milk_carton_1, 1.05, [0.0, inf])": 1,
+                "tell(is_tool(fridge)), is_tool(kitchen:fridge)": 1,
+                "rdf_has(C, knowrob:child, D), \\+ drawer_of(D, C)": 0,
+            },
+        ),
+    ],
+)
+def test_files_in_the_manner_of_knowrobs_packages_load_and_answer(
+    file: str, goals: dict[str, int], console: PrologConsole, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert console.consult(PACKAGES / file) == 0, capfd.readouterr().err
+    assert {goal: len(console.solutions(goal, limit=200)) for goal in goals} == goals
+
+
+@pytest.mark.parametrize(
+    ("uses", "message"),
+    [
+        ("library('lang/terms/is_a'), [instance_of/2, subclass_of/2]", ""),
+        ("library('knowrob/lang/ask'), [kb_triple/3, kb_type_of/2]", ""),
+        ("library(comp_spatial), [comp_above_of/2, comp_center/2]", "Mindstage does not have comp_center/2"),
+        ("library(comp_spatial)", "Mindstage has its own predicates in place of most of those in it"),
+    ],
+)
+def test_of_knowrobs_own_libraries_only_what_is_not_here_is_missing(
+    uses: str, message: str, kitchen: PrologConsole, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert load(kitchen, tmp_path, f":- module(uses_{abs(hash(uses))}, []).\n:- use_module({uses}).\n") == 0
+    printed = capfd.readouterr().err.replace("\nWarning:    ", " ")
+    assert message in printed
+    assert bool(printed) == bool(message)
+
+
 # -- libraries and packages --------------------------------------------------------------------------------------------
 
 
@@ -109,6 +196,37 @@ def test_a_misspelled_library_of_a_plain_file_stays_an_error(kitchen: PrologCons
 def test_a_directive_that_fails_for_another_reason_stays_an_error(kitchen: PrologConsole, tmp_path: Path) -> None:
     assert load(kitchen, tmp_path, ":- misspelled_goal(1).\n") == 1
     assert load(kitchen, tmp_path, ":- use_module(library(jpl)).\n:- atom_length(X, _).\n") == 1
+
+
+MONGO = ":- use_module(library('knowrob/mongo')).\n"
+LISTED = ":- use_module(library('knowrob/mongo'), [mng_go/1]).\n"
+OBJECT = ":- module(machine, [machine_go/1]).\n:- use_foreign_library('libmachine.so').\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "errors", "message"),
+    [
+        (MONGO + ":- other_go(1).", 0, "one of library('knowrob/mongo')"),
+        (LISTED + ":- mng_go(1).", 0, "one of library('knowrob/mongo')"),
+        (LISTED + ":- other_go(1).", 1, "Unknown procedure: other_go/1"),
+        (MONGO + ":- rdf_has(1).", 1, "Unknown procedure: rdf_has/1"),
+        (MONGO + ":- register_ros_pakage(knowrob).", 1, "Unknown procedure: register_ros_pakage/1"),
+        (MONGO + "own(1).\n:- own.", 1, "Unknown procedure: own/0"),
+        (MONGO + ":- forall(mebmer(_, [1]), true).", 1, "Unknown procedure: mebmer/2"),
+        (MONGO + ":- atom_lenght(abc, _).", 1, "Unknown procedure: atom_lenght/2"),
+        (":- module(starts, []).\n" + MONGO + "start :- mng_start(x).\n:- start.", 0, "starts:mng_start/1 cannot"),
+        (MONGO + ":- initialization(mng_begin(2)).", 0, "mng_begin/1 cannot be called"),
+        (":- use_module(library(jpl)).\n:- misspelled_goal(1).", 1, "Unknown procedure: misspelled_goal/1"),
+        (":- register_ros_package(nowhere_pkg_2).\n:- from_it(1).", 0, "one of the package nowhere_pkg_2"),
+        (OBJECT + ":- machine_go(1).", 0, "one of a library of machine code"),
+        (":- module(no_machine, [machine_go/1]).", 1, "machine_go/1 is not defined"),
+    ],
+)
+def test_an_unknown_procedure_is_a_warning_only_if_what_is_missing_may_provide_it(
+    text: str, errors: int, message: str, kitchen: PrologConsole, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert load(kitchen, tmp_path, text + "\n") == errors
+    assert message in capfd.readouterr().err.replace("\nWarning:    ", " ")
 
 
 def test_packages_beside_the_file_are_registered_and_loaded_once(console: PrologConsole, tmp_path: Path) -> None:
@@ -162,6 +280,63 @@ def test_rules_of_knowrob_2_load(kitchen: PrologConsole, tmp_path: Path) -> None
     )
     assert load(kitchen, tmp_path, text, "src/model/rules.pl") == 0
     assert f"{KITCHEN}fridge_door" in values(kitchen, "is_door(X)")
+
+
+def test_modules_of_knowrob_2_export_modes_properties_and_interfaces(console: PrologConsole, tmp_path: Path) -> None:
+    interface = ":- interface(finder, [ found/1,  % ?Entity\n found_in(r, r) ]).\n/** <interface> */\n"
+    load(console, tmp_path, interface, "pkg2/src/finder.pl")
+    (tmp_path / "pkg2" / "package.xml").write_text("<package/>", encoding="utf-8")
+    text = (
+        ":- module(k2_rules, [ is_k2_door(r), next_door(r, r) -> knowrob:touches,\n"
+        "    implements('./finder.pl'), plain/0 ]).\n"
+        ":- use_module(library('semweb/rdf_db'), [ rdf_meta/1, rdf_split_url/3 ]).\n"
+        ":- rdf_meta(inner(r)), rdf_db:rdf_register_ns(k2, 'http://k2.org/#', [keep(true)]).\n"
+        "is_k2_door(Door), [table(?)] ?+> inner(knowrob:'Door'), has_type(Door, knowrob:'Door').\n"
+        "next_door(A, B) ?> pragma(A = A), { B = done, ! }.\n"
+        "next_door(_, never) ?> { true }.\n"
+        "found(X) :- inner(X).\nfound_in(X, Y) :- X = Y.\nplain :- found_in(knowrob:'Door', X), atom(X), found(X).\n"
+        "inner('http://knowrob.org/kb/knowrob.owl#Door').\n"
+    )
+    assert load(console, tmp_path, text, "pkg2/src/rules.pl") == 0
+    assert f"{KITCHEN}fridge_door" in values(console, "is_k2_door(X)")
+    assert values(console, "next_door(kitchen:oven, X)") == ["done"]  # the cut is that of the rule
+    assert values(console, "rdf_has(kitchen:oven, knowrob:touches, X)") == ["done"]
+    assert values(console, "plain, found(X)") == [f"{KNOWROB}Door"]
+    assert values(console, "found_in(X, y)") == ["y"]
+    assert values(console, "mindstage_user_files:told_by(is_k2_door(_), inner(X))") == []
+    assert console.holds("mindstage_user_files:told_by(is_k2_door(_), (inner(_), has_type(_, _)))")
+
+
+def test_tests_of_knowrob_2_run_with_their_ontology(console: PrologConsole, tmp_path: Path) -> None:
+    (tmp_path / "pkg3" / "owl").mkdir(parents=True)
+    (tmp_path / "pkg3" / "package.xml").write_text("<package/>", encoding="utf-8")
+    ontology = "<http://t3.org/t.owl#lea> a <http://t3.org/t.owl#Adult> .\n"
+    (tmp_path / "pkg3" / "owl" / "t.ttl").write_text(ontology, encoding="utf-8")
+    text = (
+        f":- begin_rdf_tests(k2_tests, '{tmp_path}/pkg3/owl/t.ttl', [namespace('http://t3.org/t.owl#')]).\n"
+        "test('lea is an adult') :- once(has_type(test:lea, test:'Adult')).\n"
+        ":- end_rdf_tests(k2_tests).\n"
+    )
+    assert load(console, tmp_path, text, "pkg3/src/tested.pl") == 0
+    assert console.holds("run_tests(k2_tests)")
+    wrong = text.replace("k2_tests", "k2_wrong").replace("test:'Adult'", "test:'Child'")
+    assert load(console, tmp_path, wrong, "pkg3/src/wrong.pl") == 0
+    assert not console.holds("run_tests(k2_wrong)")
+
+
+def test_what_belongs_to_the_surroundings_of_knowrob_2_is_accepted(
+    console: PrologConsole, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "pkg4").mkdir()
+    (tmp_path / "pkg4" / "package.xml").write_text("<package/>", encoding="utf-8")
+    text = (
+        ":- ros_package_iri(knowrob, 'http://knowrob.org/kb').\n:- log_warning(kb(started)).\n"
+        ":- use_directory('lang').\n:- tripledb_load('http://nowhere.org/a.owl', [namespace(io)]).\n"
+    )
+    assert load(console, tmp_path, text, "pkg4/src/__init__.pl") == 0
+    messages = capfd.readouterr().err
+    assert "kb(started)" in messages
+    assert "src/lang/__init__.pl does not exist" in messages
 
 
 def test_unknown_prefixes_are_expanded_when_the_goal_runs(console: PrologConsole, tmp_path: Path) -> None:

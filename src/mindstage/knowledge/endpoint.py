@@ -30,13 +30,26 @@ from mindstage.errors import (
     SparqlSyntaxError,
     SparqlTimeoutError,
 )
+from mindstage.knowledge.dialects.membership import inferred_membership
 from mindstage.knowledge.io.files import Source, SourceFile
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH
-from mindstage.knowledge.rdf import PREFIXES, ObjectNode, SparqlResult, SubjectNode
+from mindstage.knowledge.rdf import PREFIXES, ObjectNode, SparqlResult, SubjectNode, graph_from_quads
+from mindstage.knowledge.reasoner_properties import node_from_label
 from mindstage.knowledge.sparql_worker import REPLY_LIMIT
 from mindstage.knowledge.store import OxigraphStore, check_text, solutions_table, triples_table
 from mindstage.knowledge.tell import RUNTIME_GRAPH
-from mindstage.knowledge.vocabulary import CHILD, DESCRIBED_IN_MAP, OWL, PARENT, RDF, RDFS, dul, soma
+from mindstage.knowledge.vocabulary import (
+    CHILD,
+    DESCRIBED_IN_MAP,
+    OWL,
+    PARENT,
+    POSE_PROPERTIES,
+    RDF,
+    RDFS,
+    dul,
+    soma,
+)
+from mindstage.scene import Iri, IriRef
 
 if TYPE_CHECKING:
     import http.client
@@ -64,8 +77,9 @@ _BULK_PREDICATES = (
     *map(dul, ("hasPart", "hasComponent", "isPartOf", "isComponentOf")),
     *map(soma, ("hasPhysicalComponent", "isPhysicalComponentOf")),
     *(CHILD, PARENT, DESCRIBED_IN_MAP),
+    *POSE_PROPERTIES,
 )
-"""The properties that reasoning reads, and those that relate blank nodes."""
+"""The properties that reasoning reads, that relate blank nodes, and from which members of maps are inferred."""
 _FETCHING_WORD = re.compile(
     "service|from|load|define|insert|delete|clear|create|drop|copy|move|add|with", re.IGNORECASE
 )
@@ -255,6 +269,29 @@ class SparqlEndpointStore:
         self._cache = ox.Store()
         self._fetched: set[tuple[str, str]] = set()
         self._fetch_lock = threading.Lock()
+        self._unassigned: set[ox.NamedNode | ox.DefaultGraph] = set()
+        """The graphs of the endpoint whose members of maps are inferred."""
+
+    def infer_membership(self) -> None:
+        """Adds the membership in maps that is not stated at the endpoint to the local part, as for files.
+
+        Raises:
+            EndpointUnreachableError: the server does not respond, or not in time.
+            EndpointError: the server refuses the request.
+        """
+        self._fetch("p", _BULK_PREDICATES)
+        posed = {
+            quad.graph_name
+            for property in POSE_PROPERTIES
+            for quad in self._cache.quads_for_pattern(None, ox.NamedNode(property), None)
+        }
+        for graph in posed:
+            if isinstance(graph, ox.BlankNode):
+                continue
+            inferred = [quad for quad in self._inferred(self._fetch_graph(graph)) if not _has_blank_node(quad)]
+            self._local.extend(ox.Quad(quad.subject, quad.predicate, quad.object, graph) for quad in inferred)
+            if inferred:
+                self._unassigned.add(graph)
 
     def sources(self) -> list[Source]:
         """The graphs of the endpoint, sorted by name, as sources that worlds can be read from.
@@ -279,6 +316,19 @@ class SparqlEndpointStore:
             )
             for graph in (ox.DefaultGraph(), *graphs)
         ]
+
+    def terms_of(self, namespaces: Iterable[str]) -> list[Iri]:
+        """The classes of individuals at the endpoint in some namespaces, and the properties of parts there; sorted.
+
+        Raises:
+            EndpointUnreachableError: the server does not respond, or not in time.
+            EndpointError: the server refuses the request.
+        """
+        self._fetch("p", _BULK_PREDICATES)
+        starts = " || ".join(f'STRSTARTS(STR(?term), "{namespace}")' for namespace in namespaces)
+        query = f"SELECT DISTINCT ?term {{ {{ ?s a ?term }} UNION {{ ?s ?term ?o }} FILTER({starts}) }}"
+        rows: Any = self._cache.query(query, use_default_graph_as_union=True)
+        return sorted(Iri(row["term"].value) for row in rows if isinstance(row["term"], ox.NamedNode))
 
     # -- reading -------------------------------------------------------------------------------------------------------
 
@@ -332,7 +382,7 @@ class SparqlEndpointStore:
         if not timeout_s > 0:
             raise SparqlTimeoutError(timeout_s=timeout_s)
         if present is not None:
-            cause = f"{self._endpoint} evaluates it, and does not contain the current state"
+            cause = f"{self._endpoint} evaluates it, and does not contain the current state or episodes"
             remedy = "use the questions pose_of, where_is and openings, or load the map here"
             raise SparqlSyntaxError(cause, remedy=remedy)
         if not allow_service:
@@ -390,17 +440,33 @@ class SparqlEndpointStore:
     def _map_neighbors(self, individual: ox.NamedNode) -> list[str]:
         """An individual and all others in its map, which are likely to be needed next."""
         within = ox.NamedNode(DESCRIBED_IN_MAP)
-        maps = [quad.object for quad in self._cache.quads_for_pattern(individual, within, None)]
-        found = (quad.subject for map in maps for quad in self._cache.quads_for_pattern(None, within, map))
+        parts = (self._cache, self._local)
+        maps = [quad.object for part in parts for quad in part.quads_for_pattern(individual, within, None)]
+        found = (quad.subject for map in maps for part in parts for quad in part.quads_for_pattern(None, within, map))
         return list(
             dict.fromkeys([individual.value, *(node.value for node in found if isinstance(node, ox.NamedNode))])
         )
 
-    def _read_graph(self, graph: ox.NamedNode | ox.DefaultGraph) -> SourceFile:
+    def _fetch_graph(self, graph: ox.NamedNode | ox.DefaultGraph) -> bytes:
+        """The statements of a graph of the endpoint in N-Triples, sorted."""
         query = _DEFAULT_GRAPH_QUERY if isinstance(graph, ox.DefaultGraph) else _NAMED_GRAPH_QUERY.format(graph=graph)
-        data = self._endpoint.query(query, accept=N_TRIPLES).body
+        # A server has no order of statements, and the order of bodies follows from it.
+        data = b"\n".join(sorted(self._endpoint.query(query, accept=N_TRIPLES).body.splitlines())) + b"\n"
         for _ in self._parse(data):
             pass
+        return data
+
+    def _inferred(self, data: bytes) -> Iterator[ox.Quad]:
+        """The statements about membership in maps that follow from a graph."""
+        for subject, facts in inferred_membership(graph_from_quads(self._parse(data), set())).items():
+            for fact in facts:
+                if isinstance(fact.value, IriRef):
+                    yield ox.Quad(node_from_label(subject), ox.NamedNode(fact.property), ox.NamedNode(fact.value.iri))
+
+    def _read_graph(self, graph: ox.NamedNode | ox.DefaultGraph) -> SourceFile:
+        data = self._fetch_graph(graph)
+        if graph in self._unassigned:
+            data += ox.serialize((quad.triple for quad in self._inferred(data)), format=ox.RdfFormat.N_TRIPLES) or b""
         return SourceFile(Path(str(self._endpoint)), data, ox.RdfFormat.N_TRIPLES)
 
     def _parse(self, data: bytes) -> Iterator[ox.Quad]:
@@ -483,6 +549,10 @@ class SparqlEndpointStore:
         self._local.close()
         self._cache = ox.Store()
         self._fetched.clear()
+
+
+def _has_blank_node(quad: ox.Quad) -> bool:
+    return isinstance(quad.subject, ox.BlankNode) or isinstance(quad.object, ox.BlankNode)
 
 
 def _in_graph(quad: ox.Quad, statements: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.names import compact_iri
 from mindstage.knowledge.owl import (
     ComplementOf,
@@ -16,7 +17,7 @@ from mindstage.knowledge.owl import (
     RestrictionType,
     UnionOf,
 )
-from mindstage.knowledge.questions import MAP_SOURCE, Claim, ClaimKind, MissingKnowledge
+from mindstage.knowledge.questions import MAP_SOURCE, MissingKnowledge
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import InferenceRule, Justification, Reasoner
 from mindstage.knowledge.reasoner_properties import ObjectTriple

@@ -13,51 +13,100 @@ from dataclasses import replace
 from functools import cached_property, partial
 from itertools import chain
 from pathlib import Path
-from threading import RLock
-from typing import Any, Self, TypeVar, overload
+from threading import Lock, RLock
+from typing import TYPE_CHECKING, Any, Self, TypeVar, cast, overload
 from weakref import ref
 
+import msgspec
 import pyoxigraph as ox
 
 from mindstage.errors import AmbiguousMapError, InvalidArgumentError, MapNotFoundError
-from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
+from mindstage.knowledge.dialects.conventions import Assumption, AssumptionSink, UnitConventions
 from mindstage.knowledge.dialects.membership import individuals_by_map, without_other_maps
 from mindstage.knowledge.dialects.source_map import MeshBounds, SourceMap
-from mindstage.knowledge.endpoint import SparqlEndpoint
-from mindstage.knowledge.graph_diff import SourceMapView
-from mindstage.knowledge.io.files import map_path
+from mindstage.knowledge.history import NOW, EpisodeSource, QuestionTime, histories_of, time_arguments
+from mindstage.knowledge.io.files import event_ontology, map_path
 from mindstage.knowledge.io.sources import SourceRegistry, StrPath
 from mindstage.knowledge.map_statistics import MapStatistics, map_statistics
 from mindstage.knowledge.names import NameIndex
+from mindstage.knowledge.over_time import argument_names, ask_over_time, episode_source, state_of_time
 from mindstage.knowledge.owl import node_label
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH, InferredTriples, materialize_owl_rl
-from mindstage.knowledge.present import present_statements
-from mindstage.knowledge.questions import AnswerCache, AnswerRow, Answers, Question, StateAccess
+from mindstage.knowledge.questions import AnswerRow, Answers, Question, StateAccess, get_question
 from mindstage.knowledge.rdf import (
     PREFIXES,
     PRESENT_GRAPH,
     Finding,
+    FindingSink,
     Severity,
     SparqlResult,
     TripleStore,
     gc_paused,
     local_name,
 )
-from mindstage.knowledge.rdf_mapping.nested import nest_blank_nodes
 from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.reasoner_properties import node_from_label
-from mindstage.knowledge.shape_rules import ShapeRule, ShapeRuleResolver
-from mindstage.knowledge.sparql_query import QueryPrefixes, SparqlText
 from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.knowledge.tell import RUNTIME_GRAPH, AssertableValue, AssertionStore
 from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, SUBCLASS_OF, TYPE, xsd
 from mindstage.scene import Body, FactValue, Iri, IriRef, Joint, Light, Literal, PropertyAssertion, World
 from mindstage.scene.display import counted
 
-__all__ = ["KnowledgeBase"]
+if TYPE_CHECKING:  # not every program needs these
+    from mindstage.knowledge.endpoint import SparqlEndpoint
+    from mindstage.knowledge.graph_diff import SourceMapView
+    from mindstage.knowledge.shape_rules import ShapeRule, ShapeRuleResolver
+    from mindstage.knowledge.sparql_query import QueryPrefixes
+    from mindstage.knowledge.world_cache import WorldCache
+
+__all__ = ["AnswerCache", "KnowledgeBase"]
 
 
 R = TypeVar("R", bound=AnswerRow)
+T = TypeVar("T")
+CacheKey = tuple[object, ...]
+_MAX_DERIVED = 8
+"""The number of values that `KnowledgeBase.derived` keeps; each may be a simulated map."""
+
+
+class _KnowledgeArchive(msgspec.Struct, frozen=True, kw_only=True):
+    sources: bytes
+    worlds: dict[Iri, World]
+    """The worlds that were read."""
+
+
+class AnswerCache:
+    """The most recent answers, up to a maximum number of rows."""
+
+    def __init__(self, max_rows: int = 50_000) -> None:
+        """Creates an empty cache.
+
+        Args:
+            max_rows: the maximum number of rows; an answer without rows counts as one.
+        """
+        self._max_rows = max_rows
+        self._row_count = 0
+        self._lock = Lock()
+        self._answers: dict[CacheKey, Answers[Any]] = {}
+
+    def get(self, key: CacheKey) -> Answers[Any] | None:
+        """The cached answers for a key; None if there are none.
+
+        Raises:
+            TypeError: the key is not hashable.
+        """
+        return self._answers.get(key)
+
+    def put(self, key: CacheKey, answers: Answers[Any]) -> None:
+        """Caches answers, and removes the oldest ones as needed."""
+        size = max(1, len(answers))
+        with self._lock:
+            if size > self._max_rows or key in self._answers:
+                return
+            while self._row_count + size > self._max_rows:
+                self._row_count -= max(1, len(self._answers.pop(next(iter(self._answers)))))
+            self._answers[key] = answers
+            self._row_count += size
 
 
 class KnowledgeBase:
@@ -95,16 +144,21 @@ class KnowledgeBase:
             raise InvalidArgumentError("a knowledge base", cause=cause, remedy="give one of them")
         self.lock = RLock()
         """Serializes reads and writes; hold it for several reads of `reasoner` that must be consistent."""
-        self._registry = SourceRegistry(
-            folder=store, endpoint=SparqlEndpoint(endpoint) if isinstance(endpoint, str) else endpoint
-        )
+        if isinstance(endpoint, str):
+            from mindstage.knowledge.endpoint import SparqlEndpoint
+
+            endpoint = SparqlEndpoint(endpoint)
+        self._registry = SourceRegistry(folder=store, endpoint=endpoint)
         self._store = self._registry.store
         self._worlds: dict[Iri, World] = {}
         self._assumptions: dict[tuple[Iri, str], Assumption] = {}
         self._mesh_bounds: MeshBounds | None = None
+        self._world_cache: WorldCache | None = None
+        self._is_as_loaded = True
         self._is_index_due = False
         self._at_exit: Callable[[], None] | None = None
         self._change_callbacks: list[Callable[[Sequence[ox.Quad] | None], None]] = []
+        self._episodes: tuple[EpisodeSource, ...] = ()
         try:
             self._registry.open(bundled=bundled_ontology)
         except BaseException:
@@ -133,6 +187,49 @@ class KnowledgeBase:
             atexit.unregister(self._at_exit)
             self._at_exit = None
         self._registry.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process needs for an equal knowledge base, which is kept in memory there.
+
+        Raises:
+            TypeError: there is a SPARQL endpoint.
+        """
+        with self.lock:
+            kept = ("_registry", "_worlds", "_assumptions", "_mesh_bounds")
+            return {name: self.__dict__[name] for name in kept}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__ |= state
+        self.lock = RLock()
+        self._store = self._registry.store
+        self._world_cache, self._is_as_loaded = None, False
+        self._is_index_due, self._at_exit = False, None
+        self._change_callbacks = []
+        self._episodes = ()
+
+    def to_bytes(self) -> bytes:
+        """All sources, statements and worlds, from which `from_bytes` makes an equal knowledge base anywhere.
+
+        Raises:
+            InvalidArgumentError: there is a SPARQL endpoint.
+        """
+        with self.lock:
+            archive = _KnowledgeArchive(sources=self._registry.to_bytes(), worlds=dict(self._worlds))
+        return msgspec.msgpack.encode(archive)
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Self:
+        """A knowledge base in memory, from what `to_bytes` has returned; no file is read.
+
+        Raises:
+            ValueError: the bytes are not valid.
+        """
+        archive = msgspec.msgpack.decode(data, type=_KnowledgeArchive)
+        knowledge = cls(bundled_ontology=False)
+        knowledge._registry = SourceRegistry.from_bytes(archive.sources)
+        knowledge._store = knowledge._registry.store
+        knowledge._worlds = dict(archive.worlds)
+        return knowledge
 
     def _save_index(self) -> None:
         """Saves what questions need in the folder of the store, if it is not there."""
@@ -246,11 +343,18 @@ class KnowledgeBase:
         with self.lock:
             iri = self._resolve_map(map)
             if iri not in self._worlds:
-                from mindstage.knowledge.dialects.registry import read_world  # many questions need no world
-
-                with gc_paused():
-                    self._worlds[iri] = read_world(self._source_map(iri))
+                self._worlds[iri] = self._cached_world(iri) if self._world_cache else self._read_world(iri)
             return self._worlds[iri]
+
+    def use_world_cache(self, folder: StrPath) -> None:
+        """Takes worlds from a folder if they were read from the same files before, and otherwise writes them there.
+
+        Args:
+            folder: an existing folder of such worlds only; old ones are deleted.
+        """
+        from mindstage.knowledge.world_cache import WorldCache
+
+        self._world_cache = WorldCache(Path(folder))
 
     def source_view(self, map: str | None = None) -> SourceMapView:
         """The statements of one map as its sources contain them, before a world is read from them.
@@ -259,6 +363,8 @@ class KnowledgeBase:
             MapNotFoundError: no map is loaded, or none has that name.
             AmbiguousMapError: several maps are loaded and no name was given, or several have that local name.
         """
+        from mindstage.knowledge.graph_diff import SourceMapView
+
         with self.lock:
             source_map = self._source_map(self._resolve_map(map))
             implied = self._registry.implied_members(source_map.map)
@@ -330,9 +436,14 @@ class KnowledgeBase:
             question: its name, the question itself, which types the rows, or a sentence.
             *positional: arguments in the order of the question; None leaves one open.
             **args: arguments by name; those that are left out are open. Names of entities are local, with a prefix, or
-                whole IRIs. A class stands for all its individuals where an individual is asked for.
+                whole IRIs. A class stands for all its individuals where an individual is asked for. Of an episode (see
+                `add_episode`) `at` is a time [s since its begin] that the question is about instead of the present;
+                `during=(begin, end)`, `since` and `until` are an interval, in which each answer gets the intervals in
+                which it is one; `episode` is the name of one of several.
 
         Raises:
+            EpisodeError: there is no episode, or there are several and none is named.
+            EpisodeTimeError: the episode has no state at that time.
             QuestionNotFoundError: no question has that name.
             SentenceNotUnderstoodError: no question is put like this sentence, or it has an unknown name.
             AmbiguousSentenceError: the sentence may mean several questions.
@@ -340,7 +451,10 @@ class KnowledgeBase:
             NameNotFoundError: a name is unknown.
             AmbiguousNameError: several entities have a name.
         """
+        time, args = time_arguments(args, declared=argument_names(question))
         declared, known, notes = _resolve_question(self, question, positional, args)
+        if time != NOW or declared.about_past:
+            return ask_over_time(self, declared, known, time=time, episodes=self._episodes, notes=notes)
         key = (declared, notes, *known.items())
         cache = self._answer_cache  # a change during the question drops this cache, and with it an outdated answer
         try:
@@ -354,6 +468,44 @@ class KnowledgeBase:
         if key and not declared.uses_current_state:
             cache.put(key, answers)
         return answers
+
+    def add_episode(self, episode: object, *, name: str | None = None) -> str:
+        """Makes an episode the past of this knowledge base: questions can be about any time of it.
+
+        Args:
+            episode: a `Recording` such as `Episode`, a `History`, or an `EpisodeSource` with many episodes.
+            name: its name, by default its own.
+
+        Returns:
+            The name; empty for a source with many.
+
+        Raises:
+            InvalidArgumentError: it is none of these, or there is an episode of that name.
+        """
+        source = episode_source(episode, name)
+        names = source.names()
+        if known := {*names} & {each for source in self._episodes for each in source.names()}:
+            cause, remedy = "there is an episode of that name", "give another name, or remove the other one"
+            raise InvalidArgumentError(f"the episode {min(known)}", cause=cause, remedy=remedy)
+        with self.lock:
+            if event_ontology().resolve() not in self._registry.sources:
+                self.load((), ontologies=event_ontology())
+            self._episodes = (*self._episodes, source)
+        return names[0] if len(names) == 1 else ""
+
+    def remove_episode(self, name: str) -> None:
+        """Forgets an episode, or all of a source that has it.
+
+        Raises:
+            InvalidArgumentError: there is none of that name.
+        """
+        histories_of(self._episodes, name)
+        self._episodes = tuple(each for each in self._episodes if name not in each.names())
+
+    @property
+    def episodes(self) -> tuple[EpisodeSource, ...]:
+        """The sources of episodes that were added."""
+        return self._episodes
 
     def explain(self, question: Question[R] | str, row: R) -> tuple[str, ...]:
         """The statements and classes that led to an answer, one per line; empty for a question without explanations.
@@ -443,12 +595,16 @@ class KnowledgeBase:
         timeout_s: float = 30.0,
         allow_service: bool = False,
         present: StateAccess | None = None,
+        at: float | None = None,
+        episode: str | None = None,
     ) -> SparqlResult:
         """Runs a SPARQL 1.1 query: the default graph is the union of all sources, and each source is a named graph.
 
         A graph has the name of the ontology in its file, else `urn:mindstage:file:NAME`. FROM and GRAPH also accept the
         name and the URL of the file. The graph `urn:mindstage:present` has the current state in the vocabulary of the
-        map; it is made for a query that names it, and is never part of the union.
+        map; it is made for a query that names it, and is never part of the union. So are the graphs
+        `urn:mindstage:episode:NAME` with the events of episodes, see `mindstage.knowledge.event_graph`; all of them are
+        made for a query with GRAPH and a variable.
 
         The prefixes knowrob, ms, owl, rdf, rdfs, xsd, dul and soma are declared, and those that the loaded files
         declare, unless they differ. The query runs in a separate process that is limited to 2 GiB of memory and ends at
@@ -459,21 +615,37 @@ class KnowledgeBase:
             timeout_s: time limit [s].
             allow_service: whether the query may use other servers (SERVICE).
             present: access to the current state; without it, that of the maps.
+            at: a time of an episode [s], the state of which is then that of `urn:mindstage:present`.
+            episode: the episode, if there are several; without `at`, the time is its end.
 
         Raises:
             SparqlSyntaxError: the query is not valid, not allowed, or its answer too large.
+            EpisodeError: there is no episode, or there are several and none is named, or they have too many events.
+            EpisodeTimeError: the episode has no state at that time.
             SparqlTimeoutError: the time limit was exceeded.
             EndpointUnreachableError: the endpoint does not respond.
             EndpointError: the endpoint refuses the query.
         """
+        from mindstage.knowledge.sparql_query import SparqlText
+
         text, prefixes = SparqlText(query), self._prefix_table
         prefixes.check(text)
         names = prefixes.namespaces
-        state = None
+        if at is not None or episode is not None:
+            present = state_of_time(self, QuestionTime(at_s=at, episode=episode), self._episodes)
+        events: dict[str, bytes] = {}
+        if self._episodes:
+            from mindstage.knowledge.event_graph import episode_statements
+
+            events = episode_statements(text, names, self._episodes)
+        state = b"".join(events.values()) if events else None
         if text.mentions(PRESENT_GRAPH.value, names):
-            state = present_statements(self, present or StateAccess(self))
+            from mindstage.knowledge.present import present_statements
+
+            state = (state or b"") + present_statements(self, present or StateAccess(self))
         if not self._registry.has_endpoint:
-            text = text.with_graph_names(*self._registry.graph_names(), names)
+            aliases, known = self._registry.graph_names()
+            text = text.with_graph_names(aliases, {*known, *events}, names)
         result = self._store.query(
             text.text, timeout_s=timeout_s, allow_service=allow_service, prefixes=names, present=state
         )
@@ -503,6 +675,7 @@ class KnowledgeBase:
     @cached_property
     def reasoner(self) -> Reasoner:
         """The reasoner over all statements."""
+        self._registry.prepare_endpoint()
         saved = self._registry.saved_index()
         self._is_index_due = saved is None and self._registry.needs_index()
         return saved.reasoner(self._store) if saved else Reasoner(self._store)
@@ -553,6 +726,8 @@ class KnowledgeBase:
 
     @cached_property
     def _prefix_table(self) -> QueryPrefixes:
+        from mindstage.knowledge.sparql_query import QueryPrefixes
+
         declared = ((path.name, source.header.prefixes) for path, source in self._registry.sources.items())
         return QueryPrefixes(PREFIXES, declared)
 
@@ -560,17 +735,39 @@ class KnowledgeBase:
     def _answer_cache(self) -> AnswerCache:
         return AnswerCache()
 
+    def derived(self, key: object, make: Callable[[], T]) -> T:
+        """A value that depends on the statements only, which is made once and kept until they change.
+
+        The most recent values are kept. Another thread may make the same value meanwhile; one of them is kept then.
+        """
+        kept = self._derived
+        if key not in kept:
+            value = make()
+            with self.lock:
+                while len(kept) >= _MAX_DERIVED:
+                    del kept[next(iter(kept))]
+                kept.setdefault(key, value)
+            return value
+        return cast("T", kept[key])
+
+    @cached_property
+    def _derived(self) -> dict[object, object]:
+        return {}
+
     @cached_property
     def _scene_entities(self) -> dict[Iri, dict[Iri, Body | Joint | Light]]:
         return {}
 
     @cached_property
     def _shape_resolver(self) -> ShapeRuleResolver:
+        from mindstage.knowledge.shape_rules import ShapeRuleResolver
+
         return ShapeRuleResolver(self._store, self._taxonomy)
 
     @cached_property
     def _taxonomy(self) -> ClassHierarchy:
         """Built when it is first needed, and again after more was loaded."""
+        self._registry.prepare_endpoint()
         pairs = []
         for property in (SUBCLASS_OF, EQUIVALENT_CLASS):
             for quad in self._store.quads_for_pattern(None, ox.NamedNode(property), None):
@@ -582,12 +779,13 @@ class KnowledgeBase:
 
     def _invalidate(self, quads: Sequence[ox.Quad]) -> None:
         """Updates what depends on these statements, which were added or removed."""
+        self._is_as_loaded = False
         nodes = (node for quad in quads for node in quad.triple)
         self.names.add(Iri(node.value) for node in nodes if isinstance(node, ox.NamedNode))
         if self.reasoner.update(quads):  # the world of a map may have been read with other classes
             self._worlds.clear()
             self._drop_cached("_scene_entities", "_taxonomy")
-        self._drop_cached("_answer_cache", "_shape_resolver")
+        self._drop_cached("_answer_cache", "_derived", "_shape_resolver")
         self._report_change(quads)
 
     def _report_change(self, quads: Sequence[ox.Quad] | None) -> None:
@@ -602,12 +800,15 @@ class KnowledgeBase:
                 anything else has changed.
         """
         if graphs is None:
+            self._is_as_loaded = False
             self._drop_cached("reasoner", "names")
         elif "reasoner" in self.__dict__:
             names = [name for graph in graphs for name in self.reasoner.add_graph(graph)]
             self.names.add(names)
         self._worlds.clear()
-        self._drop_cached("_scene_entities", "_taxonomy", "_answer_cache", "_shape_resolver", "_prefix_table")
+        self._drop_cached(
+            "_scene_entities", "_taxonomy", "_answer_cache", "_derived", "_shape_resolver", "_prefix_table"
+        )
         self._report_change(None)
 
     def _drop_cached(self, *names: str) -> None:
@@ -626,6 +827,8 @@ class KnowledgeBase:
         raise MapNotFoundError(requested=requested if requested and maps else files, known=maps)
 
     def _source_map(self, map: Iri) -> SourceMap:
+        from mindstage.knowledge.rdf_mapping.nested import nest_blank_nodes
+
         graph, census = self._registry.map_graph(map)
         graph = nest_blank_nodes(without_other_maps(graph, map, census))
         # Nesting relabels blank nodes, which individuals of the map may be.
@@ -643,6 +846,40 @@ class KnowledgeBase:
             conventions=self._conventions_of(map),
             mesh_bounds=self._mesh_bounds,
         )
+
+    def _read_world(
+        self, map: Iri, *, report: FindingSink | None = None, assume: AssumptionSink | None = None
+    ) -> World:
+        """Reads a map; findings and assumptions are added to those of this knowledge base, unless there are sinks."""
+        from mindstage.knowledge.dialects.registry import read_world  # many questions need no world
+
+        with gc_paused():
+            source_map = self._source_map(map)
+            report, assume = report or source_map.report, assume or source_map.add_assumption
+            return read_world(replace(source_map, report=report, add_assumption=assume))
+
+    def _cached_world(self, map: Iri) -> World:
+        """The world of a map from the cache, or else read and written there."""
+        from mindstage.knowledge.world_cache import WorldReading
+
+        sources = self._registry.digest() if self._is_as_loaded and self._mesh_bounds is None else None
+        if self._world_cache is None or sources is None:
+            return self._read_world(map)
+        reading = self._world_cache.get(map, sources)
+        if reading is None:
+            findings: list[Finding] = []
+            assumptions: list[Assumption] = []
+
+            def assume(assumption: Assumption) -> None:
+                assumptions.append(assumption)
+
+            world = self._read_world(map, report=lambda *fields: findings.append(Finding(*fields)), assume=assume)
+            reading = WorldReading(world=world, findings=tuple(findings), assumptions=tuple(assumptions))
+            self._world_cache.put(map, sources, reading)
+        self._registry.findings |= dict.fromkeys(reading.findings)
+        for assumption in reading.assumptions:
+            self._add_assumption(assumption)
+        return reading.world
 
     def _conventions_of(self, map: Iri) -> UnitConventions:
         """The conventions that were given for the sources that describe a map."""
@@ -680,8 +917,6 @@ def _save_index_of(knowledge: ref[KnowledgeBase]) -> None:
 
 
 def _question(question: Question[R] | str) -> Question[Any]:
-    from mindstage.knowledge.queries import get_question  # declares all questions
-
     return get_question(question) if isinstance(question, str) else question
 
 

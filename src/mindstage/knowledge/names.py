@@ -6,12 +6,13 @@ articles, plurals and separators: "the fridge doors" are those of the class `Fri
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from enum import IntEnum, StrEnum
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import pyoxigraph as ox
 
@@ -476,6 +477,7 @@ def compact_iri(iri: Iri) -> str:
     return next((f"{prefix}:{iri[len(base) :]}" for prefix, base in PREFIXES.items() if iri.startswith(base)), iri)
 
 
+@lru_cache(maxsize=8192)
 def name_words(text: str) -> tuple[str, ...]:
     """The words of a name in lower case and singular, without articles: ("milk", "carton", "1") for MilkCartons_1."""
     plain = text.replace("\u2019", "'")
@@ -484,8 +486,17 @@ def name_words(text: str) -> tuple[str, ...]:
     return kept or tuple(words)
 
 
-def _split_words(text: str) -> Iterator[str]:
+_ASCII_WORD = re.compile("[0-9]+|[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+
+
+def _split_words(text: str) -> Iterable[str]:
     """Splits at separators, between lower and upper case (`CowsMilk`), and between letters and digits (`W60H140`)."""
+    if text.isascii() and "'" not in text:  # nearly all names, of which there may be a million
+        return map(str.lower, _ASCII_WORD.findall(text))
+    return _split_any_words(text)
+
+
+def _split_any_words(text: str) -> Iterator[str]:
     word = ""
     for at, char in enumerate(text):
         if not char.isalnum():
@@ -505,6 +516,7 @@ def _split_words(text: str) -> Iterator[str]:
         yield word.casefold()
 
 
+@lru_cache(maxsize=8192)
 def _singular(word: str) -> str:
     """The singular of an English noun by its ending; the same for both sides of a comparison, so it need not exist."""
     if word in _IRREGULAR_PLURALS:
@@ -521,6 +533,7 @@ def _stem(words: Sequence[str]) -> str:
     return "".join(_verb_stem(word) for word in words)
 
 
+@lru_cache(maxsize=8192)
 def _verb_stem(word: str) -> str:
     stem = word.removesuffix("ing") if len(word) > _MIN_GERUND else word
     stem = stem[:-1] if stem != word and stem[-1:] == stem[-2:-1] else stem  # cutting

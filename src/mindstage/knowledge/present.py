@@ -8,6 +8,8 @@ classes, sizes, attachments and poses. In addition it has
 - the positions of joints [m] or [rad], if an engine measures them: `?joint soma:hasJointState ?state` with
   `?state soma:hasJointPosition ?position ; ms:axis ?axis`, where the axis is x, y, z, twist, swing2 or swing1;
 - where the state comes from: `<urn:mindstage:present> ms:source ?name`, the name of the engine, or "map".
+
+A query about another time has the state of that time in this graph.
 """
 
 from __future__ import annotations
@@ -45,7 +47,7 @@ class MapContext(QuestionContext, Protocol):
 
 
 def present_statements(kb: MapContext, present: StateAccess) -> bytes:
-    """The statements of the current state of all maps, in N-Triples.
+    """The statements of the current state of all maps, in N-Quads.
 
     Raises:
         MapWriteError: the state has a value that a map cannot contain, such as an infinite mass.
@@ -54,7 +56,9 @@ def present_statements(kb: MapContext, present: StateAccess) -> bytes:
     present.fetch()  # before taking the lock, since the engine may take a while
     with kb.lock:
         triples = [triple for state in present.states() for triple in _state_triples(kb, state)]
-    return ox.serialize(dict.fromkeys(triples), format=ox.RdfFormat.N_TRIPLES) or b""
+    distinct = dict.fromkeys(triples)
+    quads = (ox.Quad(each.subject, each.predicate, each.object, PRESENT_GRAPH) for each in distinct)
+    return ox.serialize(quads, format=ox.RdfFormat.N_QUADS) or b""
 
 
 def _state_triples(kb: MapContext, state: WorldState) -> Iterator[ox.Triple]:

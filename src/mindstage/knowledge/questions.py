@@ -24,32 +24,53 @@ An argument that is an individual may be given as a class: the answers are then 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from enum import Enum, StrEnum
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
+from copy import copy
+from dataclasses import dataclass, replace
+from enum import Enum
 from functools import cached_property
+from importlib import import_module
 from itertools import islice, product
 from math import prod
 from operator import attrgetter
-from threading import Lock, RLock
+from threading import RLock
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, Generic, Protocol, TypeVar, get_args, get_type_hints, overload
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Generic,
+    Protocol,
+    TypeVar,
+    get_args,
+    get_type_hints,
+    overload,
+)
 from weakref import ref
 
 import msgspec
 
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError, QuestionNotFoundError
-from mindstage.knowledge.map_statistics import MapStatistics
+from mindstage.knowledge.claims import Claim, ClaimKind
+from mindstage.knowledge.history import (
+    MAP_SOURCE,
+    EpisodeSource,
+    EventFilter,
+    History,
+    PastEvent,
+    QuestionTime,
+    WorldState,
+    histories_of,
+)
 from mindstage.knowledge.names import EntityType, NamedThing, NameIndex, NameQuality
+from mindstage.knowledge.question_catalog import CATALOG
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import Reasoner
-from mindstage.knowledge.shape_rules import ShapeRule
-from mindstage.knowledge.vocabulary import TYPE
+from mindstage.knowledge.vocabulary import EVENT, TYPE
 from mindstage.scene import (
-    NO_GEOMETRY,
     Body,
-    BodyId,
-    GeometryMap,
     Iri,
     IriRef,
     Joint,
@@ -62,13 +83,14 @@ from mindstage.scene import (
 )
 from mindstage.scene.display import counted, html_table
 
+if TYPE_CHECKING:
+    from mindstage.knowledge.map_statistics import MapStatistics
+    from mindstage.knowledge.shape_rules import ShapeRule
+
 __all__ = [
     "MAP_SOURCE",
-    "AnswerCache",
     "AnswerRow",
     "Answers",
-    "Claim",
-    "ClaimKind",
     "ClassName",
     "IndividualName",
     "MapName",
@@ -85,12 +107,12 @@ __all__ = [
     "get_question",
     "list_questions",
     "question",
+    "question_names",
+    "questions_with_words",
     "subject_column",
 ]
 
-MAP_SOURCE = "map"
-"""The `WorldState.source` of a map that no engine simulates."""
-CacheKey = tuple[object, ...]
+T = TypeVar("T")
 ClassName = Annotated[Iri, EntityType.CLASS]
 IndividualName = Annotated[Iri, EntityType.INDIVIDUAL]
 MapName = Annotated[Iri, EntityType.MAP]
@@ -105,13 +127,28 @@ _FEW_COMBINATIONS = 8
 _MAX_MISSING = 20
 """The maximum number of missing statements for the individuals of a class."""
 _QUESTIONS: dict[str, Question[Any]] = {}
+DECLARING_MODULES = (
+    "mindstage.knowledge.queries.individuals",
+    "mindstage.knowledge.queries.spatial",
+    "mindstage.knowledge.queries.proximity",
+    "mindstage.knowledge.queries.storage",
+    "mindstage.knowledge.queries.inventory",
+    "mindstage.knowledge.queries.maps",
+    "mindstage.knowledge.queries.navigation",
+    "mindstage.knowledge.queries.taxonomy",
+    "mindstage.knowledge.queries.visibility",
+    "mindstage.imagination.front_questions",
+    "mindstage.imagination.questions",
+    "mindstage.episodes.questions",
+)
+"""The modules that declare questions, in the order in which questions are listed; imported when first needed."""
 
 
 class QuestionContext(Protocol):
     """The part of `KnowledgeBase` that questions use."""
 
     lock: RLock
-    """Held while a question is answered."""
+    """Held while a question is answered, except for one that imagines."""
 
     @property
     def reasoner(self) -> Reasoner:
@@ -120,6 +157,10 @@ class QuestionContext(Protocol):
     @property
     def names(self) -> NameIndex:
         """The index of names."""
+
+    @property
+    def episodes(self) -> Sequence[EpisodeSource]:
+        """The sources of episodes that were added."""
 
     def maps(self) -> tuple[Iri, ...]:
         """The maps that are loaded."""
@@ -147,42 +188,39 @@ class QuestionContext(Protocol):
     def shape_rule(self, cls: Iri) -> ShapeRule:
         """The shape and the typical size of objects of a class."""
 
-
-class WorldState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """The state of a scene at one point in time."""
-
-    world: World
-    """All entities in their current state."""
-    spawned: tuple[World, ...]
-    """The same entities as they were spawned, one world per map."""
-    joint_positions: Mapping[BodyId, tuple[float, ...]] | None = None
-    """Displacement of each joint since then: x, y, z [m], twist, swing2, swing1 [rad]; None if it is unknown."""
-    source: str = MAP_SOURCE
-    """Where the state comes from: the name of the engine, or "map"."""
-    geometry: GeometryMap = NO_GEOMETRY
-    """The collision shapes and support surfaces of its bodies; those without an entry are boxes."""
-
-    @property
-    def shape_source(self) -> str:
-        """Where the state and the shapes of its bodies come from."""
-        return self.source if self.geometry else f"{self.source}, bounding boxes"
-
-    def map_of_body(self) -> dict[BodyId, Iri]:
-        """The map that each body came from."""
-        maps = {body.id: world.iri for world in reversed(self.spawned) for body in world.bodies}
-        return {body.id: maps.get(body.id, self.world.iri) for body in self.world.bodies}
+    def derived(self, key: object, make: Callable[[], T]) -> T:
+        """A value that depends on the statements only, which is made once and kept until they change."""
 
 
 class StateAccess:
     """Gives one question access to the current state, which is fetched at most once and only if it is used."""
 
-    def __init__(self, kb: QuestionContext, fetch_state: Callable[[], WorldState] | None = None) -> None:
+    def __init__(
+        self,
+        kb: QuestionContext,
+        fetch_state: Callable[[], WorldState] | None = None,
+        *,
+        simulation: object | None = None,
+        episodes: Sequence[EpisodeSource] = (),
+        time: QuestionTime = QuestionTime(),  # noqa: B008 - it is frozen
+        past: tuple[History, float] | None = None,
+    ) -> None:
         """Fetches nothing yet.
 
         Args:
             kb: provides the maps that no engine simulates.
             fetch_state: returns the engine's current state; None without an engine.
+            simulation: the running `Simulation`, which questions that imagine copy; None without one.
+            episodes: the episodes that questions about the past may use.
+            time: the time that the question is about.
+            past: the episode and the time in it [s] that `fetch_state` gives the state of; None for the present.
         """
+        self.simulation = simulation
+        self.time = time
+        self.past = past
+        self.episodes = tuple(episodes)
+        self.memo: dict[tuple[object, ...], Any] = {}
+        """What a question has computed, for its explanation of missing answers; kept for one question."""
         self._kb = kb
         self._fetch_state = fetch_state
         self._map_states: dict[Iri, WorldState] = {}
@@ -203,10 +241,39 @@ class StateAccess:
         """The state of the simulated scene; None without a simulation."""
         return self._engine_state
 
+    def histories(self) -> list[History]:
+        """The episodes that the question is about.
+
+        Raises:
+            InvalidArgumentError: there is none with the name that was given.
+        """
+        return histories_of(self.episodes, self.time.episode)
+
+    def find_events(
+        self, kinds: Collection[str] | None = None, things: Collection[Iri] | None = None
+    ) -> list[PastEvent]:
+        """The events of these episodes in the time that the question is about.
+
+        Args:
+            kinds: the local names of their classes; None for all.
+            things: individuals of which one must be the thing of the event; None for all.
+        """
+        time = self.time
+        wanted = EventFilter(
+            kinds=None if kinds is None else frozenset(kinds),
+            things=None if things is None else frozenset(things),
+            episode=time.episode,
+            begin_s=time.at_s if time.at_s is not None else time.since_s,
+            end_s=time.at_s if time.at_s is not None else time.until_s,
+        )
+        return [event for source in self.episodes for event in source.find_events(wanted)]
+
     def find_individual(self, name: str) -> Iri | None:
         """The IRI of a simulated body, by IRI or body id: it may have been spawned without any map."""
         bodies = self._engine_state.world.bodies if self._engine_state else ()
-        return next((body.iri for body in bodies if name in (body.iri, body.id)), None)
+        now = (body.iri for body in bodies if name in (body.iri, body.id))
+        past = (each for source in self.episodes if (each := source.find_individual(name)) is not None)
+        return next(now, None) or next(past, None)
 
     @cached_property
     def _engine_state(self) -> WorldState | None:
@@ -217,40 +284,6 @@ class StateAccess:
             world = self._kb.world(map)
             self._map_states[map] = WorldState(world=world, spawned=(world,))
         return self._map_states[map]
-
-
-class AnswerCache:
-    """The most recent answers, up to a maximum number of rows."""
-
-    def __init__(self, max_rows: int = 50_000) -> None:
-        """Creates an empty cache.
-
-        Args:
-            max_rows: the maximum number of rows; an answer without rows counts as one.
-        """
-        self._max_rows = max_rows
-        self._row_count = 0
-        self._lock = Lock()
-        self._answers: dict[CacheKey, Answers[Any]] = {}
-
-    def get(self, key: CacheKey) -> Answers[Any] | None:
-        """The cached answers for a key; None if there are none.
-
-        Raises:
-            TypeError: the key is not hashable.
-        """
-        return self._answers.get(key)
-
-    def put(self, key: CacheKey, answers: Answers[Any]) -> None:
-        """Caches answers, and removes the oldest ones as needed."""
-        size = max(1, len(answers))
-        with self._lock:
-            if size > self._max_rows or key in self._answers:
-                return
-            while self._row_count + size > self._max_rows:
-                self._row_count -= max(1, len(self._answers.pop(next(iter(self._answers)))))
-            self._answers[key] = answers
-            self._row_count += size
 
 
 class AnswerRow(msgspec.Struct, frozen=True, kw_only=True, dict=True):
@@ -333,50 +366,6 @@ class AnswerRow(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 R = TypeVar("R", bound=AnswerRow)
 
 
-class ClaimKind(StrEnum):
-    """What a `Claim` states about the graph; None stands for anything."""
-
-    NO_STATEMENT = "no statement"
-    """No statement has this subject, property (or a subproperty) and object; poses and limits do not count."""
-    NO_SOURCE = "no source"
-    """No loaded file describes the map `subject`."""
-    FEWER_MAPS = "fewer maps"
-    """Loaded files describe fewer maps than `object`."""
-    NO_CLASS = "no class"
-    """`subject` is an individual without a class."""
-    NOT_INSTANCE = "not an instance"
-    """The individual `subject` is not a member of the class `object`."""
-    NO_INSTANCE = "no instance"
-    """No individual in `map` is a member of the class `object`."""
-    NOT_SUBCLASS = "not a subclass"
-    """The class `subject` is not a subclass of the other class `object`."""
-    NOT_SIBLING = "not a sibling"
-    """The classes `subject` and `object` have no common direct superclass."""
-    NO_RESTRICTION = "no restriction"
-    """No superclass of `subject`, or itself, needs a value of `property` of a class that has `object` as a subclass."""
-    NO_NARROWER_RESTRICTION = "no narrower restriction"
-    """As before, of a class that is `object` or a subclass of it."""
-    NO_STATED_RESTRICTION = "no stated restriction"
-    """Neither `subject` nor a superclass of it has a restriction of any type on `property` with the filler `object`."""
-    RESTRICTION = "restriction"
-    """`subject` or a superclass of it has a restriction on `property` whose filler names `object`."""
-    NOT_PART = "not a part"
-    """`object` is not a part of `subject`, except through a joint."""
-    PART = "part"
-    """`object` is a part of `subject`, if not otherwise then through a joint."""
-
-
-class Claim(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A fact about the graph that the reason of a `MissingKnowledge` states."""
-
-    kind: ClaimKind
-    subject: Iri | None = None
-    property: Iri | None = None
-    object: str | None = None
-    """A class, an individual or a map; the text of a literal or an expression; a number."""
-    map: Iri | None = None
-
-
 class MissingKnowledge(msgspec.Struct, frozen=True):
     """A statement whose absence explains why a question has no answer."""
 
@@ -386,7 +375,7 @@ class MissingKnowledge(msgspec.Struct, frozen=True):
     is_filler: bool = False
     """Whether `cls` is missing as the filler of the property, rather than as its subject."""
     claims: tuple[Claim, ...] = ()
-    """What `reason` states about the graph, each of which is so."""
+    """What `reason` states about the graph and the state, or relies on, each of which is so."""
 
 
 class Answers(Sequence[R]):
@@ -503,9 +492,17 @@ class Question(Generic[R]):
     """A declared question."""
 
     def __init__(
-        self, function: Callable[..., Iterator[R]], *, sentences: Sequence[str] = (), is_relation: bool = False
+        self,
+        function: Callable[..., Iterator[R]],
+        *,
+        sentences: Sequence[str] = (),
+        is_relation: bool = False,
+        imagines: bool = False,
+        about_past: bool = False,
     ) -> None:
         self.name = function.__name__
+        self.module = function.__module__
+        """The module that declares it."""
         self.sentences = tuple(sentences)
         """Templates of plain sentences that ask this question; `mindstage.knowledge.sentences` describes them."""
         self.is_relation = is_relation
@@ -513,6 +510,10 @@ class Question(Generic[R]):
 
         If so, a class is asked about at once, instead of each of its individuals.
         """
+        self.imagines = imagines
+        """Whether it simulates copies of the world, for seconds; the lock is then not held while it is answered."""
+        self.about_past = about_past
+        """Whether it is about episodes, not about the present; it uses `StateAccess.histories` or `find_events`."""
         self.text = inspect.cleandoc(function.__doc__ or "").partition("\n\nExamples:\n")[0]
         self.examples = tuple(
             line.strip() for line in inspect.cleandoc(function.__doc__ or "").partition("Examples:\n")[2].splitlines()
@@ -550,7 +551,15 @@ class Question(Generic[R]):
     @cached_property
     def uses_current_state(self) -> bool:
         """Whether the answers depend on the current state of a simulation."""
-        return "present" in inspect.signature(self._function).parameters
+        return "present" in inspect.signature(self._function).parameters and not self.about_past
+
+    def over_time(self, row: type[R]) -> Question[R]:
+        """The same question with another type of rows, which has further columns: those of an interval."""
+        other = copy(self)
+        for name in ("columns", "_fields"):
+            other.__dict__.pop(name, None)
+        other.__dict__["row"] = row
+        return other
 
     @property
     def has_explanation(self) -> bool:
@@ -612,9 +621,11 @@ class Question(Generic[R]):
             AmbiguousNameError: several entities have a name.
         """
         now = present or StateAccess(kb)
+        if self.about_past and not any(source.names() for source in now.episodes):
+            return Answers(self, {}, (), (_no_episode(),), kb=kb, notes=notes)
         if self.uses_current_state:
             now.fetch()  # before taking the lock, since the engine may take a while
-        with kb.lock:
+        with nullcontext() if self.imagines else kb.lock:  # others ask while something is imagined
             return self._answers(kb, args, now, notes)
 
     def explain_answer(self, kb: QuestionContext, row: R) -> tuple[str, ...]:
@@ -629,7 +640,8 @@ class Question(Generic[R]):
         classes: dict[str, Sequence[Iri]] = {}
         told = list(notes)
         for name in args:
-            value = self._parse_argument(kb, state_access, name, args[name])
+            with kb.lock:
+                value = self._parse_argument(kb, state_access, name, args[name])
             if isinstance(value, NamedThing):
                 if value.members is not None:
                     classes[name] = value.members
@@ -668,7 +680,7 @@ class Question(Generic[R]):
                 yield {**found, **dict(zip(classes, members, strict=True))}
 
     def _rows(self, kb: QuestionContext, args: Mapping[str, object], state_access: StateAccess) -> Iterable[R]:
-        view = {"present": state_access} if self.uses_current_state else {}
+        view = {"present": state_access} if self.uses_current_state or self.about_past else {}
         rows = self._function(kb, **args, **view)
         bound = [name for name in args if name in self._fields]
         if not bound:
@@ -688,10 +700,10 @@ class Question(Generic[R]):
             if not members:
                 cls = Iri(str(found[name]))
                 reason = f"{local_name(cls)} has no individual: none of it or of a subclass is in a loaded map"
-                yield MissingKnowledge(cls, TYPE, reason)
+                yield MissingKnowledge(cls, TYPE, reason, claims=(Claim(kind=ClaimKind.NO_INSTANCE, object=cls),))
         if self._find_missing is None:
             return
-        view = {"present": state_access} if self.uses_current_state else {}
+        view = {"present": state_access} if self.uses_current_state or self.about_past else {}
         lacks = (lack for args in self._combinations(found, classes) for lack in self._find_missing(kb, **args, **view))
         yield from islice(dict.fromkeys(islice(lacks, _MAX_COMBINATIONS)), _MAX_MISSING if classes else None)
 
@@ -720,7 +732,7 @@ class Question(Generic[R]):
         self, kb: QuestionContext, state_access: StateAccess, name: str, entity_type: EntityType
     ) -> NamedThing:
         """Resolves a name; for a question about the current state also that of a body which only the engine has."""
-        may_be_spawned = self.uses_current_state and entity_type is EntityType.INDIVIDUAL
+        may_be_spawned = (self.uses_current_state or self.about_past) and entity_type is EntityType.INDIVIDUAL
         try:
             found = kb.names.find_thing(name, entity_type)
         except NameNotFoundError:
@@ -730,6 +742,10 @@ class Question(Generic[R]):
         is_vague = found.quality is not NameQuality.EXACT or found.members == ()
         if is_vague and may_be_spawned and (spawned := state_access.find_individual(name)) is not None:
             return NamedThing(spawned)
+        if self.about_past and found.members is not None:
+            below = {found.iri, *kb.reasoner.classes.below(found.iri)}
+            past = (iri for source in state_access.episodes for iri in source.individuals_of(below))
+            return replace(found, members=tuple(dict.fromkeys((*found.members, *past))))
         return found
 
 
@@ -737,10 +753,15 @@ class Question(Generic[R]):
 def question(function: Callable[..., Iterator[R]]) -> Question[R]: ...
 @overload
 def question(
-    *, sentences: Sequence[str] = (), is_relation: bool = False
+    *, sentences: Sequence[str] = (), is_relation: bool = False, imagines: bool = False, about_past: bool = False
 ) -> Callable[[Callable[..., Iterator[R]]], Question[R]]: ...
 def question(
-    function: Callable[..., Iterator[R]] | None = None, *, sentences: Sequence[str] = (), is_relation: bool = False
+    function: Callable[..., Iterator[R]] | None = None,
+    *,
+    sentences: Sequence[str] = (),
+    is_relation: bool = False,
+    imagines: bool = False,
+    about_past: bool = False,
 ) -> Question[R] | Callable[[Callable[..., Iterator[R]]], Question[R]]:
     """Declares a question under the function's name, which must be unique.
 
@@ -749,10 +770,14 @@ def question(
         sentences: templates of plain sentences that ask the question, such as "where is {thing}"; see
             `mindstage.knowledge.sentences` for their syntax.
         is_relation: see `Question.is_relation`.
+        imagines: see `Question.imagines`.
+        about_past: see `Question.about_past`.
     """
 
     def declare(function: Callable[..., Iterator[R]]) -> Question[R]:
-        declared = Question(function, sentences=sentences, is_relation=is_relation)
+        declared = Question(
+            function, sentences=sentences, is_relation=is_relation, imagines=imagines, about_past=about_past
+        )
         if declared.name in _QUESTIONS:
             raise ValueError(f"there are two questions {declared.name}")
         _QUESTIONS[declared.name] = declared
@@ -763,19 +788,52 @@ def question(
 
 def list_questions() -> tuple[Question[Any], ...]:
     """All questions, in the order of their declaration."""
-    return tuple(_QUESTIONS.values())
+    for module in DECLARING_MODULES:
+        import_module(module)
+    places = {module: place for place, module in enumerate(DECLARING_MODULES)}
+    # Modules are imported in any order, since a question is looked up without the others.
+    return tuple(sorted(_QUESTIONS.values(), key=lambda each: places.get(each.module, len(places))))
+
+
+def question_names() -> tuple[str, ...]:
+    """The names of all questions, without importing the modules that declare them."""
+    return tuple(dict.fromkeys([*CATALOG, *_QUESTIONS]))
 
 
 def get_question(name: str) -> Question[Any]:
     """The question with a name, in which hyphens stand for underscores.
 
+    Only the module that declares it is imported.
+
     Raises:
         QuestionNotFoundError: there is no such question.
     """
+    known = name.replace("-", "_")
+    if known not in _QUESTIONS:
+        if known in CATALOG:
+            import_module(CATALOG[known].module)
+        else:
+            list_questions()
     try:
-        return _QUESTIONS[name.replace("-", "_")]
+        return _QUESTIONS[known]
     except KeyError:
-        raise QuestionNotFoundError(name, known=_QUESTIONS) from None
+        raise QuestionNotFoundError(name, known=question_names()) from None
+
+
+def questions_with_words(words: Collection[str]) -> Iterator[Question[Any]]:
+    """The questions with a sentence that consists of some of these words and of arguments.
+
+    Args:
+        words: words as in `SentencePattern.word_sets`.
+    """
+    for name in question_names():
+        entry = CATALOG.get(name)
+        if entry is None or any(all(word in words for word in wording.split()) for wording in entry.wordings):
+            yield get_question(name)
+
+
+def _no_episode() -> MissingKnowledge:
+    return MissingKnowledge(Iri(EVENT), Iri(TYPE), "there is no episode; add one with add_episode, or --episode FILE")
 
 
 def _value_type(hint: Any) -> EntityType | type:

@@ -41,6 +41,7 @@ __all__ = [
     "TripleStore",
     "assign_ids",
     "find_forbidden_character",
+    "findings_to_builtins",
     "gc_paused",
     "graph_from_quads",
     "group_findings",
@@ -144,6 +145,11 @@ def group_name(finding: Finding) -> str:
     """The text of a finding without the names and numbers of the individual; like findings have the same."""
     property = local_name(finding.property) or "-"
     return _DETAIL.sub("…", f"{finding.severity.value}: {property}: {finding.problem}; {finding.action}")
+
+
+def findings_to_builtins(findings: Iterable[Finding]) -> list[dict[str, Any]]:
+    """The findings as JSON objects; like findings have the same `group`."""
+    return [msgspec.to_builtins(finding) | {"group": group_name(finding)} for finding in findings]
 
 
 def group_findings(findings: Iterable[Finding]) -> tuple[FindingGroup, ...]:
@@ -339,7 +345,7 @@ class TripleStore(QuadSource, Protocol):
             timeout_s: the time limit [s].
             allow_service: whether it may use other servers.
             prefixes: the prefixes that it need not declare.
-            present: the statements of `PRESENT_GRAPH` in N-Triples, which exist for this query only.
+            present: further graphs in N-Quads, which exist for this query only: the state, and the events of episodes.
 
         Raises:
             SparqlSyntaxError: the query is not valid, not allowed, or its answer too large.

@@ -331,7 +331,10 @@ class InstanceChecker:
     # -- domains and ranges --------------------------------------------------------------------------------------------
 
     def _domain_range_justifications(self, individual: Iri) -> Iterator[Justification]:
-        node = node_from_label(individual)
+        try:
+            node = node_from_label(individual)
+        except ValueError:  # not a valid IRI, as the id of a body may be: no statement is about it
+            return
         properties = self._reasoner.properties
         quads = [(quad, True) for quad in self._store.quads_for_pattern(node, None, None)]
         quads += [(quad, False) for quad in self._store.quads_for_pattern(None, None, node)]

@@ -28,8 +28,14 @@ from typing import Any
 
 from mindstage.errors import AmbiguousSentenceError, SentenceNotUnderstoodError
 from mindstage.knowledge.names import EntityType, NameQuality, name_words
-from mindstage.knowledge.queries import Question, QuestionArgument, get_question, list_questions
-from mindstage.knowledge.questions import QuestionContext
+from mindstage.knowledge.questions import (
+    Question,
+    QuestionArgument,
+    QuestionContext,
+    get_question,
+    list_questions,
+    questions_with_words,
+)
 from mindstage.knowledge.rdf import PREFIXES, local_name
 from mindstage.scene import Iri
 
@@ -76,6 +82,8 @@ _SAME_WORDS = {
 """Words that templates and sentences may exchange, after the plural was removed."""
 _CONTRACTIONS = {f"{word}'s": word for word in ("where", "what", "which", "who", "there", "how")}
 _FILLERS = frozenset({"please", "currently", "now", "hello", "hey", "thanks"})
+_CLOSINGS = (("right", "now"), ("at", "the", "moment"), ("at", "present"), ("today",), ("right", "this", "moment"))
+"""Words at the end of a sentence that mean the present, in which all questions are asked."""
 _DROPPED = frozenset(["the", "a", "an", "any", "some", "all", "every", "each", "my", "our", "your", "these", "those"])
 _OPENINGS = tuple(
     tuple(words.split())
@@ -107,7 +115,7 @@ _NUMBERS = {
     )
 }
 _UNITS = {
-    **dict.fromkeys(("", "m", "meter", "rad", "radian", "kg", "kilogram", "s", "second"), 1.0),
+    **dict.fromkeys(("", "m", "meter", "rad", "radian", "kg", "kilogram", "s", "second", "n", "newton"), 1.0),
     **dict.fromkeys(("cm", "centimeter"), 0.01),
     **dict.fromkeys(("mm", "millimeter", "g", "gram"), 0.001),
     **dict.fromkeys(("deg", "degree", "°"), math.pi / 180.0),
@@ -162,6 +170,15 @@ class SentencePattern:
         """The words that a sentence must have."""
         return frozenset(each for each in self.items if isinstance(each, str))
 
+    def word_sets(self) -> set[frozenset[str]]:
+        """Sets of words, one of which a sentence has: `words`, with those of a choice for each enumeration."""
+        sets = {self.words}
+        for slot in self.items:
+            if not isinstance(slot, str) and slot.argument.choices:
+                chosen = {words for choice in slot.argument.choices for words in _words_of_choice(choice)}
+                sets = {words | choice for words in sets for choice in chosen}
+        return sets
+
     def text(self, values: Mapping[str, str] | None = None) -> str:
         """The wording; with values, the sentence that asks for them."""
         filled = values or {}
@@ -170,6 +187,14 @@ class SentencePattern:
             for each in self.shown
         )
         return " ".join(shown)
+
+
+def _words_of_choice(choice: str) -> Iterator[frozenset[str]]:
+    """The words by which a value of an enumeration is given, also if they are written together."""
+    for text in (choice, *_CHOICE_SYNONYMS.get(choice, ())):
+        words = [_same_word(word) for word in name_words(text)]
+        yield frozenset(word for word in words if word not in _DROPPED)
+        yield frozenset({"".join(name_words(text))})
 
 
 @dataclass(frozen=True, slots=True)
@@ -375,6 +400,9 @@ def _tokens(sentence: str) -> list[_Token]:
         rest = tokens[len(opening) :]
         if tuple(token.word for token in tokens[: len(opening)]) == opening and rest and rest[0].word in _ASKING:
             tokens = rest[1:] if rest[0].word in {"if", "whether"} else rest
+    for closing in _CLOSINGS:
+        if tuple(token.word for token in tokens[-len(closing) :]) == closing:
+            tokens = tokens[: -len(closing)]
     kept = [each for each in tokens if each.word not in _FILLERS]
     return [each for at, each in enumerate(kept) if each.word not in _DROPPED or at == len(kept) - 1]
 
@@ -482,7 +510,7 @@ class _Matcher:
 
     def _possible_patterns(self) -> Iterator[tuple[Question[Any], SentencePattern]]:
         present = {*self._words}
-        for question in list_questions():
+        for question in questions_with_words(present):
             for pattern in sentence_patterns(question):
                 if pattern.words <= present and len(pattern.items) <= len(self._words):
                     yield question, pattern

@@ -101,6 +101,16 @@ class SparqlText:
         names = (token.text.partition(":")[0] for token in self._tokens if token.kind == "name")
         return (prefix for prefix in dict.fromkeys(names) if prefix not in self._declared)
 
+    def iris(self, prefixes: Mapping[str, str]) -> frozenset[str]:
+        """The IRIs that occur anywhere in the query, in full or with a prefix."""
+        found = (self._iri(token, prefixes) for token in self._tokens)
+        return frozenset(iri for iri in found if iri is not None)
+
+    def has_graph_variable(self) -> bool:
+        """Whether the query is about any graph: GRAPH ?g."""
+        pairs = zip(self._tokens, self._tokens[1:], strict=False)
+        return any(one.is_word("GRAPH") and other.kind == "variable" for one, other in pairs)
+
     def mentions(self, iri: str, prefixes: Mapping[str, str]) -> bool:
         """Whether an IRI occurs anywhere in the query, in full or with a prefix."""
         return any(self._iri(token, prefixes) == iri for token in self._tokens)

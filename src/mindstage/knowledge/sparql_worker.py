@@ -19,6 +19,7 @@ import secrets
 import signal
 import struct
 import sys
+from collections.abc import Collection
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -38,8 +39,6 @@ REPLY_LIMIT = 256 * 1024**2
 _STAND_IN_LETTERS = "bcfghjkmnpqvwxz"
 """Letters that no keyword of SPARQL and no exponent of a number consists of."""
 _CODE_POINT = re.compile(r"\\u([0-9a-fA-F]{4})|\\U([0-9a-fA-F]{8})")
-_PRESENT_GRAPH = ox.NamedNode("urn:mindstage:present")
-"""`mindstage.knowledge.rdf.PRESENT_GRAPH`, which a script cannot import."""
 _JSON, _TRIPLES = ox.QueryResultsFormat.JSON, ox.RdfFormat.N_TRIPLES
 
 
@@ -68,9 +67,10 @@ class _TooLargeError(Exception):
 def serve(store: ox.Store, connection: Connection, *, network: bool = True) -> None:
     """Evaluates queries until the connection is closed.
 
-    A request is (text, prefixes, seconds, whether SERVICE is allowed, whether to check it only, the statements of the
-    current state in N-Triples or None). A reply is (kind, bytes): solutions or a boolean as JSON, triples, an error, or
-    the clause that is not allowed; of a query that is only checked, the clauses in it that name other sources.
+    A request is (text, prefixes, seconds, whether SERVICE is allowed, whether to check it only, further graphs in
+    N-Quads, which are not part of the union, or None). A reply is (kind, bytes): solutions or a boolean as JSON,
+    triples, an error, or the clause that is not allowed; of a query that is only checked, the clauses in it that name
+    other sources.
 
     Args:
         store: the store.
@@ -80,20 +80,33 @@ def serve(store: ox.Store, connection: Connection, *, network: bool = True) -> N
     _limit_resources()
     if not network:
         deny_network(no_new_files=True)
+    apart: set[ox.NamedNode | ox.BlankNode] = set()
     while True:
         try:
-            query, prefixes, timeout_s, allow_service, check_only, present = connection.recv()
+            query, prefixes, timeout_s, allow_service, check_only, further = connection.recv()
         except EOFError:
             return
         signal.setitimer(signal.ITIMER_REAL, timeout_s)
-        if present is not None:
-            store.load(present, ox.RdfFormat.N_TRIPLES, to_graph=_PRESENT_GRAPH)
-        reply = _check(query, prefixes) if check_only else _answer(store, query, prefixes, allow_service=allow_service)
+        if further is not None:
+            before = {*store.named_graphs()}
+            store.load(further, ox.RdfFormat.N_QUADS)
+            apart |= {*store.named_graphs()} - before
+        if check_only:
+            reply = _check(query, prefixes)
+        else:
+            reply = _answer(store, query, prefixes, allow_service=allow_service, apart=apart)
         signal.setitimer(signal.ITIMER_REAL, 0)
         connection.send(reply)
 
 
-def _answer(store: ox.Store, query: str, prefixes: dict[str, str], *, allow_service: bool) -> tuple[str, bytes]:
+def _answer(
+    store: ox.Store,
+    query: str,
+    prefixes: dict[str, str],
+    *,
+    allow_service: bool,
+    apart: Collection[ox.NamedNode | ox.BlankNode],
+) -> tuple[str, bytes]:
     if not allow_service and _is_written_with_escapes("SERVICE", query):
         return "service", b""
     if not allow_service and _has_clause("SERVICE", query, prefixes):
@@ -101,10 +114,9 @@ def _answer(store: ox.Store, query: str, prefixes: dict[str, str], *, allow_serv
         return ("syntax", error.encode()) if error else ("service", b"")
     if _has_clause("FROM", query, prefixes):  # a dataset of the query's own
         return _evaluate(store, query, prefixes)
-    graphs = list(store.named_graphs()) if store.contains_named_graph(_PRESENT_GRAPH) else None
-    if graphs is None:
+    if not apart:
         return _evaluate(store, query, prefixes, use_default_graph_as_union=True)
-    graphs.remove(_PRESENT_GRAPH)
+    graphs = (graph for graph in store.named_graphs() if graph not in apart)
     return _evaluate(store, query, prefixes, default_graph=[ox.DefaultGraph(), *graphs])
 
 

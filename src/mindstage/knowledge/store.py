@@ -18,18 +18,17 @@ import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import chain, count
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import pyoxigraph as ox
 
 from mindstage.errors import SparqlSyntaxError, SparqlTimeoutError, StoreError
-from mindstage.knowledge import sparql_worker
 from mindstage.knowledge.rdf import PREFIXES, RdfTerm, SparqlResult
-from mindstage.knowledge.sparql_worker import MEMORY_LIMIT, REPLY_LIMIT, serve
+
+if TYPE_CHECKING:  # programs that ask only questions start no worker
+    from multiprocessing.connection import Connection
 
 __all__ = [
     "OxigraphStore",
@@ -185,7 +184,7 @@ class QueryWorker:
             allow_service: whether it may use other servers, which a worker without network cannot reach either way.
             check_only: whether it is parsed and not evaluated.
             prefixes: the prefixes that it need not declare.
-            present: the statements of the current state, in N-Triples, which a worker keeps from then on.
+            present: further graphs in N-Quads, which a worker keeps from then on.
 
         Raises:
             SparqlTimeoutError: the time limit was exceeded; the worker has ended.
@@ -201,6 +200,8 @@ class QueryWorker:
                 raise SparqlTimeoutError(timeout_s=timeout_s) from None
             raise SparqlSyntaxError(_exit_reason(ended), remedy=_LIMIT_HINT) from None
         if answer[0] == "too large":
+            from mindstage.knowledge.sparql_worker import REPLY_LIMIT
+
             raise SparqlSyntaxError(f"its answer is larger than {REPLY_LIMIT // 1024**2} MiB", remedy=_LIMIT_HINT)
         return answer
 
@@ -291,6 +292,10 @@ def fork_worker(store: ox.Store, *, network: bool = False) -> QueryWorker:
         store: the store.
         network: whether the worker may open connections, where the operating system can deny it.
     """
+    from multiprocessing import Pipe
+
+    from mindstage.knowledge.sparql_worker import serve
+
     ours, theirs = Pipe()
     with warnings.catch_warnings():
         # Python warns about locks of other threads; the child uses the locks of the store only, which are free.
@@ -314,6 +319,10 @@ def spawn_worker(folder: Path, *, network: bool = False, is_copy: bool = False) 
         is_copy: whether the worker may write to it.
         network: whether the worker may open connections, where the operating system can deny it.
     """
+    from multiprocessing import Pipe
+
+    from mindstage.knowledge import sparql_worker
+
     ours, theirs = Pipe()
     os.set_inheritable(theirs.fileno(), True)
     # -P: the directory of this file must not be on the module path.
@@ -341,6 +350,8 @@ def _kill_all(workers: list[QueryWorker]) -> None:
 
 
 def _exit_reason(exit_signal: int) -> str:
+    from mindstage.knowledge.sparql_worker import MEMORY_LIMIT
+
     if exit_signal in {signal.SIGABRT, signal.SIGKILL, signal.SIGSEGV}:
         return f"it needs more than {MEMORY_LIMIT // 1024**3} GiB of memory"
     return "the query process has ended unexpectedly"
@@ -390,6 +401,14 @@ class OxigraphStore:
     def dump(self) -> bytes:
         """All statements as N-Quads."""
         return self._store.dump(format=ox.RdfFormat.N_QUADS) or b""
+
+    def __getstate__(self) -> bytes:
+        """All statements; those of a store on disk are restored in memory, where they can be changed."""
+        return self.dump()
+
+    def __setstate__(self, state: bytes) -> None:
+        OxigraphStore.__init__(self)
+        self._store.extend(ox.parse(state, ox.RdfFormat.N_QUADS))  # keeps the labels of blank nodes
 
     def add(self, quad: ox.Quad, /) -> None:
         """Adds a statement; has no effect if it exists."""
@@ -465,7 +484,7 @@ class OxigraphStore:
         with TemporaryDirectory(prefix=f"{self._folder.name}-staged-", dir=self._folder.parent) as folder:
             file = Path(folder, "staged.nq")
             staging.dump(file, ox.RdfFormat.N_QUADS)
-            self._store.bulk_load(path=file, format=ox.RdfFormat.N_QUADS)
+            self._store.bulk_load(path=file, format=ox.RdfFormat.N_QUADS, lenient=True)  # it was checked before
         staging.clear()
         self._staged_size = 0
 
@@ -481,14 +500,14 @@ class OxigraphStore:
         """Evaluates a SPARQL query in a separate process, which ends at the time limit.
 
         FROM and FROM NAMED select graphs of this store, and nothing is fetched for them; without them, the default
-        graph is the union of all graphs but that of the current state.
+        graph is the union of all graphs but those that exist for this query only.
 
         Args:
             query: the query.
             timeout_s: the time limit [s].
             allow_service: whether it may use other servers.
             prefixes: the prefixes that it need not declare.
-            present: the statements of `PRESENT_GRAPH` in N-Triples, which exist for this query only.
+            present: further graphs in N-Quads, which exist for this query only: the state, and the events of episodes.
 
         Raises:
             SparqlSyntaxError: the query is not valid, not allowed, or its answer too large.

@@ -110,6 +110,7 @@ class StoreDirectory:
                 str(folder), cause="it is half-written: a process died while filling it", remedy=_RECREATE_HINT
             )
         self._records = {record.path: record for record in self.manifest.sources}
+        self._unsynchronized: list[Path] = []
         self.store.before_write = self.index.invalidate
 
     # -- sources -------------------------------------------------------------------------------------------------------
@@ -179,7 +180,8 @@ class StoreDirectory:
         path = self.path / _TEXTS / record.content_hash
         if not path.exists():
             path.parent.mkdir(exist_ok=True)
-            atomic_write(path, file.data, durable=True)
+            atomic_write(path, file.data)
+            self._unsynchronized.append(path)
         self._records[record.path] = record
         return self._text_loader(record)
 
@@ -199,6 +201,7 @@ class StoreDirectory:
         )
         manifest = replace(manifest, format_version=FORMAT_VERSION, sources=records)
         if manifest != self.manifest:
+            self._synchronize_texts()
             self.store.flush()
             self._write_manifest(manifest)
             self._delete_unused_texts()
@@ -266,6 +269,16 @@ class StoreDirectory:
                 raise self._os_error(error) from error
 
         return read
+
+    def _synchronize_texts(self) -> None:
+        """Makes the new texts survive a power failure; together, since each would wait for the disk by itself."""
+        paths, self._unsynchronized = self._unsynchronized, []
+        for path in (*paths, *([self.path / _TEXTS] if paths and hasattr(os, "O_DIRECTORY") else [])):
+            descriptor = os.open(path, os.O_RDONLY)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
 
     def _delete_unused_texts(self) -> None:
         needed = {record.content_hash for record in self.manifest.sources}

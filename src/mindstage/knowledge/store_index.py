@@ -15,6 +15,7 @@ from __future__ import annotations
 import secrets
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from hashlib import blake2b
 from pathlib import Path
@@ -192,15 +193,22 @@ class IndexBuilder:
         self._thread = ThreadPoolExecutor(1)
         self._pending: list[Future[None]] = []
 
-    def add(self, source: str, file: SourceFile, graph: ox.NamedNode) -> None:
-        """Begins to add the statements of a file, in another thread.
+    def add(self, source: str, file: SourceFile, graph: ox.NamedNode) -> Future[None]:
+        """Begins to add the statements of a file, in another thread, which may be loaded into the store meanwhile.
 
         Args:
             source: the name of the source.
-            file: its text, which is valid.
+            file: its text.
             graph: its graph.
         """
         self._pending.append(self._thread.submit(self._add, source, file, graph))
+        return self._pending[-1]
+
+    def discard(self, added: Future[None]) -> None:
+        """Forgets a file whose text is not valid, so that nothing of it was added."""
+        self._pending.remove(added)
+        with suppress(SyntaxError):
+            added.result()
 
     def close(self) -> None:
         """Drops what has not begun. May be called repeatedly."""
@@ -212,12 +220,19 @@ class IndexBuilder:
         Blank nodes have other labels in the store: where the labels matter, the statements are read from there.
         """
         quads = ox.parse(file.data, file.format, base_iri=file.iri)
+        maps: dict[object, None] = {}
+        map_class = ox.NamedNode(SEMANTIC_MAP)
         with gc_paused():
             groups: dict[str, list[ox.Quad]] = {property: [] for property in _INDEXED}
             for quad in quads:
-                group = groups.get(quad.predicate.value)
+                predicate = quad.predicate.value
+                group = groups.get(predicate)
                 if group is not None:
                     group.append(quad)
+                    if predicate == DESCRIBED_IN_MAP:
+                        maps[quad.object] = None
+                    elif predicate == TYPE and quad.object == map_class:
+                        maps[quad.subject] = None
             _normalize_literals(groups)
             self._axioms.add(groups.__getitem__)
             types = [quad for quad in groups[TYPE] if not _is_schema_of_blank_node(quad)]
@@ -225,9 +240,7 @@ class IndexBuilder:
                 self._graphs_with_blank_nodes.append(graph)
             else:
                 self._individuals.add({**groups, TYPE: types}.__getitem__)
-        maps = dict.fromkeys(quad.object for quad in groups[DESCRIBED_IN_MAP])
-        maps |= dict.fromkeys(quad.subject for quad in types if quad.object == ox.NamedNode(SEMANTIC_MAP))
-        if len(maps) < 2 and all(isinstance(map, ox.NamedNode) for map in maps):
+        if all(isinstance(map, ox.NamedNode) for map in maps):
             self.maps_by_source[source] = tuple(Iri(map.value) for map in maps if isinstance(map, ox.NamedNode))
 
     def reasoner(self) -> Reasoner:

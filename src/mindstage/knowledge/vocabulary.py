@@ -50,6 +50,7 @@ __all__ = [
     "DUL",
     "END_LINK_NAME",
     "EQUIVALENT_CLASS",
+    "EVENT",
     "EVENT_OCCURS_AT",
     "FRAME",
     "GIVEN_SIZES",
@@ -161,6 +162,7 @@ OWL_CLASS = Iri(OWL + "Class")
 ONTOLOGY = Iri(OWL + "Ontology")
 THING = Iri(OWL + "Thing")
 
+EVENT = knowrob("Event")
 SEMANTIC_MAP = knowrob("SemanticEnvironmentMap")
 POSE = knowrob("Pose")
 CONSTRAINT = knowrob("Constraint")

@@ -11,6 +11,8 @@
 :- use_module(veit2019_compat, []).
 :- use_module(knowrob_objects, []).
 :- use_module(knowrob_language, []).
+:- use_module(plans, []).
+:- use_module(episodes, []).
 :- use_module(library(apply)).
 :- use_module(library(error)).
 :- use_module(library(lists)).
@@ -32,6 +34,8 @@ start(Alarm) :-
 user_module(mindstage_veit2019_compat).
 user_module(mindstage_knowrob_objects).
 user_module(mindstage_knowrob_language).
+user_module(mindstage_plans).
+user_module(mindstage_episodes).
 user_module(mindstage_semweb).
 user_module(mindstage_owl).
 user_module(mindstage_user_files).

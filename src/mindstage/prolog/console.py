@@ -17,7 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from mindstage.errors import PrologGoalError, PrologTimeoutError, PrologUnavailableError, SourceParseError
+from mindstage.prolog.episode_predicates import EpisodePredicates
 from mindstage.prolog.object_predicates import ObjectPredicates
+from mindstage.prolog.plan_predicates import PlanPredicates
 from mindstage.prolog.predicates import Handler, QuestionPredicates, RdfPredicates, WorldPredicates, answer
 from mindstage.prolog.swipl import (
     Atom,
@@ -101,6 +103,8 @@ class PrologConsole:
             **rdf.handlers,
             **WorldPredicates(simulation).handlers,
             **ObjectPredicates(simulation).handlers,
+            **PlanPredicates(simulation).handlers,
+            **EpisodePredicates(simulation).handlers,
             "halting": self._on_halt,
         }
         """The requests that Prolog can send to Python, by name."""

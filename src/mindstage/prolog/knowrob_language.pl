@@ -6,16 +6,21 @@
             triple/3, has_type/2, instance_of/2, subclass_of/2, is_a/2, is_individual/1, is_class/1, new_iri/2,
             is_at/2, has_part/2, is_inside_of/2, is_supported_by/2,
             entity/2, show/1, show/2,
+            kb_triple/3, kb_type_of/2, kb_create/2, kb_create/3, kb_assert/3, kb_assert/4, kb_retract/3, kb_retract/4,
+            during/2, since/2, until/2,
+            op(995, xfx, user:during), op(995, xfx, user:since), op(995, xfx, user:until),
             marker/2, marker_pose/2, marker_scale/2, marker_color/2, marker_remove/1,
             knowrob_not_here/2 ]).
 :- use_module(questions).
 :- use_module(prefixes).
 :- use_module(knowrob_objects).
+:- use_module(episodes).
 :- use_module(library(apply)).
 :- use_module(library(error)).
 :- use_module(library(lists)).
 :- use_module(library(solution_sequences)).
 
+:- meta_predicate during(:, ?), since(:, ?), until(:, ?).
 :- meta_predicate ask(:), tell(:), forget(:), kb_call(:), kb_project(:), kb_unproject(:).
 
 % -- asking and telling --------------------------------------------------------------------------------------------------
@@ -46,8 +51,9 @@ kb_project(Module:Statement) :-
 project((A, B), Module) :- !, project(A, Module), project(B, Module).
 project(Goal, _) :- statement_triple(Goal, triple(Subject, Property, Value)), !,
     maplist(require_bound(Goal), [Subject, Property, Value]),
-    asserted_value(Value, Asserted),
-    mindstage:rdf_assert(Subject, Property, Asserted).
+    maplist(known_name, [Subject, Property, Value], [One, Relation, Other]),
+    asserted_value(Other, Asserted),
+    mindstage:rdf_assert(One, Relation, Asserted).
 project(is_at(Object, [Frame, Position, [X, Y, Z, W]]), _) :- !,
     (   Frame == map -> true
     ;   throw(mindstage_error(argument_refused, "a pose that is told must be in the frame map"))
@@ -56,7 +62,15 @@ project(is_at(Object, [Frame, Position, [X, Y, Z, W]]), _) :- !,
     request(move(Given, Position, [W, X, Y, Z]), _).
 project(new_iri(Iri, Class), _) :- !, new_iri(Iri, Class).
 project(ask(Goal), Module) :- !, once(ask(Module:Goal)).
+project(Goal, Module) :- mindstage_user_files:told_by(Goal, Body), !, project(Body, Module).
 project(Goal, _) :- refuse_statement(Goal).
+
+% known_name(+Given, -Name): the whole name of a short one that something has; any other term as it is.
+known_name(Given, Iri) :-
+    atom(Given), \+ sub_atom(Given, _, _, _, :),
+    request(name_kinds(Given), [Kind|_]), !,
+    arg(1, Kind, Iri).
+known_name(Given, Given).
 
 %!  forget(:Statement) is det.
 %!  kb_unproject(:Statement) is det.
@@ -116,13 +130,53 @@ new_iri(Iri, Class) :-
 
 %!  triple(?Subject, ?Property, ?Value) is nondet.
 %
-%   Includes subproperties, inverses and computed properties. Values of literals are numbers and atoms.
+%   Includes subproperties, inverses and computed properties. Values of literals are numbers and atoms. Property may be
+%   transitive(Property), over one or more statements, and reflexive(Property), which holds of a resource and itself too.
+triple(Given, Path, Value) :- nonvar(Path), property_path(Path, Stated, Transitive, Reflexive), !,
+    full_name(Given, individual, Subject),
+    full_name(Value, individual, Object),
+    full_name(Stated, property, Property),
+    (   Reflexive == true, var(Subject), var(Object)
+    ->  instantiation_error(Given)
+    ;   true
+    ),
+    distinct(Subject-Object, path(Transitive, Reflexive, Subject, Property, Object)),
+    bind(Given, Subject),
+    bind(Value, Object).
 triple(Given, Stated, Value) :-
     full_name(Given, individual, Subject),
     full_name(Stated, property, Property),
     stated_triple(Subject, Property, Value),
     bind(Given, Subject),
     bind(Stated, Property).
+
+property_path(transitive(Path), Property, true, Reflexive) :- !,
+    ( nonvar(Path), Path = reflexive(Property) -> Reflexive = true ; Property = Path, Reflexive = false ).
+property_path(reflexive(Path), Property, Transitive, true) :-
+    ( nonvar(Path), Path = transitive(Property) -> Transitive = true ; Property = Path, Transitive = false ).
+
+path(_, true, Subject, _, Object) :- ( var(Subject) -> Subject = Object ; Object = Subject ).
+path(false, _, Subject, Property, Object) :- mindstage:rdf_has(Subject, Property, Object), atom(Object).
+path(true, _, Subject, Property, Object) :-
+    (   nonvar(Subject) -> reached([Subject], forward, Property, [], Found), member(Object, Found)
+    ;   nonvar(Object) -> reached([Object], backward, Property, [], Found), member(Subject, Found)
+    ;   distinct(Subject, ( mindstage:rdf_has(Subject, Property, First), atom(First) )),
+        reached([Subject], forward, Property, [], Found), member(Object, Found)
+    ).
+
+% reached(+Queue, +Direction, +Property, +Seen, -Found): what follows the resources of the queue over one or more statements.
+reached([], _, _, Seen, Found) :- reverse(Seen, Found).
+reached([From|Queue], Direction, Property, Seen, Found) :-
+    findall(To, next(Direction, From, Property, To), Nexts),
+    sort(Nexts, Sorted),
+    subtract(Sorted, Seen, New),
+    append(Queue, New, Longer),
+    reverse(New, Latest),
+    append(Latest, Seen, All),
+    reached(Longer, Direction, Property, All, Found).
+
+next(forward, From, Property, To) :- mindstage:rdf_has(From, Property, To), atom(To).
+next(backward, From, Property, To) :- mindstage:rdf_has(To, Property, From).
 
 stated_triple(Subject, Property, Value) :-
     (   var(Value) -> Pattern = Value
@@ -234,6 +288,93 @@ has_part(Whole, Part) :- distinct(Whole-Part, question(part_of, [_, Part, Whole]
 is_inside_of(Inner, Outer) :- distinct(Inner-Outer, question(where_is, [_, Inner, inside, Outer])).
 is_supported_by(Object, Support) :- distinct(Object-Support, question(where_is, [_, Object, on, Support])).
 
+% -- KnowRob of 2018 to 2019 ---------------------------------------------------------------------------------------------
+
+kb_triple(Subject, Property, Value) :- triple(Subject, Property, Value).
+
+%!  kb_type_of(?Individual, ?Class) is nondet.
+%
+%   Stated and inherited classes.
+kb_type_of(Individual, Class) :- has_type(Individual, Class).
+
+%!  kb_create(+Class, -Individual) is det.
+%
+%   A new individual of a class, or of each of a list of classes; options such as the graph are ignored.
+kb_create(Class, Individual) :- kb_create(Class, Individual, _).
+kb_create(Classes, Individual, _) :-
+    ( is_list(Classes) -> Classes = [First|_] ; First = Classes ),
+    new_iri(Individual, First),
+    ( is_list(Classes) -> All = Classes ; All = [Classes] ),
+    forall(member(Class, All), tell(has_type(Individual, Class))).
+
+kb_assert(Subject, Property, Value) :- tell(triple(Subject, Property, Value)).
+kb_assert(Subject, Property, Value, _) :- kb_assert(Subject, Property, Value).
+kb_retract(Subject, Property, Value) :- forget(triple(Subject, Property, Value)).
+kb_retract(Subject, Property, Value, _) :- kb_retract(Subject, Property, Value).
+
+% -- time intervals of statements ----------------------------------------------------------------------------------------
+
+%!  during(:Statement, ?Interval) is nondet.
+%!  since(:Statement, ?Time) is nondet.
+%!  until(:Statement, ?Time) is nondet.
+%
+%   Statement during [Begin, End]: what is stated holds at all times, from 0 to infinity; is_inside_of/2 and
+%   is_supported_by/2 in the maximal intervals in which they held in an episode, of which a given interval is a part; and
+%   occurs/1 in the interval of the event, which is a part of a given one. Two events, or intervals, are compared as by
+%   temporal_relation/3. What is so since a time still is at the end of the episode.
+during(_:A, B) :- is_temporal(A), !, temporal_relation(A, B, during).
+during(_:Statement, Interval) :- held(Statement, Begin, End, Kind), !,
+    Interval = [Since, Until],
+    call_held(Statement, Begin, End),
+    (   Kind == event -> at_least(Begin, Since), at_most(End, Until) ; at_most(Begin, Since), at_least(End, Until) ).
+during(Statement, Interval) :-
+    timeless(Statement),
+    (   var(Interval) -> Interval = [0.0, inf] ; Interval = [Begin, End], unbound_is(Begin, 0.0), unbound_is(End, inf) ),
+    ask(Statement).
+since(_:Statement, Time) :- held(Statement, Begin, End, Kind), !,
+    call_held(Statement, Begin, End),
+    (   Kind == event -> at_least(Begin, Time) ; once(( episode(_, [_, Last]), End =:= Last )), at_most(Begin, Time) ).
+since(Statement, Time) :- timeless(Statement), unbound_is(Time, 0.0), ask(Statement).
+until(_:Statement, Time) :- held(Statement, Begin, End, Kind), !,
+    call_held(Statement, Begin, End),
+    (   Kind == event -> at_most(End, Time) ; at_least(End, Time), Begin =< Time ).
+until(Statement, Time) :- timeless(Statement), unbound_is(Time, inf), ask(Statement).
+
+is_temporal(A) :- var(A), !.
+is_temporal(A) :- atom(A), !.
+is_temporal([Begin, End]) :- number(Begin), number(End).
+
+% held(+Statement, -Begin, -End, -Kind): a statement that episodes have intervals of, unless there is no episode.
+held(Statement, _, _, Kind) :-
+    nonvar(Statement),
+    ( Statement = is_inside_of(_, _) -> Kind = relation ; Statement = is_supported_by(_, _) -> Kind = relation
+    ; Statement = occurs(_), Kind = event ),
+    once(episode(_)).
+
+call_held(is_inside_of(A, B), Begin, End) :- mindstage:holds(inside, A, B, Begin, End).
+call_held(is_supported_by(A, B), Begin, End) :- mindstage:holds(on, A, B, Begin, End).
+call_held(occurs(Event), Begin, End) :- occurs(Event, [Begin, Stop]), ( var(Stop) -> End = inf ; End = Stop ).
+
+at_least(Value, Bound) :- ( var(Bound) -> Bound = Value ; Value >= Bound ).
+at_most(Value, Bound) :- ( var(Bound) -> Bound = Value ; Value =< Bound ).
+
+unbound_is(Time, Default) :- ( var(Time) -> Time = Default ; true ).
+
+timeless(_:Statement) :-
+    goal(Statement, Goal),
+    must_be(callable, Goal),
+    comma_list(Goal, Goals),
+    forall(member(Each, Goals), require_timeless(Each)).
+
+require_timeless(Goal) :-
+    functor(Goal, Name, Arity),
+    memberchk(Name/Arity, [ triple/3, holds/3, has_type/2, instance_of/2, subclass_of/2, is_a/2, is_individual/1, is_class/1,
+                            kb_triple/3, kb_type_of/2 ]), !.
+require_timeless(Goal) :-
+    format(string(Sentence), "~p has no interval of time: no episode was added, or it is none of is_inside_of/2, is_supported_by/2 and occurs/1",
+           [Goal]),
+    throw(mindstage_error(argument_refused, Sentence)).
+
 % -- descriptions of entities --------------------------------------------------------------------------------------------
 
 %!  entity(?Entity, ?Description) is nondet.
@@ -280,7 +421,7 @@ knowrob_kind(Type) :- memberchk(Type, [pose, timepoint, interval, location, traj
 
 valid_property(Property) :- is_list(Property), Property = [Key, _], nonvar(Key), !.
 valid_property([Key, _, during|_]) :- nonvar(Key), !,
-    throw(mindstage_error(argument_refused, "during: episodes are not recorded, so that properties have no intervals")).
+    throw(mindstage_error(argument_refused, "during: properties in descriptions have no intervals; the question holds/5 has those of relations")).
 valid_property(Property) :- type_error(entity_property, Property).
 
 % The name and the type are looked up first, since they leave few entities.
@@ -454,9 +595,11 @@ marker_remove(Id) :-
 %   Predicates of KnowRob that Mindstage does not have: a call throws existence_error(procedure, Predicate) with the reason.
 knowrob_not_here(Predicate, Reason) :- not_here(Predicates, Reason), member(Predicate, Predicates).
 
-not_here([object_trajectory/4, event_before/2, event_after/2, task_goal/2, mem_episode_start/1, mem_episode_stop/1],
-         "episodes are not recorded; holds/4 and object_pose_at_time/3 answer for states that were observed").
-not_here([assert_temporal_part/4], "properties have no intervals, since episodes are not recorded").
+not_here([object_trajectory/4], "the question trajectory/5 has the poses of a thing in an episode").
+not_here([event_before/2, event_after/2], "before/2, after/2 and the other relations of Allen compare events").
+not_here([task_goal/2], "the events that are detected in episodes have no goals").
+not_here([mem_episode_start/1, mem_episode_stop/1], "mindstage record, or record of a Simulation, records an episode").
+not_here([assert_temporal_part/4], "the question holds/5 has the intervals in which relations held").
 not_here([map_read_all/2], "everything_in_map/2 and current_object_pose/2 list a map").
 not_here([object_information/8], "the question what_is/11 gives classes, pose, size and other properties").
 not_here([object_assert_color/2], "tell(triple(Object, knowrob:mainColorOfObject, Text)) states a color").

@@ -13,7 +13,7 @@
             on_Physical/2, in_ContGeneric/2, comp_toTheLeftOf/2, comp_toTheRightOf/2, comp_toTheSideOf/2,
             comp_inFrontOf/2, comp_inCenterOf/2, comp_above_of/2, comp_below_of/2,
             holds/1, holds/2, holds/3, holds/4, occurs/1, occurs/2, occurs/3,
-            full_name/3, bind/2 ]).
+            full_name/3, bind/2, described_event/3, is_episode_event/1 ]).
 :- use_module(questions).
 :- use_module(prefixes).
 :- use_module(library(apply)).
@@ -68,6 +68,8 @@ time_seconds(Time, Seconds) :-
     ->  true
     ;   atom_number(Iri, Seconds)
     ->  true
+    ;   request(episode_events(Iri), [event(_, _, Seconds, _, _)|_])
+    ->  true
     ;   mindstage:rdf_has(Iri, knowrob:startTime, Point), Point \== Iri
     ->  stated_seconds(Point, Seconds)
     ;   type_error(time_point, Iri)
@@ -98,7 +100,8 @@ located(Number, Object, Map, Type, Position, Quaternion, Size) :-
 %!  current_object_pose(?Object, ?Pose) is nondet.
 %
 %   Pose is a list of the 16 numbers of the 4x4 matrix, row by row, as in KnowRob 1, and, as a second solution,
-%   [map, Frame, [X, Y, Z], [QX, QY, QZ, QW]], as in KnowRob from 2017 on.
+%   [map, Frame, [X, Y, Z], [QX, QY, QZ, QW]], as in KnowRob from 2017 on. A pose that is given as mat(Numbers),
+%   pose([X, Y, Z], [QX, QY, QZ, QW]) or [X, Y, Z, QX, QY, QZ, QW], as in KnowRob of 2016, has that form.
 current_object_pose(Object, Pose) :-
     request(observe, Number),
     object_pose(Number, Object, Pose).
@@ -107,8 +110,14 @@ object_pose(Number, Object, Pose) :-
     distinct(Object-Position-Quaternion, located(Number, Object, _, _, Position, Quaternion, _)),
     pose_form(Pose, Object, Position, Quaternion).
 
+pose_form(Pose, _, Position, [W, X, Y, Z]) :- compound(Pose), other_pose_form(Pose, Position, [X, Y, Z, W], Numbers), !,
+    ( Numbers == none -> true ; matrix(Position, [W, X, Y, Z], Numbers) ).
 pose_form(Pose, _, Position, Quaternion) :- matrix(Position, Quaternion, Pose).
 pose_form([map, Frame, Position, [X, Y, Z, W]], Object, Position, [W, X, Y, Z]) :- object_frame_name(Object, Frame).
+
+other_pose_form(mat(Numbers), _, _, Numbers).
+other_pose_form(pose(Position, Quaternion), Position, Quaternion, none).
+other_pose_form(Pose, [X, Y, Z], [QX, QY, QZ, QW], none) :- is_list(Pose), Pose = [X, Y, Z, QX, QY, QZ, QW].
 
 matrix([X, Y, Z], [Qw, Qx, Qy, Qz],
        [M00, M01, M02, X, M10, M11, M12, Y, M20, M21, M22, Z, 0.0, 0.0, 0.0, 1.0]) :-
@@ -317,6 +326,7 @@ item_class(Item, Class) :-
     request(name_kinds(Item), Kinds),
     (   memberchk(class(Class), Kinds) -> true
     ;   memberchk(individual(Individual), Kinds) -> map_object_type(Individual, Class)
+    ;   vocabulary(Item) -> fail  % owl:Thing, of which rdfs_individual_of/2 has individuals
     ;   Class = Item  % the question prints a warning with close names, and fails
     ).
 
@@ -425,12 +435,26 @@ comp_below_of(Bottom, Top) :- related(comp_below_of, _, Bottom, Top).
 related(Relation, Time, One, Other) :-
     observation(Time, Number),
     expand_prefixes(One-Other, A-B),
-    (   var(A), var(B)
-    ->  distinct(A, located(Number, A, _, body, _, _, _))
-    ;   true
-    ),
-    request(spatially_related(Number, Relation, A, B), Pairs),
-    member([A, B], Pairs).
+    (   var(A), var(B), A \== B
+    ->  request(related_pages(Number), Scenes),
+        (   Scenes = [_] -> any_related(Scenes, Number, Relation, A, B)
+        ;   distinct(A-B, any_related(Scenes, Number, Relation, A, B))
+        )
+    ;   A == B -> fail
+    ;   request(spatially_related(Number, Relation, A, B), Pairs),
+        member([A, B], Pairs)
+    ).
+
+% any_related(+Scenes, +Number, +Relation, -A, -B): all pairs, of some bodies with all others at a time.
+any_related(Scenes, Number, Relation, A, B) :-
+    nth0(Scene, Scenes, [Names, Pages]),
+    functor(Names, _, Count),
+    Last is Pages - 1,
+    between(0, Last, Page),
+    request(related_rows(Number, Relation, Scene, Page), Codes),
+    member(Code, Codes),
+    One is Code // Count + 1, arg(One, Names, A),
+    Other is Code mod Count + 1, arg(Other, Names, B).
 
 % Computed properties, which rdf_has/3 answers too (see semweb.pl); the same as in KnowRob's comp_spatial.owl.
 :- multifile mindstage_semweb:computable/3.
@@ -471,8 +495,8 @@ holds(Term, Time) :-
     ->  holds(Subject, Prefix:Local, Value, Time)
     ;   compound_name_arguments(Term, Name, [Subject, Value])
     ->  (   relation(Name)
-        ->  related(Name, Time, Subject, Value),
-            bind_time(Time)
+        ->  bind_time(Time),
+            related(Name, Time, Subject, Value)
         ;   holds(Subject, Name, Value, Time)
         )
     ;   type_error(binary_relation, Term)
@@ -488,6 +512,7 @@ holds(Subject, Property, Value) :- holds(Subject, Property, Value, _).
 holds(Subject, Property, Value, Time) :-
     full_name(Property, property, Iri),
     full_name(Subject, individual, Individual),
+    bind_time(Time),
     (   nonvar(Iri), computed(Iri, Name)
     ->  full_name(Value, individual, Other),
         (   related(Name, Time, Individual, Other)
@@ -497,8 +522,7 @@ holds(Subject, Property, Value, Time) :-
     ;   mindstage:rdf_has(Individual, Iri, Value)
     ),
     bind(Property, Iri),
-    bind(Subject, Individual),
-    bind_time(Time).
+    bind(Subject, Individual).
 
 bind_time(Time) :- ( var(Time) -> get_timepoint(Time) ; true ).
 
@@ -506,17 +530,35 @@ bind_time(Time) :- ( var(Time) -> get_timepoint(Time) ; true ).
 %!  occurs(?Event, ?Interval) is nondet.
 %!  occurs(?Event, ?Interval, +Class) is nondet.
 %
-%   Events that a map or an ontology describes with knowrob:startTime. Interval is [Begin, End] in seconds, End unbound if
-%   it is not stated; a given time or interval must be within that of the event.
+%   Events of episodes, and those that a map or an ontology describes with knowrob:startTime. Interval is [Begin, End] in
+%   seconds, of an episode since its begin, End unbound if it had not ended or is not stated; a given time or interval
+%   must be within that of the event.
 occurs(Event) :- occurs(Event, _).
 occurs(Event, Interval) :-
     distinct(Event-Begin-End, event_interval(Event, Begin, End)),
     within(Interval, Begin, End).
 occurs(Event, Interval, Class) :-
     occurs(Event, Interval),
-    once(mindstage:rdfs_individual_of(Event, Class)).
+    (   is_episode_event(Event)
+    ->  full_name(Class, class, Iri), request(event_is(Event, Iri), true)
+    ;   once(mindstage:rdfs_individual_of(Event, Class))
+    ).
+
+is_episode_event(Event) :- atom(Event), sub_atom(Event, 0, _, _, 'urn:mindstage:episode:').
+is_episode_event(Event) :- atom(Event), request(episode_events(Event), [_|_]).
 
 event_interval(Event, Begin, End) :-
+    expand_prefixes(Event, Given),
+    request(episode_events(Given), Rows),
+    member(event(Iri, _, Begin, Stop, _), Rows),
+    ( Stop == none -> true ; End = Stop ),
+    bind(Event, Iri).
+event_interval(Event, Begin, End) :-
+    \+ is_episode_event(Event),
+    described_event(Event, Begin, End).
+
+% described_event(?Event, -Begin, -End): with knowrob:startTime; End stays unbound if it is not stated.
+described_event(Event, Begin, End) :-
     full_name(Event, individual, Iri),
     mindstage:rdf_has(Iri, knowrob:startTime, Start),
     stated_seconds(Start, Begin),

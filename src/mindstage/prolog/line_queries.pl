@@ -122,7 +122,10 @@ allowed_question(Head) :-
                 comp_inFrontOf/2, comp_inCenterOf/2, comp_above_of/2, comp_below_of/2,
                 holds/1, holds/2, holds/3, holds/4, occurs/1, occurs/2, occurs/3,
                 triple/3, has_type/2, instance_of/2, subclass_of/2, is_a/2, is_individual/1, is_class/1,
-                is_at/2, has_part/2, is_inside_of/2, is_supported_by/2, entity/2 ]).
+                is_at/2, has_part/2, is_inside_of/2, is_supported_by/2, entity/2, kb_triple/3, kb_type_of/2,
+                episode/1, episode/2, event_episode/2, event_type/2, event_agent/2, has_participant/2, has_participant/3,
+                executes_task/2, task_role/3, temporal_relation/3, before/2, after/2, meets/2, met_by/2, overlaps/2,
+                overlapped_by/2, starts/2, started_by/2, during/2, contains/2, finishes/2, finished_by/2, equals/2 ]).
 allowed_question(Head) :-
     functor(Head, Name, Arity),
     functor(General, Name, Arity),

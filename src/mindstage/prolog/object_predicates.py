@@ -2,7 +2,8 @@
 
 Poses are those of the running simulation and of the maps that are not spawned in it. KnowRob remembers what a robot
 perceived and when; here each reading of the state is an observation, and the state at an earlier time is that of the
-latest observation before it. Frames: poses are in the world frame, lengths in meters, quaternions (w, x, y, z).
+latest observation before it, or that of an episode which has a state at that time. Frames: poses are in the world
+frame, lengths in meters, quaternions (w, x, y, z).
 """
 
 from __future__ import annotations
@@ -19,8 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.engines import Engine
-from mindstage.errors import AmbiguousNameError, InvalidArgumentError, MindstageError, NameNotFoundError
+from mindstage.errors import (
+    AmbiguousNameError,
+    EpisodeError,
+    InvalidArgumentError,
+    MindstageError,
+    NameNotFoundError,
+)
+from mindstage.knowledge.history import History, QuestionTime, histories_of
 from mindstage.knowledge.names import EntityType
+from mindstage.knowledge.over_time import state_of_time
 from mindstage.knowledge.questions import StateAccess, WorldState
 from mindstage.knowledge.rdf import local_name, namespace_of
 from mindstage.prolog.predicates import Handler
@@ -172,6 +181,18 @@ _RELATIONS: Mapping[str, _Relation] = {
 }
 
 
+_PAIRS_PER_PAGE = 1 << 16
+
+
+def _rows_per_page(scene: _Scene) -> int:
+    return max(1, _PAIRS_PER_PAGE // len(scene.bodies))
+
+
+def _page_starts(scene: _Scene) -> range:
+    """The first row of each page of pairs."""
+    return range(0, len(scene.bodies), _rows_per_page(scene))
+
+
 class ObjectPredicates:
     """Handlers of KnowRob's predicates about the poses, joints and appearance of objects."""
 
@@ -179,6 +200,8 @@ class ObjectPredicates:
         self._simulation = simulation
         self._numbers = count(1)
         self._observations: deque[_Observation] = deque(maxlen=_MAX_OBSERVATIONS)
+        self._past: dict[tuple[str, float], _Observation] = {}
+        """States of episodes."""
         self._forgotten = False
         self.handlers: dict[str, Handler] = {
             "observe": lambda: self._observe().number,
@@ -187,6 +210,8 @@ class ObjectPredicates:
             "located": self.located,
             "pose_in": self.pose_in,
             "spatially_related": self.related,
+            "related_pages": self.related_pages,
+            "related_rows": self.related_rows,
             "connections": self.connections,
             "appearance": self.appearance,
             "name_kinds": self.name_kinds,
@@ -234,6 +259,8 @@ class ObjectPredicates:
         """
         if not isinstance(time_s, int | float):
             raise InvalidArgumentError("the time", cause=f"{time_s!r} is no number of seconds since 1970")
+        if (past := self._observe_episode(float(time_s))) is not None:
+            return past.number
         if time_s >= time.time():
             return self._observe().number
         found = next((each for each in reversed(self._observations) if each.time_s <= time_s), None)
@@ -242,13 +269,43 @@ class ObjectPredicates:
             raise InvalidArgumentError(f"the time {time_s}", cause=cause, remedy="ask about a later time")
         return Atom("none") if found is None else found.number
 
+    def _observe_episode(self, time_s: float) -> _Observation | None:
+        """The state of the episode that has a time [s since its begin, or since 1970]; None if none has.
+
+        Raises:
+            EpisodeError: several have it.
+        """
+        knowledge = self._simulation.knowledge
+        found: list[tuple[History, float]] = []
+        for history in histories_of(knowledge.episodes):
+            since_begin = (time_s, time_s - (history.start_unix_s or 0.0))
+            found += [(history, at) for at in dict.fromkeys(since_begin) if history.begin_s <= at <= history.end_s][:1]
+        if not found:
+            return None
+        if len(found) > 1:
+            names = ", ".join(history.name for history, _ in found[:3])
+            raise EpisodeError(f"several episodes have a state at {time_s:g} s: {names}; load one of them")
+        ((history, at),) = found
+        if (history.name, at) not in self._past:
+            access = state_of_time(knowledge, QuestionTime(at_s=at, episode=history.name), knowledge.episodes)
+            access.fetch()
+            with knowledge.lock:
+                maps = tuple(knowledge.world(map) for map in knowledge.maps())
+                scenes = tuple(_scene(_with_rest(each, maps)) for each in access.states())
+            while len(self._past) >= _MAX_OBSERVATIONS:
+                del self._past[next(iter(self._past))]
+            self._past[history.name, at] = _Observation(
+                number=next(self._numbers), time_s=time_s, ids=(), poses=np.zeros((0, 7)), worlds=(), scenes=scenes
+            )
+        return self._past[history.name, at]
+
     def time_point(self) -> Value:
         """The present time [s since 1970]; the present state is what later questions about this time refer to."""
         seen = self._observe()
         return max(time.time(), seen.time_s)
 
     def _scenes(self, number: Value) -> tuple[_Scene, ...]:
-        for each in reversed(self._observations):
+        for each in (*reversed(self._observations), *self._past.values()):
             if each.number == number:
                 return each.scenes
         cause = f"only the latest {_MAX_OBSERVATIONS} observed states are kept"
@@ -305,7 +362,7 @@ class ObjectPredicates:
         """The pairs [A, B] of a relation of comp_spatial.pl; a bound body is left unbound in them.
 
         Raises:
-            InvalidArgumentError: both are unbound; the caller enumerates one of them.
+            InvalidArgumentError: both are unbound; see `related_rows`.
         """
         scenes = self._scenes(number)
         holds = _RELATIONS[str(relation)]
@@ -324,6 +381,27 @@ class ObjectPredicates:
             for at_a, at_b in zip(*(np.broadcast_to(rows, mask.shape)[mask] for rows in (rows_a, rows_b)), strict=True):
                 pairs[scene.bodies[at_a].iri, scene.bodies[at_b].iri] = None
         return [[FREE if first else Atom(one), FREE if second else Atom(other)] for one, other in pairs]
+
+    def related_pages(self, number: Value) -> Value:
+        """Rows [Names, Count] for each scene: its bodies as names(Name, …), and how many pages of pairs it has."""
+        return [
+            [Compound("names", tuple(Atom(body.iri) for body in scene.bodies)), len(_page_starts(scene))]
+            for scene in self._scenes(number)
+            if scene.bodies
+        ]
+
+    def related_rows(self, number: Value, relation: Value, scene_row: Value, page: Value) -> Value:
+        """The related pairs of some bodies of a scene with all others: row of A * number of bodies + row of B.
+
+        Numbers take a fraction of the time that names take, of which there may be millions.
+        """
+        scene = [each for each in self._scenes(number) if each.bodies][int(str(scene_row))]
+        count, starts = len(scene.bodies), _page_starts(scene)
+        first = starts[int(str(page))]
+        some = np.arange(first, min(first + _rows_per_page(scene), count))
+        a, b = np.repeat(some, count), np.tile(np.arange(count), len(some))
+        mask = _RELATIONS[str(relation)](scene, a, b) & (a != b)
+        return (a * count + b)[mask].tolist()  # type: ignore[no-any-return]
 
     # -- joints and appearance -----------------------------------------------------------------------------------------
 

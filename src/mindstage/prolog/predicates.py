@@ -182,6 +182,7 @@ def _row_values(row: AnswerRow, answers: Answers[Any], bound: Container[str], wi
 
 _FUNCTORS = {
     "JointSummary": "joint",
+    "AnswerField": "=",
     "PropertyAssertion": "fact",
     "BlankNode": "anonymous",
     "LinearLimits": "linearmotion",

@@ -11,6 +11,7 @@ import os
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -28,7 +29,7 @@ from mindstage.knowledge.io.xml import (
     is_too_deep,
 )
 from mindstage.knowledge.io.xml_repair import XmlRepair, XmlRepairError, repair_xml
-from mindstage.knowledge.rdf import Finding, ObjectNode, QuadSource, Severity
+from mindstage.knowledge.rdf import Finding, Graph, ObjectNode, QuadSource, Severity, graph_from_quads
 from mindstage.knowledge.rdf_mapping.properties import SIZE
 from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, IMPORTS, ON_PROPERTY, ONTOLOGY, RDF, SEMANTIC_MAP, TYPE
 from mindstage.scene import Iri
@@ -41,10 +42,12 @@ __all__ = [
     "SourceHeader",
     "bundled_kitchen",
     "bundled_ontology",
+    "event_ontology",
     "is_bundled",
     "map_path",
     "read_file",
     "read_header",
+    "read_statements",
     "soma_alignment",
 ]
 
@@ -101,6 +104,11 @@ def soma_alignment() -> Path:
     return _bundled_path("soma.ttl")
 
 
+def event_ontology() -> Path:
+    """Returns the path of the bundled classes of events, which a knowledge base loads with its first episode."""
+    return _bundled_path("events.ttl")
+
+
 def is_bundled(path: Path, bundled: Path) -> bool:
     """Whether a path is that of a bundled file, in this installation or in the one that wrote a store folder."""
     return path == bundled or (path.name, path.parent.name) == (bundled.name, bundled.parent.name)
@@ -109,6 +117,17 @@ def is_bundled(path: Path, bundled: Path) -> bool:
 def _bundled_path(name: str) -> Path:
     # Wheels are always unpacked, so package data are files.
     return Path(__file__).parents[1] / "bundled" / name
+
+
+def _unpickled_file(path: Path, data: bytes, media_type: str, repairs: tuple[XmlRepair, ...]) -> SourceFile:
+    format = ox.RdfFormat.from_media_type(media_type)
+    assert format is not None
+    return SourceFile(path, data, format, repairs)
+
+
+def same_file(file: SourceFile) -> SourceFile:
+    """Returns the file; with `partial` it is a `Source.load_text` that can be pickled."""
+    return file
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +140,9 @@ class SourceFile:
     format: ox.RdfFormat
     repairs: tuple[XmlRepair, ...] = ()
     """Changes that were made to the contents so that they parse."""
+
+    def __reduce__(self) -> tuple[Callable[..., SourceFile], tuple[object, ...]]:
+        return _unpickled_file, (self.path, self.data, self.format.media_type, self.repairs)
 
     @property
     def iri(self) -> str:
@@ -188,6 +210,27 @@ def read_file(path: Path) -> SourceFile:
     if has_conflicting_entities(file.data) or (not is_complete(file.data) and find_xml_error(file.data)):
         return _repair(file)
     return file
+
+
+def read_statements(path: Path) -> Graph:
+    """Returns the statements of one file of RDF/XML, Turtle or N-Triples, without what it imports.
+
+    Raises:
+        SourceParseError: it does not exist, cannot be parsed, or has a statement about a statement (RDF 1.2).
+    """
+    file = read_file(path.absolute())
+    try:
+        quads = list(ox.parse(file.data, file.format, base_iri=file.iri))
+    except SyntaxError as error:
+        file = file.repair(error)
+        try:
+            quads = list(ox.parse(file.data, file.format, base_iri=file.iri))
+        except SyntaxError as again:
+            raise file.parse_error(again) from again
+    try:
+        return graph_from_quads(quads, set())
+    except ValueError as error:
+        raise SourceParseError(str(path), cause=str(error)) from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -375,6 +418,11 @@ class Source:
     is_explicit: bool
     """Whether it was given by the user, not by an import."""
     header: SourceHeader = SourceHeader()
+
+    def __reduce__(self) -> tuple[type[Source], tuple[object, ...]]:
+        """The text is part of a pickled source, also if it is in a store folder."""
+        text = partial(same_file, self.load_text())
+        return Source, (self.name, self.graph, self.store, text, self.is_map, self.is_explicit, self.header)
 
     @property
     def path(self) -> Path:

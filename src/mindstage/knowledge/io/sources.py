@@ -14,13 +14,17 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, field, replace
+from functools import partial
+from hashlib import blake2b
 from itertools import chain, count
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
+import msgspec
 import pyoxigraph as ox
 
-from mindstage.errors import SourceParseError, StoreError
+from mindstage.errors import InvalidArgumentError, SourceParseError, StoreError
 from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
 from mindstage.knowledge.dialects.membership import (
     MapMembers,
@@ -30,7 +34,6 @@ from mindstage.knowledge.dialects.membership import (
     with_inferred_membership,
     without_other_maps,
 )
-from mindstage.knowledge.endpoint import SparqlEndpoint, SparqlEndpointStore
 from mindstage.knowledge.io.files import (
     SUFFIXES,
     Source,
@@ -40,6 +43,7 @@ from mindstage.knowledge.io.files import (
     is_bundled,
     read_file,
     read_header,
+    same_file,
     soma_alignment,
 )
 from mindstage.knowledge.io.ros_packages import RosPackagePath, file_from_iri
@@ -60,11 +64,8 @@ from mindstage.knowledge.rdf import (
 )
 from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.store import OxigraphStore
-from mindstage.knowledge.store_folder import StoreDirectory, StoreManifest
-from mindstage.knowledge.store_index import IndexBuilder, StoreIndex
 from mindstage.knowledge.tell import RUNTIME_GRAPH
-from mindstage.knowledge.urdf.in_maps import ClassNameIndex, UrdfSources, linked_individuals
-from mindstage.knowledge.urdf.parse import is_urdf, read_urdf
+from mindstage.knowledge.urdf.in_maps import ClassNameIndex, UrdfSources, is_urdf, linked_individuals
 from mindstage.knowledge.vocabulary import (
     DUL,
     IMPORTS,
@@ -76,6 +77,11 @@ from mindstage.knowledge.vocabulary import (
     VERSION_IRI,
 )
 from mindstage.scene import Iri, IriRef
+
+if TYPE_CHECKING:  # few knowledge bases are kept in a folder or at an endpoint
+    from mindstage.knowledge.endpoint import SparqlEndpoint, SparqlEndpointStore
+    from mindstage.knowledge.store_folder import StoreDirectory
+    from mindstage.knowledge.store_index import IndexBuilder, StoreIndex
 
 __all__ = ["LoadTransaction", "SourceRegistry", "StrPath", "preprocess", "read_map_file"]
 
@@ -184,7 +190,7 @@ def _to_rdf_xml(added: Graph) -> list[str]:
 
 
 def _keep_in_memory(file: SourceFile) -> Callable[[], SourceFile]:
-    return lambda: file
+    return partial(same_file, file)
 
 
 @dataclass(slots=True)
@@ -268,21 +274,26 @@ class LoadTransaction:
         file = read_map_file(path, urdf_sources) if is_map and urdf_sources else read_file(path)
         header = read_header(file)
         graph = self._graph_name(path, header)
+        # Indexed while it is loaded, if an error ends the transaction: an import that fails is left out.
+        indexed = self.index_builder.add(str(path), file, graph) if self.index_builder and is_explicit else None
         try:
             self._store_graph(file, graph)
         except SyntaxError as error:
+            if self.index_builder and indexed:
+                self.index_builder.discard(indexed)
+                indexed = None
             repaired = file.repair(error)
             file = preprocess(repaired, urdf_sources) if is_map and urdf_sources else repaired
             header = read_header(file)
             graph = self._graph_name(path, header)
             self._load_repaired(file, graph)
+        if self.index_builder and not indexed:
+            self.index_builder.add(str(path), file, graph)
         self.findings += file.findings()
         if any(marker in file.data for marker in _ALIGNED_MARKERS) and not is_bundled(path, bundled_ontology()):
             self._may_use_soma.append(path)
         text = self.store_text(file)
         self.sources[path] = Source(str(path), graph, self.store, text, is_map, is_explicit, header)
-        if self.index_builder:
-            self.index_builder.add(str(path), file, graph)
 
     def _graph_name(self, path: Path, header: SourceHeader) -> ox.NamedNode:
         """A name that no other graph has, and that does not depend on the folder of the file."""
@@ -307,11 +318,14 @@ class LoadTransaction:
             return
         for source in [self.sources[path] for path in self._may_use_soma if path in self.sources]:
             terms = source.terms_of(_ALIGNED_NAMESPACES)
-            if not terms:
-                continue
-            if not any(is_bundled(path, soma_alignment()) for path in self.sources):
-                self._load(soma_alignment(), is_explicit=True)
-            maps = sorted(source.maps()) or [Iri(source.name)]
+            if terms:
+                self.align(terms, sorted(source.maps()) or [Iri(source.name)])
+
+    def align(self, terms: Sequence[Iri], maps: Iterable[Iri]) -> None:
+        """Loads the alignment of SOMA and DUL, unless it is loaded, since these terms are used by some maps."""
+        if not any(is_bundled(path, soma_alignment()) for path in self.sources):
+            self._load(soma_alignment(), is_explicit=True)
+        if terms:
             named = f"{', '.join(map(local_name, terms[:3]))}{f' and {len(terms) - 3} more' if terms[3:] else ''}"
             evidence = f"it uses {named}; the bundled soma.ttl, loaded as a source, states the corresponding terms"
             value = "terms of SOMA and DUL are aligned with KnowRob's"
@@ -406,6 +420,31 @@ def _without_trailing_separator(iri: str) -> str:
     return iri.rstrip("#/")
 
 
+class _ArchivedSource(msgspec.Struct, frozen=True, kw_only=True):
+    """A source with its text; see `SourceRecord`."""
+
+    path: str
+    graph: str
+    format: str
+    text: bytes
+    is_map: bool
+    is_explicit: bool
+    ontology: str
+    prefixes: dict[str, str]
+
+
+class _SourceArchive(msgspec.Struct, frozen=True, kw_only=True):
+    format_version: int = 1
+    statements: bytes
+    """N-Quads."""
+    sources: tuple[_ArchivedSource, ...]
+    packages: tuple[str, ...]
+    urdf_files: tuple[str, ...]
+    conventions: dict[str, UnitConventions]
+    assumptions: tuple[Assumption, ...]
+    findings: tuple[Finding, ...]
+
+
 class SourceRegistry:
     """All sources of a knowledge base, in memory or in a store folder, and optionally at a SPARQL endpoint."""
 
@@ -415,8 +454,16 @@ class SourceRegistry:
         Raises:
             StoreError: the store folder cannot be used.
         """
-        self._directory = None if folder is None else StoreDirectory(Path(folder).absolute())
-        self._endpoint = None if endpoint is None else SparqlEndpointStore(endpoint)
+        self._directory: StoreDirectory | None = None
+        self._endpoint: SparqlEndpointStore | None = None
+        if folder is not None:
+            from mindstage.knowledge.store_folder import StoreDirectory
+
+            self._directory = StoreDirectory(Path(folder).absolute())
+        if endpoint is not None:
+            from mindstage.knowledge.endpoint import SparqlEndpointStore
+
+            self._endpoint = SparqlEndpointStore(endpoint)
         self.store: TripleStore = self._endpoint or (self._directory.store if self._directory else OxigraphStore())
         self.sources: dict[Path, Source] = {}
         self.findings: dict[Finding, None] = {}
@@ -431,6 +478,7 @@ class SourceRegistry:
         self._graphs: dict[str, tuple[Graph, MapMembers]] = {}
         self._used_labels: set[str] = set()
         self._saved_index: StoreIndex | None = None
+        self._is_endpoint_prepared = False
 
     # -- loading -------------------------------------------------------------------------------------------------------
 
@@ -493,6 +541,8 @@ class SourceRegistry:
         transaction.urdf_paths = list(urdf_paths)
         transaction.follow_imports = follow_imports
         if builds_index and new and self._directory and (self._directory.is_new or self.saved_index()):
+            from mindstage.knowledge.store_index import IndexBuilder
+
             saved = None if self._directory.is_new and not self.sources else self.saved_index()
             transaction.index_builder = IndexBuilder(self.store, saved)
         with ExitStack() as stack:
@@ -546,6 +596,8 @@ class SourceRegistry:
         self.findings |= dict.fromkeys(transaction.findings)
         self.assumptions += transaction.assumptions
         if self._directory and not self._directory.read_only:
+            from mindstage.knowledge.store_folder import StoreManifest
+
             manifest = StoreManifest(
                 bundled_ontology=str(self._bundled) if self._bundled else None,
                 packages=tuple(map(str, self._package_path.folders)),
@@ -559,6 +611,84 @@ class SourceRegistry:
     def close(self) -> None:
         """Closes files, subprocesses and connections; may be called repeatedly."""
         self.store.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All sources with their texts; those of a store folder are restored in memory.
+
+        Raises:
+            TypeError: there is an endpoint, which other processes must not be connected to unasked.
+        """
+        if self._endpoint is not None:
+            raise TypeError("a knowledge base at a SPARQL endpoint cannot be copied to another process")
+        omitted = {"_directory", "_endpoint", "_graphs", "_saved_index"}
+        return {name: value for name, value in self.__dict__.items() if name not in omitted}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__ |= {**state, "_directory": None, "_endpoint": None, "_graphs": {}, "_saved_index": None}
+
+    # -- archives ------------------------------------------------------------------------------------------------------
+
+    def to_bytes(self) -> bytes:
+        """All sources with their texts and all statements, as MessagePack; see `from_bytes`.
+
+        Raises:
+            InvalidArgumentError: there is an endpoint.
+        """
+        if self._endpoint is not None:
+            remedy = "load the files that it was filled from"
+            raise InvalidArgumentError("a knowledge base at an endpoint", cause="it cannot be copied", remedy=remedy)
+        archive = _SourceArchive(
+            statements=ox.serialize(self.store.quads_for_pattern(None, None, None), format=ox.RdfFormat.N_QUADS) or b"",
+            sources=tuple(
+                _ArchivedSource(
+                    path=source.name,
+                    graph=source.graph.value if isinstance(source.graph, ox.NamedNode) else "",
+                    format=(file := source.load_text()).format.media_type,
+                    text=file.data,
+                    is_map=source.is_map,
+                    is_explicit=source.is_explicit,
+                    ontology=source.header.ontology,
+                    prefixes=dict(source.header.prefixes),
+                )
+                for source in self.sources.values()
+            ),
+            packages=tuple(map(str, self._package_path.folders)),
+            urdf_files=tuple(map(str, self._urdf_paths)),
+            conventions={str(path): each for path, each in self.conventions.items()},
+            assumptions=tuple(self.assumptions),
+            findings=tuple(self.findings),
+        )
+        return msgspec.msgpack.encode(archive)
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> SourceRegistry:
+        """Sources in memory, from what `to_bytes` has returned; their files are not read.
+
+        Raises:
+            ValueError: the bytes are not valid.
+        """
+        archive = msgspec.msgpack.decode(data, type=_SourceArchive)
+        registry = cls()
+        try:
+            registry.store.extend(ox.parse(archive.statements, ox.RdfFormat.N_QUADS))
+        except SyntaxError as error:
+            raise ValueError(f"the archived statements cannot be read: {error}") from error
+        for each in archive.sources:
+            format = ox.RdfFormat.from_media_type(each.format)
+            if format is None:
+                raise ValueError(f"the format {each.format!r} of {each.path} is unknown")
+            text = _keep_in_memory(SourceFile(Path(each.path), each.text, format))
+            graph = ox.NamedNode(each.graph) if each.graph else ox.DefaultGraph()
+            header = SourceHeader(each.ontology, each.prefixes)
+            registry.sources[Path(each.path)] = Source(
+                each.path, graph, registry.store, text, each.is_map, each.is_explicit, header
+            )
+        registry._package_path = RosPackagePath(map(Path, archive.packages))
+        registry._urdf_paths = dict.fromkeys(map(Path, archive.urdf_files))
+        registry.conventions = {Path(path): each for path, each in archive.conventions.items()}
+        registry.assumptions = list(archive.assumptions)
+        registry.findings = dict.fromkeys(archive.findings)
+        return registry
 
     # -- changed sources -----------------------------------------------------------------------------------------------
 
@@ -614,6 +744,8 @@ class SourceRegistry:
     def _can_be_read(self, path: Path) -> bool:
         try:
             if is_urdf(path):
+                from mindstage.knowledge.urdf.parse import read_urdf
+
                 read_urdf(path, self._package_path)
                 return True
             file = read_file(path)
@@ -664,6 +796,26 @@ class SourceRegistry:
             self._directory.index.save(reasoner, names, maps_by_source=plain)
             self._saved_index = None
 
+    def prepare_endpoint(self) -> None:
+        """Infers which maps the individuals at the endpoint are in, and aligns SOMA's and DUL's terms, as for files.
+
+        The alignment is loaded beside the household ontology, if the endpoint uses these terms.
+
+        Raises:
+            EndpointUnreachableError: the server does not respond, or not in time.
+            EndpointError: the server refuses the request.
+        """
+        if self._endpoint is None or self._is_endpoint_prepared:
+            return
+        self._endpoint.infer_membership()
+        terms = self._endpoint.terms_of(_ALIGNED_NAMESPACES) if self._bundled else []
+        self._is_endpoint_prepared = True
+        if terms:
+            transaction = self._new_transaction(self._package_path, self.sources)
+            maps = [map for source in self._endpoint.sources() for map in source.maps()]
+            transaction.align(terms, dict.fromkeys(maps))
+            self._commit(transaction)
+
     @property
     def has_endpoint(self) -> bool:
         """Whether an endpoint evaluates queries."""
@@ -681,10 +833,27 @@ class SourceRegistry:
                 aliases.setdefault(other, set()).add(name)
         return {other: min(names) for other, names in aliases.items() if other and len(names) == 1}, known
 
+    def digest(self) -> bytes | None:
+        """Returns a digest of all sources and of how they are read; None if other programs can change the statements.
+
+        Worlds that are read from registries with equal digests are equal.
+        """
+        if self._directory or self._endpoint:
+            return None
+        parts = blake2b(digest_size=16)
+        for path, source in self.sources.items():
+            file = source.load_text()
+            given = repr((source.name, file.format, str(source.graph), source.is_map, self.conventions.get(path)))
+            for part in (given.encode(), file.data):
+                parts.update(b"%d " % len(part))
+                parts.update(part)
+        return parts.digest()
+
     # -- graphs --------------------------------------------------------------------------------------------------------
 
     def all_sources(self) -> list[Source]:
         """Returns every source, with the graphs of the endpoint last."""
+        self.prepare_endpoint()
         return [*self.sources.values(), *(self._endpoint.sources() if self._endpoint else ())]
 
     def map_sources(self) -> list[Source]:
@@ -697,11 +866,15 @@ class SourceRegistry:
         return (source for source in self.all_sources() if source.name not in maps and source.has_class_sizes())
 
     def maps_in(self, source: Source) -> tuple[Iri, ...]:
-        """Returns the maps that a source describes, in its order; it is parsed only if there are several."""
+        """Returns the maps that a source describes, in its order.
+
+        If there are several, they are taken from the index of the store folder, or else the source is parsed.
+        """
         if source.name not in self._maps_by_source:
             maps = source.maps()
             is_plain = len(maps) < 2 and not any(map.startswith("_:") for map in maps)
-            self._maps_by_source[source.name] = tuple(maps if is_plain else self.source_graph(source)[1])
+            if is_plain or self.saved_index() is None or source.name not in self._maps_by_source:
+                self._maps_by_source[source.name] = tuple(maps if is_plain else self.source_graph(source)[1])
         return self._maps_by_source[source.name]
 
     def map_graph(self, map: Iri) -> tuple[Graph, MapMembers]:

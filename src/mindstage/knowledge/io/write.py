@@ -7,6 +7,7 @@ vocabulary of dialect 1 or of Mindstage, and facts and resources are written unc
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 
@@ -17,10 +18,10 @@ from mindstage.knowledge.graph_diff import SourceMapView
 from mindstage.knowledge.io.serializers import to_rdf_xml, to_turtle
 from mindstage.knowledge.io.write_original import write_in_source_dialect
 from mindstage.knowledge.rdf import gc_paused
-from mindstage.knowledge.rdf_mapping.serialize import PrefixTable, to_sections
-from mindstage.scene import World
+from mindstage.knowledge.rdf_mapping.serialize import DocumentSection, PrefixTable, to_sections
+from mindstage.scene import Iri, World
 
-__all__ = ["MapDialect", "MapFormat", "save_file", "save_map", "write_map"]
+__all__ = ["MapDialect", "MapFormat", "save_file", "save_map", "save_statements", "write_map"]
 
 
 class MapDialect(StrEnum):
@@ -94,10 +95,7 @@ def save_map(
             file cannot be written.
     """
     path = Path(path)
-    format = format or _SUFFIXES.get(path.suffix.lower())
-    if format is None:
-        remedy = f"use one of {', '.join(_SUFFIXES)}"
-        raise MapWriteError(str(path), cause=f"the suffix {path.suffix!r} is not that of a known format", remedy=remedy)
+    format = format or _format_of(path)
     text, notes = _serialize(world, format, dialect, source_view)
     try:
         content = text.encode()
@@ -106,6 +104,30 @@ def save_map(
         raise MapWriteError(str(path), cause=f"a text contains {surrogate}, an unpaired surrogate") from error
     save_file(path, content)
     return notes
+
+
+def save_statements(path: str | os.PathLike[str], ontology: Iri, sections: Sequence[DocumentSection]) -> None:
+    """Writes statements that are no map as RDF/XML or Turtle, by the suffix, atomically.
+
+    Args:
+        path: the file.
+        ontology: the IRI whose namespace the individuals have.
+        sections: the statements.
+
+    Raises:
+        MapWriteError: the suffix is unknown, a statement cannot be represented, or the file cannot be written.
+    """
+    path = Path(path)
+    serialize = to_turtle if _format_of(path) is MapFormat.TURTLE else to_rdf_xml
+    save_file(path, serialize(sections, PrefixTable(ontology, sections)).encode("utf-8", "replace"))
+
+
+def _format_of(path: Path) -> MapFormat:
+    format = _SUFFIXES.get(path.suffix.lower())
+    if format is None:
+        remedy = f"use one of {', '.join(_SUFFIXES)}"
+        raise MapWriteError(str(path), cause=f"the suffix {path.suffix!r} is not that of a known format", remedy=remedy)
+    return format
 
 
 def save_file(path: Path, content: bytes) -> None:

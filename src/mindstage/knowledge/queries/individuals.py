@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import msgspec
 
+from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.explain import (
     individual_text,
     membership_lines,
@@ -21,8 +22,6 @@ from mindstage.knowledge.explain import (
 from mindstage.knowledge.questions import (
     MAP_SOURCE,
     AnswerRow,
-    Claim,
-    ClaimKind,
     ClassName,
     IndividualName,
     MapName,
@@ -85,7 +84,7 @@ class PartOf(AnswerRow, frozen=True, kw_only=True):
 @question(
     sentences=(
         "what are the parts of {whole}",
-        "which parts does {whole} have",
+        "(which|what) parts does {whole} have",
         "what does {whole} consist of",
         "what is {part} [a] part of",
         "what does {part} belong to",
@@ -385,7 +384,8 @@ def _missing_pose(
         yield from missing_description(kb.reasoner, thing, map)
     else:
         why = f"{individual_text(kb.reasoner, thing)} has no pose: no map or simulation that was asked places it"
-        yield MissingKnowledge(kb.reasoner.class_of(thing) or THING, HAS_POSE, why)
+        claim = Claim(kind=ClaimKind.NO_BODY, subject=thing, map=map)
+        yield MissingKnowledge(kb.reasoner.class_of(thing) or THING, HAS_POSE, why, claims=(claim,))
 
 
 class IndividualDescription(AnswerRow, frozen=True, kw_only=True):

@@ -9,6 +9,7 @@ from enum import StrEnum
 import numpy as np
 
 from mindstage.errors import InvalidArgumentError
+from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.explain import individual_text, missing_instance, source_text
 from mindstage.knowledge.queries.proximity import (
     PlacedBodies,
@@ -16,12 +17,11 @@ from mindstage.knowledge.queries.proximity import (
     missing_bodies,
     placed_states,
 )
+from mindstage.knowledge.queries.spatial import body_claims
 from mindstage.knowledge.queries.storage import storage_place
 from mindstage.knowledge.questions import (
     MAP_SOURCE,
     AnswerRow,
-    Claim,
-    ClaimKind,
     ClassName,
     IndividualName,
     MapName,
@@ -209,9 +209,13 @@ def _missing_larger(
         verb = "is larger" if thing is None else "is not larger"
         than = local_name(other) if other is not None else "any other body"
         unknown = " whose mass is stated" if measure is Measure.MASS else ""
-        yield MissingKnowledge(
-            THING, _SIZE_PROPERTY, f"{what}{unknown if thing is None else ''} {verb} than {than}{by}"
+        reason = f"{what}{unknown if thing is None else ''} {verb} than {than}{by}"
+        claims = body_claims((thing, other), present.states(map), map)
+        claims += tuple(
+            Claim(kind=ClaimKind.NOT_LARGER, subject=thing, object=other, detail=each, map=map)
+            for each in ([measure] if measure is not None else Measure)
         )
+        yield MissingKnowledge(THING, _SIZE_PROPERTY, reason, claims=claims)
 
 
 # -- how many ----------------------------------------------------------------------------------------------------------
@@ -314,7 +318,9 @@ def _missing_count(
     if place is not None:
         yield from missing_bodies(kb, (place,), map, present)
         kind = f"no {local_name(cls)}" if cls is not None else "nothing"
-        yield MissingKnowledge(cls or THING, HAS_POSE, f"{kind} is on or in {individual_text(kb.reasoner, place)}")
+        reason = f"{kind} is on or in {individual_text(kb.reasoner, place)}"
+        claims = body_claims((place,), present.states(map), map)
+        yield MissingKnowledge(cls or THING, HAS_POSE, reason, claims=claims)
     elif cls is not None:
         yield from missing_instance(kb.reasoner, cls, None, map)
 
@@ -456,7 +462,8 @@ def _missing_similar(
         what = local_name(other) if other is not None else "nothing"
         how = f"among the {count or _SIMILAR_COUNT} bodies that are most like" if other is not None else "like"
         reason = f"{what} is {'not ' if other is not None else ''}{how} {individual_text(kb.reasoner, thing)}"
-        yield MissingKnowledge(cls, TYPE, f"{reason}: by class or mesh")
+        claims = body_claims((thing, other), present.states(None), None)
+        yield MissingKnowledge(cls, TYPE, f"{reason}: by class or mesh", claims=claims)
 
 
 # -- misplaced ---------------------------------------------------------------------------------------------------------
@@ -484,7 +491,9 @@ class MisplacedRow(AnswerRow, frozen=True, kw_only=True):
         "is {thing} misplaced",
         "what is not (where it belongs|in its place)",
         "which {cls} are not (where they belong|in their place)",
-        "what is in the wrong place",
+        "(what|which {cls}) is (in the wrong place|out of place)",
+        "is {thing} (in the wrong place|out of place)",
+        "is (anything|something) (misplaced|out of place|in the wrong place)",
         "is {thing} where it belongs",
         "what (should be|has to be) put away",
     )
@@ -599,7 +608,9 @@ def _missing_misplaced(
         if at:
             homes = ", ".join(local_name(each) for each in at)
             reason = f"{individual_text(kb.reasoner, thing)} is where it belongs: on or in {homes}"
-            yield MissingKnowledge(own, _CONTAINER_FOR, reason, is_filler=True)
+            claims = body_claims((thing, *at), present.states(map), map)
+            claims += tuple(Claim(kind=ClaimKind.ON_OR_IN, subject=thing, object=each, map=map) for each in at)
+            yield MissingKnowledge(own, _CONTAINER_FOR, reason, is_filler=True, claims=claims)
 
 
 # -- states ------------------------------------------------------------------------------------------------------------
@@ -694,5 +705,7 @@ def _missing_state(
     rows = kb.statements(property=_STATE_PROPERTIES[0])
     is_stated = any(thing in {None, row[0]} and value in {None, _value_text(row[1])} for row in rows)
     claim = Claim(kind=ClaimKind.NO_STATEMENT, subject=thing, property=_STATE_PROPERTIES[0], object=value)
-    claims = () if is_stated else (claim,)
+    if is_stated:  # of another property than the one that is wanted
+        claim = Claim(kind=ClaimKind.NO_STATEMENT, subject=thing, property=property, object=value)
+    claims = (claim,) if property is not None or not is_stated else ()
     yield MissingKnowledge(cls or THING, property or _STATE_PROPERTIES[0], reason, claims=claims)

@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 
 from mindstage.errors import InvalidArgumentError
+from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.explain import (
     membership_lines,
     missing_description,
@@ -18,8 +19,6 @@ from mindstage.knowledge.explain import (
 )
 from mindstage.knowledge.questions import (
     AnswerRow,
-    Claim,
-    ClaimKind,
     ClassName,
     IndividualName,
     MapName,
@@ -270,6 +269,8 @@ class MapDifference(AnswerRow, frozen=True, kw_only=True):
     sentences=(
         "how do {a} and {b} differ",
         "what is the difference between {a} and {b}",
+        "(what is the difference|what are the differences) between the [two] maps",
+        "how do the [two] maps differ",
         "what has changed (from|between) {a} (to|and) {b}",
         "compare {a} (and|with) {b}",
         "how does {a} differ from {b} by more than {tolerance}",

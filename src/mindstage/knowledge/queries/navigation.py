@@ -18,6 +18,7 @@ from mindstage.knowledge.queries.proximity import (
     parse_numbers,
     placed_states,
 )
+from mindstage.knowledge.queries.spatial import body_claims
 from mindstage.knowledge.questions import (
     AnswerRow,
     IndividualName,
@@ -98,11 +99,12 @@ class _Floor:
     def row(self, iri: Iri) -> int | None:
         """The body of an individual that has shapes."""
         row = self._row_by_iri.get(iri)
-        return row if row is not None and bool((self.scene.owner == row).any()) else None
+        return row if row is not None and len(self.footprint(row)) else None
 
     def footprint(self, row: int) -> Array:
         """The footprints of the shapes of a body."""
-        return np.asarray(self._prints[self.scene.owner == row])
+        start, end = np.searchsorted(self.scene.owner, (row, row + 1)).tolist()
+        return np.asarray(self._prints[start:end])
 
     def start_cells(self, *, free: bool = True) -> Indices:
         """Where the robot can stand at the start."""
@@ -127,9 +129,14 @@ class _Floor:
 
     def cells_beside(self, row: int, *, free: bool = True) -> Indices:
         """Where the robot can stand to reach a body."""
-        reach = self.robot.radius + self.robot.reach
-        cells = self.plan.cells_near if free else self.plan.all_cells_near
-        return cells(self.footprint(row), reach)
+        return self.plan.cells_near(self.footprint(row), self.robot.radius + self.robot.reach, free=free)
+
+    def lengths(self) -> Array:
+        """The length of the shortest way from the start to each body [m], in the order of the world."""
+        found = np.full(len(self.state.world.bodies), np.inf)
+        to_shapes = self.plan.lengths_to(self.start_cells(), self._prints, self.robot.radius + self.robot.reach)
+        np.minimum.at(found, self.scene.owner, to_shapes)
+        return found
 
     def goal_cells(self, goal: Iri | None, position: Array | None, *, free: bool = True) -> Indices:
         """Where the robot can stand at the goal."""
@@ -153,11 +160,14 @@ def _position(text: str | None, name: str) -> Array | None:
 def _floors(
     present: StateAccess, map: Iri | None, robot: _Robot, start: Iri | None, start_position: str | None
 ) -> Iterator[_Floor]:
-    """The floor plans of the states that have the start."""
+    """The floor plans of the states that have the start; computed once for a question and its missing answers."""
     position = _position(start_position, "start_position")
-    for state in present.states(map):
+    for number, state in enumerate(present.states(map)):
         if position is not None or any(body.iri == start for body in state.world.bodies):
-            yield _Floor(state, robot, start, position)
+            key = ("floor", number, map, robot, start, start_position)
+            if key not in present.memo:
+                present.memo[key] = _Floor(state, robot, start, position)
+            yield present.memo[key]
 
 
 # -- paths -------------------------------------------------------------------------------------------------------------
@@ -194,7 +204,7 @@ class FloorPathRow(AnswerRow, frozen=True, kw_only=True):
         "how do i get from {start} to {goal} [with [a] radius [of] {radius}]",
         "what is the [shortest] (way|path) from {start} to {goal} [with [a] radius [of] {radius}]",
         "can (i|robot) (go|drive|get) from {start} to {goal} [with [a] radius [of] {radius}]",
-        "what blocks the way from {start} to {goal}",
+        "what (blocks|is in) the way from {start} to {goal}",
         "what is the [shortest] (way|path) from the position {start_position} to {goal}",
     )
 )
@@ -287,7 +297,8 @@ def _missing_path(
     for floor in _floors(present, map, robot, start, start_position):
         blockers = floor.blockers(goal, end)
         cls = kb.reasoner.class_of(blockers[0]) if blockers else None
-        yield MissingKnowledge(cls or THING, HAS_POSE, _blocked_text(floor, blockers, goal))
+        claims = body_claims((start, goal, *blockers), present.states(map), map)
+        yield MissingKnowledge(cls or THING, HAS_POSE, _blocked_text(floor, blockers, goal), claims=claims)
 
 
 def _blocked_text(floor: _Floor, blockers: Sequence[Iri], goal: Iri | None) -> str:
@@ -321,7 +332,7 @@ class ReachabilityRow(AnswerRow, frozen=True, kw_only=True):
         "what is not reachable from {start} {reachable=false}",
         "is {goal} reachable from {start}",
         "can (i|robot) reach {goal} from {start}",
-        "which things can be reached from {start} {reachable=true}",
+        "(what|which things) can be reached from {start} {reachable=true}",
     )
 )
 def reachable(
@@ -351,13 +362,12 @@ def reachable(
         return
     robot = _Robot.from_arguments(radius, height, reach)
     for floor in _floors(present, map, robot, start, start_position):
-        length = floor.plan.distances_from(floor.start_cells())
-        rows = []
-        for row, body in enumerate(floor.state.world.bodies):
-            if goal in {None, body.iri} and row not in {floor.start, *floor.ground} and floor.row(body.iri) == row:
-                cells = floor.cells_beside(row)
-                way = float(length[cells].min()) if len(cells) else np.inf
-                rows.append((way, row))
+        lengths, skipped = floor.lengths().tolist(), {floor.start, *floor.ground}
+        rows = [
+            (lengths[row], row)
+            for row, body in enumerate(floor.state.world.bodies)
+            if goal in {None, body.iri} and row not in skipped and floor.row(body.iri) == row
+        ]
         for way, row in sorted(rows):
             body = floor.state.world.bodies[row]
             is_open = bool(np.isfinite(way))
@@ -408,7 +418,7 @@ def _missing_reachable(
         yield from _missing_path(kb, start, goal, map, radius, height, reach, start_position, present=present)
     elif reachable is False:
         reason = f"{individual_text(kb.reasoner, goal)} is reachable: ask for the path"
-        yield missing_about(kb, goal, reason)
+        yield missing_about(kb, goal, reason, start, present=present, map=map)
 
 
 # -- rooms -------------------------------------------------------------------------------------------------------------
@@ -449,6 +459,7 @@ class RoomRow(AnswerRow, frozen=True, kw_only=True):
     sentences=(
         "(which|what) room is {thing} in",
         "in which room is {thing}",
+        "(which|what) room (has|contains) {thing}",
         "what is in {room:RoomInAConstruction,Room}",
         "what is in the region {region}",
         "is {thing} in {room:RoomInAConstruction,Room}",
@@ -470,7 +481,8 @@ def in_room(
     the thing is stated to be a part of, or whose box contains its center; a body that encloses all others; or the
     regions that walls surround. Only the first kind that a map has is used. For regions, gaps of less than 1.3 m
     between walls are doors (morphological segmentation, Bormann et al. 2016); walls are of a class of walls
-    (WallOfAConstruction, or a class named Wall) and at least 0.3 m high.
+    (WallOfAConstruction, or a class named Wall) and at least 0.3 m high. Answers are sorted by the region, then by the
+    name of the thing; the walls of a region by their names.
 
     Examples:
         in_room milk_carton_1
@@ -485,9 +497,8 @@ def _rooms_in(kb: QuestionContext, bodies: PlacedBodies, thing: Iri | None) -> I
     found = list(_individual_rooms(kb, bodies, is_room))
     if not found and not any(is_room):
         found = list(_enclosing_rooms(bodies)) or list(_walled_rooms(kb, bodies))
-    for row in found:
-        if thing in {None, row.thing}:
-            yield row
+    found.sort(key=lambda row: (len(row.region), row.region, row.thing))
+    yield from (row for row in found if thing in {None, row.thing})
 
 
 def _is_named(kb: QuestionContext, cls: Iri, names: frozenset[str]) -> bool:
@@ -605,13 +616,14 @@ def _missing_room(
     if found:
         return
     rows = [row for bodies in placed_states(present, map) for row in _rooms_in(kb, bodies, thing)]
+    claims = body_claims((thing, room), present.states(map), map)
     if not rows:
         what = individual_text(kb.reasoner, thing) if thing is not None else "nothing"
         reason = f"{what} is in no room: no individual of a class of rooms, enclosing body or walls surround it"
-        yield MissingKnowledge(knowrob("RoomInAConstruction"), HAS_POSE, reason)
+        yield MissingKnowledge(knowrob("RoomInAConstruction"), HAS_POSE, reason, claims=claims)
     elif thing is not None:
-        yield MissingKnowledge(THING, HAS_POSE, f"{local_name(thing)} is in {rows[0].region}")
+        yield MissingKnowledge(THING, HAS_POSE, f"{local_name(thing)} is in {rows[0].region}", claims=claims)
     else:
         wanted = local_name(room) if room is not None else region
         regions = ", ".join(sorted({row.region for row in rows}))
-        yield MissingKnowledge(THING, HAS_POSE, f"nothing is in {wanted}: there is {regions}")
+        yield MissingKnowledge(THING, HAS_POSE, f"nothing is in {wanted}: there is {regions}", claims=claims)

@@ -7,7 +7,7 @@ as walls that are one body, are left out, and so are bodies without a size.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.errors import InvalidArgumentError
+from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.explain import individual_text, source_text
-from mindstage.knowledge.queries.spatial import missing_pose
+from mindstage.knowledge.queries.spatial import body_claims, missing_pose
 from mindstage.knowledge.questions import (
     AnswerRow,
     ClassName,
@@ -194,9 +195,18 @@ def missing_arguments(text: str) -> MissingKnowledge:
     return MissingKnowledge(THING, HAS_POSE, text)
 
 
-def missing_about(kb: QuestionContext, individual: Iri, reason: str) -> MissingKnowledge:
-    """Why an individual with a pose is no answer."""
-    return MissingKnowledge(kb.reasoner.class_of(individual) or THING, HAS_POSE, reason)
+def missing_about(
+    kb: QuestionContext,
+    individual: Iri,
+    reason: str,
+    *others: Iri | None,
+    present: StateAccess,
+    map: Iri | None,
+    claims: Iterable[Claim] = (),
+) -> MissingKnowledge:
+    """Why an individual with a pose is no answer, with the others that were given, and what else is claimed."""
+    claims = (*body_claims((individual, *others), present.states(map), map), *claims)
+    return MissingKnowledge(kb.reasoner.class_of(individual) or THING, HAS_POSE, reason, claims=claims)
 
 
 def missing_bodies(
@@ -206,7 +216,7 @@ def missing_bodies(
     states = present.states(map)
     for each in dict.fromkeys(individuals):
         if each is not None:
-            yield from missing_pose(each, kb.reasoner.class_of(each) or THING, states)
+            yield from missing_pose(each, kb.reasoner.class_of(each) or THING, states, map)
 
 
 # -- left, right, in front, behind -------------------------------------------------------------------------------------
@@ -396,7 +406,12 @@ def _missing_direction(
         how = f"it is {where}" if where else "one is above, below or around the other, or they are in different maps"
         wanted = f" {direction}" if direction else ""
         reason = f"{individual_text(kb.reasoner, thing)} has no such direction{wanted} from {local_name(other)}: {how}"
-        yield missing_about(kb, thing, reason)
+        claims = [
+            Claim(kind=ClaimKind.IN_DIRECTION, subject=thing, object=other, detail=row.direction, map=map)
+            for row in rows
+            if row.frame is ReferenceFrame.MAP
+        ]
+        yield missing_about(kb, thing, reason, other, viewer, present=present, map=map, claims=claims)
 
 
 # -- distance ----------------------------------------------------------------------------------------------------------
@@ -423,6 +438,8 @@ class DistanceRow(AnswerRow, frozen=True, kw_only=True):
         "how far apart are {thing} and {other}",
         "what is the distance (between {thing} and|from {thing} to) {other}",
         "how close is {thing} to {other}",
+        "how far is it from {thing} to {other}",
+        "how far from {thing} is {other}",
     )
 )
 def distance(
@@ -505,11 +522,12 @@ def _not_comparable(
                 reason = (
                     f"{individual_text(kb.reasoner, each)} encloses all other bodies, and is not compared with them"
                 )
-                yield missing_about(kb, each, reason)
+                yield missing_about(kb, each, reason, *given, present=present, map=map)
                 return
     if len(given) > 1:
         names = " and ".join(local_name(each) for each in given)
-        yield missing_arguments(f"{names} are in different maps, which have no common frame")
+        reason = f"{names} are in different maps, which have no common frame"
+        yield missing_about(kb, given[0], reason, *given[1:], present=present, map=map)
 
 
 # -- nearest -----------------------------------------------------------------------------------------------------------
@@ -536,6 +554,8 @@ class NeighborRow(AnswerRow, frozen=True, kw_only=True):
 @question(
     sentences=(
         "what is (nearest|closest) to {thing}",
+        "(what|which) is the (nearest|closest) {cls} to {thing}",
+        "what is the (nearest|closest) (thing|object) to {thing}",
         "which {cls} is (nearest|closest) to {thing}",
         "where is the (nearest|closest) {cls} to {thing}",
         "what are the {count} (nearest|closest) (things|objects) to {thing}",
@@ -640,13 +660,47 @@ def _missing_neighbor(
         return
     start = local_name(thing) if thing is not None else "the position"
     if other is not None:
-        reason = f"{local_name(other)} is not among the {count or 1} nearest to {start}: ask for more with count"
-        yield missing_about(kb, other, reason)
+        yield _missing_rank(kb, thing, other, cls, count or 1, start, map, present)
     else:
         kind = f"of class {local_name(cls)} " if cls is not None else ""
-        yield MissingKnowledge(
-            cls or THING, HAS_POSE, f"no other body {kind}with a pose and a size is where {start} is"
-        )
+        reason = f"no other body {kind}with a pose and a size is where {start} is"
+        claims = body_claims((thing,), present.states(map), map)
+        yield MissingKnowledge(cls or THING, HAS_POSE, reason, claims=claims)
+
+
+def _missing_rank(
+    kb: QuestionContext,
+    thing: Iri | None,
+    other: Iri,
+    cls: Iri | None,
+    count: int,
+    start: str,
+    map: Iri | None,
+    present: StateAccess,
+) -> MissingKnowledge:
+    """Why a body is not among the nearest: it is left out, elsewhere, or farther than others."""
+    states = list(placed_states(present, map))
+    here = [bodies for bodies in states if thing is None or bodies.row_of(thing) is not None]
+    bodies = next((each for each in here if each.row_of(other) is not None), None)
+    claims: list[Claim] = []
+    if bodies is None:
+        reason = f"{local_name(other)} is in another map than {start}, and maps have no common frame"
+    elif not bodies.comparable[bodies.row_of(other) or 0]:
+        reason = f"{local_name(other)} encloses all other bodies, and is not compared with them"
+    elif thing is not None and other in bodies.group_of(bodies.row_of(thing) or 0):
+        reason = f"{local_name(other)} is attached to {start}, and is not its neighbor"
+        claims = [Claim(kind=ClaimKind.ATTACHED, subject=other, object=thing, map=map)]
+        if other == thing:
+            reason, claims = f"{start} is not its own neighbor", []
+    elif cls is not None and not _is_of_class(kb, bodies, bodies.row_of(other) or 0, cls):
+        reason = f"{individual_text(kb.reasoner, other)} is no {local_name(cls)}"
+        claims = [Claim(kind=ClaimKind.NOT_INSTANCE, subject=other, object=cls)]
+    else:
+        reason = f"{local_name(other)} is not among the {count} nearest to {start}: ask for more with count"
+        if thing is not None and cls is None:
+            claim = Claim(kind=ClaimKind.NOT_NEAREST, subject=other, other=thing, detail=str(count), map=map)
+            claims = [claim]
+    return missing_about(kb, other, reason, thing, present=present, map=map, claims=claims)
 
 
 # -- between -----------------------------------------------------------------------------------------------------------
@@ -668,7 +722,7 @@ class BetweenRow(AnswerRow, frozen=True, kw_only=True):
 
 @question(
     sentences=(
-        "what is between {one} and {other}",
+        "what (is|stands|lies) between {one} and {other}",
         "is {thing} between {one} and {other}",
         "which {thing} is between {one} and {other}",
     )
@@ -742,4 +796,10 @@ def _missing_between(
     if not found:
         what = local_name(thing) if thing is not None else "no other body"
         reason = f"{what} is {'not ' if thing is not None else ''}between {local_name(one)} and {local_name(other)}"
-        yield MissingKnowledge(THING, HAS_POSE, f"{reason}: half of a footprint and half of a height must be")
+        reason += ": half of a footprint and half of a height must be"
+        claims = body_claims((thing, one, other), present.states(map), map)
+        if one != other:
+            claims += (Claim(kind=ClaimKind.NOT_BETWEEN, subject=thing, object=one, other=other, map=map),)
+        else:
+            reason = f"nothing is between {local_name(one)} and itself"
+        yield MissingKnowledge(THING, HAS_POSE, reason, claims=claims)

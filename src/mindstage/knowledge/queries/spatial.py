@@ -7,6 +7,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.explain import individual_text, source_text
 from mindstage.knowledge.questions import (
     MAP_SOURCE,
@@ -27,7 +28,17 @@ from mindstage.scene.kinematics import JointDisplacement, RigidGroups, joint_dis
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import normalize, pose_array
 
-__all__ = ["JointOpenness", "OpenState", "SpatialRelationRow", "missing_pose", "openings", "where_is"]
+__all__ = [
+    "ContainerFinder",
+    "JointOpenness",
+    "OpenState",
+    "SpatialRelationRow",
+    "body_claims",
+    "find_openings",
+    "missing_pose",
+    "openings",
+    "where_is",
+]
 
 
 _RELATION_ORDER = {relation: at for at, relation in enumerate(SpatialRelation)}
@@ -68,12 +79,17 @@ class SpatialRelationRow(AnswerRow, frozen=True, kw_only=True):
         "what is there {relation} {other}",
         "what lies {relation} {other}",
         "what stands {relation} {other}",
-        "is {thing} {relation} {other}",
+        "is {thing} [still] {relation} {other}",
         "(is|are) there {thing} {relation} {other}",
         "what is {thing} {relation}",
         "(what|which thing) does {other} contain {relation=inside}",
         "what is the content of {other} {relation=inside}",
         "which {thing} is {relation} {other}",
+        "(what|which thing|which {other}) contains {thing} {relation=inside}",
+        "which {other:Container} holds {thing} {relation=inside}",
+        "which {other} has {thing} (in|inside) it {relation=inside}",
+        "does {other} contain {thing} {relation=inside}",
+        "does {other:Container} hold {thing} {relation=inside}",
     ),
     is_relation=True,
 )
@@ -153,17 +169,35 @@ def _missing_relation(
     for each in (thing, other):
         cls = kb.reasoner.class_of(each) if each else None
         if each and cls:
-            yield from missing_pose(each, cls, states)
+            yield from missing_pose(each, cls, states, map)
 
 
-def missing_pose(individual: Iri, cls: Iri, world_states: tuple[WorldState, ...]) -> Iterator[MissingKnowledge]:
+def missing_pose(
+    individual: Iri, cls: Iri, world_states: tuple[WorldState, ...], map: Iri | None
+) -> Iterator[MissingKnowledge]:
     """The missing pose or size of an individual that a question about places asks for."""
     bodies = [body for state in world_states for body in state.world.bodies if body.iri == individual]
     name = local_name(individual)
     if not bodies:
-        yield MissingKnowledge(cls, HAS_POSE, f"{name} has no pose: no map or simulation that was asked has its body")
+        reason = f"{name} has no pose: no map or simulation that was asked has its body"
+        claim = Claim(kind=ClaimKind.NO_BODY, subject=individual, map=map)
+        yield MissingKnowledge(cls, HAS_POSE, reason, claims=(claim,))
     elif all(body.size is None for body in bodies):
-        yield MissingKnowledge(cls, _SIZE_PROPERTY, f"{name} has no size: neither it nor {local_name(cls)} states one")
+        reason = f"{name} has no size: neither it nor {local_name(cls)} states one"
+        claim = Claim(kind=ClaimKind.NO_SIZE, subject=individual, map=map)
+        yield MissingKnowledge(cls, _SIZE_PROPERTY, reason, claims=(claim,))
+
+
+def body_claims(
+    individuals: Iterable[Iri | None], world_states: tuple[WorldState, ...], map: Iri | None
+) -> tuple[Claim, ...]:
+    """Which of some individuals have bodies, on which reasons about places rely; None is left out."""
+    placed = {body.iri for state in world_states for body in state.world.bodies}
+    return tuple(
+        Claim(kind=ClaimKind.BODY if each in placed else ClaimKind.NO_BODY, subject=each, map=map)
+        for each in dict.fromkeys(individuals)
+        if each is not None
+    )
 
 
 class OpenState(StrEnum):
@@ -197,8 +231,8 @@ class JointOpenness(AnswerRow, frozen=True, kw_only=True):
     sentences=(
         "which (thing|container) is {state}",
         "what is {state}",
-        "(is|which) {thing} [is] {state}",
-        "(is|which) {front:PortalCovering,Drawer} [is] {state}",
+        "(is|which) {thing} [is] [still] {state}",
+        "(is|which) {front:PortalCovering,Drawer} [is] [still] {state}",
         "how far is {thing} (open|opened)",
         "how far is {front:PortalCovering,Drawer} (open|opened)",
         "how open is {thing}",
@@ -231,13 +265,26 @@ def openings(
         openings state=closed front=drawer_left_1
     """
     for world_state in present.states(map):
-        yield from _find_openings(kb, world_state, front)
+        yield from find_openings(kb, world_state, front)
 
 
-def _find_openings(kb: QuestionContext, world_state: WorldState, front: Iri | None = None) -> Iterator[JointOpenness]:
+def find_openings(
+    kb: QuestionContext,
+    world_state: WorldState,
+    front: Iri | None = None,
+    furniture: ContainerFinder | None = None,
+) -> Iterator[JointOpenness]:
+    """The doors, drawers and lids of a state, or one of them.
+
+    Args:
+        kb: the knowledge base.
+        world_state: the state.
+        front: the door, drawer or lid; None for all.
+        furniture: finds the containers; it can be used again for a state with the same spawned worlds.
+    """
     homes = world_state.map_of_body()
     bodies = {body.id: body for body in world_state.world.bodies}
-    furniture = _ContainerFinder(kb, world_state.spawned)
+    furniture = furniture or ContainerFinder(kb, world_state.spawned)
     for joint in world_state.world.joints:
         if joint.parent not in bodies or joint.child not in bodies:
             continue
@@ -277,12 +324,32 @@ def _missing_opening(
     present: StateAccess,
 ) -> Iterator[MissingKnowledge]:
     world_states = present.states(map)
-    rows = [row for each in world_states for row in _find_openings(kb, each)]
+    rows = [row for each in world_states for row in find_openings(kb, each)]
     if why := _unopenable_reason(kb, rows, thing, front):
-        yield MissingKnowledge(_CONTAINER, CHILD, why)
+        claims = body_claims((thing, front), world_states, map)
+        if front is not None and not any(row.front == front for row in rows):
+            claims += _unmoved_claims(kb, world_states, front, map)
+        yield MissingKnowledge(_CONTAINER, CHILD, why, claims=claims)
     elif state is OpenState.OPEN and world_states and all(each.joint_positions is None for each in world_states):
         why = "joint positions are unknown: without an engine that measures them, all is closed as in the maps"
-        yield MissingKnowledge(_CONTAINER, _STATE_PROPERTY, why)
+        claims = body_claims((thing, front), world_states, map)
+        yield MissingKnowledge(_CONTAINER, _STATE_PROPERTY, why, claims=claims)
+
+
+def _unmoved_claims(
+    kb: QuestionContext, world_states: tuple[WorldState, ...], front: Iri, map: Iri | None
+) -> tuple[Claim, ...]:
+    """Why an individual is no door, drawer or lid that a joint moves: no joint connects it, or its class is another."""
+    ids = {(state.world.iri, body.id) for state in world_states for body in state.world.bodies if body.iri == front}
+    joints = ((state.world.iri, end) for state in world_states for joint in state.world.joints
+              for end in (joint.parent, joint.child))  # fmt: skip
+    if not ids.intersection(joints):
+        return (Claim(kind=ClaimKind.NO_JOINT, subject=front, map=map),)
+    return tuple(
+        Claim(kind=ClaimKind.NOT_INSTANCE, subject=front, object=cls)
+        for cls in _FRONT_CLASSES
+        if not kb.reasoner.is_member(front, cls)
+    )
 
 
 def _unopenable_reason(kb: QuestionContext, rows: list[JointOpenness], thing: Iri | None, front: Iri | None) -> str:
@@ -323,7 +390,7 @@ def _is_open(displacement: JointDisplacement) -> bool:
     return displacement.displacement >= (_OPEN_M if displacement.is_prismatic else _OPEN_RAD)
 
 
-class _ContainerFinder:
+class ContainerFinder:
     """Finds the containers that doors and drawers belong to, from the poses in the maps, where all are closed."""
 
     def __init__(self, kb: QuestionContext, maps: Iterable[World]) -> None:

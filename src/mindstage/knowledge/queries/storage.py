@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
+from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.explain import (
     expression_text,
     individual_text,
@@ -28,8 +29,6 @@ from mindstage.knowledge.explain import (
 from mindstage.knowledge.owl import Expression, IntersectionOf, NamedClass, Restriction, named_classes
 from mindstage.knowledge.questions import (
     AnswerRow,
-    Claim,
-    ClaimKind,
     ClassName,
     IndividualName,
     MapName,
@@ -214,6 +213,8 @@ class ActionDevice(AnswerRow, frozen=True, kw_only=True):
         "what is {device} [used] for",
         "what can i do with {device}",
         "which devices are [used] for {action}",
+        "which (device|tool) can {action}",
+        "which (device|tool) do i need (for|to) {action}",
         "what kind of device is used for {action}",
         "what does one need for {action}",
     )

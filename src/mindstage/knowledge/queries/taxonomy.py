@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 
+from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.explain import expression_text, restriction_line, subclass_line, subproperty_line
 from mindstage.knowledge.owl import Expression, NamedClass, named_classes
 from mindstage.knowledge.questions import (
     AnswerRow,
-    Claim,
-    ClaimKind,
     ClassName,
     MissingKnowledge,
     PropertyName,

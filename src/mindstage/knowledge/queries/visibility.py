@@ -13,6 +13,7 @@ from itertools import permutations
 import numpy as np
 
 from mindstage.errors import InvalidArgumentError
+from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.explain import individual_text, restriction_line, source_text, subclass_line
 from mindstage.knowledge.owl import named_classes
 from mindstage.knowledge.queries.proximity import (
@@ -23,6 +24,7 @@ from mindstage.knowledge.queries.proximity import (
     missing_bodies,
     placed_states,
 )
+from mindstage.knowledge.queries.spatial import body_claims
 from mindstage.knowledge.questions import (
     AnswerRow,
     ClassName,
@@ -90,7 +92,8 @@ class VisibilityRow(AnswerRow, frozen=True, kw_only=True):
     sentences=(
         "what is visible from {viewer}",
         "what can be seen from {viewer}",
-        "what can (i|robot) see from {viewer}",
+        "what (can|do) (i|you|robot) see from {viewer}",
+        "can (i|you|robot|one) see {thing} from {viewer}",
         "is {thing} visible from {viewer}",
         "what does {viewer} see",
         "can {viewer} see {thing}",
@@ -188,7 +191,12 @@ def _missing_visibility(
             for _, _, hidden_by in _views(bodies, view, viewer, thing):
                 by = ", ".join(local_name(each) for each in hidden_by)
                 reason = f"{individual_text(kb.reasoner, thing)} is hidden by {by}"
-                yield missing_about(kb, thing, reason)
+                claims = [
+                    Claim(kind=ClaimKind.HIDDEN, subject=thing, object=each, other=viewer, map=map)
+                    for each in hidden_by
+                    if viewer is not None
+                ]
+                yield missing_about(kb, thing, reason, viewer, *hidden_by, present=present, map=map, claims=claims)
 
 
 # -- what fits ---------------------------------------------------------------------------------------------------------
@@ -337,7 +345,13 @@ def _missing_fit(
         what = local_name(thing) if thing is not None else "nothing"
         where = f"{relation or 'onto or into'} {local_name(place) if place is not None else 'anything'}"
         verb = "fits" if thing is None else "does not fit"
-        yield MissingKnowledge(THING, _SIZE_PROPERTY, f"{what} {verb} {where}, by the known surfaces and sizes")
+        reason = f"{what} {verb} {where}, by the known surfaces and sizes"
+        if thing is not None and thing == place:
+            reason = f"{what} cannot be put onto or into itself"
+        claims = body_claims((thing, place), present.states(map), map)
+        if thing is not None and place not in {None, thing} and relation is None:
+            claims += (Claim(kind=ClaimKind.NOT_FITTING, subject=thing, object=place, map=map),)
+        yield MissingKnowledge(THING, _SIZE_PROPERTY, reason, claims=claims)
 
 
 # -- free places -------------------------------------------------------------------------------------------------------
@@ -371,6 +385,8 @@ class FreePlaceRow(AnswerRow, frozen=True, kw_only=True):
         "find a free place {relation} {support}",
         "find a free place for {thing} {relation} {support}",
         "where can i place another {cls} {relation} {support}",
+        "is there [free] (room|space) for another {cls} {relation} {support}",
+        "where is there [free] (room|space) for another {cls} {relation} {support}",
     )
 )
 def free_place(
@@ -504,7 +520,9 @@ def _missing_place(
         return
     if thing is None and cls is not None and kb.shape_rule(cls).size is None:
         reason = f"the size of a {local_name(cls)} is unknown: assert typicalSize of it, or give a thing"
-        yield MissingKnowledge(cls, ms("typicalSize"), reason)
+        claim = Claim(kind=ClaimKind.NO_STATEMENT, subject=cls, property=ms("typicalSize"))
+        claims = (claim, *body_claims((support,), present.states(map), map))
+        yield MissingKnowledge(cls, ms("typicalSize"), reason, claims=claims)
         return
     for bodies in placed_states(present, map):
         item, row = _item(kb, bodies, thing, cls), bodies.row_of(support)
@@ -514,7 +532,7 @@ def _missing_place(
             text = (
                 f"{individual_text(kb.reasoner, support)} has no free place for {local_name(thing or cls or '')}: {why}"
             )
-            yield missing_about(kb, support, text)
+            yield missing_about(kb, support, text, thing, present=present, map=map)
 
 
 # -- liquids -----------------------------------------------------------------------------------------------------------
@@ -545,7 +563,7 @@ class LiquidContainerRow(AnswerRow, frozen=True, kw_only=True):
 
 @question(
     sentences=(
-        "(what|which {thing}) can (hold|contain) (liquid|liquids|water)",
+        "(what|which things|which {thing}) can (hold|contain) (liquid|liquids|water)",
         "can {thing} (hold|contain) (liquid|liquids|water)",
         "how much (liquid|water) can {thing} (hold|contain)",
         "what can i pour (liquid|water) into",
@@ -573,6 +591,7 @@ def can_hold_liquid(
     """
     for bodies in placed_states(present, map):
         scene = ShapeScene(bodies.placed.bodies, bodies.state.geometry) if bodies.state.geometry else None
+        volumes = dict[tuple[object, ...], float]()
         for row, body in enumerate(bodies.placed.bodies):
             if thing not in {None, body.iri}:
                 continue
@@ -584,7 +603,11 @@ def can_hold_liquid(
                     thing=body.iri, basis=LiquidBasis.CLASS, liquid=liquid, volume=None, map=home, source=source
                 )
             if scene is not None and basis is not LiquidBasis.CLASS and body.id in bodies.state.geometry:
-                volume = retained_volume(scene, row, bodies.placed.low[row], bodies.placed.high[row]) * 1000
+                # Many bodies have the same shapes, and most of these the same rotation.
+                key = (bodies.state.geometry[body.id].collision_shapes, body.size, body.pose.quaternion)
+                if key not in volumes:
+                    volumes[key] = retained_volume(scene, row, bodies.placed.low[row], bodies.placed.high[row]) * 1000
+                volume = volumes[key]
                 if volume >= _MIN_VOLUME_L:
                     yield LiquidContainerRow(
                         thing=body.iri,
@@ -641,8 +664,25 @@ def _missing_liquid(
     what = f"{what} {verb} container for liquids"
     if basis is not LiquidBasis.SHAPE:
         reason = f"{what} by its class: no {local_name(_CONTAINER_FOR)} names a liquid"
-        yield MissingKnowledge(cls or _CONTAINER, _CONTAINER_FOR, reason)
+        claims = tuple(
+            Claim(kind=ClaimKind.NO_NARROWER_RESTRICTION, subject=own, property=_CONTAINER_FOR, object=liquid)
+            for own in _classes_of(kb, thing, present, map)
+            for liquid in _LIQUIDS
+        )
+        claims += body_claims((thing,), present.states(map), map)
+        yield MissingKnowledge(cls or _CONTAINER, _CONTAINER_FOR, reason, claims=claims)
     if basis is not LiquidBasis.CLASS:
         known = any(state.geometry for state in present.states(map))
         why = "its shape retains less than 5 ml" if known else "its shape is known to a running simulation only"
-        yield MissingKnowledge(cls or _CONTAINER, HAS_POSE, f"{what} by its shape: {why}")
+        claims = body_claims((thing,), present.states(map), map)
+        yield MissingKnowledge(cls or _CONTAINER, HAS_POSE, f"{what} by its shape: {why}", claims=claims)
+
+
+def _classes_of(kb: QuestionContext, thing: Iri | None, present: StateAccess, map: Iri | None) -> Iterator[Iri]:
+    """The declared classes of an individual, or of all bodies."""
+    found = (
+        {body.cls for state in present.states(map) for body in state.world.bodies}
+        if thing is None
+        else set(kb.reasoner.types_of(thing))
+    )
+    yield from (cls for cls in sorted(found) if kb.reasoner.is_class(cls))

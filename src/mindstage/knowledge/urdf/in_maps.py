@@ -11,18 +11,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pyoxigraph as ox
 
 from mindstage.knowledge.dialects.conventions import Assumption
 from mindstage.knowledge.io.files import SourceFile
 from mindstage.knowledge.io.ros_packages import RosPackagePath
-from mindstage.knowledge.io.write import MapFormat, write_map
 from mindstage.knowledge.rdf import Finding, Graph, QuadSource, Severity, local_name
 from mindstage.knowledge.rdf_mapping.properties import literal_text
-from mindstage.knowledge.urdf.model import UrdfRobot
-from mindstage.knowledge.urdf.parse import read_urdf
-from mindstage.knowledge.urdf.to_world import UrdfWorld, urdf_to_world
 from mindstage.knowledge.vocabulary import (
     BASE_LINK_NAME,
     DESCRIBED_IN_MAP,
@@ -38,8 +35,16 @@ from mindstage.knowledge.vocabulary import (
 )
 from mindstage.scene import Iri, IriRef
 
-__all__ = ["ClassNameIndex", "UrdfSources", "linked_individuals"]
+if TYPE_CHECKING:  # few maps refer to robot descriptions, and parsing them needs NumPy
+    from mindstage.knowledge.urdf.model import UrdfRobot
+    from mindstage.knowledge.urdf.to_world import UrdfWorld
 
+__all__ = ["ClassNameIndex", "UrdfSources", "is_urdf", "linked_individuals"]
+
+_HEAD = 64 * 1024
+_PROLOG = rb"(?>\s+|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>\[]*(?:\[[^\]]*\]\s*)?>)*+"
+"""What may precede the root element; possessive quantifiers keep matching linear in the number of comments."""
+_ROBOT = re.compile(rb"\A(?:\xef\xbb\xbf)?" + _PROLOG + rb"<robot[\s/>]", re.DOTALL)
 
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 _IGNORED_WORDS = frozenset(
@@ -50,6 +55,15 @@ _IGNORED_WORDS = frozenset(
     )
 )
 """Words at the end of a link's name that do not describe its class."""
+
+
+def is_urdf(path: Path) -> bool:
+    """Whether the root element of a file is `<robot>`; the file may still be invalid."""
+    try:
+        with path.open("rb") as file:
+            return _ROBOT.match(file.read(_HEAD)) is not None
+    except OSError:
+        return False  # reading the file reports the cause
 
 
 class ClassNameIndex:
@@ -100,6 +114,8 @@ class UrdfSources:
         Raises:
             SourceParseError: it cannot be read or is not a robot description.
         """
+        from mindstage.knowledge.urdf.parse import read_urdf
+
         self.urdf_robots[path] = read_urdf(path, self.packages)
 
     def urdf_as_map(self, path: Path) -> SourceFile:
@@ -108,6 +124,10 @@ class UrdfSources:
         Raises:
             SourceParseError: it cannot be read or is not a robot description.
         """
+        from mindstage.knowledge.io.write import MapFormat, write_map
+        from mindstage.knowledge.urdf.parse import read_urdf
+        from mindstage.knowledge.urdf.to_world import urdf_to_world
+
         urdf_world = urdf_to_world(read_urdf(path, self.packages), class_of=self.class_names.class_of_link)
         self._report_issues(path, urdf_world)
         if urdf_world.class_of_link:
@@ -129,6 +149,9 @@ class UrdfSources:
         if not self.urdf_robots:
             self.findings.append(_missing_robot(file, links))
             return file
+        from mindstage.knowledge.io.write import MapFormat, write_map
+        from mindstage.knowledge.urdf.to_world import urdf_to_world
+
         found: set[Iri] = set()
         data = file.data
         for path, robot in self.urdf_robots.items():

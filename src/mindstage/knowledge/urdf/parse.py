@@ -39,7 +39,7 @@ from mindstage.knowledge.urdf.model import (
 from mindstage.scene import IDENTITY, Color, Pose, Vector
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_multiply, quat_multiply
 
-__all__ = ["MeshBounds", "expand_xacro", "is_urdf", "mesh_bounds", "parse_robot", "read_urdf"]
+__all__ = ["MeshBounds", "expand_xacro", "mesh_bounds", "parse_robot", "read_urdf"]
 
 
 _TIMEOUT_S = 60.0
@@ -58,10 +58,6 @@ LENGTH_LIMIT = 64 * 1024 * 1024
 """Maximum size of a file [bytes]; the largest robot descriptions have about two million."""
 DEPTH_LIMIT = 200
 """Maximum depth of elements; URDF needs six, simulator extensions a few more."""
-_HEAD = 64 * 1024
-_PROLOG = rb"(?>\s+|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>\[]*(?:\[[^\]]*\]\s*)?>)*+"
-"""What may precede the root element; possessive quantifiers keep matching linear in the number of comments."""
-_ROBOT = re.compile(rb"\A(?:\xef\xbb\xbf)?" + _PROLOG + rb"<robot[\s/>]", re.DOTALL)
 _XACRO_NAMESPACE = re.compile(r"https?://[\w.]*ros\.org/(?:\w+/)*xacro/?")
 """Namespaces that files bind to the prefix of xacro's elements; `xacro` itself looks at the prefix only."""
 _XACRO_EXPRESSION = re.compile(r"\$[{(]")
@@ -424,15 +420,6 @@ def _parse_vector(text: str) -> Vector | None:
 def _element_text(element: Element) -> str:
     """Serializes an element, without surrounding white space."""
     return ElementTree.tostring(element, encoding="unicode").strip()
-
-
-def is_urdf(path: Path) -> bool:
-    """Whether the root element of a file is `<robot>`; the file may still be invalid."""
-    try:
-        with path.open("rb") as file:
-            return _ROBOT.match(file.read(_HEAD)) is not None
-    except OSError:
-        return False  # reading the file reports the cause
 
 
 def read_urdf(path: Path, packages: RosPackagePath) -> UrdfRobot:
