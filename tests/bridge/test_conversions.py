@@ -161,11 +161,12 @@ def test_every_method_of_an_engine_has_a_service() -> None:
     }  # fmt: skip
     contract = {name for name, _ in inspect.getmembers(Engine) if not name.startswith("_")}
     # Statistics and notes are read after each tick; the diagnostics have the notes.
-    contract -= {"close", "stats", "notes", "fork"}  # a fork is in the same process
+    contract -= {"close", "stats", "notes", "fork", "scale_dynamics", "contacts"}  # for forks, in the same process
     assert set(services) == contract
     for name in services.values():
         assert name in mindstage_msgs.__all__
-    assert {ability.value for ability in Capability} - {"statistics", "fork"} == {"save", "joints"}
+    local = {"statistics", "fork", "contacts", "scale dynamics"}
+    assert {ability.value for ability in Capability} - local == {"save", "joints"}
 
 
 # -- errors ------------------------------------------------------------------------------------------------------------

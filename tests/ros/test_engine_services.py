@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64decode
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from mindstage.bridge.conversions import (
     world_to_json,
 )
 from mindstage.engines import NullEngine, PoseArray
+from mindstage.episodes.episode import Episode
 from mindstage.errors import BodyNotFoundError, PoseUnreachableError, ServiceCallError, SimulationDivergedError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import decode, engine_service, mindstage_msgs, service_types
@@ -262,3 +264,28 @@ def test_spawn_map_sends_feedback(engine: Call, local_node: LocalNode, simulatio
 
 
 EMPTY = {"kind": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "near": []}
+
+
+def test_a_client_records_an_episode(simulation: Simulation, local_node: LocalNode, tmp_path: Path) -> None:
+    with RosInterface(simulation, local_node, episodes=tmp_path):
+
+        def call(service: str, **args: Any) -> Any:
+            return local_node.call_service(f"/unreal/{service}", args, timeout_s=TIMEOUT_S)
+
+        started = call("mindstage/record", name="run")
+        assert started["success"]
+        call("set_model_pose", id="Mug", pose=pose_message(0.0, 0.0, 0.05))
+        with pytest.raises(ServiceCallError, match="stop that first"):
+            call("mindstage/record", name="other")
+        assert call("mindstage/record", stop=True)["path"] == started["path"] == str(tmp_path / "run.mcap")
+        with pytest.raises(ServiceCallError, match="nothing is being recorded"):
+            call("mindstage/record", stop=True)
+        with pytest.raises(ServiceCallError, match="not the name of a file"):
+            call("mindstage/record", name="../outside")
+    with Episode(tmp_path / "run.mcap") as episode:
+        assert [(each.kind, each.client) for each in episode.edits()] == [("set pose", "ROS: /unreal/set_model_pose")]
+
+
+def test_clients_cannot_record_without_a_folder(engine: Call) -> None:
+    with pytest.raises(ServiceCallError, match="--episodes"):
+        engine("record")

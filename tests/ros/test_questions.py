@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
 from mindstage.bridge import LocalNode
+from mindstage.episodes.episode import Episode
 from mindstage.errors import ServiceCallError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import answers_to_builtins, list_questions
 from mindstage.simulation import Simulation
+from tests.kitchenette import MAP
 from tests.ros.ros_messages import Ask, Call, pose_message
 
 
@@ -53,17 +56,36 @@ def test_questions_are_about_the_current_state(call: Call, ask: Ask) -> None:
     assert under_the_mug() == {"Floor"}
 
 
+def test_questions_and_queries_are_about_a_time_of_what_is_recorded(
+    call: Call, ask: Ask, simulation: Simulation, tmp_path: Path
+) -> None:
+    with simulation.record(tmp_path / "run.mcap", rate_hz=100.0):
+        simulation.step(0.1)
+        call("set_model_pose", id="Mug", pose=pose_message(0.0, -2.0, 0.05))
+        simulation.step(0.1)
+        for at, place in ((0.05, "Cupboard"), (0.2, "Floor")):
+            answers = ask("where_is", thing="Mug", relation="on", at=at)["answers"]
+            assert [row["other"].rpartition("#")[2] for row in answers] == [place]
+    with pytest.raises(ServiceCallError, match="there is no episode"):
+        ask("where_is", thing="Mug", at=0.05)
+    with Episode(tmp_path / "run.mcap") as episode:
+        simulation.knowledge.add_episode(episode)
+        query = f"SELECT ?on FROM <urn:mindstage:present> {{ <{MAP}Mug> knowrob:on-Physical ?on }}"
+        fields = {"language": "sparql", "query": query, "args": '{"at": 0.05}'}
+        rows = json.loads(call("/mindstage/query", **fields)["answers"])["rows"]
+        assert [row[0]["value"] for row in rows] == [MAP + "Cupboard"]
+        with pytest.raises(ServiceCallError, match="has no argument 'when'"):
+            call("/mindstage/query", **(fields | {"args": '{"when": 1}'}))
+
+
 @pytest.mark.parametrize(
     ("service", "args", "text"),
     [
         ("/mindstage/ask", {"question": "storage_plase"}, "storage_place"),
         ("/mindstage/ask", {"question": "storage_place", "args": "[]"}, "send an object in a string"),
         ("/mindstage/ask", {"question": "storage_place", "args": "{"}, "send an object in a string"),
-        (
-            "/mindstage/ask",
-            {"question": "storage_place", "args": '{"question": 1}'},
-            "the argument names question and self are reserved",
-        ),
+        ("/mindstage/ask", {"question": "storage_place", "args": '{"question": 1}'}, "it has no argument 'question'"),
+        ("/mindstage/ask", {"question": "storage_place", "args": '{"self": 1}'}, "it has no argument 'self'"),
         ("/mindstage/storage_place", {"args": '{"itm": "Milk"}'}, "it has no argument 'itm'"),
         ("/mindstage/storage_place", {"args": '{"item": "NothingAtAll"}'}, "NothingAtAll"),
         ("/mindstage/storage_place", {"question": "handle_of"}, "this service is for storage_place"),
@@ -73,6 +95,12 @@ def test_invalid_questions_are_errors(call: Call, service: str, args: dict[str, 
     with pytest.raises(ServiceCallError) as failure:
         call(service, **args)
     assert text in str(failure.value)
+
+
+def test_what_if_takes_a_question_as_an_argument(ask: Ask) -> None:
+    answers = ask("what_if", edit="place Mug on Fridge", question="where_is Mug", wait_s=0.2)["answers"]
+    under = [{each["name"]: each["value"] for each in row["answer"]} for row in answers]
+    assert "Fridge" in {each["other"].rpartition("#")[2] for each in under if each["relation"] == "on"}
 
 
 # -- queries of the shell ----------------------------------------------------------------------------------------------
@@ -96,7 +124,7 @@ def test_the_query_service_answers_sparql_within_its_limits(call: Call) -> None:
         ({"language": "sparql", "query": "SELECT {"}, "the query cannot be answered"),
         ({"language": "sparql", "query": "SELECT * { SERVICE <http://x.example/> { ?s ?p ?o } }"}, "SERVICE"),
         ({"language": "question", "query": "handle_of", "highlight": "plaid"}, "no color 'plaid'"),
-        ({"language": "question", "query": "handle_of", "args": '{"question": 1}'}, "are reserved"),
+        ({"language": "question", "query": "handle_of", "args": '{"self": 1}'}, "it has no argument 'self'"),
     ],
 )
 def test_invalid_queries_are_errors(call: Call, args: dict[str, str], text: str) -> None:

@@ -21,6 +21,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import RosVersion
 from mindstage.ros import RosInterface
 from mindstage.ros.interface import connected_clients
+from mindstage.scene import BodyId, Pose
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, eventually
 from tests.kitchenette import kitchenette
@@ -171,6 +172,42 @@ print(json.dumps({
 """
 )
 
+PLANS = (
+    HEAD
+    + """
+import time
+import actionlib
+from mindstage_msgs.msg import TryPlanAction, TryPlanGoal
+
+client = actionlib.SimpleActionClient(NAMESPACE + "/mindstage/try_plan", TryPlanAction)
+assert client.wait_for_server(rospy.Duration(20))
+
+def run(cancel, **goal):
+    done, heard = [], threading.Event()
+    def on_feedback(feedback):
+        done.append(feedback.done)
+        heard.set()
+    client.send_goal(TryPlanGoal(**goal), feedback_cb=on_feedback)
+    if cancel:
+        assert heard.wait(20.0)
+        start = time.monotonic()
+        client.cancel_goal()
+    ended = client.wait_for_result(rospy.Duration(20))
+    result = client.get_result()
+    return {"state": client.get_state(), "done": done, "outcome": result.outcome, "samples": result.samples,
+            "thing": result.thing, "refusal": [result.refusal.kind, result.refusal.reason], "ended": ended,
+            "cancel_s": time.monotonic() - start if cancel else None}
+
+opens, edge = sys.argv[2:4]
+print(json.dumps([
+    run(False, plan=opens),
+    run(False, plan=edge, samples=20, seed=4),
+    run(True, plan=edge, samples=100000),
+    run(False, plan=opens.replace("FridgeDoor", "Frdge")),
+]))
+"""
+)
+
 MALFORMED = (
     HEAD
     + """
@@ -284,6 +321,29 @@ def test_topics_and_actions_work_with_rospy(
     assert outcomes["canceled"] == [True, True, PREEMPTED, "", True]
     assert outcomes["done"] == [None, True, SUCCEEDED, "", True]
     assert client.refusals == ()
+
+
+def test_plans_are_tried_canceled_and_refused_for_rospy(
+    real_rosbridge: RealRosbridge, offered: RosInterface, simulation: Simulation
+) -> None:
+    opens = json.dumps({"steps": [{"do": "open", "thing": "FridgeDoor"}]})
+    moved = {"do": "move", "thing": "Mug", "to": {"position": [1.72, 0.2, 0.85]}}
+    uncertain = [{"thing": "Mug", "position_m": 0.03}]
+    edge = json.dumps({"steps": [moved, {"do": "wait", "duration_s": 0.5}], "uncertainty": uncertain})
+    mug = BodyId("Mug")  # other tests attach it elsewhere
+    simulation.run_on_engine(lambda engine: engine.detach(mug), edits=True)
+    simulation.run_on_engine(lambda engine: engine.set_pose(mug, Pose(position=(2.0, 0.0, 0.85))), edits=True)
+    before, revision = simulation.state.time_s, simulation.state.revision
+    succeeded, failed, canceled, refused = json.loads(real_rosbridge.run(PLANS, "/unreal", opens, edge))
+    assert (succeeded["state"], succeeded["outcome"], succeeded["samples"]) == (SUCCEEDED, "succeeded", 1)
+    assert (failed["state"], failed["outcome"], failed["thing"]) == (SUCCEEDED, "failed", "Mug")
+    assert failed["done"] in ([10], [10, 20])  # the last feedback may arrive after the result
+    assert (canceled["state"], canceled["ended"]) == (PREEMPTED, True)
+    assert canceled["samples"] < 100_000
+    assert refused["outcome"] == "unknown"
+    assert refused["refusal"] == ["PlanError", "the plan:1: steps[0].thing"]
+    assert (simulation.state.time_s, simulation.state.revision) == (before, revision)
+    print(f"a plan is canceled within {canceled['cancel_s']:.2f} s")
 
 
 def test_a_failed_call_returns(

@@ -12,7 +12,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import encode
 from mindstage.ros import RosInterface
 from mindstage.scene import Mobility, diff
-from mindstage.scene.diff import ChangeKind
+from mindstage.scene.world_diff import ChangeKind
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, eventually
 from tests.ros.ros_messages import TURNED, Ask, Call, diagnostic_texts, pose_message, position_of

@@ -9,8 +9,9 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from itertools import count
+from pathlib import Path
 from secrets import token_hex
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -28,7 +29,7 @@ from mindstage.bridge.conversions import (
     world_to_json,
 )
 from mindstage.engines import Capability, Engine, SavedState, SpawnReport
-from mindstage.errors import EngineError, MessageValidationError
+from mindstage.errors import EngineError, EpisodeError, MessageValidationError
 from mindstage.msgs import Action, Service, snake_case
 from mindstage.msgs import mindstage_msgs as wire
 from mindstage.ros.diagnostics import DiagnosticsPublisher
@@ -37,12 +38,16 @@ from mindstage.ros.state import StateReader
 from mindstage.scene import BodyId, BodyPhysics, Material, Vector, World
 from mindstage.simulation import Simulation, StateSnapshot
 
-__all__ = ["CheckpointServices", "EngineServices", "spawn_report"]
+if TYPE_CHECKING:
+    from mindstage.episodes.recorder import RecordingFolder
+
+__all__ = ["CheckpointServices", "EngineServices", "RecordingServices", "spawn_report"]
 
 
 _MAX_CHECKPOINTS = 64
 """Largest number of saved states; each contains a whole world."""
 _SPAWN_TIMEOUT_S = 300.0
+_RECORDING_RATE_HZ = 30.0
 _STEP_CHUNK_S = 0.1
 """Length of the steps into which a goal is divided, so that other calls run in between [s]."""
 _REMOTE_CAPABILITIES = frozenset({Capability.JOINTS, Capability.SAVE})
@@ -103,6 +108,45 @@ class CheckpointServices:
     def _require_save_support(self) -> None:
         if Capability.SAVE not in self._simulation.capabilities:
             raise EngineError(f"the engine {self._simulation.engine_name!r} cannot save its state")
+
+
+class RecordingServices:
+    """The service that starts and stops the recording of episodes."""
+
+    def __init__(self, simulation: Simulation, folder: Path | None) -> None:
+        """Creates the service.
+
+        Args:
+            simulation: the simulation.
+            folder: the folder for episodes; None if clients may not record.
+        """
+        self._simulation = simulation
+        self._folder = folder
+        self._recordings: RecordingFolder | None = None
+        self._lock = threading.Lock()
+
+    def services(self) -> Iterator[ServiceSpec]:
+        """Yields the service."""
+        yield _service_spec(wire.Record, self.record, timeout_s=_SPAWN_TIMEOUT_S)
+
+    def record(self, request: wire.Record.Request) -> wire.Record.Response:
+        """Starts or stops a recording.
+
+        Raises:
+            EpisodeError: there is no folder for episodes, or see `RecordingFolder`.
+        """
+        if self._folder is None:
+            raise EpisodeError("this simulation has no folder for episodes; start `mindstage serve` with --episodes")
+        with self._lock:
+            if self._recordings is None:
+                from mindstage.episodes.recorder import RecordingFolder
+
+                self._recordings = RecordingFolder(self._simulation, self._folder)
+        if request.stop:
+            path = self._recordings.stop()
+        else:
+            path = self._recordings.start(request.name, rate_hz=request.rate_hz or _RECORDING_RATE_HZ)
+        return wire.Record.Response(success=True, path=str(path))
 
 
 class EngineServices:

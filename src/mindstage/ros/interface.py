@@ -29,8 +29,9 @@ from mindstage.msgs import (
 )
 from mindstage.ros.actionlib import ActionlibServer
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
-from mindstage.ros.engine_services import EngineServices
+from mindstage.ros.engine_services import EngineServices, RecordingServices
 from mindstage.ros.named_poses import NamedPoseServices
+from mindstage.ros.plan_actions import PlanActions
 from mindstage.ros.publishers import HighlightSubscriber, PublishRates, StatePublisher
 from mindstage.ros.queries import QueryServices, parse_arguments
 from mindstage.ros.robot_description import DescriptionPublisher
@@ -145,6 +146,7 @@ class RosInterface:
         step_s: float = 0.002,
         goal_timeout_s: float = 3600.0,
         folder: Path | None = None,
+        episodes: Path | None = None,
         on_quit: Callable[[], object] | None = None,
     ) -> None:
         """Creates all services, topics and actions.
@@ -158,6 +160,7 @@ class RosInterface:
             step_s: length of one step of simulation_interfaces [s].
             goal_timeout_s: largest duration of the goal of an action [s].
             folder: folder with maps and robots that every client may load and spawn; None for no files.
+            episodes: folder in which every client may record episodes; None for no recordings.
             on_quit: called when a client ends the simulation; None if clients may not.
 
         Raises:
@@ -191,6 +194,7 @@ class RosInterface:
         self._engine_services = EngineServices(state_reader, diagnostics)
         self._control_services = SimulationControlServices(simulation, step_s=step_s, on_quit=on_quit)
         self._unreal_vis = UnrealVisServices(state_reader, diagnostics)
+        self._recordings = RecordingServices(simulation, episodes)
         self._service_groups = self._make_service_groups(ResourceLoader(simulation.knowledge, folder), step_s=step_s)
         self._action_servers: list[ActionlibServer] = []
         self._subscriptions: list[Subscription] = []
@@ -254,6 +258,7 @@ class RosInterface:
             SpawnServices(state_reader, resources, diagnostics, step_s=step_s),
             self._control_services,
             self._engine_services,
+            self._recordings,
             QuestionServices(simulation),
             QueryServices(simulation),
             *rosapi,
@@ -270,7 +275,8 @@ class RosInterface:
         for service in services:
             if service.full_name(self.namespace) not in elsewhere and self._has_type(service):
                 self._create_service(service)
-        for action in (*self._engine_services.actions(), *self._control_services.actions()):
+        plans = PlanActions(self.simulation)
+        for action in (*self._engine_services.actions(), *self._control_services.actions(), *plans.actions()):
             self._create_action(action)
         highlights = HighlightSubscriber(self.simulation, self._diagnostics)
         self._subscribe("highlight", mindstage_msgs.LitBodies, highlights.on_highlight)

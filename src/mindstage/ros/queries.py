@@ -21,8 +21,9 @@ import msgspec
 
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.errors import MessageValidationError
+from mindstage.knowledge.history import time_arguments
 from mindstage.knowledge.queries import answers_to_builtins
-from mindstage.knowledge.rdf import local_name
+from mindstage.knowledge.rdf import findings_to_builtins, local_name
 from mindstage.msgs import RosVersion, diagnostic_msgs, mindstage_msgs, type_name
 from mindstage.prolog import solve_query
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
@@ -69,12 +70,13 @@ class QueryServices:
             case "question":
                 result = self._ask(request)
             case "sparql":
-                table = self._simulation.sparql(request.query, timeout_s=timeout_s)
-                result = {"columns": table.columns, "rows": table.rows, "truth": table.boolean}
+                when = _time_of(request)
+                table = self._simulation.sparql(request.query, timeout_s=timeout_s, **when)
+                result = {"columns": table.columns, "rows": table.rows, "truth": table.boolean} | self._findings()
             case "prolog":
                 limit = min(request.limit or _DEFAULT_SOLUTIONS, _MAX_SOLUTIONS)
                 found = solve_query(self._simulation, request.query, limit=limit, timeout_s=timeout_s)
-                result = {"goal": request.query, "solutions": found, "complete": found.complete}
+                result = {"goal": request.query, "solutions": found, "complete": found.complete} | self._findings()
             case other:
                 cause, remedy = f"{other!r} is no language of queries", f"the languages are {', '.join(_LANGUAGES)}"
                 raise MessageValidationError("mindstage_msgs/QueryRequest", path="language", cause=cause, remedy=remedy)
@@ -83,15 +85,36 @@ class QueryServices:
     def _ask(self, request: mindstage_msgs.Query.Request) -> dict[str, Any]:
         color = parse_color(request.highlight) if request.highlight else None
         answers = self._simulation.ask(request.query, **parse_arguments(request.args))
-        result = answers_to_builtins(self._simulation.knowledge, answers, explain=request.explain)
-        if not request.highlight:
-            return result
-        highlighted = self._simulation.highlight(answers, color)
-        return result | {
-            "colour": NO_COLOR if color is None else color_name(color),
-            "lit": [] if color is None else list(highlighted.highlighted),
-            "not_lit": msgspec.to_builtins(highlighted.unhighlighted),
-        }
+        knowledge = self._simulation.knowledge
+        result = answers_to_builtins(knowledge, answers, explain=request.explain)
+        if request.highlight:
+            highlighted = self._simulation.highlight(answers, color)
+            result |= {
+                "colour": NO_COLOR if color is None else color_name(color),
+                "lit": [] if color is None else list(highlighted.highlighted),
+                "not_lit": msgspec.to_builtins(highlighted.unhighlighted),
+            }
+        assumptions = [msgspec.to_builtins(each) for each in knowledge.assumptions()]
+        return result | {"assumptions": assumptions} | self._findings()
+
+    def _findings(self) -> dict[str, object]:
+        """The problems that were found in the maps, as in the output of the shell."""
+        return {"findings": findings_to_builtins(self._simulation.knowledge.findings())}
+
+
+def _time_of(request: mindstage_msgs.Query.Request) -> dict[str, Any]:
+    """The time and the episode that a SPARQL query is about.
+
+    Raises:
+        MessageValidationError: there are other arguments.
+        InvalidArgumentError: the time is no number.
+    """
+    time, others = time_arguments(parse_arguments(request.args))
+    if others or time.is_span:
+        cause = f"a query in SPARQL has no argument {next(iter(others), 'during')!r}"
+        remedy = 'there is {"at": SECONDS, "episode": "NAME"}'
+        raise MessageValidationError("mindstage_msgs/QueryRequest", path="args", cause=cause, remedy=remedy)
+    return {"at": time.at_s, "episode": time.episode}
 
 
 def parse_arguments(text: str) -> dict[str, object]:
@@ -107,10 +130,6 @@ def parse_arguments(text: str) -> dict[str, object]:
         raise MessageValidationError(
             "mindstage_msgs/AskRequest", path="args", cause=str(error), remedy=remedy
         ) from error
-    if "question" in args or "self" in args:
-        raise MessageValidationError(
-            "mindstage_msgs/AskRequest", path="args", cause="the argument names question and self are reserved"
-        )
     return args
 
 

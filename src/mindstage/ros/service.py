@@ -45,6 +45,7 @@ from mindstage.msgs import (
     visualization_msgs,
 )
 from mindstage.ros.diagnostics import DiagnosticsPublisher
+from mindstage.simulation.observation import as_client
 
 __all__ = [
     "FEEDBACK_INTERVAL_S",
@@ -108,7 +109,8 @@ def service_handler(
         request = None
         try:
             request = decode_arguments(service.Request, args)
-            response = handler(request)
+            with as_client(f"ROS: {name}"):
+                response = handler(request)
         except (MindstageError, ResultError) as error:
             response = failure_to_response(error, request)
         return encode(response, ros=ros)
@@ -142,7 +144,8 @@ def batch_handler(
             except MindstageError as error:
                 requests.append(error)
         valid = [request for request in requests if not isinstance(request, Exception)]
-        results = iter(handler(valid) if valid else ())
+        with as_client(f"ROS: {name}"):
+            results = iter(handler(valid) if valid else ())
         answers = [request if isinstance(request, Exception) else next(results) for request in requests]
         return [encode_result(*each) for each in zip(answers, requests, strict=True)]
 
@@ -258,6 +261,11 @@ def _is_published(node: RosbridgeClient, topic: str, *, ros: RosVersion) -> bool
 
 class GoalCanceledError(Exception):
     """The goal was canceled."""
+
+    def __init__(self, result: Message | None = None) -> None:
+        super().__init__("the goal was canceled")
+        self.result = result
+        """What is known by then; None for the default of the type."""
 
 
 class GoalContext:
@@ -393,9 +401,11 @@ def action_handler(
             send_feedback=lambda feedback: goal.feedback(encode(feedback, ros=ros)),
         )
         try:
-            result = spec.handler(request, context)
-        except GoalCanceledError:
-            return goal.canceled(encode(_canceled_result(spec.type.Result), ros=ros))
+            with as_client(f"ROS: {name}"):
+                result = spec.handler(request, context)
+        except GoalCanceledError as canceled:
+            result = canceled.result if canceled.result is not None else _canceled_result(spec.type.Result)
+            return goal.canceled(encode(result, ros=ros))
         except ResultError as error:
             diagnostics.report_failures(name, [("", str(error))])
             return goal.aborted(encode(spec.type.Result(result=error.result), ros=ros))

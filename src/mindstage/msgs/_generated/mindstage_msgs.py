@@ -13,7 +13,7 @@ list them in `takes` of `Describe`; they are empty otherwise.
 from __future__ import annotations
 
 from mindstage.msgs import base
-from mindstage.msgs._generated import geometry_msgs, std_msgs
+from mindstage.msgs._generated import builtin_interfaces, geometry_msgs, std_msgs
 
 __all__ = [
     "Ask",
@@ -22,6 +22,12 @@ __all__ = [
     "Delete",
     "Describe",
     "Detach",
+    "EpisodeChunk",
+    "EpisodeContact",
+    "EpisodeContacts",
+    "EpisodeEdit",
+    "EpisodeEvent",
+    "EpisodeWorld",
     "Failure",
     "Force",
     "ForgetState",
@@ -37,6 +43,7 @@ __all__ = [
     "Photograph",
     "Push",
     "Query",
+    "Record",
     "Refusal",
     "RestoreState",
     "SaveScene",
@@ -50,7 +57,93 @@ __all__ = [
     "SpawnReport",
     "SpawnWorld",
     "Step",
+    "TryPlan",
 ]
+
+
+class EpisodeChunk(base.Message, frozen=True):
+    """Begins each chunk of a recorded episode, and says what the state at its begin is relative to."""
+
+    episode: base.String = ""
+    """Random identifier of the episode."""
+    number: base.Uint64 = 0
+    """Number of this chunk, from 0."""
+    base_chunk: base.Uint64 = 0
+    """Number of the last chunk that begins with the state of all bodies."""
+    structure: base.Uint64 = 0
+    """Number of the last `EpisodeWorld` before the first frame of this chunk."""
+    repeated: base.Uint32 = 0
+    """Number of messages that follow, and repeat what has changed since the begin of the base chunk."""
+
+
+class EpisodeContact(base.Message, frozen=True):
+    """All contact points of two bodies, or of a body and the ground, merged to one."""
+
+    a: base.String = ""
+    b: base.String = ""
+    """Empty for the ground."""
+    position: geometry_msgs.Point = geometry_msgs.Point()
+    """Mean of the contact points, weighted by force [m]."""
+    normal: geometry_msgs.Vector3 = geometry_msgs.Vector3()
+    """Unit vector from a to b."""
+    force_n: base.Float64 = 0.0
+    """Sum of the normal forces [N]."""
+    depth_m: base.Float64 = 0.0
+    """Deepest penetration [m]; negative for a gap."""
+
+
+class EpisodeContacts(base.Message, frozen=True):
+    """All contacts of the bodies that are awake; they last until the next message."""
+
+    stamp: builtin_interfaces.Time = builtin_interfaces.Time()
+    contacts: tuple[EpisodeContact, ...] = ()
+
+
+class EpisodeEdit(base.Message, frozen=True):
+    """Change of a world that physics did not cause, or a request to the simulation."""
+
+    stamp: builtin_interfaces.Time = builtin_interfaces.Time()
+    kind: base.String = ""
+    """Such as "spawn", "set pose", "question"."""
+    client: base.String = ""
+    """Who did it."""
+    ids: tuple[base.String, ...] = ()
+    """The bodies that it is about."""
+    json: base.String = ""
+    """Arguments and results."""
+
+
+class EpisodeEvent(base.Message, frozen=True):
+    """Event of an episode; a later message with the same id replaces it."""
+
+    stamp: builtin_interfaces.Time = builtin_interfaces.Time()
+    id: base.String = ""
+    kind: base.String = ""
+    begin_s: base.Float64 = 0.0
+    """Time since the begin of the episode [s]."""
+    end_s: base.Float64 = 0.0
+    """NaN while it lasts."""
+    thing: base.String = ""
+    other: base.String = ""
+    """Empty for the ground, or without a second participant."""
+    agent: base.String = ""
+    """Empty if unknown."""
+    joint: base.String = ""
+    """Empty without one."""
+    amount: base.Float64 = 0.0
+    """NaN without one."""
+    evidence: tuple[base.String, ...] = ()
+
+
+class EpisodeWorld(base.Message, frozen=True):
+    """World of an episode apart from poses, or what has changed in it."""
+
+    stamp: builtin_interfaces.Time = builtin_interfaces.Time()
+    number: base.Uint64 = 0
+    """From 0."""
+    complete: base.Bool = False
+    """Whether `json` is the whole world, not a change of the one before."""
+    json: base.String = ""
 
 
 class Failure(base.Message, frozen=True):
@@ -378,7 +471,25 @@ class Query(base.Service):
         success: base.Bool = False
         refusal: Refusal = Refusal()
         answers: base.String = ""
-        """The JSON that `mindstage ask`, `sparql` and `prolog` print with --json, without findings."""
+        """The JSON that `mindstage ask`, `sparql` and `prolog` print with --json."""
+
+
+class Record(base.Service):
+    """Starts or stops to record the world in a file, in the folder for episodes of the simulation."""
+
+    class Request(base.Message, frozen=True):
+        stop: base.Bool = False
+        """Stops the recording that is running."""
+        name: base.String = ""
+        """Name of the file, without a folder; empty for the time of the begin."""
+        rate_hz: base.Float64 = 0.0
+        """Frames per simulated second; 0 for 30."""
+
+    class Response(base.Message, frozen=True):
+        success: base.Bool = False
+        refusal: Refusal = Refusal()
+        path: base.String = ""
+        """Path of the file on the machine of the simulation."""
 
 
 class RestoreState(base.Service):
@@ -537,3 +648,64 @@ class SpawnMap(base.Action):
         phase: base.String = ""
         done: base.Uint32 = 0
         total: base.Uint32 = 0
+
+
+class TryPlan(base.Action):
+    """Tries a plan in copies of the world, which itself stays as it is, and judges it."""
+
+    class Goal(base.Message, frozen=True):
+        plan: base.String = ""
+        """JSON or YAML text."""
+        check: base.String = ""
+        """JSON of a question that is asked at the end, instead of the plan's; may be empty."""
+        uncertainty: base.String = ""
+        """JSON list of standard deviations, added to the plan's; may be empty."""
+        samples: base.Uint32 = 0
+        """0 for 100."""
+        seed: base.Uint64 = 0
+        budget_s: base.Float64 = 0.0
+        """Wall time; 0 for 60."""
+        threshold: base.Float64 = 0.0
+        """The probability that the plan must have; 0 for 0.9."""
+        workers: base.Uint32 = 0
+        """Number of processes; 0 for 1."""
+
+    class Result(base.Message, frozen=True):
+        success: base.Bool = False
+        """Whether there is a verdict, also one that the plan fails."""
+        refusal: Refusal = Refusal()
+        """Why the plan was not tried; `reason` is the place in it."""
+        outcome: base.String = ""
+        """Succeeded, failed or unknown."""
+        probability: base.Float64 = 0.0
+        """-1 if no sample has a known outcome."""
+        lower: base.Float64 = 0.0
+        """95 % interval of the probability."""
+        upper: base.Float64 = 0.0
+        samples: base.Uint32 = 0
+        succeeded: base.Uint32 = 0
+        failed: base.Uint32 = 0
+        unknown: base.Uint32 = 0
+        stopped: base.String = ""
+        """Why there are no more samples."""
+        why: base.String = ""
+        failing_sample: base.Int32 = 0
+        """The first one that failed, or -1."""
+        cause: base.String = ""
+        """The kind of event that broke it: fell, tipped, collided, jammed, left, late, refused, check."""
+        thing: base.String = ""
+        """What that happened to."""
+        other: base.String = ""
+        """What it fell from, collided with or is blocked by."""
+        verdict: base.String = ""
+        """Everything, as JSON."""
+
+    class Feedback(base.Message, frozen=True):
+        done: base.Uint32 = 0
+        samples: base.Uint32 = 0
+        succeeded: base.Uint32 = 0
+        failed: base.Uint32 = 0
+        probability: base.Float64 = 0.0
+        """-1 if no sample has a known outcome."""
+        lower: base.Float64 = 0.0
+        upper: base.Float64 = 0.0
