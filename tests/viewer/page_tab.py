@@ -98,6 +98,9 @@ class PageTab(PagePointer):
         """Whether a text is visible on the page."""
         return text in self.page.locator("body").inner_text()
 
+    def _tree_filter(self) -> str:
+        return str(self.page.evaluate("mindstage.outliner.state.filter"))
+
     def tree_rows(self) -> list[str]:
         """The ids in the scene tree, from top to bottom."""
         return list(self.page.evaluate("mindstage.outliner.state.rows"))
@@ -109,7 +112,7 @@ class PageTab(PagePointer):
     def select_in_tree(self, id: str) -> None:
         """Selects a body in the scene tree."""
         self.page.locator("[data-role=find-body]").fill(id)
-        wait_until(lambda: id in self.tree_rows(), f"the tree shows {id}")
+        wait_until(lambda: self._tree_filter() == id.lower() and id in self.tree_rows(), f"the tree shows {id}")
         self.page.locator(f".tree-row[data-id='{id}'] .tree-name").click()
         wait_until(lambda: self.details() is not None and self.details()["id"] == id, f"{id} is described")
 

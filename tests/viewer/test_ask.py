@@ -122,8 +122,14 @@ def test_an_unknown_name_is_an_error_with_suggestions(page: FakePage) -> None:
         page.ask("ask", question="storage_plase")
     with pytest.raises(RequestFailedError, match=r"ArgumentRefused: .*has no argument 'thing'"):
         page.ask("ask", question="storage_place", args={"thing": "x"})
-    with pytest.raises(RequestFailedError, match="no question has such an argument"):
+    with pytest.raises(RequestFailedError, match=r"ArgumentRefused: .*has no argument 'self'"):
         page.ask("ask", question="storage_place", args={"self": "x"})
+
+
+def test_what_if_takes_a_question_as_an_argument(page: FakePage) -> None:
+    args = {"edit": "open the fridge", "question": "where_is milk_carton_1", "wait_s": "0.2"}
+    table = page.ask("ask", question="what_if", args=args)
+    assert set(texts(table, "asked")) == {"where_is"}
 
 
 def test_an_explanation_has_several_lines(page: FakePage) -> None:

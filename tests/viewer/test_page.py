@@ -208,6 +208,17 @@ def test_deleting_by_key_is_seen_by_other_clients_and_undone_by_key(
     wait_until(lambda: "Mug" in simulation.state.ids, "the other page has undone it")
 
 
+def test_a_click_counts_although_the_tree_is_drawn_again_before_the_button_is_released(
+    viewer: Viewer, open_page: OpenPage
+) -> None:
+    tab = open_page(viewer, view=False)
+    tab.page.locator(".tree-row[data-id='Fridge'] .tree-name").hover()
+    tab.page.mouse.down()
+    tab.page.evaluate("document.querySelector('[data-role=tree]').dispatchEvent(new Event('scroll'))")
+    tab.page.mouse.up()
+    wait_until(lambda: tab.selected == "Fridge", "the fridge is selected")
+
+
 def test_a_slider_opens_the_drawer_and_follows_it(physics_simulation: Simulation, open_page: OpenPage) -> None:
     physics_simulation.play()
     with Viewer(physics_simulation, port=0) as viewer:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from mindstage import Simulation
@@ -65,6 +66,13 @@ class ViewTab(PagePointer):
         self.page.wait_for_timeout(250)
         return self.camera_position == before
 
+    def move_camera(self, camera: CameraPose) -> None:
+        """Moves the camera, and waits until it has moved."""
+        self.viewer.views.set_camera(camera, client=self.number)
+        wait_until(
+            lambda: self.camera_position.position == pytest.approx(camera.position, abs=1e-3), "the camera has moved"
+        )
+
     def to_window(self, point: Vector) -> tuple[float, float]:
         """Projects a point of the world [m] to the window [px]."""
         return to_picture(self.camera_position, point, {"x": 0.0, "y": 0.0, **SIZE})
@@ -73,14 +81,19 @@ class ViewTab(PagePointer):
         picture = self.page.screenshot(timeout=60_000)
         return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"))
 
-    def drag_until(self, start: Vector, end: Vector, condition: Callable[[], object], label: str) -> None:
-        """Drags from one point to another; repeated if a slow browser has moved the camera instead."""
+    def drag_until(self, start: Callable[[], Vector], end: Vector, condition: Callable[[], object], label: str) -> None:
+        """Drags from one point, which may have moved since the last try, to another; repeated if it had no effect.
+
+        A slow browser may have moved the camera instead, which is then moved back.
+        """
+        camera = self.camera_position
 
         def done() -> bool:
-            self.press_and_move(start, end)
+            self.press_and_move(start(), end)
             if becomes_true(lambda: self.viewer._drag_controller.drag_forces) and becomes_true(condition):
                 return True
             self.release()
+            self.move_camera(camera)
             return False
 
         wait_until(done, label)

@@ -402,7 +402,7 @@ class AskHandler:
         title = _title(" ".join([question, *(f"{name}={value}" for name, value in args.items())]))
 
         def answer() -> _KeptAnswers:
-            answers = self._simulation.ask(question, **_checked_args(args))
+            answers = self._simulation.ask(question, **args)
             with self._simulation.knowledge.lock:
                 table = answer_table(self._simulation.knowledge, answers, self._body_by_iri(), title=title)
             return _KeptAnswers(table, answers)
@@ -530,14 +530,3 @@ def _checked_row(row: int, table: AnswerTable) -> int:
         cause, remedy = f"row {row} does not exist", f"there are {len(table.rows)}, counted from 0"
         raise InvalidArgumentError("a row", cause=cause, remedy=remedy)
     return row
-
-
-def _checked_args(args: Mapping[str, str]) -> Mapping[str, str]:
-    """The arguments, checked for names that collide with parameters of `Simulation.ask`.
-
-    Raises:
-        InvalidArgumentError: there is one.
-    """
-    for name in args.keys() & {"question", "self"}:
-        raise InvalidArgumentError(name, cause="no question has such an argument", remedy="leave it out")
-    return args

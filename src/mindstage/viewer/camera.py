@@ -562,6 +562,14 @@ class ClientView:
         eye, look_at = _vector(camera.position), _vector(camera.look_at)
         self._move_camera(focus_camera(points, eye, look_at, self._aspect))
 
+    def focus_points(self, points: tuple[Vector, ...]) -> None:
+        """Animates the camera to points."""
+        poses = np.concatenate([np.array(points), np.tile([1.0, 0.0, 0.0, 0.0], (len(points), 1))], axis=1)
+        margins = np.full((len(points), 3), _MIN_FOCUS_SIZE_M)
+        camera = self._client.camera
+        eye, look_at = _vector(camera.position), _vector(camera.look_at)
+        self._move_camera(focus_camera(corners(poses, margins), eye, look_at, self._aspect))
+
     def set_camera(self, camera_pose: CameraPose) -> None:
         """Sets the camera without animation."""
         self._camera_move = None
@@ -699,6 +707,11 @@ class ClientViews:
         bodies = tuple(ids)
         self._require_bodies(bodies)
         self._request(None, lambda view: view.focus(bodies), client)
+
+    def focus_points(self, points: Iterable[Vector], *, client: int | None = None) -> None:
+        """Animates the camera to points [m]; without any, it stays."""
+        if shown := tuple(points):
+            self._request(None, lambda view: view.focus_points(shown), client)
 
     def go_home(self, *, client: int | None = None) -> None:
         """Animates the camera to the home view."""

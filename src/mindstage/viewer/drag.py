@@ -15,6 +15,7 @@ import numpy as np
 from mindstage.scene import AxisMotion, BodyId, Joint, Pose, Vector, World
 from mindstage.scene.transforms import Array, normalize, quat_conjugate, quat_rotate
 from mindstage.simulation import Simulation, StateSnapshot
+from mindstage.simulation.observation import as_client
 
 __all__ = ["DragConstraint", "DragController", "DragForce", "DragMode", "drag_target"]
 
@@ -93,8 +94,9 @@ class DragController:
         if pose is None or id not in self._constraints:
             return False
         point = _vector(quat_rotate(quat_conjugate(pose[3:]), np.asarray(world_point) - pose[:3]))
+        with as_client("viewer"):
+            self._simulation.pull(id, point=point, target=world_point)
         self._drag_forces[session] = DragForce(id, point, world_point)
-        self._simulation.pull(id, point=point, target=world_point)
         return True
 
     def move(self, session: Hashable, pointer: Vector, eye: Vector) -> None:
@@ -122,7 +124,8 @@ class DragController:
         """Ends the drag of a client, if there is one."""
         force = self._drag_forces.pop(session, None)
         if force is not None and all(other.id != force.id for other in self._drag_forces.values()):
-            self._simulation.release(force.id)
+            with as_client("viewer"):
+                self._simulation.release(force.id)
 
     def release_all(self) -> None:
         """Ends all drags."""

@@ -86,14 +86,15 @@ class _BodyNode(Protocol):
 class BodyNodes:
     """The nodes of all bodies."""
 
-    def __init__(self, scene: viser.SceneApi, *, on_node: NodeCallback) -> None:
+    def __init__(self, scene: viser.SceneApi, *, on_node: NodeCallback, parent: str = "") -> None:
         """Creates no nodes yet.
 
         Args:
             scene: the scene of the server.
             on_node: called with each clickable node when it is created.
+            parent: the name of the node whose frame poses are relative to, such as "/beside"; by default the world.
         """
-        self._scene, self._on_node = scene, on_node
+        self._scene, self._on_node, self._parent = scene, on_node, parent
         self._nodes: dict[BodyId, _BodyNode] = {}
         self._appearances: dict[BodyId, BodyAppearance] = {}
         self._is_draggable: dict[BodyId, bool] = {}
@@ -126,7 +127,8 @@ class BodyNodes:
             if counts[appearance.key] >= BATCH_SIZE:
                 batches.setdefault((appearance.key, is_draggable), []).append(id)
             else:
-                self._nodes[id] = _SingleNode(self._scene, id, appearance, self._on_node, draggable=is_draggable)
+                name = f"{self._parent}/bodies/{quote(id, safe='')}"  # a slash would make it a child of another one
+                self._nodes[id] = _SingleNode(self._scene, name, id, appearance, self._on_node, draggable=is_draggable)
         for (_, is_draggable), ids in batches.items():
             for start in range(0, len(ids), _MAX_BATCH_SIZE):
                 self._add_batch(ids[start : start + _MAX_BATCH_SIZE], is_draggable)
@@ -173,7 +175,7 @@ class BodyNodes:
 
     def _add_batch(self, ids: list[BodyId], draggable: bool) -> None:
         self._batch_count += 1
-        name, appearance = f"/batches/{self._batch_count}", self._appearances[ids[0]]
+        name, appearance = f"{self._parent}/batches/{self._batch_count}", self._appearances[ids[0]]
         batch = _BatchNode(self._scene, name, ids, appearance, self._on_node, draggable=draggable)
         self._nodes.update(dict.fromkeys(ids, batch))
 
@@ -189,10 +191,16 @@ class _SingleNode:
     """The node of a single body; its variants are child nodes."""
 
     def __init__(
-        self, scene: viser.SceneApi, id: BodyId, appearance: BodyAppearance, on_node: NodeCallback, *, draggable: bool
+        self,
+        scene: viser.SceneApi,
+        name: str,
+        id: BodyId,
+        appearance: BodyAppearance,
+        on_node: NodeCallback,
+        *,
+        draggable: bool,
     ) -> None:
-        # A slash would make the node a child of another one.
-        self._scene, self._name, self._appearance = scene, f"/bodies/{quote(id, safe='')}", appearance
+        self._scene, self._name, self._appearance = scene, name, appearance
         self._root = scene.add_frame(self._name, show_axes=False)
         self._sent_wxyz = b""
         self._clickable = _is_clickable(appearance, draggable)

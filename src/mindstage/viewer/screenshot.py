@@ -166,7 +166,11 @@ class HeadlessBrowser:
         """Ends the browser; calling it again is harmless."""
         if pipe := self.__dict__.get("_pipe"):
             pipe.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        for _ in range(20):  # processes of the browser that still end may write again
+            shutil.rmtree(self._folder, ignore_errors=True)
+            if not self._folder.exists():
+                return
+            time.sleep(0.05)
 
     def _start(self, executable: Path, arguments: tuple[str, ...], size: tuple[int, int]) -> None:
         width, height = size
@@ -227,6 +231,8 @@ class Screenshot:
     """Whether the camera looks straight down, as on a floor plan."""
     focus: tuple[BodyId, ...] = ()
     """Bodies that the camera frames."""
+    focus_points: tuple[Vector, ...] = ()
+    """Points that the camera frames [m]."""
     clip_height: float | None = None
     """Height of the clipping plane: nothing above it is drawn [m]."""
     selected: BodyId | None = None
@@ -335,6 +341,8 @@ class ScreenshotTaker:
             views.set_labels(screenshot.labels, client=view)
         if screenshot.focus:
             views.focus(screenshot.focus, client=view)
+        elif screenshot.focus_points:
+            views.focus_points(screenshot.focus_points, client=view)
         elif screenshot.from_above:
             views.go_top(client=view)
         elif screenshot.position is not None or screenshot.look_at is not None:

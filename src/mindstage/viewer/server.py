@@ -30,7 +30,9 @@ from collections import defaultdict, deque
 from collections.abc import Awaitable, Callable, Collection, Hashable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, redirect_stdout
+from contextvars import copy_context
 from dataclasses import replace
+from functools import partial
 from typing import Any, Protocol, TypeVar
 from urllib.parse import parse_qs, urlsplit
 
@@ -53,9 +55,11 @@ from mindstage.errors import (
     QuestionTimeoutError,
     ViewerUnavailableError,
 )
+from mindstage.simulation.observation import as_client
 from mindstage.viewer.http import CHANNEL, HttpResponse, RequestFilter, ViserPage, request_path, view_key
 
 __all__ = [
+    "CLIENT",
     "BoundedExecutor",
     "ClientSession",
     "ConnectionClosed",
@@ -74,6 +78,8 @@ __all__ = [
 ]
 
 
+CLIENT = "viewer"
+"""The client that edits and questions of pages are recorded of."""
 T = TypeVar("T")
 
 
@@ -109,7 +115,8 @@ class BoundedExecutor:
         if not self._semaphore.acquire(blocking=False):
             raise QueryLimitError(label, pending=self._max_workers)
         future: Future[T] = Future()
-        threading.Thread(target=self._execute, args=(function, future), name="mindstage-asking", daemon=True).start()
+        run = partial(copy_context().run, self._execute, function, future)
+        threading.Thread(target=run, name="mindstage-asking", daemon=True).start()
         try:
             return future.result(self._timeout_s)
         except TimeoutError:
@@ -527,7 +534,8 @@ class RpcChannel:
             refused = InvalidRequestError(repr(request.method), cause=str(error))
             return _error_message(request.id, "RequestRefused", str(refused))
         try:
-            return msgspec.json.encode({"id": request.id, "result": method.handler(session, arguments)})
+            with as_client(CLIENT):
+                return msgspec.json.encode({"id": request.id, "result": method.handler(session, arguments)})
         except MindstageError as error:
             return _error_message(request.id, error.code, str(error))
         except Exception as error:  # reported to the page and logged

@@ -11,24 +11,34 @@ import time
 from collections.abc import Callable, Collection, Iterable
 from functools import wraps
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
+import numpy as np
 import viser
 
 from mindstage.bridge.access import DEFAULT_VISITOR_LIMITS, TlsCertificate, VisitorLimits
-from mindstage.errors import MindstageError
+from mindstage.episodes.replay import EpisodeReplay
+from mindstage.errors import InvalidArgumentError, MindstageError
 from mindstage.knowledge.rdf import local_name
-from mindstage.scene import BodyId, BodyPhysics, Iri, Pose, World
+from mindstage.scene import BodyId, BodyPhysics, Iri, Pose, Vector, World
+from mindstage.scene.transforms import Array
 from mindstage.simulation import Simulation, SpawnNoteKind, StateSnapshot
+from mindstage.simulation.observation import as_client
 from mindstage.viewer.appearance import compute_appearance, find_outlines
 from mindstage.viewer.ask import PrologSolver
-from mindstage.viewer.camera import ClientViews, ground_height, initial_target
+from mindstage.viewer.camera import ClientViews, FramingTarget, ground_height, initial_target
 from mindstage.viewer.drag import DragController
+from mindstage.viewer.episodes import RecordingHandler, TimelineHandler
+from mindstage.viewer.ghosts import GhostNodes
 from mindstage.viewer.handlers import Handlers
+from mindstage.viewer.imagine import ImagineHandler
 from mindstage.viewer.scene import Clickable, MarkerNodes, Pick, ViewerScene
 from mindstage.viewer.screenshot import Screenshot, ScreenshotTaker
-from mindstage.viewer.server import RpcChannel, address, serve, shut_down
+from mindstage.viewer.server import CLIENT, RpcChannel, address, serve, shut_down
+
+if TYPE_CHECKING:
+    from mindstage.imagination import Verdict
 
 __all__ = ["Viewer"]
 
@@ -99,10 +109,17 @@ class Viewer:
         """The views of all clients: camera, selection, labels."""
         self._markers = MarkerNodes(self._server)
         self._handlers = Handlers(simulation, self.channel, self.views, self._server, prolog=prolog)
+        ghosts = GhostNodes(self._server)
+        self._imagine = ImagineHandler(simulation, self.channel, ghosts)
+        self._recording = RecordingHandler(simulation, self.channel)
+        self._timeline: TimelineHandler | None = None
+        if isinstance(simulation, EpisodeReplay):
+            self._timeline = TimelineHandler(simulation, self.channel, self._server, ghosts, on_beside=self._frame_both)
         self._snapshot: StateSnapshot | None = None
         self._last_world: World | None = None
         self._framed_world: Iri | None = None
         """The world for which the initial camera was computed."""
+        self._target: FramingTarget | None = None
         self._text_due = 0.0
         self._logged_errors: set[str] = set()
         self._closing = threading.Event()
@@ -126,6 +143,26 @@ class Viewer:
             BodyNotFoundError: there is no such body.
         """
         self.views.select(id)
+
+    def show_verdict(self, verdict: Verdict) -> tuple[Vector, ...]:
+        """Shows where bodies end in the samples of a verdict, and its first failing sample, as ghosts in all views.
+
+        Returns:
+            The positions of the ghosts [m], which `Screenshot.focus_points` frames.
+        """
+        return self._imagine.show(verdict)
+
+    def show_path(self, id: BodyId | None) -> None:
+        """Shows the path of a body over the whole recording, as a line and ghosts; None removes it.
+
+        Raises:
+            BodyNotFoundError: the recording never has that body.
+            InvalidArgumentError: the body does not move, or the simulation is no replay.
+        """
+        if self._timeline is None:
+            remedy = "view an EpisodeReplay"
+            raise InvalidArgumentError("the path", cause="the simulation is no recording", remedy=remedy)
+        self._timeline.show_trail(id)
 
     def screenshot(self, screenshot: Screenshot | None = None) -> bytes:
         """Takes a picture of the page or of the 3D view alone.
@@ -151,6 +188,8 @@ class Viewer:
         self._remove_listener()
         self._wakeup.set()
         self._thread.join()
+        self._imagine.close()
+        self._recording.close()
         self._drag_controller.release_all()
         shut_down(self._server)
         self.channel.close()
@@ -198,12 +237,18 @@ class Viewer:
         if before is None or snapshot.markers is not before.markers or snapshot.revision != before.revision:
             self._markers.show(snapshot.markers, self._scene.appearances)
         self._snapshot = snapshot
+        self._imagine.update(snapshot, self._scene.appearances)
+        if self._timeline is not None:
+            self._timeline.update(snapshot, self._scene.appearances)
         self._scene.hide(self.views.hidden)
         self._scene.show_enclosures(self.views.enclosures_shown)
         self.views.process_queue()
         if time.monotonic() >= self._text_due:
             self._text_due = time.monotonic() + _TEXT_INTERVAL_S
             self._handlers.publish(snapshot)
+            self._recording.publish()
+            if self._timeline is not None:
+                self._timeline.publish(snapshot)
 
     def _rebuild(self, snapshot: StateSnapshot) -> None:
         """Updates panels and scene after bodies were added, removed or edited."""
@@ -239,9 +284,19 @@ class Viewer:
             self._framed_world = None
         elif self._framed_world != world.iri:
             target = initial_target(world, appearances)
-            self._scene.set_initial_camera(target.camera())
-            self.views.set_target(target)
+            self._frame_target(target)
             self._framed_world = world.iri
+
+    def _frame_target(self, target: FramingTarget) -> None:
+        self._target = target
+        self._scene.set_initial_camera(target.camera())
+        self.views.set_target(target)
+
+    def _frame_both(self, offset: Array) -> None:
+        """Frames a second world too, which is so far from the first [m]."""
+        if (target := self._target) is not None:
+            points = np.concatenate([target.points, target.points + offset])
+            self._frame_target(msgspec.structs.replace(target, points=points))
 
     def _move(self, snapshot: StateSnapshot) -> None:
         if len(self._scene.move(snapshot.poses)):
@@ -268,7 +323,8 @@ class Viewer:
     def _place_body(self, client: int, id: BodyId, pose: Pose) -> None:
         """Moves a body to where a client left it with the gizmo."""
         try:
-            self._simulation.undo_stack.move(id, pose)
+            with as_client(CLIENT):
+                self._simulation.undo_stack.move(id, pose)
         except MindstageError as error:
             self._handlers.toast(client, str(error))
 
@@ -290,7 +346,8 @@ class Viewer:
         @wraps(callback)
         def run(event: Any) -> None:
             try:
-                callback(event)
+                with as_client(CLIENT):
+                    callback(event)
             except MindstageError as error:
                 text = str(error)
             except Exception as error:

@@ -11,7 +11,9 @@ import { outliner } from "./outliner.js";
 import { detailsPanel } from "./detailsPanel.js";
 import "./addObjectPanel.js";
 import "./askPanel.js";
+import "./imaginePanel.js";
 import "./statusPanel.js";
+import { timelinePanel } from "./timelinePanel.js";
 
 channel.on("connection", (connected) => {
   document.getElementById("disconnected").hidden = connected;
@@ -19,4 +21,4 @@ channel.on("connection", (connected) => {
 });
 
 // Exposed for tests and for the browser's console.
-window.mindstage = { channel, clientKey, panels, selection, outliner, detailsPanel };
+window.mindstage = { channel, clientKey, panels, selection, outliner, detailsPanel, timelinePanel };

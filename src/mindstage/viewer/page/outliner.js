@@ -89,10 +89,23 @@ class Outliner {
   #render() {
     const first = Math.max(0, Math.floor(this.#tree.scrollTop / ROW_PX) - OVERSCAN_ROWS);
     const last = Math.min(this.#rows.length, Math.ceil((this.#tree.scrollTop + this.#tree.clientHeight) / ROW_PX) + OVERSCAN_ROWS);
-    this.#rowsBox.replaceChildren(...this.#rows.slice(first, last).map((row, index) => this.#row(row, first + index)));
+    this.#showRows(this.#rows.slice(first, last).map((row, index) => this.#row(row, first + index)));
     const active = this.#cursor && document.getElementById(`row-${this.#cursor}`);
     if (active) this.#tree.setAttribute("aria-activedescendant", active.id);
     else this.#tree.removeAttribute("aria-activedescendant");
+  }
+
+  // Keeps the elements of rows that look the same: a click on an element that is replaced before the button is released
+  // would be lost.
+  #showRows(rows) {
+    const shown = new Map([...this.#rowsBox.children].map((row) => [row.id, row]));
+    const wanted = rows.map((row) => (shown.get(row.id)?.isEqualNode(row) ? shown.get(row.id) : row));
+    const kept = new Set(wanted);
+    for (const row of shown.values()) if (!kept.has(row)) row.remove();
+    wanted.forEach((row, index) => {
+      const present = this.#rowsBox.children[index] ?? null;
+      if (present !== row) this.#rowsBox.insertBefore(row, present);
+    });
   }
 
   #row({ node, level, matches }, index) {
@@ -100,10 +113,10 @@ class Outliner {
     const expanded = this.#filter ? true : this.#expanded.has(id);
     const hidden = this.#hidden.has(id);
     const toggle = children.length
-      ? el("button", { type: "button", class: "flat caret", tabindex: "-1", "aria-label": expanded ? "Collapse" : "Expand", onclick: (event) => this.#toggle(event, node) }, icon(expanded ? "chevronDown" : "chevronRight"))
+      ? el("button", { type: "button", class: "flat caret", tabindex: "-1", "aria-label": expanded ? "Collapse" : "Expand", onclick: (event) => this.#toggle(event, { id }) }, icon(expanded ? "chevronDown" : "chevronRight"))
       : el("span", { class: "caret" });
     const eye = el("button", { type: "button", class: "flat eye", tabindex: "-1", "aria-pressed": String(hidden), "aria-label": hidden ? "Show" : "Hide", title: hidden ? "Show this body and its children" : "Hide this body and its children", "data-action": "toggle-visibility",
-      onclick: (event) => this.#setVisible(event, node, hidden) }, icon(hidden ? "hidden" : "eye"));
+      onclick: (event) => this.#setVisible(event, this.#byId.get(id), hidden) }, icon(hidden ? "hidden" : "eye"));
     const row = el("div", { id: `row-${id}`, class: "tree-row", role: "treeitem", "data-id": id, "aria-level": level, "aria-selected": String(selection.id === id), "aria-expanded": children.length ? String(expanded) : undefined,
       onclick: () => this.#select(id) },
       toggle,
@@ -195,7 +208,7 @@ class Outliner {
 
   // For tests and the browser's console.
   get state() {
-    return { bodies: this.#nodes.length, rows: this.#rows.map(({ node }) => node.id), rendered: this.#rowsBox.children.length };
+    return { filter: this.#filter, bodies: this.#nodes.length, rows: this.#rows.map(({ node }) => node.id), rendered: this.#rowsBox.children.length };
   }
 }
 

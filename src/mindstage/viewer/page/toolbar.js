@@ -4,7 +4,7 @@ import { channel } from "./rpcChannel.js";
 import { el } from "./dom.js";
 import { icon } from "./icons.js";
 import { selection } from "./selection.js";
-import { callOrToast } from "./toasts.js";
+import { callOrToast, toast } from "./toasts.js";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5];
 const LABEL_MODES = [["none", "No labels"], ["selected", "Label selected body"], ["class", "Label bodies of its class"], ["all", "Label all bodies"]];
@@ -24,7 +24,8 @@ const step = iconButton("step", "Step 0.1 s", () => callOrToast("step", {}), { "
 const reset = iconButton("reset", "Reset to the spawned state", () => callOrToast("reset"), { "data-action": "reset" });
 const undo = iconButton("undo", "Undo", () => callOrToast("undo"), { "data-action": "undo", disabled: true });
 const redo = iconButton("redo", "Redo", () => callOrToast("redo"), { "data-action": "redo", disabled: true });
-document.getElementById("time-controls").append(play, step, speed, reset, undo, redo);
+const record = el("button", { type: "button", class: "flat record", "data-action": "record", "aria-pressed": "false", onclick: () => toggleRecording() }, icon("record"), el("span", { "data-role": "recorded-time" }));
+document.getElementById("time-controls").append(play, step, speed, reset, undo, redo, record);
 
 let playing = null;
 
@@ -49,6 +50,26 @@ function updateHistoryButton(button, verb, edit) {
   button.title = edit === null ? `Nothing to ${verb.toLowerCase()}` : `${verb}: ${edit}`;
   button.setAttribute("aria-label", edit === null ? verb : `${verb}: ${edit}`);
 }
+
+// -- recording -----------------------------------------------------------------------------------------------------
+
+async function toggleRecording() {
+  if (channel.latest("recording")?.path) {
+    const done = await callOrToast("recording.stop");
+    if (done) toast(`Recorded ${done.time_s.toFixed(1)} s (${(done.size_bytes / 1e6).toFixed(2)} MB) to ${done.path}. Replay it with: mindstage replay ${done.path}`);
+  } else {
+    const path = await callOrToast("recording.start");
+    if (path) toast(`Recording to ${path}`);
+  }
+}
+
+channel.on("recording", ({ path, time_s: time, failed }) => {
+  const title = path ? `${failed ? "The recording has failed; stop it to see why" : "Stop recording"}: ${path}` : "Record an episode";
+  record.title = title;
+  record.setAttribute("aria-label", title);
+  record.setAttribute("aria-pressed", String(Boolean(path)));
+  record.lastChild.textContent = path ? (failed ? "failed" : `${time} s`) : "";
+});
 
 // -- camera and display ------------------------------------------------------------------------------------------------------
 
