@@ -1,5 +1,7 @@
 """The declared questions, compared with SWI-Prolog's semweb and rdflib, for one map of the thesis and for 100 copies.
 
+Spatial questions over 10,000 bodies are compared with SciPy and MuJoCo.
+
 Each program in `askers` loads the same files in one process and times each question repeatedly. "Again" uses the cache
 of answers of `KnowledgeBase.ask`; the other rows compute the answers each time. A different number of answers is an
 error.
@@ -53,7 +55,25 @@ class Result(NamedTuple):
     memory_mb: float
 
 
+SPATIAL_AIMS = {
+    "path": 10.0,
+    "path, blocked": 20.0,
+    "reachable, all": 15.0,
+    "visibility of 200": 0.5,
+    "visible_from, all": 0.25,
+    "comp_toTheLeftOf, all pairs": 3.0,
+    "comp_inFrontOf, all pairs": 25.0,
+    "comp_inCenterOf, all pairs": 3.0,
+}
+"""Aims for the ratio of a question over 10,000 bodies to a peer, which for paths does a small part of the work.
+
+The last three are predicates about the bundled kitchen, whose peer has the poses as facts; each of the 32,514 answers
+of the second one is handed over from Python.
+"""
+
+
 def measure() -> Iterator[Measure]:
+    yield from _spatial()
     if not MAP.is_file():
         sys.stderr.write(f"skipped: no sample maps in {SHARED}; set MINDSTAGE_DATA to their folder\n")
         return
@@ -73,6 +93,15 @@ def measure() -> Iterator[Measure]:
                 )
         each = (many.timings["load"].count - one.timings["load"].count) // (COPIES - 1)
         yield from _loading([*_copies(Path(folder), TRIPLES // each + 1), *ontologies])
+
+
+def _spatial() -> Iterator[Measure]:
+    command = [sys.executable, str(ASKERS / "spatial.py")]
+    lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    for what, ours, peer, theirs in (line.split("\t") for line in lines):
+        aim = SPATIAL_AIMS[what]
+        where = "kitchen" if what.startswith("comp_") else "10,000 bodies"
+        yield Measure(what=f"{where}: {what}", ours=float(ours), peer=peer, theirs=float(theirs), at_most=aim)
 
 
 def _ask(files: Sequence[Path], where: str) -> Generator[Measure, None, Result]:

@@ -50,3 +50,5 @@ new_enough .venv/bin/python && .venv/bin/python -m pip --version >/dev/null 2>&1
 echo "installing $(grep -c == "requirements/$part.txt") pinned packages ($part)"
 .venv/bin/python -m pip install -qq --require-hashes --only-binary :all: --requirement "requirements/$part.txt"
 .venv/bin/python -m pip install -qq --no-deps --no-index --no-build-isolation --editable .
+# pip compiles what it installs, but not an editable project; each command would compile it again where Python must not.
+.venv/bin/python -m compileall -qq src/mindstage || true

@@ -43,15 +43,24 @@ def main() -> int:
 def page() -> str:
     """The complete document."""
     group: Any = typer.main.get_command(app)  # a click command or typer's own copy of it, depending on the version
-    return "\n".join([HEAD, *(line for verb in group.commands.values() if not verb.hidden for line in section(verb))])
+    return "\n".join([HEAD, *(line for name, verb in verbs(group) for line in section(name, verb))])
 
 
-def section(verb: Any) -> Iterator[str]:
+def verbs(group: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """The verbs with their names; those of a group have two words."""
+    for name, verb in group.commands.items():
+        if hasattr(verb, "commands"):
+            yield from verbs(verb, f"{prefix}{name} ")
+        elif not verb.hidden:
+            yield f"{prefix}{name}", verb
+
+
+def section(name: str, verb: Any) -> Iterator[str]:
     """One verb: usage, help text, and tables of its arguments and options."""
     arguments = [each for each in verb.params if each.param_type_name == "argument"]
     options = [each for each in verb.params if each.param_type_name == "option" and not each.hidden]
-    usage = " ".join(["mindstage", str(verb.name), *(metavar(each) for each in arguments), "[OPTIONS]"])
-    yield from (f"## mindstage {verb.name}", "", plain(verb.help), "", f"    {usage}", "")
+    usage = " ".join(["mindstage", name, *(metavar(each) for each in arguments), "[OPTIONS]"])
+    yield from (f"## mindstage {name}", "", plain(verb.help), "", f"    {usage}", "")
     if arguments:
         rows = [(f"`{metavar(each)}`", plain(getattr(each, "help", ""))) for each in arguments]
         yield from table("argument", rows)

@@ -12,7 +12,7 @@ import pytest
 
 import mindstage
 
-INTERNAL = {"Unbound", "ResourceErrorType"}
+INTERNAL = {"EpisodeTopic", "ResourceErrorType", "Unbound"}
 """Enumerations without words, which are not part of any interface."""
 
 

@@ -36,7 +36,7 @@ def test_help_loads_no_heavy_library(args: list[str]) -> None:
 @pytest.mark.parametrize(
     ("name", "absent"),
     [
-        ("World", HEAVY - {"numpy"}),
+        ("World", HEAVY),
         ("NullEngine", HEAVY - {"numpy"}),
         ("KnowledgeBase", HEAVY - {"numpy", "pyoxigraph"}),
         ("MujocoEngine", {"pyoxigraph", "viser", "trimesh", "scipy"}),  # mujoco itself imports websockets
@@ -45,3 +45,19 @@ def test_help_loads_no_heavy_library(args: list[str]) -> None:
 )
 def test_a_name_loads_only_the_libraries_of_its_package(name: str, absent: set[str]) -> None:
     assert not loaded_by(f"import mindstage; mindstage.{name}") & absent
+
+
+@pytest.mark.parametrize(
+    "args",
+    [["ask", "storage_place", "CowsMilk"], ["ask", "subclass_of", "Cup"], ["sparql", "ASK {}"]],
+    ids=" ".join,
+)
+def test_a_question_about_classes_loads_neither_arrays_nor_the_simulation(args: list[str]) -> None:
+    code = (
+        f"import sys; sys.argv = ['mindstage', *{args}]\n"
+        "from mindstage.cli import main\n"
+        "try: main()\n"
+        "except SystemExit as end: assert end.code == 0, end.code\n"
+        "assert not {'mindstage.simulation', 'mindstage.imagination'} & sys.modules.keys()"
+    )
+    assert not loaded_by(code) & (HEAVY - {"pyoxigraph"})

@@ -31,7 +31,7 @@ def round_trip(world: World, folder: Path, *ontologies: Path) -> World:
 
 
 @given(world=worlds(max_bodies=4))
-@settings(max_examples=1000, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@settings(max_examples=250, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 def test_the_round_trip_of_random_worlds_is_lossless(folder: Path, world: World) -> None:
     found = diff(world, round_trip(world, folder))
     assert found.identical(0.0), found

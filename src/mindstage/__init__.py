@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from mindstage.api import connect, diff, load, open, save, view  # noqa: A004
     from mindstage.engines import MujocoEngine, NullEngine
+    from mindstage.imagination import imagine
     from mindstage.knowledge import KnowledgeBase
     from mindstage.scene import World
     from mindstage.simulation import Simulation
@@ -35,6 +36,7 @@ __all__ = [
     "__version__",
     "connect",
     "diff",
+    "imagine",
     "load",
     "open",
     "save",
@@ -53,6 +55,7 @@ _MODULES = {
     "World": "mindstage.scene",
     "connect": "mindstage.api",
     "diff": "mindstage.api",
+    "imagine": "mindstage.imagination",
     "load": "mindstage.api",
     "open": "mindstage.api",
     "save": "mindstage.api",

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -87,11 +88,10 @@ def test_a_missing_folder_of_meshes_is_an_error(run: Run, write_map: WriteMap, t
     assert "there is no such folder; --assets takes folders of mesh files" in " ".join(result.stderr.split())
 
 
-def test_sigterm_closes_the_browser(write_map: WriteMap, tmp_path: Path, chromium: Path) -> None:
+def test_sigterm_closes_the_browser(tmp_path: Path, chromium: Path) -> None:
     folder = tmp_path / "temporary"
     folder.mkdir()
-    map_file = write_map("mugs.owl", mugs={"X": "0 0 0"})
-    command = ["shot", map_file, "-o", tmp_path / "x.png", "--engine", "null", "--browser", chromium]
+    command = ["shot", "bundled:kitchen", "-o", tmp_path / "x.png", "--engine", "null", "--browser", chromium]
     with subprocess.Popen(
         [sys.executable, "-m", "mindstage", *map(str, command)],
         env=os.environ | {"TMPDIR": str(folder)},
@@ -99,6 +99,7 @@ def test_sigterm_closes_the_browser(write_map: WriteMap, tmp_path: Path, chromiu
         stderr=subprocess.DEVNULL,
     ) as process:
         wait_until(lambda: list(folder.glob("mindstage-browser-*/*")), "the browser has started")
+        time.sleep(0.2)  # until the program has the handle of the process
         process.send_signal(signal.SIGTERM)
         assert process.wait(TIMEOUT_S) == 128 + signal.SIGTERM
     assert list(folder.glob("mindstage-browser-*")) == []

@@ -12,49 +12,47 @@ import sys
 import traceback
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from importlib import import_module
+from keyword import iskeyword
 from typing import Annotated, NoReturn
 
 import typer
 
 from mindstage import __version__
-from mindstage.cli.ask import ask, questions, sparql, tell
-from mindstage.cli.maps import analyze, compare, convert, validate
 from mindstage.cli.options import ExitCode, VerbCommand, command, discard_output
-from mindstage.cli.place import place
-from mindstage.cli.prolog import prolog
-from mindstage.cli.serve import serve
-from mindstage.cli.shot import shot
-from mindstage.cli.simulate import check, log, spawn
-from mindstage.cli.viewer import demo
 
 __all__ = ["app", "main"]
 
 app: typer.Typer
 """The application with all verbs."""
 
-_COMMANDS: dict[str, Callable[..., ExitCode]] = {
-    function.__name__: function
-    for function in (
-        demo,
-        spawn,
-        shot,
-        analyze,
-        validate,
-        compare,
-        check,
-        log,
-        serve,
-        convert,
-        place,
-        ask,
-        questions,
-        prolog,
-        sparql,
-        tell,
-    )
+_MODULES = {
+    "demo": "viewer",
+    "spawn": "simulate",
+    "shot": "shot",
+    "analyze": "maps",
+    "validate": "maps",
+    "compare": "maps",
+    "check": "simulate",
+    "log": "simulate",
+    "serve": "serve",
+    "record": "record",
+    "convert": "maps",
+    "place": "place",
+    "imagine": "imagine",
+    "replay": "replay",
+    "ask": "ask",
+    "questions": "ask",
+    "prolog": "prolog",
+    "sparql": "ask",
+    "tell": "ask",
 }
-_ALIASES: dict[str, Callable[..., ExitCode]] = {"analyse": analyze, "furnish": place}
+"""The module of each verb, a function of that name; a command imports that of one verb only."""
+_ALIASES = {"analyse": "analyze", "furnish": "place"}
 """Former names of verbs, which are not listed in the help."""
+_GROUPS = {"episode": {"info": "record", "repair": "record", "export": "export", "import": "export"}}
+"""Verbs with verbs of their own, such as `mindstage episode info`, and the modules of these."""
+_GROUP_HELP = {"episode": "Describe, repair, export and import recorded episodes."}
 
 
 def _make_app(commands: Iterable[str]) -> typer.Typer:
@@ -69,22 +67,40 @@ def _make_app(commands: Iterable[str]) -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     for name in commands:
-        app.command(name, cls=VerbCommand, hidden=name in _ALIASES)(command((_COMMANDS | _ALIASES)[name]))
+        if name in _GROUPS:
+            app.add_typer(_make_group(name), name=name)
+            continue
+        verb = _ALIASES.get(name, name)
+        function: Callable[..., ExitCode] = getattr(import_module(f"mindstage.cli.{_MODULES[verb]}"), verb)
+        app.command(name, cls=VerbCommand, hidden=name in _ALIASES)(command(function))
     app.callback()(_options)
     return app
+
+
+def _make_group(name: str) -> typer.Typer:
+    group = typer.Typer(help=_GROUP_HELP[name], no_args_is_help=True, rich_markup_mode="rich")
+    for verb, module in _GROUPS[name].items():
+        name_in_module = f"{verb}_" if iskeyword(verb) else verb
+        function: Callable[..., ExitCode] = getattr(import_module(f"mindstage.cli.{module}"), name_in_module)
+        group.command(verb, cls=VerbCommand)(command(function))
+    return group
 
 
 def main() -> None:
     """Runs the command line and exits the process."""
     # A verb keeps most of its objects until it ends, so that frequent garbage collections find nothing.
     gc.set_threshold(50_000, 20, 50)
+    # NumPy's linear algebra would start a thread for each processor; no verb has matrices that are worth it.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by the shell
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     signal.signal(signal.SIGTERM, _on_signal)
     try:
         verb = sys.argv[1:2]
-        _make_app(verb if verb and verb[0] in _COMMANDS | _ALIASES else _COMMANDS)(prog_name="mindstage")
+        _make_app(verb if verb and verb[0] in _MODULES | _ALIASES | _GROUPS else [*_MODULES, *_GROUPS])(
+            prog_name="mindstage"
+        )
     except OSError as error:  # of the output of --help and --version; verbs handle their own
         discard_output()
         if not isinstance(error, BrokenPipeError):
@@ -123,5 +139,5 @@ def __getattr__(name: str) -> object:
     """Makes `app`, the application with all verbs, at its first use: a command needs one verb only."""
     if name != "app":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()["app"] = made = _make_app([*_COMMANDS, *_ALIASES])
+    globals()["app"] = made = _make_app([*_MODULES, *_GROUPS, *_ALIASES])
     return made

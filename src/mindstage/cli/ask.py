@@ -17,9 +17,13 @@ from mindstage.cli.attach import open_running, running_target
 from mindstage.cli.options import (
     DEFAULT_READING,
     AsJson,
+    AtTime,
     Closure,
+    DuringInterval,
     EndpointUrl,
     EngineName,
+    EpisodeFiles,
+    EpisodeFolder,
     ExitCode,
     MapName,
     MapOptions,
@@ -27,7 +31,9 @@ from mindstage.cli.options import (
     Port,
     Running,
     Seconds,
+    SinceTime,
     StoreFolder,
+    UntilTime,
     WithViewport,
     finite,
     options_given,
@@ -49,7 +55,7 @@ from mindstage.cli.output import (
     step_with_progress,
     warn,
 )
-from mindstage.cli.setup import knowledge_base, make_engine, simulation_from_options
+from mindstage.cli.setup import knowledge_base, knowledge_with_episodes, make_engine, simulation_from_options
 from mindstage.cli.viewer import show_page
 
 if TYPE_CHECKING:
@@ -198,36 +204,54 @@ def sparql(
     endpoint: EndpointUrl = None,
     reading: MapReading = DEFAULT_READING,
     closure: Closure = False,
+    episode: EpisodeFiles = None,
+    episodes: EpisodeFolder = None,
+    at: AtTime = None,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Run a SPARQL query on the loaded sources, or on an endpoint; exit 1 for no result, or for the answer no."""
+    """Run a SPARQL query on the loaded sources, or on an endpoint; exit 1 for no result, or for the answer no.
+
+    With --episode, the graph urn:mindstage:episode:NAME has the events of that episode, and urn:mindstage:present the
+    state at --at.
+    """
     from mindstage.errors import InvalidArgumentError
 
-    allowed = {"query", "running", "timeout_s", "as_json"}
+    allowed = {"query", "running", "timeout_s", "at", "as_json"}
     if (target := running_target(context, running, maps, allowed=allowed)) is not None:
-        return _query_running(target, query, timeout_s=timeout_s, as_json=as_json)
+        return _query_running(target, query, at=at, timeout_s=timeout_s, as_json=as_json)
     if closure and endpoint:
         cause = "an endpoint does not contain the statements that are derived here"
         raise InvalidArgumentError("--closure", cause=cause, remedy="omit it, or ask one of the questions")
     with progress_spinner("querying"):
-        knowledge = knowledge_base(maps or [], reading, store=store, endpoint=endpoint, closure=closure)
-        table = knowledge.sparql(query, timeout_s=timeout_s, allow_service=allow_service)
+        knowledge = knowledge_with_episodes(
+            maps or [],
+            reading,
+            files=episode or [],
+            folder=episodes,
+            store=store,
+            endpoint=endpoint,
+            closure=closure,
+        )
+        named = _named_episode(episode or [], episodes).get("episode")
+        table = knowledge.sparql(query, timeout_s=timeout_s, allow_service=allow_service, at=at, episode=named)
     findings = knowledge.findings()
     if not as_json:
         print_findings(findings, classes=class_lookup(knowledge))
     return _print_sparql(table, as_json={"findings": findings_json(findings)} if as_json else None)
 
 
-def _query_running(target: str, query: str, *, timeout_s: float, as_json: bool) -> ExitCode:
+def _query_running(target: str, query: str, *, at: float | None, timeout_s: float, as_json: bool) -> ExitCode:
     """Runs a SPARQL query in a running simulation."""
     import msgspec
 
     from mindstage.knowledge import SparqlResult
 
     with progress_spinner("querying"), open_running(target) as simulation:
-        result = simulation.query("sparql", query, timeout_s=timeout_s)
+        args = "{}" if at is None else msgspec.json.encode({"at": at}).decode()
+        result = simulation.query("sparql", query, args=args, timeout_s=timeout_s)
     table = msgspec.convert(result | {"boolean": result["truth"]}, SparqlResult)
-    return _print_sparql(table, as_json={"running": simulation.address} if as_json else None)
+    fields = {"findings": result.get("findings", []), "running": simulation.address}
+    return _print_sparql(table, as_json=fields if as_json else None)
 
 
 def _print_sparql(table: SparqlResult, *, as_json: Mapping[str, object] | None) -> ExitCode:
@@ -383,6 +407,12 @@ def ask(
     endpoint: EndpointUrl = None,
     reading: MapReading = DEFAULT_READING,
     closure: Closure = False,
+    episode: EpisodeFiles = None,
+    episodes: EpisodeFolder = None,
+    at: AtTime = None,
+    during: DuringInterval = None,
+    since: SinceTime = None,
+    until: UntilTime = None,
     highlight: ColorOption = None,
     map_name: MapName = None,
     engine: EngineName = "mujoco",
@@ -395,32 +425,27 @@ def ask(
 
     A plain sentence (mindstage ask where is the milk) is understood by templates and names, and printed as a question.
     With --highlight the question is asked about the state of the simulation, and with --running about that of a
-    running one.
+    running one. With --episode or --episodes it is asked about any time of recorded ones: --at 3.2.
     """
     # Before the map is read, so that a wrong name fails at once.
     sentence = _sentence(question, args or [])
     asked = None if sentence else _question_with_args(question, args or [])
-    allowed = {"question", "args", "running", "why", "highlight", "as_json"}
+    allowed = {"question", "args", "running", "why", "highlight", "as_json", "at", "during", "since", "until"}
+    when = {"at": at, "during": during, "since": since, "until": until}
+    when = {name: value for name, value in when.items() if value is not None}
     if (target := running_target(context, running, maps, allowed=allowed)) is not None:
-        return _ask_running(target, asked, sentence, why=why, highlight=highlight, as_json=as_json)
+        return _ask_running(target, asked, sentence, when, why=why, highlight=highlight, as_json=as_json)
 
-    if highlight is None:
-        _require_highlight(context)
-        run = None
-    else:
-        from mindstage.scene.colors import parse_color
-
-        run = HighlightRun(
-            color=parse_color(highlight),
-            engine=make_engine(engine),
-            port=port if with_viewport else None,
-            duration_s=seconds,
-            quiet=as_json,
-        )
+    if when or episode or episodes:
+        _refuse_highlight(highlight)
+    shown_port = port if with_viewport else None
+    run = _highlight_run(context, highlight, engine, port=shown_port, duration_s=seconds, quiet=as_json)
     with progress_spinner("loading"):
-        knowledge = knowledge_base(
+        knowledge = knowledge_with_episodes(
             maps or [],
             reading,
+            files=episode or [],
+            folder=episodes,
             store=store,
             endpoint=endpoint,
             closure=closure,
@@ -428,11 +453,61 @@ def ask(
     resolved, named, notes = asked or _understood(knowledge, sentence)
     print_answers = partial(_print_result, knowledge, notes, why=why, as_json=as_json)
     if run is None:
-        answers = knowledge.ask(resolved, **named)
+        with progress_spinner("asking"):
+            answers = knowledge.ask(resolved, **named, **when, **_named_episode(episode or [], episodes))
         print_answers(answers, {})
     else:
         answers = run.ask(knowledge, resolved, named, map_name=map_name, print_answers=print_answers)
     return ExitCode.OK if answers else ExitCode.NEGATIVE
+
+
+def _highlight_run(
+    context: typer.Context, color: str | None, engine: str, *, port: int | None, duration_s: float | None, quiet: bool
+) -> HighlightRun | None:
+    """The simulation in which answers are highlighted; None without `--highlight`.
+
+    Raises:
+        InvalidArgumentError: an option that requires `--highlight` is given without it.
+        InvalidColorError: the color is invalid.
+        EngineUnavailableError: the engine is not installed.
+    """
+    if color is None:
+        _require_highlight(context)
+        return None
+    from mindstage.scene.colors import parse_color
+
+    return HighlightRun(
+        color=parse_color(color), engine=make_engine(engine), port=port, duration_s=duration_s, quiet=quiet
+    )
+
+
+def _refuse_highlight(highlight: str | None) -> None:
+    """Rejects `--highlight` for another time than the present.
+
+    Raises:
+        InvalidArgumentError: it is given.
+    """
+    from mindstage.errors import InvalidArgumentError
+
+    if highlight is not None:
+        cause = "it spawns the map as it is, not the world of an episode"
+        raise InvalidArgumentError("--highlight", cause=cause, remedy="omit it, or the options about episodes")
+
+
+def _named_episode(files: Sequence[str], folder: Path | None) -> dict[str, str]:
+    """The episode that is asked about, as an argument; empty if there are several, or none.
+
+    Raises:
+        InvalidArgumentError: several names are given together with a folder.
+    """
+    from mindstage.errors import InvalidArgumentError
+
+    if folder is None:
+        return {"episode": Path(files[0]).stem} if len(files) == 1 else {}
+    if len(files) > 1:
+        cause = f"{len(files)} names are given with --episodes"
+        raise InvalidArgumentError("--episode", cause=cause, remedy="give one name, or none for all episodes")
+    return {"episode": files[0]} if files else {}
 
 
 AskedQuestion = tuple["Question[Any]", Mapping[str, str], tuple[str, ...]]
@@ -441,19 +516,19 @@ AskedQuestion = tuple["Question[Any]", Mapping[str, str], tuple[str, ...]]
 
 def _sentence(question: str, args: list[str]) -> str:
     """The plain sentence that the arguments of the command are; empty if they name a question."""
-    from mindstage.knowledge.queries import list_questions
+    from mindstage.knowledge.questions import question_names
 
     words = [question, *(arg for arg in args if "=" not in arg)]
     if not question.replace("-", "_").isidentifier():
         from mindstage.knowledge.sentences import is_sentence  # not needed for most questions, and slow to load
 
         return " ".join(words) if is_sentence(question) else ""
-    is_name = question.replace("-", "_") in {each.name for each in list_questions()}
+    is_name = question.replace("-", "_") in question_names()
     return "" if is_name or not question.isalpha() or len(words) == 1 else " ".join(words)
 
 
 def _question_with_args(question: str, args: list[str]) -> AskedQuestion:
-    from mindstage.knowledge.queries import get_question
+    from mindstage.knowledge.questions import get_question
 
     resolved = get_question(question)
     return resolved, named_args(resolved, args), ()
@@ -467,14 +542,22 @@ def _understood(knowledge: KnowledgeBase, sentence: str) -> AskedQuestion:
 
 
 def _ask_running(
-    target: str, asked: AskedQuestion | None, sentence: str, *, why: bool, highlight: str | None, as_json: bool
+    target: str,
+    asked: AskedQuestion | None,
+    sentence: str,
+    when: Mapping[str, object],
+    *,
+    why: bool,
+    highlight: str | None,
+    as_json: bool,
 ) -> ExitCode:
     """Asks a running simulation."""
     import msgspec
 
-    from mindstage.knowledge.queries import get_question
+    from mindstage.knowledge.questions import get_question
 
-    name, named = (asked[0].name, msgspec.json.encode(asked[1]).decode()) if asked else (sentence, "{}")
+    name, own = (asked[0].name, asked[1]) if asked else (sentence, {})
+    named = msgspec.json.encode({**own, **when}).decode()
     with progress_spinner("asking"), open_running(target) as simulation:
         result = simulation.query("question", name, args=named, explain=why, highlight=highlight or "")
     if as_json:

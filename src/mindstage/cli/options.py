@@ -39,10 +39,14 @@ __all__ = [
     "REMOTE_SCHEMES",
     "AsJson",
     "AssetFolders",
+    "AtTime",
     "Closure",
     "Delta",
+    "DuringInterval",
     "EndpointUrl",
     "EngineName",
+    "EpisodeFiles",
+    "EpisodeFolder",
     "ExitCode",
     "Ground",
     "MapArgument",
@@ -56,10 +60,12 @@ __all__ = [
     "Port",
     "Running",
     "Seconds",
+    "SinceTime",
     "StoreFolder",
     "Strict",
     "TlsCertificateFile",
     "TlsKeyFile",
+    "UntilTime",
     "VerbCommand",
     "Verbose",
     "VisitorLimitOptions",
@@ -488,6 +494,58 @@ Running = Annotated[
         "that at ros://HOST:PORT. The address can also be given instead of a map.",
         show_default=False,
     ),
+]
+
+EpisodeFiles = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--episode",
+        metavar="FILE",
+        help="Ask about a recorded episode, with the maps that it was recorded with; may be repeated. With --episodes, "
+        "the name of one of them.",
+        show_default=False,
+    ),
+]
+
+EpisodeFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "--episodes",
+        metavar="DIR",
+        help="Ask about all episodes in a folder, which gets an index of their events.",
+        show_default=False,
+    ),
+]
+
+AtTime = Annotated[
+    float | None,
+    typer.Option(
+        "--at",
+        metavar="SECONDS",
+        callback=finite,
+        help="The time in the episode that is asked about, since its begin; by default its end.",
+        show_default=False,
+    ),
+]
+
+DuringInterval = Annotated[
+    str | None,
+    typer.Option(
+        "--during",
+        metavar="BEGIN..END",
+        help="The interval in the episode that is asked about; each answer gets the intervals in which it is one.",
+        show_default=False,
+    ),
+]
+
+SinceTime = Annotated[
+    float | None,
+    typer.Option("--since", metavar="SECONDS", callback=finite, help="The begin of that interval.", show_default=False),
+]
+
+UntilTime = Annotated[
+    float | None,
+    typer.Option("--until", metavar="SECONDS", callback=finite, help="The end of that interval.", show_default=False),
 ]
 
 Strict = Annotated[bool, typer.Option("--strict", help="Reject a map with findings, and exit with 2.")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 import time
@@ -131,28 +132,67 @@ def print_json(value: object) -> None:
 
 def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
     """Prints a table on stdout; columns without text are right-aligned."""
+    cells = list(rows)
+    lines = [[one_line(_cell_text(cell)) for cell in row] for row in cells]
+    has_text = [any(isinstance(row[at], str) for row in cells) for at in range(len(columns))]
+    if not title and lines and _is_plain(chain(columns, *lines)) and _table_width(columns, lines) <= _DEFAULT_WIDTH:
+        sys.stdout.write(_plain_table(columns, lines, has_text))
+        sys.stdout.flush()
+        return
     from rich.table import Table
     from rich.text import Text
 
-    lines = list(rows)
     table = Table()
-    for at, column in enumerate(columns):
-        words = any(isinstance(line[at], str) for line in lines)
-        table.add_column(column, justify="left" if words else "right", overflow="fold")
+    for column, is_text in zip(columns, has_text, strict=True):
+        table.add_column(column, justify="left" if is_text else "right", overflow="fold")
     for line in lines:
-        table.add_row(*(Text(one_line(_cell_text(cell))) for cell in line))
+        table.add_row(*map(Text, line))
     terminal = console()
     if title:
         terminal.print(Text(one_line(title), style="bold"), soft_wrap=True)  # the title may be wider than the table
     terminal.print(table)
 
 
+def _is_plain(texts: Iterable[str]) -> bool:
+    """Whether rich would write a table of these texts without styles and with one column per character.
+
+    Most commands of scripts print such a table, and importing rich would take a tenth of their time.
+    """
+    stdout, environment = sys.stdout, os.environ.keys()
+    encoding = getattr(stdout, "encoding", None) or ""
+    is_file = not stdout.isatty() and not environment & {"FORCE_COLOR", "TTY_COMPATIBLE"}
+    return is_file and encoding.lower().startswith("utf") and all(text.isascii() and text for text in texts)
+
+
+def _plain_table(columns: Sequence[str], lines: Sequence[Sequence[str]], has_text: Sequence[bool]) -> str:
+    """The same text as that of a rich table."""
+    widths = [max(len(row[at]) for row in (columns, *lines)) for at in range(len(columns))]
+
+    def padded(row: Sequence[str], edge: str) -> str:
+        cells = (
+            text.ljust(width) if is_text else text.rjust(width)
+            for text, width, is_text in zip(row, widths, has_text, strict=True)
+        )
+        return f"{edge} {f' {edge} '.join(cells)} {edge}\n"
+
+    def rule(left: str, line: str, middle: str, right: str) -> str:
+        return f"{left}{middle.join(line * (width + 2) for width in widths)}{right}\n"
+
+    head = (rule("┏", "━", "┳", "┓"), padded(columns, "┃"), rule("┡", "━", "╇", "┩"))
+    return "".join([*head, *(padded(line, "│") for line in lines), rule("└", "─", "┴", "┘")])
+
+
 def fits_table(columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> bool:
     """Whether the table fits in the console without wrapping cells."""
+    width = _table_width(columns, [[_cell_text(cell) for cell in row] for row in rows])
+    return width <= (_DEFAULT_WIDTH if _is_plain(()) else console().width)
+
+
+def _table_width(columns: Sequence[str], lines: Iterable[Sequence[str]]) -> int:
     widths = [len(column) for column in columns]
-    for row in rows:
-        widths = [max(width, len(_cell_text(cell))) for width, cell in zip(widths, row, strict=True)]
-    return sum(widths) + 3 * len(widths) + 1 <= console().width
+    for line in lines:
+        widths = [max(width, len(text)) for width, text in zip(widths, line, strict=True)]
+    return sum(widths) + 3 * len(widths) + 1
 
 
 def print_records(columns: Sequence[str], rows: Iterable[Sequence[Cell | Sequence[str]]]) -> None:
@@ -232,11 +272,9 @@ def class_lookup(knowledge: KnowledgeBase) -> Callable[[str], str | None]:
 
 def findings_json(findings: Iterable[Finding]) -> list[dict[str, object]]:
     """The findings as JSON objects; like findings have the same `group`."""
-    import msgspec
+    from mindstage.knowledge.rdf import findings_to_builtins
 
-    from mindstage.knowledge.rdf import group_name
-
-    return [msgspec.to_builtins(finding) | {"group": group_name(finding)} for finding in findings]
+    return findings_to_builtins(findings)
 
 
 def _cell_text(cell: Cell) -> str:

@@ -16,6 +16,8 @@ from mindstage.cli.options import (
     DEFAULT_READING,
     EndpointUrl,
     EngineName,
+    EpisodeFiles,
+    EpisodeFolder,
     ExitCode,
     MapReading,
     Port,
@@ -31,7 +33,7 @@ from mindstage.cli.output import (
     print_line,
     progress_spinner,
 )
-from mindstage.cli.setup import knowledge_base, make_engine, simulation_from_options
+from mindstage.cli.setup import knowledge_with_episodes, make_engine, simulation_from_options
 from mindstage.cli.viewer import open_viewer
 
 if TYPE_CHECKING:
@@ -85,6 +87,8 @@ def prolog(
     store: StoreFolder = None,
     endpoint: EndpointUrl = None,
     reading: MapReading = DEFAULT_READING,
+    episode: EpisodeFiles = None,
+    episodes: EpisodeFolder = None,
     engine: EngineName = "mujoco",
     with_viewport: _WithViewport = False,
     port: Port = 8080,
@@ -92,7 +96,8 @@ def prolog(
 ) -> ExitCode:
     """Start SWI-Prolog with each question as a predicate, or run one goal.
 
-    With --running, queries of questions and their combinations are answered by a running simulation.
+    With --running, queries of questions and their combinations are answered by a running simulation. With --episode,
+    occurs/2, holds/4 and object_pose_at_time/3 answer about that episode.
     """
     from mindstage.prolog import PrologConsole, load_library
 
@@ -104,7 +109,9 @@ def prolog(
     load_library()  # before the map is read, so that a missing SWI-Prolog fails at once
     chosen = make_engine(engine)
     with progress_spinner("reading"):
-        knowledge = knowledge_base(maps or [], reading, store=store, endpoint=endpoint)
+        knowledge = knowledge_with_episodes(
+            maps or [], reading, files=episode or [], folder=episodes, store=store, endpoint=endpoint
+        )
     if not as_json:
         print_findings(knowledge.findings(), classes=class_lookup(knowledge))
     with ExitStack() as closing:

@@ -139,6 +139,15 @@ Worlds = Annotated[
         show_default=False,
     ),
 ]
+Episodes = Annotated[
+    Path | None,
+    typer.Option(
+        "--episodes",
+        metavar="DIR",
+        help="A folder in which clients may record episodes, with the service mindstage/record.",
+        show_default=False,
+    ),
+]
 Paused = Annotated[bool, typer.Option("--paused", help="Start paused.")]
 WithPage = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page too.")]
 WithFoxglove = Annotated[
@@ -166,6 +175,7 @@ def serve(
     namespace: Namespace = "unreal",
     ros1: RosOne = False,
     worlds: Worlds = None,
+    episodes: Episodes = None,
     map_name: MapName = None,
     reading: MapReading = DEFAULT_READING,
     assets: AssetFolders = None,
@@ -189,14 +199,15 @@ def serve(
     running, quitting = make_engine(engine), threading.Event()
     knowledge, world = _load_knowledge(maps, map_name, reading)
     with ExitStack() as resources:
-        simulation = resources.enter_context(
-            simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes)
-        )
+        made = simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes)
+        simulation = resources.enter_context(made)
         refused: list[Refusal] = []  # appended on the bridge's thread
         node = resources.enter_context(_connect(connect, token, tls_authorities, refused) if connect else LocalNode())
         spawned = _spawn(simulation, world, assets=None if plain_boxes else assets, as_json=as_json)
         ros = RosVersion.ONE if ros1 else RosVersion.TWO
-        interface = RosInterface(simulation, node, namespace=namespace, ros=ros, folder=worlds, on_quit=quitting.set)
+        interface = RosInterface(
+            simulation, node, namespace=namespace, ros=ros, folder=worlds, episodes=episodes, on_quit=quitting.set
+        )
         resources.callback(interface.close)
         url = _start_server(resources, node, port, access) if isinstance(node, LocalNode) else str(connect)
         output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name, **spawned}
@@ -206,9 +217,7 @@ def serve(
         if with_foxglove:
             output["foxglove"] = _serve_foxglove(resources, simulation, foxglove_port)
         _announce(output, connected=connect is not None, seconds=seconds, as_json=as_json)
-        if not paused:
-            simulation.play()
-        _run_until_end(simulation, quitting, url, refused, seconds=seconds, quiet=as_json)
+        _run_until_end(simulation, quitting, url, refused, paused=paused, seconds=seconds, quiet=as_json)
     return ExitCode.OK
 
 
@@ -344,10 +353,13 @@ def _run_until_end(
     url: str,
     refused: list[Refusal],
     *,
+    paused: bool,
     seconds: float | None,
     quiet: bool,
 ) -> None:
-    """Waits for a quit request or the end of the duration, and prints errors of the simulation and refusals."""
+    """Plays, waits for a quit request or the end of the duration, and prints errors of the simulation and refusals."""
+    if not paused:
+        simulation.play()
     end = None if seconds is None else time.monotonic() + seconds
     printed = ""
     while (left_s := _POLL_INTERVAL_S if end is None else min(_POLL_INTERVAL_S, end - time.monotonic())) > 0.0:

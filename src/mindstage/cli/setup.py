@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from mindstage.api import load_knowledge, make_simulation
 from mindstage.cli.options import DEFAULT_READING, MapReading, close_at_end
+from mindstage.cli.output import warn
 from mindstage.errors import (
     EngineUnavailableError,
     InvalidArgumentError,
@@ -24,9 +25,11 @@ from mindstage.errors import (
     MindstageError,
     SourceParseError,
 )
+from mindstage.files import cache_dir
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine
+    from mindstage.episodes.history import EpisodeHistory
     from mindstage.knowledge import Finding, KnowledgeBase, SparqlEndpoint, UnitConventions
     from mindstage.scene import World
     from mindstage.simulation import Simulation
@@ -38,6 +41,7 @@ __all__ = [
     "godot_program",
     "is_remote_engine",
     "knowledge_base",
+    "knowledge_with_episodes",
     "make_engine",
     "simulation_from_options",
 ]
@@ -163,7 +167,66 @@ def knowledge_base(
         closure=closure,
     )
     close_at_end(knowledge.close)
+    with suppress(OSError):  # where nothing can be written, maps are read again
+        knowledge.use_world_cache(cache_dir("worlds"))
     return knowledge
+
+
+def knowledge_with_episodes(
+    maps: Sequence[str],
+    reading: MapReading,
+    *,
+    files: Sequence[str],
+    folder: Path | None,
+    store: Path | None = None,
+    endpoint: str | None = None,
+    closure: bool = False,
+) -> KnowledgeBase:
+    """Loads a knowledge base with episodes; everything is closed when the verb ends.
+
+    Args:
+        maps: the maps; without any, and without a store or an endpoint, the knowledge base is the one that the first
+            episode was recorded with.
+        reading: how the maps are read.
+        files: files of episodes; with a folder these are names, and nothing is opened.
+        folder: a folder of episodes.
+        store: see `knowledge_base`, as the next two.
+        endpoint: see there.
+        closure: see there.
+
+    Raises:
+        EpisodeFileError: a file cannot be read.
+        InvalidArgumentError: the folder does not exist; see also `knowledge_base`.
+    """
+    opened = _open_episodes(files) if folder is None and files else []
+    if opened and not maps and store is None and endpoint is None:
+        knowledge = opened[0].knowledge()
+        knowledge.load((), ontologies=[*(reading.ontologies or ()), *_ros_packages()])
+        close_at_end(knowledge.close)
+        if closure:
+            knowledge.derive()
+    else:
+        knowledge = knowledge_base(maps, reading, store=store, endpoint=endpoint, closure=closure)
+    for each in opened:
+        knowledge.add_episode(each)
+    if folder is not None:
+        from mindstage.episodes.memory import EpisodeMemory
+
+        memory = EpisodeMemory(folder)
+        close_at_end(memory.close)
+        for problem in memory.problems:
+            warn(f"left out: {problem.path}: {problem.cause}")
+        knowledge.add_episode(memory)
+    return knowledge
+
+
+def _open_episodes(files: Sequence[str]) -> list[EpisodeHistory]:
+    from mindstage.episodes.history import open_episode
+
+    opened = [open_episode(file) for file in files]
+    for each in opened:
+        close_at_end(each.close)
+    return opened
 
 
 _STANDARD_INPUT = "-"

@@ -42,11 +42,12 @@ from mindstage.cli.setup import exclusive, knowledge_base, make_engine, simulati
 from mindstage.errors import InvalidArgumentError, NameNotFoundError
 
 if TYPE_CHECKING:
+    from mindstage.imagination import PlanFile, Verdict
     from mindstage.scene import BodyId, Color, Vector, World
     from mindstage.simulation import HighlightResult, Simulation
     from mindstage.viewer import LabelMode, Screenshot
 
-__all__ = ["HighlightTarget", "pull_open", "shot"]
+__all__ = ["BrowserPath", "HighlightTarget", "pull_open", "shot", "take_picture"]
 
 
 _MAX_PULL_M = 0.6
@@ -212,6 +213,15 @@ BrowserPath = Annotated[
 Seconds = Annotated[
     float, typer.Option("--for", metavar="SECONDS", min=0.0, callback=finite, help="Simulated time before the picture.")
 ]
+Imagined = Annotated[
+    str | None,
+    typer.Option(
+        "--imagine",
+        metavar="PLAN",
+        help="Try a plan (a JSON or YAML file, or text in braces), and draw where things end in its samples.",
+        show_default=False,
+    ),
+]
 Timeout = Annotated[
     float,
     typer.Option("--timeout", metavar="SECONDS", min=1.0, callback=finite, help="The timeout of taking the picture."),
@@ -236,6 +246,7 @@ def shot(
     panel: Panel = "",
     browser: BrowserPath = None,
     seconds: Seconds = 0.0,
+    imagined: Imagined = None,
     timeout_s: Timeout = 180.0,
     map_name: MapName = None,
     reading: MapReading = DEFAULT_READING,
@@ -259,6 +270,7 @@ def shot(
         timeout_s=timeout_s,
         **_camera_options(position, look_at, top=top),
     )
+    plan = None if imagined is None else _load_plan(imagined)
     targets, running = _highlight_targets(highlights or [], colors or []), make_engine(engine)
     find_browser(browser)  # before the map is read, so that a missing browser fails at once
     with progress_spinner("reading"):
@@ -270,20 +282,46 @@ def shot(
         print_failures(report)
         pull_open(sim, world, opened or [])
         step_with_progress(sim, seconds)
-        results = [target.apply(sim) for target in targets]
-        _take_screenshot(sim, screenshot, output)
+        results, verdict = [target.apply(sim) for target in targets], None if plan is None else _try_plan(sim, plan)
+        take_picture(sim, screenshot, output, verdict=verdict)
     summary = {"map": world.iri, "picture": str(output), "size": screenshot.size, "engine": sim.engine_name}
-    _print_result(summary | {"spawn": report_json(report)}, results, as_json=as_json)
+    tried = {} if verdict is None else {"verdict": str(verdict)}
+    _print_result({**summary, **tried, "spawn": report_json(report)}, results, as_json=as_json)
     return ExitCode.OK
 
 
-def _take_screenshot(simulation: Simulation, screenshot: Screenshot, output: Path) -> None:
+def take_picture(
+    simulation: Simulation, screenshot: Screenshot, output: Path, *, verdict: Verdict | None = None
+) -> None:
+    """Writes a picture, with the outcome of a plan if there is a verdict; the camera then frames it by default.
+
+    Raises:
+        BrowserError: the browser does not start, or has crashed.
+    """
+    from dataclasses import replace
+
     from mindstage.api import view
 
     with progress_spinner("taking the picture"), view(simulation, port=0) as viewer:
-        picture = viewer.screenshot(screenshot)
+        points = viewer.show_verdict(verdict) if verdict is not None else ()
+        has_camera = screenshot.position or screenshot.look_at or screenshot.focus or screenshot.from_above
+        framed = screenshot if has_camera else replace(screenshot, focus_points=points)
+        picture = viewer.screenshot(framed)
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_bytes(picture)
+
+
+def _load_plan(text: str) -> PlanFile:
+    from mindstage.imagination import load_plan
+
+    return load_plan(text)
+
+
+def _try_plan(simulation: Simulation, plan: PlanFile) -> Verdict:
+    from mindstage.imagination import imagine
+
+    with progress_spinner("imagining"):
+        return imagine(simulation, plan, width=None)
 
 
 def _print_result(summary: dict[str, object], results: Sequence[HighlightResult], *, as_json: bool) -> None:
@@ -297,6 +335,8 @@ def _print_result(summary: dict[str, object], results: Sequence[HighlightResult]
     for result in results:
         for item in result.unhighlighted:
             warn(f"not highlighted: {item.id}: {item.reason}")
+    if "verdict" in summary:
+        print_line(str(summary["verdict"]))
     print_line(f"picture → {summary['picture']}")
 
 

@@ -1,0 +1,305 @@
+"""The verb `imagine`: tries a plan many times in copies of a world."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mindstage.cli.ask import named_args
+from mindstage.cli.options import (
+    DEFAULT_READING,
+    AsJson,
+    AssetFolders,
+    EngineName,
+    ExitCode,
+    MapArguments,
+    MapName,
+    MapReading,
+    Strict,
+    Verbose,
+)
+from mindstage.cli.output import (
+    class_lookup,
+    console,
+    print_failures,
+    print_findings,
+    print_json,
+    print_line,
+    print_table,
+    progress_spinner,
+    warn,
+)
+from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
+from mindstage.cli.shot import BrowserPath, take_picture
+
+if TYPE_CHECKING:
+    from mindstage.imagination import Check, Progress, Uncertainty, Verdict
+    from mindstage.simulation import Simulation
+
+__all__ = ["imagine"]
+
+PlanArgument = Annotated[
+    str, typer.Argument(metavar="PLAN", help="The plan: a JSON or YAML file, or text in braces.", show_default=False)
+]
+Samples = Annotated[int, typer.Option("--samples", metavar="N", min=1, help="The largest number of samples.")]
+Seed = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Determines the random numbers.")]
+Budget = Annotated[
+    float, typer.Option("--budget", metavar="SECONDS", min=0.0, help="Limit of the wall time; 60 s by default.")
+]
+Threshold = Annotated[
+    float, typer.Option("--threshold", metavar="P", min=0.0, max=1.0, help="The probability that the plan must have.")
+]
+Width = Annotated[
+    float,
+    typer.Option("--width", metavar="W", min=0.0, help="End when the interval is as narrow; 0 runs all samples."),
+]
+Workers = Annotated[
+    str,
+    typer.Option(
+        "--workers",
+        metavar="N|NAME",
+        help="Number of processes; ray or ray://HOST:PORT for a Ray cluster; gpu or gpu:WORLDS for MuJoCo Warp.",
+    ),
+]
+CheckText = Annotated[
+    str | None,
+    typer.Option(
+        "--check",
+        metavar="QUESTION",
+        help="A question at the end with its arguments, instead of the plan's: 'where_is thing=milk_carton_1'.",
+        show_default=False,
+    ),
+]
+Expected = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--expect",
+        metavar="ANSWER",
+        help="The answer to --check with which a sample succeeds: any, none, or COLUMN=VALUE, which may be repeated.",
+        show_default=False,
+    ),
+]
+Uncertainties = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--uncertainty",
+        metavar="TEXT",
+        help="A body or class and standard deviations, besides the plan's: 'Milk position_m=0.01 yaw_rad=0.1 mass=0.2 "
+        "friction=0.2 joint_friction=0.2'; may be repeated.",
+        show_default=False,
+    ),
+]
+SettleTime = Annotated[
+    float,
+    typer.Option("--settle", metavar="SECONDS", min=0.0, help="Simulated time before the samples begin."),
+]
+
+Picture = Annotated[
+    Path | None,
+    typer.Option(
+        "--picture",
+        metavar="FILE.png",
+        help="Write a picture of where things end in the samples (green succeeded, red failed, yellow unknown), with "
+        "the first failing sample over time; needs a browser.",
+        show_default=False,
+    ),
+]
+
+
+def imagine(
+    plan: PlanArgument,
+    maps: MapArguments,
+    *,
+    samples: Samples = 100,
+    seed: Seed = 0,
+    budget: Budget = 60.0,
+    threshold: Threshold = 0.9,
+    width: Width = 0.1,
+    workers: Workers = "1",
+    check: CheckText = None,
+    expect: Expected = None,
+    uncertainty: Uncertainties = None,
+    settle: SettleTime = 0.0,
+    picture: Picture = None,
+    browser: BrowserPath = None,
+    map_name: MapName = None,
+    reading: MapReading = DEFAULT_READING,
+    strict: Strict = False,
+    assets: AssetFolders = None,
+    engine: EngineName = "mujoco",
+    verbose: Verbose = False,
+    as_json: AsJson = False,
+) -> ExitCode:
+    """Try a plan many times in copies of a world; exit 0 if it succeeds, 1 if it fails, 2 if that is unknown."""
+    from mindstage.imagination import imagine as try_plan
+    from mindstage.imagination import load_plan
+
+    file = load_plan(plan)
+    deviations = [_uncertainty(text) for text in uncertainty or ()]
+    asked = _check(check, expect or [])
+    if picture is not None:
+        _require_browser(browser)
+    running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
+    with progress_spinner("reading"):
+        knowledge = knowledge_base(maps, reading)
+        world = knowledge.world(map_name)
+    findings = findings_about(world, knowledge, strict=strict, assets=assets)
+    with simulation_from_options(knowledge, running, assets=assets) as simulation:
+        with progress_spinner("spawning"):
+            report = simulation.spawn(world)
+            simulation.step(settle)
+        if not as_json:
+            print_findings(findings, all=verbose, classes=class_lookup(knowledge))
+            print_failures(report)
+        options: dict[str, Any] = {"check": asked, "uncertainty": deviations, "samples": samples, "seed": seed}
+        options |= {"workers": workers, "budget_s": budget, "threshold": threshold, "width": width or None}
+        with _interruptible() as interrupted, _progress_bar(samples) as progress:
+            verdict = try_plan(simulation, file, **options, progress=progress, cancel=interrupted.is_set)
+        if as_json:
+            drawn = {} if picture is None else {"picture": str(picture)}
+            print_json({"map": world.iri, "engine": simulation.engine_name, **verdict.to_dict(), **drawn})
+        else:
+            _print_verdict(verdict, verbose=verbose)
+        if picture is not None and not interrupted.is_set():
+            _draw(simulation, verdict, picture, browser, as_json=as_json)
+    if interrupted.is_set():
+        return ExitCode.INTERRUPTED
+    codes = {"succeeded": ExitCode.OK, "failed": ExitCode.NEGATIVE}
+    return codes.get(verdict.outcome.value, ExitCode.ERROR)
+
+
+def _require_browser(browser: str | None) -> None:
+    from mindstage.viewer.screenshot import find_browser
+
+    find_browser(browser)  # before the map is read, so that a missing browser fails at once
+
+
+def _draw(simulation: Simulation, verdict: Verdict, path: Path, browser: str | None, *, as_json: bool) -> None:
+    from mindstage.viewer import Screenshot
+
+    take_picture(simulation, Screenshot(browser=browser), path, verdict=verdict)
+    if not as_json:
+        print_line(f"picture → {path}")
+
+
+def _uncertainty(text: str) -> Uncertainty:
+    """The uncertainty of a text such as "Milk position_m=0.01".
+
+    Raises:
+        InvalidArgumentError: it has no standard deviations, an unknown one, or one that is not a number.
+    """
+    import msgspec
+
+    from mindstage.errors import InvalidArgumentError
+    from mindstage.imagination import Uncertainty
+
+    thing, *parts = text.split()
+    values: dict[str, Any] = {"thing": thing}
+    for part in parts:
+        name, _, value = part.partition("=")
+        numbers = value.split(",")
+        values[name] = numbers if len(numbers) > 1 else value
+    try:
+        found = msgspec.convert(values, Uncertainty, strict=False)
+    except msgspec.ValidationError as error:
+        names = ", ".join(Uncertainty.__struct_fields__[1:])
+        raise InvalidArgumentError(f"--uncertainty {text!r}", cause=str(error), remedy=f"give {names}") from error
+    if not parts:
+        raise InvalidArgumentError(
+            f"--uncertainty {text!r}", cause="it states no deviation", remedy="add one, such as position_m=0.01"
+        )
+    return found
+
+
+def _check(text: str | None, expected: list[str]) -> Check | None:
+    """The check of a question and the expected answer.
+
+    Raises:
+        InvalidArgumentError: there is an expected answer without a question, or it is not understood.
+    """
+    from mindstage.errors import InvalidArgumentError
+    from mindstage.imagination import Check
+    from mindstage.knowledge.queries import get_question
+
+    if text is None:
+        if expected:
+            raise InvalidArgumentError("--expect", cause="there is no question", remedy="give --check")
+        return None
+    name, *arguments = text.split()
+    question = get_question(name.replace("-", "_"))
+    columns: dict[str, str | float | bool] = {}
+    for each in expected:
+        column, equals, value = each.partition("=")
+        if not equals and (each not in {"any", "none"} or len(expected) > 1):
+            raise InvalidArgumentError(f"--expect {each}", cause="it is no answer", remedy="any, none or COLUMN=VALUE")
+        if equals:
+            columns[column] = _plain_value(value)
+    expect: Any = columns or (expected[0] if expected else "any")
+    return Check(question=question.name, args=dict(named_args(question, arguments)), expect=expect)
+
+
+def _plain_value(text: str) -> str | float | bool:
+    if text in {"true", "false"}:
+        return text == "true"
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+@contextmanager
+def _interruptible() -> Iterator[threading.Event]:
+    """An event that Ctrl-C sets in the context, instead of raising an exception; a second Ctrl-C raises."""
+    interrupted = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield interrupted
+        return
+
+    def interrupt(number: int, frame: object) -> None:
+        if interrupted.is_set():
+            raise KeyboardInterrupt
+        interrupted.set()
+
+    before = signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield interrupted
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def _progress_bar(samples: int) -> Iterator[Callable[[Progress], None]]:
+    """A progress bar on stderr after the first second, if stderr is a terminal."""
+    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("imagining"), BarColumn(), TextColumn("{task.completed} of {task.total}, {task.description}"))
+    start = time.perf_counter()
+    with Bar(*columns, TimeRemainingColumn(), console=console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=samples, visible=False)
+
+        def update(progress: Progress) -> None:
+            low, high = progress.interval
+            visible = bar.console.is_terminal and time.perf_counter() - start > 1.0
+            text = f"{progress.succeeded} succeeded ({low:.2f} to {high:.2f})"
+            bar.update(task, completed=progress.done, total=progress.samples, description=text, visible=visible)
+
+        yield update
+
+
+def _print_verdict(verdict: Verdict, *, verbose: bool) -> None:
+    print_line(str(verdict))
+    if verdict.causes:
+        rows = [[each.count, each.kind.value, each.thing or "", each.other or ""] for each in verdict.causes]
+        print_table("Causes", ("samples", "what", "thing", "other"), rows)
+    if verbose:
+        print_line(f"Ended since {verdict.stopped}; seed {verdict.seed}")
+    for note in verdict.assumptions:
+        warn(note)
