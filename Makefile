@@ -15,7 +15,7 @@ ros_packages := rosidl:rosidl-tools gcc:gcc /usr/include/stdio.h:libc6-dev \
 	/usr/lib/genpy/genmsg_py.py:python3-genpy /usr/lib/actionlib_msgs/genaction.py:libactionlib-msgs-dev \
 	/usr/share/actionlib_msgs/msg:ros-actionlib-msgs /usr/share/geometry_msgs/msg:ros-geometry-msgs \
 	/usr/share/std_msgs/msg:ros-std-msgs
-pytest_options ?= -ra -n auto --dist worksteal
+pytest_options ?= -raR -n auto --dist worksteal
 random_tests ?= $(addprefix tests/,scene msgs bridge geometry simulation)
 
 .DEFAULT_GOAL := help

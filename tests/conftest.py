@@ -18,6 +18,23 @@ from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).resolve().parent.parent
 
+OUTSIDE_PROGRAMS = frozenset({"browser", "chromium", "open_page", "godot", "cluster", "roslibjs"})
+"""Fixtures of programs that are not ours and whose speed is not in our hands."""
+OUTSIDE_MODULES = ("imagination/test_ray.py", "ros/test_real_rosbridge.py", "cli/test_shot.py")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Repeats a failed test of an outside program once; the summary of the run lists it as RERUN.
+
+    On a busy machine a browser, a Ray cluster or a ROS master may take longer than any sensible timeout. A test that is
+    listed often has a defect, which has to be found.
+    """
+    for item in items:
+        outside = OUTSIDE_PROGRAMS.intersection(getattr(item, "fixturenames", ()))
+        if outside or any(each in item.path.as_posix() for each in OUTSIDE_MODULES):
+            item.add_marker(pytest.mark.flaky(reruns=1))
+
+
 settings.register_profile("ci", derandomize=True, deadline=None, max_examples=60, print_blob=True)
 settings.register_profile("random", derandomize=False, database=None, deadline=None, max_examples=60, print_blob=True)
 settings.register_profile("quick", deadline=None, max_examples=20)
