@@ -5,6 +5,7 @@
     │   ├── BodyNotFoundError           no body has that id
     │   ├── BodyExistsError             the id is in use
     │   ├── PoseUnreachableError        a joint or attachment does not allow the pose
+    │   ├── UnreachableError            a robot cannot get there: a limit, or an obstacle
     │   ├── NoFreePlacementError        no free placement for the object
     │   ├── RestoreError                a deleted body cannot be restored
     │   ├── NothingToUndoError          the undo or redo stack is empty
@@ -43,6 +44,10 @@
     ├── EpisodeError                    an episode that cannot be recorded, read or asked (exit code 2)
     │   ├── EpisodeFileError            a file that is no episode, or is damaged, or that cannot be written
     │   └── EpisodeTimeError            a time outside of an episode
+    ├── RobotError                      a robot that cannot be read or commanded (exit code 2)
+    │   ├── RobotModelError             a description of a robot that cannot be read
+    │   ├── RobotNotFoundError          no robot has that name
+    │   └── CommandRefusedError         a command that is beyond a limit, or that the robot cannot execute
     ├── SimulationError                 failure of the simulation thread (exit code 2)
     │   └── SimulationTimeoutError      a call into the simulation thread did not finish in time
     ├── BridgeError                     failure of a bridge, its peer or the connection (exit code 2)
@@ -98,6 +103,7 @@ __all__ = [
     "BrowserNotFoundError",
     "CacheError",
     "CertificateError",
+    "CommandRefusedError",
     "CommitError",
     "ConnectionLostError",
     "EndpointError",
@@ -136,6 +142,9 @@ __all__ = [
     "QuestionTimeoutError",
     "ReasonerUnavailableError",
     "RestoreError",
+    "RobotError",
+    "RobotModelError",
+    "RobotNotFoundError",
     "SentenceNotUnderstoodError",
     "ServiceCallError",
     "ServiceNotFoundError",
@@ -149,6 +158,7 @@ __all__ = [
     "SparqlTimeoutError",
     "StoreError",
     "TypeNotFoundError",
+    "UnreachableError",
     "UnsupportedByEngineError",
     "ViewerUnavailableError",
     "WorldError",
@@ -294,6 +304,22 @@ class AttachmentError(WorldError):
     child: str
     _: KW_ONLY
     reason: str
+
+
+@dataclass(eq=False)
+class UnreachableError(WorldError):
+    """A robot cannot get there."""
+
+    template = "{robot} cannot reach {target}: {reason}"
+
+    robot: str
+    _: KW_ONLY
+    target: str
+    """What was to be reached, in words."""
+    reason: str
+    """Which limit or which obstacle, with numbers."""
+    obstacle: str | None = None
+    """The id of the body in the way, if it is one."""
 
 
 @dataclass(eq=False, repr=False)
@@ -777,6 +803,49 @@ class EpisodeTimeError(EpisodeError):
     time_s: float
     begin_s: float
     end_s: float
+
+
+class RobotError(MindstageError):
+    """A robot cannot be read or commanded."""
+
+
+@dataclass(eq=False)
+class RobotModelError(RobotError):
+    """A description of a robot that cannot be read."""
+
+    template = "{source}: {cause}; {remedy}"
+
+    source: str
+    """The file, with its line or element if that is known."""
+    _: KW_ONLY
+    cause: str
+    remedy: str
+
+
+@dataclass(eq=False)
+class RobotNotFoundError(RobotError):
+    """No robot of the simulation, or no known model, has that name."""
+
+    template = "no robot {name!r}; {remedy}"
+
+    name: str
+    _: KW_ONLY
+    remedy: str
+    """What exists, or how a model is installed."""
+
+
+@dataclass(eq=False)
+class CommandRefusedError(RobotError):
+    """A command that is beyond a limit, or that the robot cannot execute; nothing was moved."""
+
+    template = "{robot} refuses {command}: {cause}; {remedy}"
+
+    robot: str
+    _: KW_ONLY
+    command: str
+    """The command in words, such as the name of a joint and its position."""
+    cause: str
+    remedy: str
 
 
 class SimulationError(MindstageError):

@@ -25,6 +25,9 @@ from mindstage.scene.display import counted, html_table
 
 __all__ = [
     "DEFAULT_SPAWN_OPTIONS",
+    "Actuator",
+    "ActuatorMode",
+    "ActuatorState",
     "Capability",
     "Contact",
     "DynamicsScale",
@@ -63,6 +66,54 @@ class Capability(StrEnum):
     """`joint_positions`."""
     STATISTICS = "statistics"
     """`stats`."""
+    ACTUATORS = "actuators"
+    """`set_actuators`, `set_commands` and `actuator_states`."""
+
+
+class ActuatorMode(StrEnum):
+    """What the command of an actuator means."""
+
+    POSITION = "position"
+    """A position [m or rad], relative to the spawned pose as in `joint_positions`."""
+    VELOCITY = "velocity"
+    """A velocity [m/s or rad/s]."""
+    EFFORT = "effort"
+    """A force [N] or moment [Nm]."""
+
+
+class Actuator(msgspec.Struct, frozen=True, kw_only=True):
+    """The drive of one axis of a joint.
+
+    In the modes POSITION and VELOCITY it is a servo: effort = stiffness * (command - position) - damping * velocity, or
+    damping * (command - velocity), limited to `effort_limit`.
+    """
+
+    name: str
+    """Unique in the engine."""
+    joint: BodyId
+    axis: str = ""
+    """Of "x", "y", "z" (translations), "twist", "swing2", "swing1" (rotations about x, y, z of the joint frame); empty
+    for the first axis that is not locked."""
+    mode: ActuatorMode = ActuatorMode.POSITION
+    effort_limit: float
+    """[N] or [Nm]."""
+    stiffness: float = 0.0
+    """[N/m] or [Nm/rad]; only for POSITION."""
+    damping: float = 0.0
+    """[Ns/m] or [Nms/rad]; for POSITION and VELOCITY."""
+    armature: float = 0.0
+    """Inertia of the drive, as seen at the joint [kg] or [kg m²]."""
+
+
+class ActuatorState(msgspec.Struct, frozen=True, kw_only=True):
+    """The state of an actuator and its joint."""
+
+    position: float
+    """[m] or [rad], relative to the spawned pose."""
+    velocity: float
+    effort: float
+    """Exerted by the actuator [N] or [Nm], without what compensates gravity."""
+    command: float
 
 
 class EngineStats(msgspec.Struct, frozen=True, kw_only=True):
@@ -406,6 +457,33 @@ class Engine(Protocol):
             BodyNotFoundError: for the first unknown id; nothing changes then.
             ValueError: a factor is not a positive number.
         """
+
+    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
+        """Adds actuators, replacing those of the same names (capability ACTUATORS).
+
+        The command of a new one is its current position, or 0 for a velocity or an effort. Actuators are part of saved
+        states and forks, not of snapshots; they are removed with their joints.
+
+        Args:
+            actuators: the actuators.
+            without_weight: bodies whose weight the drives compensate, as those of real arms do; it replaces that of
+                earlier calls for the bodies that it names.
+
+        Raises:
+            BodyNotFoundError: a joint or body does not exist; nothing changes then.
+            ValueError: a joint cannot move along an axis, or a number is not finite or negative.
+        """
+
+    def set_commands(self, commands: Mapping[str, float]) -> None:
+        """Sets the commands of actuators by name (capability ACTUATORS); quick, and without a rebuild.
+
+        Raises:
+            KeyError: there is no such actuator.
+            ValueError: a command is not finite.
+        """
+
+    def actuator_states(self) -> Mapping[str, ActuatorState]:
+        """The state of each actuator by name (capability ACTUATORS)."""
 
     def contacts(self) -> tuple[Contact, ...]:
         """The contacts of awake bodies at the last step, in the order of the ids (capability CONTACTS)."""
