@@ -25,6 +25,7 @@ from mindstage.msgs import (
 )
 from mindstage.msgs import actionlib_msgs as wire
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
+from mindstage.ros.service import EndedGoal
 
 __all__ = ["ActionlibServer"]
 
@@ -190,7 +191,11 @@ class ActionlibServer:
                 _log.exception("%s failed", self.name)
             self._finish(goal, wire.GoalStatusCode.ABORTED, str(error), None)
         else:
-            self._finish(goal, _STATUS_BY_RESULT.get(result.status, wire.GoalStatusCode.ABORTED), "", result.values)
+            status = _STATUS_BY_RESULT.get(result.status, wire.GoalStatusCode.ABORTED)
+            text = ""
+            if isinstance(result, EndedGoal):
+                status, text = wire.GoalStatusCode.REJECTED if result.rejected else status, result.text
+            self._finish(goal, status, text, result.values)
 
     def _feedback_publisher(self, goal: _Goal) -> Callable[[Any, object], None]:
         def send(_: Any, values: object) -> None:
