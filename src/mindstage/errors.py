@@ -47,7 +47,8 @@
     ├── RobotError                      a robot that cannot be read or commanded (exit code 2)
     │   ├── RobotModelError             a description of a robot that cannot be read
     │   ├── RobotNotFoundError          no robot has that name
-    │   └── CommandRefusedError         a command that is beyond a limit, or that the robot cannot execute
+    │   ├── CommandRefusedError         a command that is beyond a limit, or that the robot cannot execute
+    │   └── SkillFailedError            a skill of a robot failed, with what to try
     ├── SimulationError                 failure of the simulation thread (exit code 2)
     │   └── SimulationTimeoutError      a call into the simulation thread did not finish in time
     ├── BridgeError                     failure of a bridge, its peer or the connection (exit code 2)
@@ -153,6 +154,7 @@ __all__ = [
     "SimulationDivergedError",
     "SimulationError",
     "SimulationTimeoutError",
+    "SkillFailedError",
     "SourceParseError",
     "SparqlSyntaxError",
     "SparqlTimeoutError",
@@ -846,6 +848,21 @@ class CommandRefusedError(RobotError):
     """The command in words, such as the name of a joint and its position."""
     cause: str
     remedy: str
+
+
+@dataclass(eq=False)
+class SkillFailedError(RobotError):
+    """A skill, or a part of one, failed; `start_skill` returns it as a result."""
+
+    template = "{robot}: {reason}; {suggestion}"
+
+    robot: str
+    _: KW_ONLY
+    reason: str
+    suggestion: str
+    """What to try."""
+    is_known: bool = True
+    """Whether it certainly failed; otherwise its effect is unknown."""
 
 
 class SimulationError(MindstageError):

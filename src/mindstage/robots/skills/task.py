@@ -1,0 +1,182 @@
+"""A skill that is being performed: its robot, the steps so far, what was assumed, and how it fails."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Protocol, TypeVar
+
+from msgspec.structs import replace
+
+from mindstage.errors import SkillFailedError
+from mindstage.robots.model import BaseType, RobotModel
+from mindstage.robots.skills.declaration import SkillMotion, SkillNeed, SkillSpec, SkillState, SkillStep
+from mindstage.scene import BodyId
+from mindstage.scene.transforms import Array
+from mindstage.simulation.state import EngineSession
+
+__all__ = ["SkillRobot", "SkillSession", "SkillTask"]
+
+T = TypeVar("T")
+
+
+class SkillSession(EngineSession, Protocol):
+    """The part of `Simulation` that skills use."""
+
+    def ask(self, question: str, /, *positional: object, **args: object) -> Sequence[Any]:
+        """All answers to a question about the current state."""
+
+
+class SkillRobot(Protocol):
+    """The part of `Robot` that skills use."""
+
+    @property
+    def name(self) -> str:
+        """The name of the robot."""
+
+    @property
+    def model(self) -> RobotModel:
+        """Its model."""
+
+    @property
+    def session(self) -> SkillSession:
+        """The simulation that it is in."""
+
+    @property
+    def held(self) -> Mapping[str, BodyId]:
+        """The body in each gripper that holds one."""
+
+    def base_pose(self) -> tuple[float, float, float]:
+        """x, y [m] and yaw [rad] of the base in the world frame."""
+
+    def link_pose(self, link: str) -> Array:
+        """The pose of a link in the world frame."""
+
+    def joint_positions(self) -> dict[str, float]:
+        """The positions of the joints [m or rad]."""
+
+    def stop(self) -> None:
+        """Stops all motion."""
+
+
+class SkillTask:
+    """One performance of a skill; skills get it as their first argument."""
+
+    def __init__(
+        self, robot: SkillRobot, *, seed: int = 0, on_step: Callable[[SkillStep], object] | None = None
+    ) -> None:
+        """Does nothing yet.
+
+        Args:
+            robot: the robot.
+            seed: of everything that is sampled.
+            on_step: called when a step begins, and when it ends.
+        """
+        self.robot = robot
+        self.session = robot.session
+        self.seed = seed
+        self.assumptions: list[str] = []
+        self.steps: list[SkillStep] = []
+        self.moved: dict[BodyId, None] = {}
+        """The things that were moved."""
+        self.opened: dict[BodyId, None] = {}
+        """The doors and drawers that were used."""
+        self._on_step = on_step
+        self._start_s = self.time_s
+        self._depth = 0
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time [s]."""
+        return self.session.state.time_s
+
+    @property
+    def duration_s(self) -> float:
+        """Simulated time since it began [s]."""
+        return self.time_s - self._start_s
+
+    def assume(self, text: str) -> None:
+        """Reports an assumption, once."""
+        if text not in self.assumptions:
+            self.assumptions.append(text)
+
+    def failure(self, reason: str, suggestion: str, *, is_known: bool = True) -> SkillFailedError:
+        """The error with which the skill fails.
+
+        Args:
+            reason: why, with names and numbers.
+            suggestion: what to try.
+            is_known: whether it certainly failed; otherwise the outcome is unknown.
+        """
+        return SkillFailedError(self.robot.name, reason=reason, suggestion=suggestion, is_known=is_known)
+
+    @contextmanager
+    def step(self, name: str, text: str) -> Iterator[None]:
+        """Reports what is done within the context as a step."""
+        index = len(self.steps)
+        started = SkillStep(
+            name=name, text=text, depth=self._depth, start_s=self.duration_s, end_s=None, succeeded=None
+        )
+        self.steps.append(started)
+        self._report(index)
+        self._depth += 1
+        succeeded = False
+        try:
+            yield
+            succeeded = True
+        finally:
+            self._depth -= 1
+            self.steps[index] = replace(self.steps[index], end_s=self.duration_s, succeeded=succeeded)
+            self._report(index)
+
+    def perform(self, spec: SkillSpec, **args: object) -> SkillMotion:
+        """Performs a skill as a part of this one.
+
+        Raises:
+            InvalidArgumentError: the skill does not take these arguments.
+            SkillFailedError: it failed.
+        """
+        checked = spec.check(args)
+        with self.step(spec.name, " ".join([spec.name, *map(str, checked.values())])):
+            yield from spec.function(self, **checked)
+
+    def check_needs(self, spec: SkillSpec) -> None:
+        """Checks that the robot has what a skill needs.
+
+        Raises:
+            SkillFailedError: something is missing.
+        """
+        missing = [each for each in SkillNeed if each in spec.needs and not self._has(each)]
+        if missing:
+            reason = f"{self.robot.name} has no {' and no '.join(missing)}"
+            raise self.failure(reason, f"use a robot with {', '.join(missing)} for {spec.name}")
+
+    def _has(self, need: SkillNeed) -> bool:
+        model = self.robot.model
+        match need:
+            case SkillNeed.MOBILE_BASE:
+                return model.base.type is not BaseType.FIXED
+            case SkillNeed.ARM:
+                return bool(model.arms)
+            case SkillNeed.GRIPPER:
+                return any(arm.gripper is not None for arm in model.arms)
+            case SkillNeed.HEAD:
+                return model.head is not None
+
+    def state(self) -> SkillState:
+        """The present state of the robot, and of what the skill moved and opened."""
+        is_mobile = self.robot.model.base.type is not BaseType.FIXED
+        return SkillState(
+            base=self.robot.base_pose() if is_mobile else None,
+            held=dict(self.robot.held),
+            supports={},
+            openness={},
+        )
+
+    def _report(self, index: int) -> None:
+        if self._on_step is not None:
+            self._on_step(self.steps[index])
+
+    def waiting(self, duration_s: float) -> Generator[float, None, None]:
+        """Lets time pass [s]."""
+        yield duration_s
