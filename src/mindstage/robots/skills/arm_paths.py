@@ -14,7 +14,7 @@ import numpy as np
 from mindstage.robots.kinematics import BASE_JOINTS, IkTolerance, RobotKinematics
 from mindstage.robots.model import Arm, BaseType, RobotJoint, RobotModel
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
-from mindstage.scene.transforms import Array, normalize, pose_inverse, pose_multiply, quat_angle
+from mindstage.scene.transforms import Array, normalize, quat_angle
 
 __all__ = ["ArmPath", "follow_poses", "interpolated_poses", "timed"]
 

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
-from time import monotonic
 from typing import NamedTuple
 
 import numpy as np
 
 from mindstage.errors import SkillFailedError, UnreachableError
-from mindstage.robots.skills.arm_paths import ArmPath, follow_poses, interpolated_poses
 from mindstage.robots.skills.declaration import FractionOpen, SkillMotion, SkillNeed, ThingName, skill
-from mindstage.robots.skills.grasps import Grasp, grasps_of, weld_grasps_of
-from mindstage.robots.skills.manipulator import BasePose, Manipulator
-from mindstage.robots.skills.stances import Stance, find_stance
+from mindstage.robots.skills.grasps import Grasp, grasps_of
+from mindstage.robots.skills.manipulator import Manipulator, free_hand
+from mindstage.robots.skills.stances import Stance, StanceRequest, find_stance
 from mindstage.robots.skills.surroundings import Opening, Surroundings
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId
@@ -116,7 +113,7 @@ def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMot
 
 def _moving_once(task: SkillTask, opening: Opening, fraction: float, *, is_first: bool) -> SkillMotion:
     """Grasps the handle, moves it as far as possible from one stance, and releases it."""
-    hand = task.free_hand(f"to move {opening.front}")
+    hand = free_hand(task, f"to move {opening.front}")
     surroundings = task.surroundings()
     handle = opening.handle or opening.front
     path = _front_path(opening, surroundings, handle, opening.joint.position_at(fraction))
@@ -124,7 +121,6 @@ def _moving_once(task: SkillTask, opening: Opening, fraction: float, *, is_first
     yield from hand.parking()
     yield from hand.driving_to(stance.base, why=f"to reach {handle}")
     yield from hand.opening()
-    front_ids = (handle, opening.front)
     yield from hand.moving_to(stance.start, why=f"in front of {handle}")
     grasp = stance.grasp.in_world(surroundings.pose(handle))
     yield from hand.moving_straight(grasp, why=f"to {handle}", may_touch=True)
@@ -225,11 +221,5 @@ def _find_stance(
 
     grasps = [each for each in grasps_of(body, geometry, pose, hand.gripper, hand.shape) if facing(each) >= _FACING]
     grasps.sort(key=lambda each: (not each.is_central, -round(facing(each), 2)))
-    return find_stance(
-        task,
-        hand,
-        grasps,
-        pose_multiply(pose_inverse(pose), path.handles),
-        surroundings.pose(handle),
-        fronts=[(opening.front, [opening.joint.pose_at(float(each)) for each in path.positions])],
-    )
+    request = StanceRequest(handle, grasps, path.handles, _BACK_M, touched=(opening.front,))
+    return find_stance(task, hand, request)

@@ -11,8 +11,7 @@ from math import cos, hypot, sin
 
 import numpy as np
 
-from mindstage.errors import SkillFailedError, UnreachableError
-from mindstage.robots.control import MotionFailure, MotionResult
+from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.model import Arm, BaseType, Gripper
 from mindstage.robots.navigation import plan_base
@@ -21,10 +20,10 @@ from mindstage.robots.skills.arm_paths import ArmPath, follow_poses, interpolate
 from mindstage.robots.skills.declaration import SkillMotion
 from mindstage.robots.skills.grasps import GripperShape
 from mindstage.robots.skills.task import SkillTask
-from mindstage.scene import BodyId, Pose
-from mindstage.scene.transforms import Array, pose_inverse, pose_multiply
+from mindstage.scene import BodyId
+from mindstage.scene.transforms import Array, pose_from_array, pose_inverse, pose_multiply
 
-__all__ = ["BasePose", "Manipulator", "planar_pose"]
+__all__ = ["BasePose", "Manipulator", "free_hand", "hand_with", "planar_pose"]
 
 BasePose = tuple[float, float, float]
 """x, y [m] and yaw [rad] in the world frame."""
@@ -128,7 +127,7 @@ class Manipulator:
             ignore: bodies that may be touched.
         """
         with self.task.step("move", f"move the arm {why}"):
-            goal = target if isinstance(target, Mapping) else _pose(target)
+            goal = target if isinstance(target, Mapping) else pose_from_array(target)
             trajectory = plan_arm(self.robot, self.arm, goal, ignore=tuple(ignore), budget_s=_PLANNING_S)
             result = yield from self.robot.following(trajectory)
             self._require(result, "move what is in the way of the arm")
@@ -179,7 +178,7 @@ class Manipulator:
             cartesian_speed: largest speed of the grasp frame [m/s].
         """
         if len(path.positions) < 2:
-            return MotionResult(outcome=_SUCCEEDED)
+            return MotionResult(outcome=MotionOutcome.SUCCEEDED)
         least = self._least_durations(path, cartesian_speed)
         trajectory = timed(path, self._joints, speed=speed, least_s=least)
         times = np.array([point.time_s for point in trajectory.points])
@@ -268,3 +267,27 @@ class Manipulator:
         """Raises if a motion did not succeed."""
         if not result:
             raise self.task.failure(result.reason or str(result.outcome), suggestion)
+
+
+def _hands(task: SkillTask) -> list[Manipulator]:
+    model = task.robot.model
+    return [Manipulator(task, arm, task.kinematics) for arm in model.arms if arm.gripper is not None]
+
+
+def free_hand(task: SkillTask, why: str) -> Manipulator:
+    """An arm whose gripper holds nothing.
+
+    Raises:
+        SkillFailedError: all grippers hold something.
+    """
+    hands = _hands(task)
+    for hand in hands:
+        if hand.held is None:
+            return hand
+    held = ", ".join(str(hand.held) for hand in hands)
+    raise task.failure(f"no gripper is free {why}: held is {held}", f"place {held} first")
+
+
+def hand_with(task: SkillTask, thing: BodyId | None = None) -> Manipulator | None:
+    """The arm whose gripper holds a thing, or anything; None if none does."""
+    return next((hand for hand in _hands(task) if hand.held is not None and thing in {None, hand.held}), None)

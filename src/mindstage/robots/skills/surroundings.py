@@ -7,6 +7,7 @@ in, where its kind is stored: these are answers to declared questions about the 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from typing import Any, Protocol
 
 import msgspec
 import numpy as np
@@ -14,16 +15,23 @@ import numpy as np
 from mindstage.errors import AmbiguousNameError, BodyNotFoundError, NameNotFoundError, closest_names
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.rdf import local_name
-from mindstage.robots.skills.task import SkillSession
 from mindstage.scene import Body, BodyId, Iri, World
 from mindstage.scene.geometry import BodyGeometry
 from mindstage.scene.transforms import Array, normalize, pose_inverse, pose_multiply, quat_rotate
 from mindstage.simulation.joint_motion import SimulationJoint, find_joint
+from mindstage.simulation.state import EngineSession
 
-__all__ = ["Opening", "Surroundings"]
+__all__ = ["Opening", "SkillSession", "Surroundings"]
 
 _CLOSED_SHARE = 0.05
 """A door or drawer that is open by less counts as closed."""
+
+
+class SkillSession(EngineSession, Protocol):
+    """The part of `Simulation` that skills use."""
+
+    def ask(self, question: str, /, *positional: object, **args: object) -> Sequence[Any]:
+        """All answers to a question about the current state."""
 
 
 class Opening(msgspec.Struct, frozen=True, eq=False, kw_only=True):
@@ -74,6 +82,10 @@ class Surroundings:
         if id not in self._bodies:
             raise BodyNotFoundError(id, known=self._bodies, world=self.world.name)
         return self._bodies[id]
+
+    def exists(self, id: BodyId) -> bool:
+        """Whether there is a body of that id."""
+        return id in self._bodies
 
     def geometry(self, id: BodyId) -> BodyGeometry | None:
         """The geometry of a body; None if it is its primitive shape."""
