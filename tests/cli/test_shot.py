@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -99,7 +98,6 @@ def test_sigterm_closes_the_browser(tmp_path: Path, chromium: Path) -> None:
         stderr=subprocess.DEVNULL,
     ) as process:
         wait_until(lambda: list(folder.glob("mindstage-browser-*/*")), "the browser has started")
-        time.sleep(0.2)  # until the program has the handle of the process
         process.send_signal(signal.SIGTERM)
         assert process.wait(TIMEOUT_S) == 128 + signal.SIGTERM
     assert list(folder.glob("mindstage-browser-*")) == []

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -46,6 +49,7 @@ def start(tmp_path: Path) -> Iterator[Start]:
         path.write_text(f"#!{sys.executable}\n{HEAD}{body}")
         path.chmod(0o755)
         started.append(CdpPipe(path, [], folder=tmp_path))
+        started[-1].start()
         return started[-1]
 
     yield run
@@ -152,3 +156,25 @@ def test_no_file_stays_open(start: Start) -> None:
     devtools.close()
     if before is not None:
         assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_a_signal_during_the_start_is_handled_when_the_process_can_be_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = tmp_path / "fake-browser"
+    program.write_text(f"#!{sys.executable}\nimport time\ntime.sleep(60)\n")
+    program.chmod(0o755)
+    devtools = CdpPipe(program, [], folder=tmp_path)
+    popen = subprocess.Popen
+
+    def interrupted(*args: Any, **kwargs: Any) -> Any:
+        process = popen(*args, **kwargs)
+        os.kill(os.getpid(), signal.SIGINT)
+        return process
+
+    monkeypatch.setattr(subprocess, "Popen", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        devtools.start()
+    assert not devtools.has_exited
+    devtools.close()
+    assert devtools.has_exited

@@ -103,14 +103,18 @@ class Actuator(msgspec.Struct, frozen=True, kw_only=True):
     """[Ns/m] or [Nms/rad]; for POSITION and VELOCITY."""
     armature: float = 0.0
     """Inertia of the drive, as seen at the joint [kg] or [kg m²]."""
+    friction: float = 0.0
+    """Dry friction of the joint, in place of that of a joint without a drive [N] or [Nm]."""
 
 
 class ActuatorState(msgspec.Struct, frozen=True, kw_only=True):
     """The state of an actuator and its joint."""
 
     position: float
-    """[m] or [rad], relative to the spawned pose."""
+    """[m] or [rad], relative to the spawned pose; full turns are counted. 0 while the joint holds bodies that are
+    attached to each other or do not move."""
     velocity: float
+    """[m/s] or [rad/s]."""
     effort: float
     """Exerted by the actuator [N] or [Nm], without what compensates gravity."""
     command: float
@@ -461,6 +465,7 @@ class Engine(Protocol):
     def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
         """Adds actuators, replacing those of the same names (capability ACTUATORS).
 
+        A joint with actuators has their friction and no other damping.
         The command of a new one is its current position, or 0 for a velocity or an effort. Actuators are part of saved
         states and forks, not of snapshots; they are removed with their joints.
 
@@ -471,15 +476,16 @@ class Engine(Protocol):
 
         Raises:
             BodyNotFoundError: a joint or body does not exist; nothing changes then.
-            ValueError: a joint cannot move along an axis, or a number is not finite or negative.
+            ValueError: a joint cannot move along an axis, has another actuator there, or a number is not finite or
+                negative; nothing changes then.
         """
 
     def set_commands(self, commands: Mapping[str, float]) -> None:
         """Sets the commands of actuators by name (capability ACTUATORS); quick, and without a rebuild.
 
         Raises:
-            KeyError: there is no such actuator.
-            ValueError: a command is not finite.
+            KeyError: there is no such actuator; nothing changes then.
+            ValueError: a command is not finite; nothing changes then.
         """
 
     def actuator_states(self) -> Mapping[str, ActuatorState]:

@@ -9,9 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import NoReturn
 
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
+    Actuator,
+    ActuatorState,
     Capability,
     Contact,
     DynamicsScale,
@@ -154,6 +157,19 @@ class NullEngine:
 
     def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
         raise UnsupportedByEngineError(self.name, what="scale masses and frictions", remedy="use mujoco")
+
+    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
+        self._refuse_actuators()
+
+    def set_commands(self, commands: Mapping[str, float]) -> None:
+        self._refuse_actuators()
+
+    def actuator_states(self) -> Mapping[str, ActuatorState]:
+        self._refuse_actuators()
+
+    def _refuse_actuators(self) -> NoReturn:
+        self._require_open()
+        raise UnsupportedByEngineError(self.name, what="drive joints", remedy="use mujoco")
 
     def contacts(self) -> tuple[Contact, ...]:
         raise UnsupportedByEngineError(self.name, what="report contacts", remedy="use mujoco")

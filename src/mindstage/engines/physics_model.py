@@ -17,7 +17,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.engines.base import DEFAULT_SPAWN_OPTIONS, SpawnNote, SpawnNoteKind, SpawnOptions, SpawnReport
+from mindstage.engines.actuators import ActuatorSet
+from mindstage.engines.base import DEFAULT_SPAWN_OPTIONS, Actuator, SpawnNote, SpawnNoteKind, SpawnOptions, SpawnReport
 from mindstage.engines.collision_filter import (
     TOUCH_TOLERANCE_M,
     CollisionFilter,
@@ -210,6 +211,7 @@ class PhysicsModelBuilder:
         """Each joint's frame in the map's parent and in its child."""
         self.simulated_joints: dict[BodyId, Joint] = {}
         """Joints whose limits are narrower than those of the world, so that doors do not turn into their casing."""
+        self.actuators = ActuatorSet()
         self.late_notes: list[SpawnNote] = []
         """Notes on decisions caused by edits; those of a spawn are in its report."""
         self.settled: dict[BodyId, SettledPose] = {}
@@ -235,7 +237,7 @@ class PhysicsModelBuilder:
             dict(self.joint_frames),
             list(self.late_notes),
         )
-        result.simulated_joints = dict(self.simulated_joints)
+        result.simulated_joints, result.actuators = dict(self.simulated_joints), self.actuators.copy()
         result._forest, result._changed_bodies, result._collision_state = (
             self._forest,
             set(self._changed_bodies),
@@ -388,6 +390,7 @@ class PhysicsModelBuilder:
             self.attachment_poses.pop(id, None)
         self.joint_frames = {id: ends for id, ends in self.joint_frames.items() if id in self.registry.joints}
         self.simulated_joints = {id: each for id, each in self.simulated_joints.items() if id in self.registry.joints}
+        self.actuators.remove(removed, remaining_joints=self.registry.joints)
         self._changed_bodies -= removed
         self.collision_filter.remove(removed)
         self._below_ground -= removed
@@ -425,6 +428,12 @@ class PhysicsModelBuilder:
             self._forest = None
         self._changed_bodies.update(self.bodies_moving_with(id))
         self.late_notes += self.mass_properties.assumption_notes([id], self._is_dynamic)
+
+    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId]) -> None:
+        """See `Engine.set_actuators`."""
+        self.actuators.add(
+            actuators, without_weight=without_weight, registry=self.registry, joints=self.simulated_joints
+        )
 
     def update_attachment_pose(self, id: BodyId, target: Array, poses: Array) -> None:
         """Updates the attachment of a body that is moved to a target pose."""

@@ -18,6 +18,8 @@ import msgspec
 
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
+    Actuator,
+    ActuatorState,
     Capability,
     Contact,
     DynamicsScale,
@@ -165,6 +167,15 @@ class ReplayEngine:
 
     def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
         self._refuse("scale masses and frictions")
+
+    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
+        self._refuse("drive joints")
+
+    def set_commands(self, commands: Mapping[str, float]) -> None:
+        self._refuse("drive joints")
+
+    def actuator_states(self) -> Mapping[str, ActuatorState]:
+        self._refuse("drive joints")
 
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         found = tuple(ids)

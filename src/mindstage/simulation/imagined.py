@@ -17,6 +17,7 @@ import numpy as np
 from mindstage.engines import NullEngine, make_engine
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
+    Actuator,
     Capability,
     Engine,
     PoseArray,
@@ -138,6 +139,11 @@ class EditRecordingEngine:
 
     def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
         self._record(f"materials of {id}", lambda engine: engine.set_materials(id, materials))
+
+    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
+        added, bodies = tuple(actuators), tuple(without_weight)
+        label = f"actuators {', '.join(each.name for each in added[:3])}"
+        self._record(label, lambda engine: engine.set_actuators(added, without_weight=bodies))
 
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         self._engine.highlight(ids, color)

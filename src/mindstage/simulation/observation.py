@@ -13,7 +13,7 @@ from typing import Any, Protocol, cast
 
 import msgspec
 
-from mindstage.engines.base import DEFAULT_SPAWN_OPTIONS, Engine, SavedState, SpawnOptions, SpawnReport
+from mindstage.engines.base import DEFAULT_SPAWN_OPTIONS, Actuator, Engine, SavedState, SpawnOptions, SpawnReport
 from mindstage.knowledge.questions import Answers
 from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, World
 from mindstage.simulation.state import StateSnapshot
@@ -258,6 +258,13 @@ class ObservedEngine:
         highlighted = tuple(ids)
         self._engine.highlight(highlighted, color)
         self.edits.append(("highlight", highlighted, {"color": color}))
+
+    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
+        """See `Engine`."""
+        added = tuple(actuators)
+        self._engine.set_actuators(added, without_weight=without_weight)
+        joints = tuple(dict.fromkeys(each.joint for each in added))
+        self.edits.append(("set actuators", joints, {"actuators": msgspec.to_builtins(added)}))
 
     def restore_state(self, state: SavedState) -> None:
         """See `Engine`."""

@@ -12,9 +12,10 @@ import selectors
 import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,25 @@ _CLOSE_TIMEOUT_S = 5.0
 _READ_SIZE = 1 << 16
 
 
+@contextmanager
+def _deferred_signals() -> Iterator[None]:
+    """Handles signals that end the program at the end of the context, so that its handlers raise nothing inside."""
+    if threading.current_thread() is not threading.main_thread():  # Python handles signals in the main thread only
+        yield
+        return
+    received: list[int] = []
+    before = {
+        each: signal.signal(each, lambda number, _: received.append(number)) for each in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)
+        for number in received:
+            os.kill(os.getpid(), number)
+
+
 class _Reply(msgspec.Struct):
     """A reply, or without an id an event, which is ignored."""
 
@@ -48,37 +68,52 @@ class CdpPipe:
     """A browser process and the pipe to it."""
 
     def __init__(self, executable: Path, arguments: Sequence[str], *, folder: Path) -> None:
-        """Starts the process.
+        """Prepares the process; `start` starts it.
 
         Args:
             executable: Chromium or a browser derived from it.
             arguments: command-line arguments, `--remote-debugging-pipe` among them.
             folder: its user data directory, which also gets its log.
         """
+        self._command = [str(executable), *arguments, f"--user-data-dir={folder}"]
         self._log = folder / "browser.log"
         self._pending = 0
         self._buffer = bytearray()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._closed = self._timed_out = False
+
+    def start(self) -> None:
+        """Starts the process; a signal that arrives meanwhile is handled when `close` can end the process.
+
+        Raises:
+            OSError: the process cannot be started.
+        """
         theirs, self._input = os.pipe()
         self._output, theirs_too = os.pipe()
-        command = [sys.executable, "-I", "-S", "-c", _BECOME_BROWSER, str(theirs), str(theirs_too), str(executable)]
-        with self._log.open("wb") as log:
-            self._process = subprocess.Popen(
-                [*command, *arguments, f"--user-data-dir={folder}"],
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                pass_fds=(theirs, theirs_too),
-                start_new_session=True,  # so that its helpers end with it, and Ctrl-C is ours
-            )
-        os.close(theirs)
-        os.close(theirs_too)
         os.set_blocking(self._input, False)
-        self._closed = self._timed_out = False
+        command = [sys.executable, "-I", "-S", "-c", _BECOME_BROWSER, str(theirs), str(theirs_too), *self._command]
+        try:
+            with self._log.open("wb") as log, _deferred_signals():
+                self._process = subprocess.Popen(
+                    command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=log,
+                    pass_fds=(theirs, theirs_too),
+                    start_new_session=True,  # so that its helpers end with it, and Ctrl-C is ours
+                )
+        except OSError:
+            os.close(self._input)
+            os.close(self._output)
+            raise
+        finally:
+            os.close(theirs)
+            os.close(theirs_too)
 
     @property
     def has_exited(self) -> bool:
         """Whether the process has exited."""
-        return self._process.poll() is not None
+        return self._process is not None and self._process.poll() is not None
 
     def send(
         self, method: str, params: Mapping[str, object] | None = None, *, session: str = "", timeout_s: float
@@ -108,7 +143,7 @@ class CdpPipe:
 
     def close(self) -> None:
         """Ends the browser; calling it again is harmless."""
-        if self._closed:
+        if self._closed or self._process is None:
             return
         if not self._timed_out:  # a process that does not reply is killed without asking
             with suppress(BrowserCrashedError, subprocess.TimeoutExpired):
@@ -162,7 +197,8 @@ class CdpPipe:
     def _exit_error(self) -> str:
         """That the process has exited, and the last line of its log."""
         with suppress(subprocess.TimeoutExpired):
-            self._process.wait(_CLOSE_TIMEOUT_S)
+            if self._process is not None:
+                self._process.wait(_CLOSE_TIMEOUT_S)
         words = self._log.read_text(encoding="utf-8", errors="replace").split("\n")
         last = next((line.strip() for line in reversed(words) if line.strip()), "")
         return f"it has ended: {last}" if last else "it has ended"

@@ -176,6 +176,7 @@ class HeadlessBrowser:
         width, height = size
         window = f"--window-size={width},{height}"
         self._pipe = CdpPipe(executable, (*_ARGUMENTS, window, *arguments), folder=self._folder)
+        self._pipe.start()
         self._session = ""
         target = self._send_command("Target.createTarget", {"url": "about:blank"})["targetId"]
         self._session = self._send_command("Target.attachToTarget", {"targetId": target, "flatten": True})["sessionId"]

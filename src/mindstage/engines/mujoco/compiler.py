@@ -24,6 +24,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mindstage.engines.base import Actuator, ActuatorMode
 from mindstage.engines.collision_filter import JOINT_TOUCH_TOLERANCE_M
 from mindstage.engines.kinematic_tree import (
     JointAxis,
@@ -34,7 +35,7 @@ from mindstage.engines.kinematic_tree import (
     mimic_coefficients,
     movable_axes,
 )
-from mindstage.engines.mujoco.state import CompiledModel, ModelJoint
+from mindstage.engines.mujoco.state import CompiledModel, ModelActuators, ModelJoint
 from mindstage.engines.physics_model import PhysicsModelBuilder
 from mindstage.errors import EngineUnavailableError
 from mindstage.scene import AxisMotion, Body, BodyGeometry, BodyId, CollisionShape, CollisionShapeType, Mobility, Vector
@@ -381,6 +382,36 @@ def set_joint_friction(model: Any, data: Any, joints: Iterable[ModelJoint]) -> N
             model.dof_solimp[dof] = (0.99, 0.999, 0.001, 0.5, 2)
 
 
+def _set_driven_friction(compiled: CompiledModel, model_input: ModelInput) -> None:
+    """Gives joints with actuators the friction of these, and joints that follow them none."""
+    builder, model = model_input.builder, compiled.model
+    driven = builder.actuators.driven_joints
+    if not driven:
+        return
+    for id, joint in compiled.joints.items():
+        mimic = joint.tree_joint.joint.mimic
+        if id in driven or (mimic is not None and mimic.joint in driven):
+            dofs = slice(joint.dof_address, joint.dof_address + len(joint.axes))
+            model.dof_frictionloss[dofs] = model.dof_damping[dofs] = 0.0
+    frictions = [builder.actuators.actuators[name].friction for name in compiled.actuators.names]
+    model.dof_frictionloss[compiled.actuators.dofs] = frictions
+
+
+def _servo(actuator: Actuator) -> dict[str, Any]:
+    """The gain and bias of an actuator for MuJoCo: force = gain * command + bias · (1, position, velocity)."""
+    stiffness, damping = actuator.stiffness, actuator.damping
+    gain, bias = {
+        ActuatorMode.POSITION: (stiffness, (0.0, -stiffness, -damping)),
+        ActuatorMode.VELOCITY: (damping, (0.0, 0.0, -damping)),
+        ActuatorMode.EFFORT: (1.0, (0.0, 0.0, 0.0)),
+    }[actuator.mode]
+    unused = [0.0] * 7
+    return {
+        "gaintype": mujoco.mjtGain.mjGAIN_FIXED, "gainprm": [gain, 0.0, 0.0, *unused],
+        "biastype": mujoco.mjtBias.mjBIAS_AFFINE, "biasprm": [*bias, *unused],
+    }  # fmt: skip
+
+
 _HARD_LIMIT_SOLREF = (0.005, 1.0)
 """Time constant [s] and damping ratio of a hard limit: a strong arm pushes a drawer less than 1 mm past it."""
 _MIMIC_SOLREF = (0.005, 1.0)
@@ -407,6 +438,8 @@ class _SpecBuilder:
         self.spec_bodies: dict[BodyId, Any] = {}
         self.free_joints: dict[BodyId, Any] = {}
         self.spec_joints: dict[BodyId, tuple[TreeJoint, tuple[JointAxis, ...], bool, list[Any], Any]] = {}
+        self.actuators: list[tuple[str, Actuator, Any]] = []
+        """The simulated actuators by name, and the axes that they drive."""
 
     def set_options(self) -> None:
         option = self.spec.option
@@ -516,7 +549,7 @@ class _SpecBuilder:
             body.explicitinertial = True
             body.ipos, body.iquat, moments = self._inertia(id)
             body.mass, body.inertia = mass, mass * moments
-        if description.physics.gravity is False:
+        if description.physics.gravity is False or id in model_input.builder.actuators.weightless:
             body.gravcomp = 1.0
         return body
 
@@ -627,6 +660,26 @@ class _SpecBuilder:
             multiplier, offset = mimic_coefficients(tree_joint, master)
             equality.data[:5] = (offset, multiplier, 0.0, 0.0, 0.0)
 
+    def add_actuators(self) -> None:
+        """Adds the actuators of the joints that are simulated."""
+        actuators = self.model_input.builder.actuators
+        for name, actuator in actuators.actuators.items():
+            found = self.spec_joints.get(actuator.joint)
+            if found is None:
+                continue
+            tree_joint, axes, _, joints, _ = found
+            number = [axis.index for axis in axes].index(actuators.axes[name])
+            joint = joints[number]
+            joint.name = joint.name or f"{joint_name(actuator.joint)}:{number}"
+            joint.armature = actuator.armature
+            self.spec.add_actuator(
+                name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint.name,
+                gear=[-1.0 if tree_joint.is_reversed else 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+                forcelimited=True, forcerange=[-actuator.effort_limit, actuator.effort_limit],
+                **_servo(actuator),
+            )  # fmt: skip
+            self.actuators.append((name, actuator, joint))
+
     def _add_weld(self, first: str, second: str, second_from_first: Array) -> None:
         equality = self.spec.add_equality(
             type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1=first, name2=second
@@ -657,6 +710,13 @@ class _SpecBuilder:
             for root, group in model_input.forest.groups.items()
             if model_input.kinematics_driven and group.mobility is Mobility.KINEMATIC
         }
+        axis_ids = [joint.id for _, _, joint in self.actuators]
+        actuators = ModelActuators(
+            tuple(name for name, _, _ in self.actuators),
+            model.jnt_qposadr[axis_ids].astype(np.intp),
+            model.jnt_dofadr[axis_ids].astype(np.intp),
+            np.array(model.actuator_gear[:, 0]),
+        )
         order = np.fromiter((numbers.get(id, 0) for id in model_input.rows), dtype=np.intp, count=len(model_input.rows))
         rows = np.array([model_input.rows[id] for id in scenery], dtype=np.intp)
         row_of_body = np.full(model.nbody, -1, dtype=np.intp)
@@ -665,8 +725,9 @@ class _SpecBuilder:
         scenery_rows = np.repeat(rows, self.scenery_geom_counts)
         geom_rows[: len(scenery_rows)] = scenery_rows  # the geoms of the world body are the first, in this order
         return CompiledModel(
-            model, data, model_input.rows, numbers, order, rows, model_input.poses[rows], joints, free, mocap, geom_rows
-        )
+            model, data, model_input.rows, numbers, order, rows, model_input.poses[rows], joints, free, mocap,
+            geom_rows, actuators,
+        )  # fmt: skip
 
 
 def compile_model(model_input: ModelInput, *, scenery: bool = True) -> CompiledModel:
@@ -688,11 +749,13 @@ def compile_model(model_input: ModelInput, *, scenery: bool = True) -> CompiledM
     for tree_joint in model_input.forest.loop_joints:
         builder.add_loop_joint(tree_joint)
     builder.add_mimics()
+    builder.add_actuators()
     builder.add_ground()
     builder.add_excludes()
     compiled = builder.compile(scenery_bodies)
     set_soft_limits(compiled.model, compiled.joints.values())
     set_joint_friction(compiled.model, compiled.data, compiled.joints.values())
+    _set_driven_friction(compiled, model_input)
     return compiled
 
 

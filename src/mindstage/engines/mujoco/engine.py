@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
+    Actuator,
+    ActuatorState,
     Capability,
     Contact,
     DynamicsScale,
@@ -36,9 +38,11 @@ from mindstage.engines.mujoco.compiler import ModelInput, compile_model
 from mindstage.engines.mujoco.state import (
     CompiledModel,
     ModelJoint,
+    actuator_states,
     current_joint_coordinates,
     find_contacts,
     scale_model,
+    set_commands,
     set_joint_coordinates,
     transfer_state,
     wake_islands,
@@ -313,6 +317,17 @@ class ModelCache:
             scale_model(compiled, self.forest.root_of, changes)
             wake_islands(compiled, boxes)
 
+    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId]) -> None:
+        """See `Engine.set_actuators`."""
+        self.builder.set_actuators(actuators, without_weight=without_weight)
+        self.stale = True
+
+    def set_commands(self, commands: Mapping[str, float]) -> None:
+        """See `Engine.set_commands`."""
+        self.builder.actuators.set_commands(commands)
+        if not self.stale and self._compiled is not None:
+            set_commands(self._compiled, self.builder.actuators.commands)
+
     def enable_kinematic_motion(self, id: BodyId) -> None:
         """Makes kinematic bodies movable in place, when the first of them is moved."""
         group = self.forest.groups.get(id)
@@ -333,6 +348,7 @@ class ModelCache:
             self.builder.joint_frames,
             self._at_rest,
             changed_boxes,
+            self.builder.actuators.commands,
         )
         if scales := {id: scale for id, scale in self._scales.items() if id in self.registry.bodies}:
             scale_model(compiled, self.forest.root_of, scales)
@@ -392,6 +408,7 @@ class MujocoEngine:
             Capability.SCALE_DYNAMICS,
             Capability.JOINTS,
             Capability.STATISTICS,
+            Capability.ACTUATORS,
         }
     )
 
@@ -554,6 +571,18 @@ class MujocoEngine:
 
     def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
         self._require_open().scale_dynamics(scales)
+
+    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
+        self._require_open().set_actuators(actuators, without_weight=without_weight)
+
+    def set_commands(self, commands: Mapping[str, float]) -> None:
+        self._require_open().set_commands(commands)
+
+    def actuator_states(self) -> Mapping[str, ActuatorState]:
+        cache = self._require_open()
+        if not cache.builder.actuators.actuators:
+            return {}
+        return actuator_states(cache.model(), cache.builder.actuators)
 
     def contacts(self) -> tuple[Contact, ...]:
         cache = self._require_open()

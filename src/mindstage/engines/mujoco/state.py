@@ -17,7 +17,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.engines.base import Contact, DynamicsScale
+from mindstage.engines.actuators import ActuatorSet
+from mindstage.engines.base import ActuatorState, Contact, DynamicsScale
 from mindstage.engines.kinematic_tree import JointAxis, TreeJoint, joint_coordinates
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, quat_conjugate, quat_rotate
@@ -27,13 +28,16 @@ __all__ = [
     "CompiledState",
     "ContactPoints",
     "MergedContacts",
+    "ModelActuators",
     "ModelJoint",
+    "actuator_states",
     "contact_points",
     "current_joint_coordinates",
     "find_contacts",
     "ground_last",
     "merge_contacts",
     "scale_model",
+    "set_commands",
     "set_joint_coordinates",
     "transfer_state",
     "wake_islands",
@@ -53,6 +57,21 @@ class ModelJoint:
     """Start of its velocities in `qvel`."""
     body_id: int
     """The MuJoCo body that it moves."""
+
+
+class ModelActuators(NamedTuple):
+    """The actuators of a compiled model, k, in the order of its controls."""
+
+    names: tuple[str, ...]
+    positions: NDArray[np.intp]
+    """Addresses of their positions in `qpos`, k."""
+    dofs: NDArray[np.intp]
+    """Addresses of their velocities in `qvel`, k."""
+    signs: Array
+    """-1 where the coordinate in the tree is that of the map negated, k."""
+
+
+_NO_ACTUATORS = ModelActuators((), np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp), np.zeros(0))
 
 
 class CompiledState(NamedTuple):
@@ -91,6 +110,7 @@ class CompiledModel:
     """MuJoCo's mocap id of each kinematic group."""
     geom_rows: NDArray[np.intp]
     """Row of the body of each geom; -1 for the ground."""
+    actuators: ModelActuators = _NO_ACTUATORS
     free_heights: NDArray[np.intp] = field(init=False)
     """Addresses in `qpos` of the heights of the free joints, in the order of `free_joint_addresses`."""
 
@@ -195,6 +215,7 @@ def transfer_state(
     joint_frames: Mapping[BodyId, tuple[Array, Array]],
     at_rest: set[BodyId],
     changed_boxes: NDArray[np.float64],
+    commands: dict[str, float],
 ) -> None:
     """Sets the state of a new model from that of the old one.
 
@@ -206,6 +227,7 @@ def transfer_state(
         at_rest: bodies that were just moved and have zero velocity.
         changed_boxes: k x 2 x 3, lower and upper corners of boxes in which something changed [m]; bodies that sleep
             there wake up.
+        commands: the commands of actuators; an actuator without one gets its position.
     """
     data = new.data
     for root, (_, velocity) in new.free_joint_addresses.items():
@@ -217,9 +239,37 @@ def transfer_state(
     for id, joint in new.joints.items():
         if old is not None and not _copy_joint(old, new, id, joint, at_rest):  # a first model has them
             set_joint_coordinates(new, joint, current_joint_coordinates(joint, poses, joint_frames[id]))
+    if new.actuators.names:
+        positions = new.actuators.signs * data.qpos[new.actuators.positions]
+        for name, position in zip(new.actuators.names, positions.tolist(), strict=True):
+            commands.setdefault(name, position)
+        set_commands(new, commands)
     mujoco.mj_forward(new.model, data)
     if old is not None:
         _keep_asleep(old, new, changed_boxes)
+
+
+def set_commands(compiled: CompiledModel, commands: Mapping[str, float]) -> None:
+    """Sets the controls of a model to the commands of all of its actuators."""
+    compiled.data.ctrl[:] = [commands[name] for name in compiled.actuators.names]
+
+
+def actuator_states(compiled: CompiledModel, actuators: ActuatorSet) -> dict[str, ActuatorState]:
+    """See `Engine.actuator_states`."""
+    names, data = compiled.actuators.names, compiled.data
+    columns = (
+        compiled.actuators.signs * data.qpos[compiled.actuators.positions],
+        compiled.actuators.signs * data.qvel[compiled.actuators.dofs],
+        data.actuator_force,
+        data.ctrl,
+    )
+    states = dict.fromkeys(actuators.actuators, _NOT_SIMULATED)
+    for name, position, velocity, effort, command in zip(names, *(each.tolist() for each in columns), strict=True):
+        states[name] = ActuatorState(position=position, velocity=velocity, effort=effort, command=command)
+    return states
+
+
+_NOT_SIMULATED = ActuatorState(position=0.0, velocity=0.0, effort=0.0, command=0.0)
 
 
 def current_joint_coordinates(

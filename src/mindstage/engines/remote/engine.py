@@ -8,9 +8,9 @@ timeout while the connection is lost; the first call after it is restored succee
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
-from mindstage.engines.base import Contact, DynamicsScale, Engine, EngineStats, SpawnNote
+from mindstage.engines.base import Actuator, ActuatorState, Contact, DynamicsScale, Engine, EngineStats, SpawnNote
 from mindstage.engines.remote.client import RemoteProfile, ServiceClient
 from mindstage.errors import EngineClosedError, UnsupportedByEngineError
 from mindstage.scene import BodyId
@@ -72,6 +72,35 @@ class RemoteEngine(Engine):
         """
         self._require_open()
         raise UnsupportedByEngineError(self.name, what="scale masses and frictions", remedy="fork its simulation")
+
+    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
+        """Only Godot has the capability.
+
+        Raises:
+            UnsupportedByEngineError: always.
+        """
+        raise self._unsupported_actuators()
+
+    def set_commands(self, commands: Mapping[str, float]) -> None:
+        """Only Godot has the capability.
+
+        Raises:
+            UnsupportedByEngineError: always.
+        """
+        raise self._unsupported_actuators()
+
+    def actuator_states(self) -> Mapping[str, ActuatorState]:
+        """Only Godot has the capability.
+
+        Raises:
+            UnsupportedByEngineError: always.
+        """
+        raise self._unsupported_actuators()
+
+    def _unsupported_actuators(self) -> UnsupportedByEngineError:
+        self._require_open()
+        remedy = "use its ROS interface, or fork its simulation"
+        return UnsupportedByEngineError(self.name, what="drive joints", remedy=remedy)
 
     def contacts(self) -> tuple[Contact, ...]:
         """Not available over the wire; no remote engine has the capability.

@@ -48,6 +48,7 @@ __all__ = [
     "read_file",
     "read_header",
     "read_statements",
+    "robot_ontology",
     "soma_alignment",
 ]
 
@@ -107,6 +108,11 @@ def soma_alignment() -> Path:
 def event_ontology() -> Path:
     """Returns the path of the bundled classes of events, which a knowledge base loads with its first episode."""
     return _bundled_path("events.ttl")
+
+
+def robot_ontology() -> Path:
+    """Returns the path of the bundled components and capabilities of robots, which questions about abilities read."""
+    return _bundled_path("robots.ttl")
 
 
 def is_bundled(path: Path, bundled: Path) -> bool:

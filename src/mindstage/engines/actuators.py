@@ -1,0 +1,132 @@
+"""The actuators of a running world, independent of the engine that simulates them.
+
+An actuator exerts its effort along one axis of a joint, from the map's parent on its child. Positions are displacements
+since the joint was spawned, as in `Engine.joint_positions`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from math import inf, isfinite
+
+from mindstage.engines.base import Actuator, ActuatorMode
+from mindstage.engines.kinematic_tree import AXIS_NAMES, is_ball, movable_axes
+from mindstage.engines.registry import EntityRegistry
+from mindstage.errors import BodyNotFoundError, closest_names
+from mindstage.scene import BodyId, Joint
+
+__all__ = ["ActuatorSet", "driven_axis"]
+
+
+@dataclass(slots=True)
+class ActuatorSet:
+    """The actuators of a world with their commands."""
+
+    actuators: dict[str, Actuator] = field(default_factory=dict)
+    axes: dict[str, int] = field(default_factory=dict)
+    """The axis of each, an index into `AXIS_NAMES`."""
+    commands: dict[str, float] = field(default_factory=dict)
+    """Without those of actuators whose first command is their position, until it is known."""
+    weightless: set[BodyId] = field(default_factory=set)
+    """The bodies whose weight is compensated."""
+
+    def copy(self) -> ActuatorSet:
+        """An independent copy."""
+        return ActuatorSet(dict(self.actuators), dict(self.axes), dict(self.commands), set(self.weightless))
+
+    def add(
+        self,
+        actuators: Iterable[Actuator],
+        *,
+        without_weight: Iterable[BodyId],
+        registry: EntityRegistry,
+        joints: Mapping[BodyId, Joint],
+    ) -> None:
+        """See `Engine.set_actuators`.
+
+        Args:
+            actuators: the actuators.
+            without_weight: bodies whose weight is compensated from now on.
+            registry: the bodies and joints of the world.
+            joints: the joints that are simulated with other limits than those of the registry.
+        """
+        added = {each.name: each for each in actuators}
+        axes = {name: driven_axis(each, registry, joints) for name, each in added.items()}
+        bodies = {registry.body(id).id for id in without_weight}
+        owners = {(each.joint, self.axes[name]): name for name, each in self.actuators.items() if name not in added}
+        for name, each in added.items():
+            other = owners.setdefault((each.joint, axes[name]), name)
+            if other != name:
+                axis = AXIS_NAMES[axes[name]]
+                raise ValueError(f"{name!r} drives the axis {axis!r} of {each.joint!r}, which {other!r} drives already")
+        self.actuators |= added
+        self.axes |= axes
+        for name, each in added.items():
+            self.commands.pop(name, None)
+            if each.mode is not ActuatorMode.POSITION:
+                self.commands[name] = 0.0
+        self.weightless |= bodies
+
+    def set_commands(self, commands: Mapping[str, float]) -> None:
+        """See `Engine.set_commands`; nothing changes if it raises."""
+        for name, command in commands.items():
+            if name not in self.actuators:
+                near = closest_names(name, self.actuators)
+                raise KeyError(f"no actuator {name!r}; near: {', '.join(near) or 'none, there are no actuators'}")
+            if not isfinite(command):
+                raise ValueError(f"the command of {name!r} must be finite, not {command}")
+        self.commands |= commands
+
+    def remove(self, removed: Collection[BodyId], *, remaining_joints: Collection[BodyId]) -> None:
+        """Removes the actuators of joints that no longer exist, and bodies without weight.
+
+        Args:
+            removed: the removed bodies.
+            remaining_joints: the joints that still exist.
+        """
+        self.weightless -= set(removed)
+        for name in [name for name, each in self.actuators.items() if each.joint not in remaining_joints]:
+            del self.actuators[name], self.axes[name]
+            self.commands.pop(name, None)
+
+    @property
+    def driven_joints(self) -> frozenset[BodyId]:
+        """The joints that have actuators."""
+        return frozenset(each.joint for each in self.actuators.values())
+
+
+def driven_axis(actuator: Actuator, registry: EntityRegistry, joints: Mapping[BodyId, Joint]) -> int:
+    """The axis that an actuator drives, an index into `AXIS_NAMES`.
+
+    Args:
+        actuator: the actuator, whose numbers are checked.
+        registry: the bodies and joints of the world.
+        joints: the joints that are simulated with other limits than those of the registry.
+
+    Raises:
+        BodyNotFoundError: there is no such joint.
+        ValueError: the joint cannot move along the axis, or a number is not finite or negative.
+    """
+    name, id = actuator.name, actuator.joint
+    joint = joints.get(id) or registry.joints.get(id)
+    if joint is None:
+        raise BodyNotFoundError(id, known=registry.joints)
+    for key in ("effort_limit", "stiffness", "damping", "armature", "friction"):
+        number = getattr(actuator, key)
+        if not 0.0 <= number < inf:
+            raise ValueError(f"{key} of the actuator {name!r} must be finite and not negative, not {number}")
+    if actuator.axis and actuator.axis not in AXIS_NAMES:
+        raise ValueError(f"{name!r} has the axis {actuator.axis!r}; it is one of {', '.join(AXIS_NAMES)}")
+    axes = movable_axes(joint)
+    movable = [axis.index for axis in axes]
+    wanted = AXIS_NAMES.index(actuator.axis) if actuator.axis else min(movable, default=-1)
+    if wanted not in movable:
+        can = ", ".join(AXIS_NAMES[index] for index in sorted(movable))
+        raise ValueError(f"{name!r} cannot drive {id!r} along {actuator.axis!r}: it moves along {can or 'no axis'}")
+    if wanted >= _FIRST_HINGE and is_ball(axes):
+        raise ValueError(f"{name!r} cannot drive {id!r}, whose three rotations are free")
+    return wanted
+
+
+_FIRST_HINGE = 3
