@@ -50,7 +50,12 @@ class ImportedMesh:
 
 
 def import_meshes(
-    paths: Iterable[Path], *, folder: Path | None = None, timeout_s: float = _TIMEOUT_S
+    paths: Iterable[Path],
+    *,
+    folder: Path | None = None,
+    timeout_s: float = _TIMEOUT_S,
+    decompose: bool = True,
+    keep_axes: bool = False,
 ) -> tuple[dict[Path, ImportedMesh], dict[Path, str]]:
     """Imports files, or loads them from the cache.
 
@@ -61,6 +66,8 @@ def import_meshes(
         paths: the files.
         folder: the cache directory; by default in the user's cache.
         timeout_s: timeout for each file [s].
+        decompose: whether meshes are decomposed into convex parts; otherwise there is one, the convex hull.
+        keep_axes: whether points keep the axes of the file, also if it states another direction than z as up.
 
     Returns:
         The imported meshes, and the reasons why other files were rejected.
@@ -71,7 +78,7 @@ def import_meshes(
     missing: dict[Path, tuple[str, Path]] = {}
     for path in dict.fromkeys(paths):
         try:
-            digest = _digest(path)
+            digest = _digest(path, decompose=decompose, keep_axes=keep_axes)
         except OSError as error:
             rejected[path] = error.strerror or str(error)
             continue
@@ -82,7 +89,8 @@ def import_meshes(
             rejected[path] = reason
         else:
             missing[path] = (digest, cache_file)
-    for path, result in _import_in_worker({path: cache_file for path, (_, cache_file) in missing.items()}, timeout_s):
+    cache_files = {path: cache_file for path, (_, cache_file) in missing.items()}
+    for path, result in _import_in_worker(cache_files, timeout_s, decompose=decompose, keep_axes=keep_axes):
         cache_file = missing[path][1]
         mesh = None if result.reason else _load_cached(path, *missing[path])
         if mesh is not None:
@@ -112,9 +120,10 @@ def _can_decompose() -> bool:
         return False
 
 
-def _digest(path: Path) -> str:
+def _digest(path: Path, *, decompose: bool, keep_axes: bool) -> str:
     """Hash of a file and of how it is imported; files beside it, which it may reference, count by size and time."""
-    hasher = hashlib.sha256(f"{_VERSION} {_can_decompose()} {path.suffix.lower()}".encode())
+    axes = " keep_axes" if keep_axes else ""
+    hasher = hashlib.sha256(f"{_VERSION} {decompose and _can_decompose()} {path.suffix.lower()}{axes}".encode())
     with path.open("rb") as file:
         while block := file.read(1 << 20):
             hasher.update(block)
@@ -176,14 +185,16 @@ _CRASH_SIGNALS = frozenset(
 """Signals by which a reader ends that crashes on the content of a file; others, such as SIGKILL, come from outside."""
 
 
-def _import_in_worker(cache_files: Mapping[Path, Path], timeout_s: float) -> Iterator[tuple[Path, _Result]]:
+def _import_in_worker(
+    cache_files: Mapping[Path, Path], timeout_s: float, *, decompose: bool, keep_axes: bool
+) -> Iterator[tuple[Path, _Result]]:
     """Imports files to cache files in a worker.
 
     A file on which the worker crashes or times out is retried without convex decomposition; other files are not
     affected.
     """
     pending = list(cache_files)
-    decompose = _can_decompose()
+    decompose = decompose and _can_decompose()
     undecomposable: set[Path] = set()
     """Files whose decomposition takes too long; their convex hull is used."""
     while pending:
@@ -191,7 +202,8 @@ def _import_in_worker(cache_files: Mapping[Path, Path], timeout_s: float) -> Ite
             while pending:
                 path = pending[0]
                 out = cache_files[path].with_suffix(".part.npz")
-                result = worker.read(path, out, decompose=decompose and path not in undecomposable, timeout_s=timeout_s)
+                parts = decompose and path not in undecomposable
+                result = worker.read(path, out, decompose=parts, keep_axes=keep_axes, timeout_s=timeout_s)
                 if worker.is_lost and decompose and path not in undecomposable:
                     undecomposable.add(path)
                     break
@@ -239,11 +251,12 @@ class _MeshWorker:
                 self._answers.put(line)
         self._answers.put("")
 
-    def read(self, path: Path, out: Path, *, decompose: bool, timeout_s: float) -> _Result:
+    def read(self, path: Path, out: Path, *, decompose: bool, keep_axes: bool, timeout_s: float) -> _Result:
         """Imports one file."""
         assert self._process.stdin is not None
+        request = {"path": str(path), "out": str(out), "pieces": decompose, "keep_axes": keep_axes}
         try:
-            self._process.stdin.write(json.dumps({"path": str(path), "out": str(out), "pieces": decompose}) + "\n")
+            self._process.stdin.write(json.dumps(request) + "\n")
             self._process.stdin.flush()
             response = self._answers.get(timeout=timeout_s)
         except queue.Empty:

@@ -1,9 +1,9 @@
 """The worker process that imports mesh files, which may make their readers hang, crash or exhaust memory.
 
-Each input line is a request (`{"path", "out", "pieces"}`), each output line a response (`{"path", "why", "kind"}`). If
-the reason is empty, the imported arrays are in the file `out`. Otherwise the kind is "file" if the file is the cause,
-"cache" if `out` could not be written, and "transient" if another cause may pass. Only this process imports trimesh and
-coacd.
+Each input line is a request (`{"path", "out", "pieces", "keep_axes"}`), each output line a response (`{"path", "why",
+"kind"}`). If the reason is empty, the imported arrays are in the file `out`. Otherwise the kind is "file" if the file
+is the cause, "cache" if `out` could not be written, and "transient" if another cause may pass. Only this process imports
+trimesh and coacd.
 """
 
 from __future__ import annotations
@@ -56,7 +56,12 @@ def main() -> int:
         request = json.loads(line)
         reason, kind = "", "file"
         try:
-            _import_mesh(Path(request["path"]), Path(request["out"]), decompose=request["pieces"])
+            _import_mesh(
+                Path(request["path"]),
+                Path(request["out"]),
+                decompose=request["pieces"],
+                keep_axes=request.get("keep_axes", False),
+            )
         except MeshImportError as error:
             reason = str(error)
         except _CacheError as error:
@@ -70,13 +75,13 @@ def main() -> int:
     return 0
 
 
-def _import_mesh(path: Path, out: Path, *, decompose: bool) -> None:
+def _import_mesh(path: Path, out: Path, *, decompose: bool, keep_axes: bool) -> None:
     """Imports one file and writes its content as arrays."""
     if not path.is_file():
         raise MeshImportError("it is not a file")
     if path.stat().st_size > _MAX_FILE_BYTES:
         raise MeshImportError(f"it has more than {_MAX_FILE_BYTES // 1024**2} MB")
-    visuals = list(_load_visuals(path))
+    visuals = list(_load_visuals(path, keep_axes=keep_axes))
     if not visuals:
         raise MeshImportError("it has no triangles")
     if sum(len(visual["faces"]) for visual in visuals) > _MAX_FACES:
@@ -99,11 +104,11 @@ def _import_mesh(path: Path, out: Path, *, decompose: bool) -> None:
 # -- visual meshes -------------------------------------------------------------------------------------------------
 
 
-def _load_visuals(path: Path) -> Iterator[dict[str, Any]]:
+def _load_visuals(path: Path, *, keep_axes: bool) -> Iterator[dict[str, Any]]:
     import trimesh
 
     scene = trimesh.load_scene(path, process=False)
-    rotation = _FROM_Y_UP if _y_is_up(path) else np.eye(3)
+    rotation = _FROM_Y_UP if not keep_axes and _y_is_up(path) else np.eye(3)
     for node in sorted(scene.graph.nodes_geometry):
         transform, name = scene.graph[node]
         mesh = scene.geometry[name]

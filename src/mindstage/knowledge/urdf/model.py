@@ -6,11 +6,12 @@ from enum import StrEnum
 
 import msgspec
 
-from mindstage.scene import Color, Pose, Vector
+from mindstage.scene import IDENTITY, Color, Pose, Vector
 
 __all__ = [
     "UrdfGeometry",
     "UrdfGeometryType",
+    "UrdfInertial",
     "UrdfIssue",
     "UrdfJoint",
     "UrdfJointType",
@@ -39,8 +40,22 @@ class UrdfGeometry(msgspec.Struct, frozen=True, kw_only=True):
     """Extents [m]; for a mesh, those of its bounding box if its file can be measured."""
     mesh: str | None = None
     """File name as given: a `package://` URI or a path."""
+    mesh_scale: Vector = (1.0, 1.0, 1.0)
+    """Factors along the axes of the mesh."""
+    mesh_origin: Pose = IDENTITY
+    """Pose of the origin of a mesh in the link frame."""
     color: Color | None = None
     material: str = ""
+
+
+class UrdfInertial(msgspec.Struct, frozen=True, kw_only=True):
+    """An `<inertial>` element of a link, whose mass is positive."""
+
+    mass_kg: float
+    origin: Pose = IDENTITY
+    """Center of mass, and the axes of the moments, in the link frame."""
+    tensor: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """xx, yy, zz, xy, xz, yz about the center of mass, along the axes of `origin` [kg m²]."""
 
 
 class UrdfLink(msgspec.Struct, frozen=True, kw_only=True):
@@ -50,6 +65,7 @@ class UrdfLink(msgspec.Struct, frozen=True, kw_only=True):
     visuals: tuple[UrdfGeometry, ...] = ()
     collisions: tuple[UrdfGeometry, ...] = ()
     mass_kg: float | None = None
+    inertial: UrdfInertial | None = None
     source_xml: str = ""
     """The XML of the element."""
 
@@ -87,7 +103,13 @@ class UrdfJoint(msgspec.Struct, frozen=True, kw_only=True):
     """Unit or other nonzero vector in the joint frame."""
     range: tuple[float, float] | None = None
     """Lower and upper limit [m or rad]; None for no limits."""
+    velocity: float | None = None
+    """Largest speed [m/s or rad/s]."""
+    effort: float | None = None
+    """Largest force [N] or moment [Nm]."""
     damping: float = 0.0
+    friction: float = 0.0
+    """[N] or [Nm]."""
     mimic: UrdfMimic | None = None
     source_xml: str = ""
 
@@ -112,3 +134,5 @@ class UrdfRobot(msgspec.Struct, frozen=True, kw_only=True):
     other_elements: tuple[str, ...] = ()
     """The XML of all other elements: materials, transmissions, simulator extensions."""
     issues: tuple[UrdfIssue, ...] = ()
+    source_xml: str = ""
+    """The whole document, with macros of xacro expanded; empty for an element that was parsed alone."""

@@ -29,6 +29,7 @@ from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.urdf.model import (
     UrdfGeometry,
     UrdfGeometryType,
+    UrdfInertial,
     UrdfIssue,
     UrdfJoint,
     UrdfJointType,
@@ -39,7 +40,7 @@ from mindstage.knowledge.urdf.model import (
 from mindstage.scene import IDENTITY, Color, Pose, Vector
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_multiply, quat_multiply
 
-__all__ = ["MeshBounds", "expand_xacro", "mesh_bounds", "parse_robot", "read_urdf"]
+__all__ = ["MeshBounds", "expand_xacro", "mesh_bounds", "parse_robot", "parse_xml", "read_urdf"]
 
 
 _TIMEOUT_S = 60.0
@@ -162,20 +163,20 @@ def _vertex_lines(data: bytes, keyword: bytes) -> Array | None:
 _FORMATS = {".obj": _obj_vertices, ".stl": _stl_vertices}
 
 
-def parse_robot(root: Element, path: Path, packages: RosPackagePath) -> UrdfRobot:
-    """Parses a `<robot>` element.
+def parse_robot(root: Element, path: Path, packages: RosPackagePath, *, measure_meshes: bool = True) -> UrdfRobot:
+    """Parses a `<robot>` element; `measure_meshes` is whether mesh files are read for the sizes of geometries.
 
     Raises:
         SourceParseError: it has no link.
     """
-    return _UrdfParser(root, path, packages).parse()
+    return _UrdfParser(root, path, packages, measure_meshes=measure_meshes).parse()
 
 
 class _UrdfParser:
     """Parser of one `<robot>` element."""
 
-    def __init__(self, root: Element, path: Path, packages: RosPackagePath) -> None:
-        self.root, self.path, self.packages = root, path, packages
+    def __init__(self, root: Element, path: Path, packages: RosPackagePath, *, measure_meshes: bool) -> None:
+        self.root, self.path, self.packages, self.measure_meshes = root, path, packages, measure_meshes
         self.issues: list[UrdfIssue] = []
         self.current_name = ""
         named = ((material.get("name", ""), self._color(material)) for material in root.findall("material"))
@@ -224,8 +225,17 @@ class _UrdfParser:
             visuals=tuple(filter(None, map(self._geometry, element.findall("visual")))),
             collisions=tuple(filter(None, map(self._geometry, element.findall("collision")))),
             mass_kg=weight or None,
+            inertial=None if not weight else self._inertial(element, weight),
             source_xml=_element_text(element),
         )
+
+    def _inertial(self, element: Element, mass: float) -> UrdfInertial:
+        inertial, tensor = element.find("inertial"), element.find("inertial/inertia")
+        names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+        numbers = [0.0 if tensor is None else self._number(tensor, name, 0.0) or 0.0 for name in names]
+        xx, yy, zz, xy, xz, yz = numbers
+        origin = IDENTITY if inertial is None else self._origin(inertial)
+        return UrdfInertial(mass_kg=mass, origin=origin, tensor=(xx, yy, zz, xy, xz, yz))
 
     def _geometry(self, element: Element) -> UrdfGeometry | None:
         geometry = element.find("geometry")
@@ -234,15 +244,16 @@ class _UrdfParser:
             self._add_issue(f"a <{element.tag}> has no box, cylinder, sphere or mesh", "it is omitted", missing=True)
             return None
         geometry_type, size, mesh, center = UrdfGeometryType(shape.tag), None, None, IDENTITY
+        scale = (1.0, 1.0, 1.0)
         origin = self._origin(element)
         if geometry_type is UrdfGeometryType.MESH:
             mesh = shape.get("filename") or None
-            box = mesh_bounds(mesh, self.path, self.packages) if mesh else None
+            box = mesh_bounds(mesh, self.path, self.packages) if mesh and self.measure_meshes else None
             if mesh is None:
                 self._add_issue("a mesh has no file name", "it is omitted", missing=True)
                 return None
+            scale = self._vector(shape, "scale", scale)
             if box is not None:
-                scale = np.array(self._vector(shape, "scale", (1.0, 1.0, 1.0)))
                 size, center = to_vector(np.abs(box.size * scale)), Pose(to_vector(box.center * scale))
         else:
             size = self._size(geometry_type, shape)
@@ -254,6 +265,8 @@ class _UrdfParser:
             origin=pose_from_array(pose_multiply(normalized_pose_array(origin), normalized_pose_array(center))),
             size=size,
             mesh=mesh,
+            mesh_scale=scale,
+            mesh_origin=IDENTITY if mesh is None else origin,
             color=color,
             material=material,
         )
@@ -301,7 +314,7 @@ class _UrdfParser:
         if not any(axis):
             self._add_issue("its axis is 0 0 0", "1 0 0 is used")
             axis = (1.0, 0.0, 0.0)
-        dynamics = element.find("dynamics")
+        dynamics, limit = element.find("dynamics"), element.find("limit")
         return UrdfJoint(
             name=name,
             type=type,
@@ -311,7 +324,10 @@ class _UrdfParser:
             axis=axis,
             range=self._joint_range(element, type),
             mimic=self._mimic(element, type),
+            velocity=None if limit is None else self._number(limit, "velocity"),
+            effort=None if limit is None else self._number(limit, "effort"),
             damping=(self._number(dynamics, "damping", 0.0) or 0.0) if dynamics is not None else 0.0,
+            friction=(self._number(dynamics, "friction", 0.0) or 0.0) if dynamics is not None else 0.0,
             source_xml=_element_text(element),
         )
 
@@ -422,12 +438,13 @@ def _element_text(element: Element) -> str:
     return ElementTree.tostring(element, encoding="unicode").strip()
 
 
-def read_urdf(path: Path, packages: RosPackagePath) -> UrdfRobot:
+def read_urdf(path: Path, packages: RosPackagePath, *, measure_meshes: bool = True) -> UrdfRobot:
     """Reads a robot description.
 
     Args:
         path: a URDF or xacro file.
         packages: where `package://` meshes and files included by xacro are searched.
+        measure_meshes: whether mesh files are read for the sizes of geometries.
 
     Raises:
         SourceParseError: the file does not exist, is too long or not well-formed, contains a document type, or needs
@@ -437,12 +454,14 @@ def read_urdf(path: Path, packages: RosPackagePath) -> UrdfRobot:
         data = path.read_bytes()
     except OSError as error:
         raise SourceParseError(str(path), cause=error.strerror or str(error)) from error
-    root = _parse_xml(path, data)
+    root = parse_xml(path, data)
     if root.tag != "robot":
         raise SourceParseError(str(path), cause=f"its root element is <{root.tag}>, not <robot>")
     if _needs_xacro(root):
-        root = _parse_xml(path, expand_xacro(path, packages))
-    return parse_robot(root, path, packages)
+        data = expand_xacro(path, packages)
+        root = parse_xml(path, data)
+    robot = parse_robot(root, path, packages, measure_meshes=measure_meshes)
+    return replace(robot, source_xml=data.decode("utf-8", "replace"))
 
 
 def _needs_xacro(root: Element) -> bool:
@@ -469,7 +488,12 @@ def _needs_xacro(root: Element) -> bool:
     return False
 
 
-def _parse_xml(path: Path, data: bytes) -> ElementTree.Element:
+def parse_xml(path: Path, data: bytes) -> ElementTree.Element:
+    """Parses an XML document of bounded size and depth, without a document type.
+
+    Raises:
+        SourceParseError: it is too long, too deep, not well-formed, or has a document type.
+    """
     if len(data) > LENGTH_LIMIT:
         cause = f"it has {len(data):,} bytes; at most {LENGTH_LIMIT:,} are allowed"
         raise SourceParseError(str(path), cause=cause)

@@ -1,0 +1,286 @@
+"""What a gripper can do, from its geometry: how far it opens, where it grasps, and which way it is closed.
+
+Fingers are links that the gripper's joints move. All is computed from the convex collision shapes, since these are what
+touches things in a simulation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from mindstage.robots.forward_kinematics import rest_positions
+from mindstage.robots.model import Gripper, GripperType, ModelNote, RobotJoint
+from mindstage.robots.models.link_tree import LinkTree
+from mindstage.scene.transforms import (
+    Array,
+    pose_from_array,
+    pose_inverse,
+    pose_multiply,
+    quat_rotate,
+    quaternion_from_matrix,
+)
+
+__all__ = ["analyze_gripper"]
+
+_TOOL_WORDS = ("grasp", "tool_frame", "tcp", "tool0", "tool_center")
+"""Words in the names of frames between the finger tips."""
+_TIP_MARGIN_M = 0.02
+"""Distance of the grasp frame from the ends of the fingers, if no frame of the description says where it is."""
+_MAX_TOOL_OFFSET_M = 0.04
+"""Distance from the plane between the fingers up to which a named frame is taken as the grasp frame."""
+_DEFAULT_FORCE_N = 40.0
+_FORCE_RANGE_N = (5.0, 200.0)
+_MIN_TRAVEL_M = 0.01
+
+
+def analyze_gripper(
+    tree: LinkTree, name: str, link: str, joints: Sequence[RobotJoint], notes: list[ModelNote]
+) -> Gripper | None:
+    """Computes a gripper from its joints; None if none of them moves a link with a collision shape.
+
+    Args:
+        tree: the robot.
+        name: the name of the gripper.
+        link: the link that carries the fingers.
+        joints: the movable joints of the fingers, followers included.
+        notes: guesses are appended.
+    """
+    fingers = _finger_links(tree, joints)
+    drives = [joint for joint in joints if joint.is_actuated]
+    if not fingers or not drives:
+        return None
+    positions = _Positions(tree, link, fingers, joints)
+    opened, closed = positions.limits()
+    between = positions.closing_frame(opened, closed)
+    if between is None or len(fingers) < 2:
+        notes.append(
+            ModelNote(subject=name, text="its fingers do not close on each other, so it is no parallel gripper")
+        )
+        return _other(tree, name, link, drives, fingers, opened, closed)
+    frame, gap, closed = _grasp_frame(tree, link, fingers, positions, opened, closed, between)
+    is_parallel = gap > _MIN_TRAVEL_M
+    return Gripper(
+        name=name,
+        type=GripperType.PARALLEL if is_parallel else GripperType.OTHER,
+        link=link,
+        joints=tuple(joint.name for joint in drives),
+        finger_links=tuple(fingers),
+        grasp_pose=pose_from_array(frame),
+        open_positions=tuple(opened[joint.name] for joint in drives),
+        closed_positions=tuple(closed[joint.name] for joint in drives),
+        max_opening_m=round(float(gap), 4),
+        max_force_n=_force(tree, drives, fingers, frame, link),
+    )
+
+
+def _other(
+    tree: LinkTree,
+    name: str,
+    link: str,
+    drives: Sequence[RobotJoint],
+    fingers: Sequence[str],
+    opened: Mapping[str, float],
+    closed: Mapping[str, float],
+) -> Gripper:
+    """An end effector whose fingers do not close along one axis: its grasp frame is at the middle of the tips."""
+    poses = tree.poses(rest_positions(tree.joints.values(), opened))
+    to_link = pose_inverse(poses[link])
+    tips = tree.points(fingers, poses)
+    center = quat_rotate(to_link[3:], tips.mean(axis=0)) + to_link[:3]
+    rotation = _rotation(center, np.array([0.0, 1.0, 0.0]))
+    return Gripper(
+        name=name,
+        type=GripperType.OTHER,
+        link=link,
+        joints=tuple(joint.name for joint in drives),
+        finger_links=tuple(fingers),
+        grasp_pose=pose_from_array([*center, *rotation]),
+        open_positions=tuple(opened[joint.name] for joint in drives),
+        closed_positions=tuple(closed[joint.name] for joint in drives),
+        max_opening_m=0.0,
+        max_force_n=_DEFAULT_FORCE_N,
+    )
+
+
+def _finger_links(tree: LinkTree, joints: Sequence[RobotJoint]) -> list[str]:
+    """The last moved links with collision shapes, one for each branch."""
+    moved = {joint.child for joint in joints}
+    found: dict[str, None] = {}
+    for joint in joints:
+        solid = [each for each in tree.rigid_links(joint.child) if _is_solid(tree, each)]
+        below = {each for each in tree.subtree(joint.child) if each in moved and each != joint.child}
+        if solid and not any(_is_solid(tree, each) for link in below for each in tree.rigid_links(link)):
+            found.update(dict.fromkeys(solid))
+    return list(found)
+
+
+def _is_solid(tree: LinkTree, link: str) -> bool:
+    geometry = tree.links[link].geometry
+    return geometry is not None and bool(geometry.collision_shapes)
+
+
+class _Positions:
+    """Positions of the finger joints, and the distances of the fingers at them."""
+
+    def __init__(self, tree: LinkTree, link: str, fingers: Sequence[str], joints: Sequence[RobotJoint]) -> None:
+        self.tree, self.link = tree, link
+        self.drives = [joint for joint in joints if joint.is_actuated]
+        names = {joint.name for joint in joints}
+        branches: dict[str, list[str]] = {}
+        for finger in fingers:
+            first = [joint.name for joint in tree.ancestors(finger) if joint.name in names][-1]
+            branches.setdefault(first, []).append(finger)
+        self.branches = list(branches.values())
+        """The fingers, each as the links of one branch below the palm."""
+
+    def fingers(self, drives: Mapping[str, float]) -> list[Array]:
+        """Points on each finger, in the frame of the palm."""
+        poses = self.tree.poses(rest_positions(self.tree.joints.values(), drives))
+        to_link = pose_inverse(poses[self.link])
+        found = (self.tree.points(branch, poses) for branch in self.branches)
+        return [quat_rotate(to_link[3:], points) + to_link[:3] for points in found]
+
+    def spread(self, drives: Mapping[str, float]) -> float:
+        """The sum of the distances of the fingers' centers from their common center [m]."""
+        centers = np.array([points.mean(axis=0) for points in self.fingers(drives)])
+        return float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).sum())
+
+    def limits(self) -> tuple[dict[str, float], dict[str, float]]:
+        """The positions of the drives when the gripper is open, and when it is closed."""
+        middle = {joint.name: rest_positions([joint])[joint.name] for joint in self.drives}
+        opened, closed = dict(middle), dict(middle)
+        for joint in self.drives:
+            lower = joint.lower if joint.lower is not None else -np.pi / 2
+            upper = joint.upper if joint.upper is not None else np.pi / 2
+            low, high = (self.spread({**middle, joint.name: limit}) for limit in (lower, upper))
+            opened[joint.name], closed[joint.name] = (lower, upper) if low > high else (upper, lower)
+        return opened, closed
+
+    def closing_frame(self, opened: Mapping[str, float], closed: Mapping[str, float]) -> Array | None:
+        """Unit vector in the frame of the palm, from the second finger to the first, along which they close."""
+        centers = [np.array([points.mean(axis=0) for points in self.fingers(each)]) for each in (opened, closed)]
+        if len(centers[0]) < 2:
+            return None
+        moved = centers[0] - centers[1]
+        relative = moved[0] - moved[1:].mean(axis=0)
+        length = float(np.linalg.norm(relative))
+        if length < _MIN_TRAVEL_M / 2:
+            return None
+        between = centers[0][0] - centers[0][1:].mean(axis=0)
+        # Fingers on hinges move on arcs: the line between them is a better direction than their displacement.
+        direction = between if float(np.linalg.norm(between)) > 0.01 else relative
+        return np.asarray(direction / np.linalg.norm(direction))
+
+
+def _grasp_frame(
+    tree: LinkTree,
+    link: str,
+    fingers: Sequence[str],
+    positions: _Positions,
+    opened: Mapping[str, float],
+    closed: Mapping[str, float],
+    axis: Array,
+) -> tuple[Array, float, dict[str, float]]:
+    """The grasp frame in the frame of the palm, the distance of the fingers, and the positions at which they touch."""
+    points = positions.fingers(opened)
+    everything = np.concatenate(points)
+    outward = everything.mean(axis=0)
+    outward = _outward(tree, link, axis, outward)
+    depth = everything @ outward
+    first, others = points[0], np.concatenate(points[1:])
+    gap = _gap(first, others, axis)
+    middle = (float((first @ axis).min()) + float((others @ axis).max())) / 2
+    side = np.cross(outward, axis)
+    sideways = everything @ side
+    tip = float(min(each.max() for each in (first @ outward, others @ outward)))
+    along = max(tip - _TIP_MARGIN_M, float((depth.min() + tip) / 2))
+    origin = outward * along + axis * middle + side * (sideways.min() + sideways.max()) / 2
+    named = _named_frame(tree, link)
+    if named is not None:
+        offset = named - origin
+        if max(abs(float(offset @ axis)), abs(float(offset @ side))) < _MAX_TOOL_OFFSET_M and (
+            depth.min() - 0.01 <= float(named @ outward) <= tip + 0.01
+        ):
+            origin = origin + outward * float(offset @ outward) + side * float(offset @ side)
+    rotation = quaternion_from_matrix(np.stack([outward, axis, np.cross(outward, axis)], axis=1))
+    return np.array([*origin, *rotation]), gap, _touching(positions, opened, closed, axis)
+
+
+def _outward(tree: LinkTree, link: str, axis: Array, center: Array) -> Array:
+    """The direction out of the hand: from the palm to the fingers, along the palm's axis that is nearest to it."""
+    toward = center - axis * float(center @ axis)
+    length = float(np.linalg.norm(toward))
+    direction = toward / length if length > 1e-3 else np.array([1.0, 0.0, 0.0])
+    nearest = np.zeros(3)
+    nearest[int(np.argmax(np.abs(direction)))] = np.sign(direction[int(np.argmax(np.abs(direction)))])
+    nearest -= axis * float(nearest @ axis)
+    if float(np.linalg.norm(nearest)) > 0.9:
+        nearest /= np.linalg.norm(nearest)
+        if float(nearest @ direction) > 0.9:
+            return nearest
+    return direction
+
+
+def _gap(first: Array, others: Array, axis: Array) -> float:
+    return float((first @ axis).min() - (others @ axis).max())
+
+
+def _touching(
+    positions: _Positions, opened: Mapping[str, float], closed: Mapping[str, float], axis: Array
+) -> dict[str, float]:
+    """The closed positions, or those on the way to them at which the fingers touch each other."""
+
+    def at(share: float) -> dict[str, float]:
+        return {name: opened[name] + share * (closed[name] - opened[name]) for name in opened}
+
+    def gap(share: float) -> float:
+        points = positions.fingers(at(share))
+        return _gap(points[0], np.concatenate(points[1:]), axis)
+
+    if gap(1.0) >= 0.0 or gap(0.0) <= 0.0:
+        return dict(closed)
+    low, high = 0.0, 1.0
+    for _ in range(20):
+        middle = (low + high) / 2
+        low, high = (middle, high) if gap(middle) > 0.0 else (low, middle)
+    return {name: round(position, 5) for name, position in at(high).items()}
+
+
+def _named_frame(tree: LinkTree, link: str) -> Array | None:
+    """The origin of a frame whose name says that it is between the finger tips, in the frame of the palm."""
+    poses = tree.poses(rest_positions(tree.joints.values()))
+    rigid = [each for each in tree.rigid_links(link) if each != link]
+    for word in _TOOL_WORDS:
+        for each in rigid:
+            if word in each.lower():
+                return np.asarray(pose_multiply(pose_inverse(poses[link]), poses[each])[:3])
+    return None
+
+
+def _rotation(outward: Array, axis: Array) -> Array:
+    direction = outward / max(float(np.linalg.norm(outward)), 1e-9)
+    if abs(float(direction @ axis)) > 0.9:
+        axis = np.array([1.0, 0.0, 0.0])
+    axis = axis - direction * float(axis @ direction)
+    axis /= np.linalg.norm(axis)
+    return quaternion_from_matrix(np.stack([direction, axis, np.cross(direction, axis)], axis=1))
+
+
+def _force(tree: LinkTree, drives: Sequence[RobotJoint], fingers: Sequence[str], frame: Array, link: str) -> float:
+    """The force of a finger at the grasp frame, from the effort of the weakest drive."""
+    poses = tree.poses(rest_positions(tree.joints.values()))
+    grasp = pose_multiply(poses[link], frame)[:3]
+    forces = []
+    for joint in drives:
+        if joint.effort is None or joint.effort <= 0.0:
+            continue
+        followers = 1 + len(tree.followers.get(joint.name, ()))
+        if joint.type.value == "prismatic":
+            forces.append(joint.effort / followers)
+        else:
+            arm = max(float(np.linalg.norm(poses[joint.child][:3] - grasp)), 0.02)
+            forces.append(joint.effort / arm / followers)
+    lowest, highest = _FORCE_RANGE_N
+    return round(min(max(min(forces), lowest), highest), 1) if forces else _DEFAULT_FORCE_N
