@@ -221,6 +221,19 @@ class CollisionChecker:
         assert part is not None  # the ground is not a part of a robot
         return Collision(part=part, obstacle=obstacle, distance_m=distance)
 
+    def set_joint(self, joint: BodyId, position: float) -> None:
+        """Moves a joint of the place, such as that of a door, for all states that are tested from now on.
+
+        Args:
+            joint: the joint; it has one axis.
+            position: relative to its spawned position [m or rad].
+
+        Raises:
+            KeyError: the joint is not simulated.
+        """
+        address, sign = self._contacts.address(joint)
+        self._contacts.data.qpos[address] = sign * position
+
     def find_at(
         self, positions: Mapping[str, float], base: tuple[float, float, float] | None = None
     ) -> Collision | None:

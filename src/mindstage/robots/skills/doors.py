@@ -221,5 +221,13 @@ def _find_stance(
 
     grasps = [each for each in grasps_of(body, geometry, pose, hand.gripper, hand.shape) if facing(each) >= _FACING]
     grasps.sort(key=lambda each: (not each.is_central, -round(facing(each), 2)))
-    request = StanceRequest(handle, grasps, path.handles, _BACK_M, touched=(opening.front,))
+    request = StanceRequest(
+        handle,
+        grasps,
+        path.handles,
+        _BACK_M,
+        joint=opening.joint.id,
+        joint_positions=path.positions.tolist(),
+        touched=(opening.front,),
+    )
     return find_stance(task, hand, request)

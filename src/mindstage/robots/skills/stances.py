@@ -62,6 +62,10 @@ class StanceRequest(NamedTuple):
     """n x 7: poses of the target in the world frame, the present one first."""
     back_m: float
     """Length of the straight line on which the hand comes, and withdraws."""
+    joint: BodyId | None = None
+    """The joint of a door or drawer that moves with the target."""
+    joint_positions: Sequence[float] = ()
+    """Its positions along the path [m or rad]."""
     touched: Sequence[BodyId] = ()
     """Bodies that the hand may touch."""
     least: float = 0.3
@@ -117,7 +121,10 @@ class _Search:
             return
         target = self.request.poses[0][:3]
         inward = np.mean(
-            [quat_rotate(each.in_world(self.request.poses[0])[3:], (1.0, 0.0, 0.0)) for each in self.request.grasps[:4]],
+            [
+                quat_rotate(each.in_world(self.request.poses[0])[3:], (1.0, 0.0, 0.0))
+                for each in self.request.grasps[:4]
+            ],
             axis=0,
         )
         away = atan2(-inward[1], -inward[0]) if np.hypot(*inward[:2]) > 0.3 else self._bearing(target)
@@ -152,7 +159,11 @@ class _Search:
             return None
         before = pose_multiply(at, np.array([-request.back_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
         approach = follow_poses(
-            hand.kinematics, hand.arm, interpolated_poses(at, before), root=root, seed={**self.positions, **found.positions}
+            hand.kinematics,
+            hand.arm,
+            interpolated_poses(at, before),
+            root=root,
+            seed={**self.positions, **found.positions},
         )
         if not approach.is_complete:
             self._count(approach.reason)
@@ -176,13 +187,19 @@ class _Search:
         return Stance(base, grasp, start, reach, path.reason)
 
     def _collision(self, positions: dict[str, float], base: BasePose) -> str | None:
+        self._move_joint(0)
         hit = self.checker.find_at({**positions, **self.open}, base if self.hand.is_mobile else None)
         return None if hit is None else str(hit)
+
+    def _move_joint(self, row: int) -> None:
+        if self.request.joint is not None:
+            self.checker.set_joint(self.request.joint, self.request.joint_positions[row])
 
     def _free_part(self, path: ArmPath, base: BasePose) -> float:
         """The part of a path that is followed without collisions."""
         count = len(self.request.poses)
         for row in range(0, path.reached, _CHECKED_EVERY):
+            self._move_joint(row)
             hit = self.checker.find_at(
                 {**path.at(row), **self.open}, self.hand.base_of(path.roots[row]) if self.hand.is_mobile else None
             )
