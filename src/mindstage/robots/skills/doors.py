@@ -230,4 +230,4 @@ def _find_stance(
         joint_positions=path.positions.tolist(),
         touched=(opening.front,),
     )
-    return find_stance(task, hand, request)
+    return find_stance(hand, request)
