@@ -33,7 +33,7 @@ __all__ = [
     "RobotController",
 ]
 
-PERIOD_S = 0.01
+PERIOD_S = 0.004
 """The period of control in simulated time [s]."""
 DRIVE_TIMEOUT_S = 0.5
 """A velocity of the base is that of the last command for so long at most [s]."""
