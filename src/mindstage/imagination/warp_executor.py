@@ -22,7 +22,7 @@ from mindstage.engines.mujoco import CompiledState, MujocoEngine, whole_steps
 from mindstage.errors import EngineError, ImaginationError, PlanError, SimulationDivergedError, WorldError
 from mindstage.imagination.execution import PlanRunner, RunningSample, SampleStoppedError, find_body, never, resume
 from mindstage.imagination.executors import Job
-from mindstage.imagination.plans import Attach, ChangePhysics, Close, Detach, Move, Open, Place, Plan, PlanStep
+from mindstage.imagination.plans import Attach, ChangePhysics, Close, Detach, Move, Open, Perform, Place, Plan, PlanStep
 from mindstage.imagination.results import SampleResult
 from mindstage.imagination.warp_batch import BatchLimits, StepEnd, WarpBatch, load_warp, varied_fields
 from mindstage.scene import BodyId, BodyPhysics, Pose, Vector, World
@@ -501,6 +501,8 @@ class _Template:
                 return "" if is_pulled or self._is_movable(body) else f"moving {body!r} changes the model"
             case ChangePhysics() if step.mobility is not None:
                 return "the mobility of a body is part of the model"
+            case Perform():
+                return "a robot's controllers command the engine"
         return ""
 
     def _is_movable(self, id: BodyId) -> bool:

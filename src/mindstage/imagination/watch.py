@@ -9,7 +9,7 @@ Thresholds: a body fell if it is `FALL_M` lower than its reference, and tipped i
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from math import acos, cos, pi
 from typing import NamedTuple
@@ -96,6 +96,8 @@ class EventWatch:
         """All events so far, in the order of time."""
         self.step: int | None = None
         """Index of the step that is executed."""
+        self.carried: Callable[[], Iterable[BodyId]] = tuple
+        """Returns what robots hold: it neither falls nor tips before they let it go."""
 
     @property
     def time_s(self) -> float:
@@ -107,6 +109,8 @@ class EventWatch:
         state = self._simulation.state
         if state.ids != self._layout.ids:
             self._follow_bodies(state.poses)
+        if carried := [id for id in self.carried() if id in self._layout.row_of]:
+            self.set_reference(carried)
         layout = self._layout
         rows = layout.free_rows
         poses = state.poses[rows]
