@@ -6,7 +6,7 @@ any process. They are drawn in the order of the bodies for the start, and then i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from math import cos, sin
@@ -504,7 +504,11 @@ class _Sample:
             deadline_s=max(0.0, self.limit_s - self.watch.time_s - 1e-3),
             seed=int(self.rng.integers(2**31)),
         )
-        self.watch.carried = lambda: robot.held.values()
+
+        def held() -> Collection[BodyId]:
+            return robot.held.values()
+
+        self.watch.carried = held
         try:
             done = yield from self._watched(motion)
         finally:
@@ -754,8 +758,6 @@ class _Validator:
                 self._check_body(f"{path}.child", step.child)
             case Perform():
                 self._check_skill(path, step)
-            case Wait():
-                pass
 
     def _check_skill(self, path: str, step: Perform) -> None:
         spec = SKILLS.get(step.skill)

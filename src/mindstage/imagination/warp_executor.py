@@ -492,9 +492,8 @@ class _Template:
                 return "attachments are part of the model"
             case Place() | Move():
                 id = find_body(self.simulation, step.thing)
-                if id is None:
-                    return "a new body changes the model"
-                return "" if self._is_movable(id) else f"moving {id!r} changes the model"
+                what = "a new body" if id is None else f"moving {id!r}"
+                return "" if id is not None and self._is_movable(id) else f"{what} changes the model"
             case Open() | Close():
                 body = find_joint(self.simulation, step.thing).body
                 is_pulled = self.simulation.snapshot().body(body).physics.is_dynamic
