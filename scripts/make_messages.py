@@ -169,9 +169,9 @@ def add_declaration(section: Section, enum: Enum | None, text: str, comments: li
 
 def module_source(package: str, definitions: list[Definition], readme: str) -> str:
     """Returns the Python source of a package, not formatted yet."""
-    services = {each.name for each in definitions if each.kind == "srv"}
+    others = {each.name for each in definitions if each.kind != "msg"}
     messages = {each.name: each for each in definitions if each.kind == "msg"}
-    python_names = {name: f"{name}Message" if name in services else name for name in messages}
+    python_names = {name: f"{name}Message" if name in others else name for name in messages}
     enums: dict[str, Enum] = {}
     for definition in definitions:
         for enum in (enum for section in definition.sections for enum in section.enums):
@@ -198,11 +198,13 @@ def module_source(package: str, definitions: list[Definition], readme: str) -> s
             body += [f"    {line}" for line in lines]
     names = [*enums, *(python_names[each.name] if each.kind == "msg" else each.name for each in ordered)]
     text = "\n".join(body)
-    others = sorted(set(re.findall(r"\b([a-z]\w+)\.[A-Z]", re.sub(r'""".*?"""', "", text, flags=re.DOTALL))) - {"base"})
+    imported = sorted(
+        set(re.findall(r"\b([a-z]\w+)\.[A-Z]", re.sub(r'""".*?"""', "", text, flags=re.DOTALL))) - {"base"}
+    )
     imports = ["from __future__ import annotations"]
     imports += [f"from typing import {word}" for word in ("Annotated", "ClassVar") if word in text]
     imports += ["from msgspec import Meta"] * ("Meta(" in text) + ["from mindstage.msgs import base"]
-    imports += [f"from mindstage.msgs._generated import {other}" for other in others]
+    imports += [f"from mindstage.msgs._generated import {other}" for other in imported]
     return "\n".join(
         [
             *(line.removeprefix("    ") for line in docstring(readme.strip())),

@@ -25,6 +25,7 @@ from mindstage.msgs import (
 )
 from mindstage.msgs import actionlib_msgs as wire
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
+from mindstage.ros.service import EndedGoal
 
 __all__ = ["ActionlibServer"]
 
@@ -79,7 +80,8 @@ class ActionlibServer:
             diagnostics: publishes errors of invalid cancellations.
             ros: version of ROS for names and formats.
         """
-        self._name = name
+        self.name = name
+        """Absolute name of the action."""
         self._action = action
         self._handler = handler
         self._diagnostics = diagnostics
@@ -139,7 +141,7 @@ class ActionlibServer:
             self._reject_goal(_goal_id(message), str(error))
             return
         stamp = request.goal_id.stamp
-        goal = _Goal(wire.GoalID(stamp=stamp, id=request.goal_id.id or f"{self._name}-{time.monotonic_ns()}"), sender)
+        goal = _Goal(wire.GoalID(stamp=stamp, id=request.goal_id.id or f"{self.name}-{time.monotonic_ns()}"), sender)
         with self._lock:
             if goal.id.id in self._goals:
                 return  # a duplicate; actionlib does not reuse ids
@@ -153,7 +155,7 @@ class ActionlibServer:
             self._reject_goal(goal.id.id, f"{_MAX_GOALS} goals are active already")
             return
         goal.handle = ServerGoalHandle(
-            self._name, goal.id.id, encode(request.goal, ros=self._ros), self._feedback_publisher(goal)
+            self.name, goal.id.id, encode(request.goal, ros=self._ros), self._feedback_publisher(goal)
         )
         goal.status = wire.GoalStatusCode.ACTIVE
         worker = threading.Thread(target=self._run_goal, args=(goal, goal.handle), name="mindstage-goal", daemon=True)
@@ -164,7 +166,7 @@ class ActionlibServer:
         try:
             request = decode(wire.GoalID, message)
         except MindstageError as error:
-            self._diagnostics.report_error(f"{self._name}/cancel", error)
+            self._diagnostics.report_error(f"{self.name}/cancel", error)
             return
         with self._lock:
             goals = tuple(self._goals.values())
@@ -186,10 +188,14 @@ class ActionlibServer:
             result = self._handler(handle)
         except Exception as error:
             if not isinstance(error, MindstageError):
-                _log.exception("%s failed", self._name)
+                _log.exception("%s failed", self.name)
             self._finish(goal, wire.GoalStatusCode.ABORTED, str(error), None)
         else:
-            self._finish(goal, _STATUS_BY_RESULT.get(result.status, wire.GoalStatusCode.ABORTED), "", result.values)
+            status = _STATUS_BY_RESULT.get(result.status, wire.GoalStatusCode.ABORTED)
+            text = ""
+            if isinstance(result, EndedGoal):
+                status, text = wire.GoalStatusCode.REJECTED if result.rejected else status, result.text
+            self._finish(goal, status, text, result.values)
 
     def _feedback_publisher(self, goal: _Goal) -> Callable[[Any, object], None]:
         def send(_: Any, values: object) -> None:

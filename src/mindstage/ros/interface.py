@@ -10,25 +10,16 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Protocol
 
 import msgspec
 
-from mindstage.bridge import GraphInfo, LocalNode, Node, RosbridgeClient, Subscription
+from mindstage.bridge import GraphInfo, LocalNode, Node, RosbridgeClient
 from mindstage.errors import MessageValidationError, MindstageError
 from mindstage.knowledge.queries import answers_to_builtins, list_questions
-from mindstage.msgs import (
-    Message,
-    RosVersion,
-    decode,
-    diagnostic_msgs,
-    message_types,
-    mindstage_msgs,
-    type_name,
-    visualization_msgs,
-)
-from mindstage.ros.actionlib import ActionlibServer
+from mindstage.msgs import RosVersion, diagnostic_msgs, mindstage_msgs, visualization_msgs
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
+from mindstage.ros.endpoints import Endpoints
 from mindstage.ros.engine_services import EngineServices, RecordingServices
 from mindstage.ros.named_poses import NamedPoseServices
 from mindstage.ros.plan_actions import PlanActions
@@ -36,14 +27,7 @@ from mindstage.ros.publishers import HighlightSubscriber, PublishRates, StatePub
 from mindstage.ros.queries import QueryServices, parse_arguments
 from mindstage.ros.robot_description import DescriptionPublisher
 from mindstage.ros.rosapi import ParameterServer, RosapiServices
-from mindstage.ros.service import (
-    ActionSpec,
-    ServiceSpec,
-    action_handler,
-    batch_handler,
-    names_elsewhere,
-    service_handler,
-)
+from mindstage.ros.service import ServiceSpec, names_elsewhere
 from mindstage.ros.simulation_interfaces import EntityServices, ResourceLoader, SpawnServices
 from mindstage.ros.simulation_interfaces_control import SimulationControlServices, WorldServices
 from mindstage.ros.state import StateReader
@@ -59,7 +43,6 @@ _TRANSPORT = "ROS"
 _QUESTION_NAMESPACE = "/mindstage"
 _QUESTION_TIMEOUT_S = 60.0
 _log = logging.getLogger("mindstage.ros")
-M = TypeVar("M", bound=Message)
 
 
 def connected_clients(node: Node) -> tuple[ConnectedClient, ...]:
@@ -173,9 +156,6 @@ class RosInterface:
         self.parameters.set("use_sim_time", True)
         self._node = node
         self._ros = ros
-        self._goal_timeout_s = goal_timeout_s
-        self._services: list[str] = []
-        self._actions: list[str] = []
         self._closed = False
         self._remove_client_source = simulation.clients.add_client_source(lambda: connected_clients(node))
         if simulation.worlds:
@@ -190,14 +170,15 @@ class RosInterface:
         self._remove_refusal_listener: Callable[[], None] = lambda: None
         if isinstance(node, RosbridgeClient):
             self._remove_refusal_listener = node.add_refusal_listener(diagnostics.report_server_refusal)
+        self._endpoints = Endpoints(
+            node, namespace=namespace, ros=ros, diagnostics=diagnostics, goal_timeout_s=goal_timeout_s
+        )
         self._state_reader = state_reader = StateReader(simulation)
         self._engine_services = EngineServices(state_reader, diagnostics)
         self._control_services = SimulationControlServices(simulation, step_s=step_s, on_quit=on_quit)
         self._unreal_vis = UnrealVisServices(state_reader, diagnostics)
         self._recordings = RecordingServices(simulation, episodes)
         self._service_groups = self._make_service_groups(ResourceLoader(simulation.knowledge, folder), step_s=step_s)
-        self._action_servers: list[ActionlibServer] = []
-        self._subscriptions: list[Subscription] = []
         self._state_publisher: StatePublisher | None = None
         self._descriptions: DescriptionPublisher | None = None
         try:
@@ -213,7 +194,7 @@ class RosInterface:
     @property
     def service_names(self) -> tuple[str, ...]:
         """Absolute names of the services that it offers."""
-        return tuple(self._services)
+        return self._endpoints.service_names
 
     def close(self) -> None:
         """Withdraws everything; calling it again is harmless."""
@@ -227,14 +208,7 @@ class RosInterface:
             self._state_publisher.close()
         if self._descriptions is not None:
             self._descriptions.close()
-        for server in self._action_servers:
-            server.close()
-        for subscription in self._subscriptions:
-            subscription.close()
-        for action in self._actions:
-            self._node.destroy_action_server(action)
-        for service in self._services:
-            self._node.destroy_service(service)
+        self._endpoints.close()
         self._diagnostics_publisher.close()
 
     def __enter__(self) -> RosInterface:
@@ -273,61 +247,15 @@ class RosInterface:
             names = [service.full_name(self.namespace) for service in services]
             elsewhere = names_elsewhere(self._node, names, namespace=self.namespace, ros=self._ros)
         for service in services:
-            if service.full_name(self.namespace) not in elsewhere and self._has_type(service):
-                self._create_service(service)
+            if service.full_name(self.namespace) not in elsewhere:
+                self._endpoints.create_service(service)
         plans = PlanActions(self.simulation)
         for action in (*self._engine_services.actions(), *self._control_services.actions(), *plans.actions()):
-            self._create_action(action)
+            self._endpoints.create_action(action)
         highlights = HighlightSubscriber(self.simulation, self._diagnostics)
-        self._subscribe("highlight", mindstage_msgs.LitBodies, highlights.on_highlight)
-        self._subscribe("markers", visualization_msgs.MarkerArray, self._unreal_vis.on_markers)
-        self._subscribe("marker", visualization_msgs.Marker, self._unreal_vis.on_marker)
-
-    def _has_type(self, spec: ServiceSpec) -> bool:
-        """Whether the server can have the type; in ROS 1, catkin cannot build a service with the name of a message."""
-        needs_catkin = isinstance(self._node, RosbridgeClient) and self._node.is_rosbridge_suite
-        if self._ros is RosVersion.TWO or not needs_catkin or type_name(spec.type) not in message_types():
-            return True
-        _log.info("%s is not offered: ROS 1 has no service %s", spec.full_name(self.namespace), type_name(spec.type))
-        return False
-
-    def _create_service(self, spec: ServiceSpec) -> None:
-        name = spec.full_name(self.namespace)
-        make_handler = batch_handler if spec.batched else service_handler
-        handler = make_handler(name, spec.type, spec.handler, diagnostics=self._diagnostics, ros=self._ros)
-        type = type_name(spec.type, self._ros)
-        self._node.create_service(name, type, handler, quick=spec.quick, batched=spec.batched)
-        if spec.timeout_s is not None and isinstance(self._node, LocalNode):
-            self._node.set_service_timeout(name, spec.timeout_s)
-        self._services.append(name)
-
-    def _create_action(self, spec: ActionSpec) -> None:
-        name = spec.full_name(self.namespace)
-        handler = action_handler(
-            name, spec, diagnostics=self._diagnostics, ros=self._ros, timeout_s=self._goal_timeout_s
-        )
-        # rosbridge_suite has only topics for actions in ROS 1, and no types for these topics in ROS 2.
-        has_both = not (isinstance(self._node, RosbridgeClient) and self._node.is_rosbridge_suite)
-        if has_both or self._ros is RosVersion.TWO:
-            self._node.create_action_server(name, type_name(spec.type, self._ros), handler)
-            self._actions.append(name)
-        if has_both or self._ros is RosVersion.ONE:
-            self._action_servers.append(
-                ActionlibServer(self._node, name, spec.type, handler, diagnostics=self._diagnostics, ros=self._ros)
-            )
-
-    def _subscribe(self, name: str, type: type[M], handler: Callable[[M], None]) -> None:
-        """Subscribes to a topic; errors are published on the diagnostics, since messages have no response."""
-        topic = "/".join(("", *filter(None, self.namespace.split("/")), name))
-
-        def on_message(message: Any) -> None:
-            try:
-                handler(decode(type, message))
-            except MindstageError as error:
-                self._diagnostics.report_error(name, error)
-
-        self._subscriptions.append(self._node.subscribe(topic, on_message, type=type_name(type, self._ros)))
+        self._endpoints.subscribe("highlight", mindstage_msgs.LitBodies, highlights.on_highlight)
+        self._endpoints.subscribe("markers", visualization_msgs.MarkerArray, self._unreal_vis.on_markers)
+        self._endpoints.subscribe("marker", visualization_msgs.Marker, self._unreal_vis.on_marker)
 
     def _tick(self) -> None:
-        for server in self._action_servers:
-            server.publish_status()
+        self._endpoints.publish_status()

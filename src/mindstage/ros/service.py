@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from mindstage.bridge import GoalResult, Refusal, RosbridgeClient, ServerGoalHandle
+from mindstage.bridge import GoalResult, GoalStatus, Refusal, RosbridgeClient, ServerGoalHandle
 from mindstage.bridge.conversions import error_text, error_to_message
 from mindstage.errors import (
     AdvertiseError,
@@ -51,6 +51,8 @@ __all__ = [
     "FEEDBACK_INTERVAL_S",
     "OK",
     "ActionSpec",
+    "EndedGoal",
+    "GoalAbortedError",
     "GoalCanceledError",
     "GoalContext",
     "ResultError",
@@ -262,17 +264,41 @@ def _is_published(node: RosbridgeClient, topic: str, *, ros: RosVersion) -> bool
 class GoalCanceledError(Exception):
     """The goal was canceled."""
 
-    def __init__(self, result: Message | None = None) -> None:
-        super().__init__("the goal was canceled")
+    def __init__(self, result: Message | None = None, *, reason: str = "the goal was canceled") -> None:
+        super().__init__(reason)
         self.result = result
         """What is known by then; None for the default of the type."""
+
+
+class GoalAbortedError(Exception):
+    """The goal was not reached, or was rejected before it began."""
+
+    def __init__(self, result: Message, *, reason: str, rejected: bool = False) -> None:
+        super().__init__(reason)
+        self.result = result
+        self.rejected = rejected
+
+
+class EndedGoal(GoalResult, frozen=True):
+    """The result of a goal, with what actionlib adds to it."""
+
+    text: str = ""
+    """Why it ended; the text of the status in ROS 1."""
+    rejected: bool = False
+    """Whether it did not begin; a status of its own in ROS 1."""
 
 
 class GoalContext:
     """Cancellation, timeout and feedback of one goal."""
 
     def __init__(
-        self, name: str, *, timeout_s: float, is_cancelled: Callable[[], bool], send_feedback: Callable[[Message], None]
+        self,
+        name: str,
+        *,
+        timeout_s: float,
+        is_cancelled: Callable[[], bool],
+        send_feedback: Callable[[Message], None],
+        wait_for_cancel: Callable[[float], bool],
     ) -> None:
         """Starts the timeout.
 
@@ -281,12 +307,14 @@ class GoalContext:
             timeout_s: largest duration of the goal [s].
             is_cancelled: returns whether cancellation was requested.
             send_feedback: sends feedback.
+            wait_for_cancel: sleeps for a time [s], at most until cancellation is requested.
         """
         self.name = name
         self.timeout_s = timeout_s
         self._deadline = time.monotonic() + timeout_s
         self._is_cancelled = is_cancelled
         self._send_feedback = send_feedback
+        self._wait_for_cancel = wait_for_cancel
         self._last_feedback_s = 0.0
 
     @property
@@ -298,11 +326,18 @@ class GoalContext:
         """Sends feedback now."""
         self._send_feedback(feedback)
 
-    def check(self, make_feedback: Callable[[], Message] | None) -> None:
+    def wait(self, duration_s: float) -> None:
+        """Sleeps, at most until cancellation is requested [s]."""
+        self._wait_for_cancel(duration_s)
+
+    def check(
+        self, make_feedback: Callable[[], Message | None] | None, *, interval_s: float = FEEDBACK_INTERVAL_S
+    ) -> None:
         """Sends feedback if it is due.
 
         Args:
-            make_feedback: creates the feedback message; None for no feedback.
+            make_feedback: creates the feedback message, or returns None while there is none; None for no feedback.
+            interval_s: least time between two feedback messages [s].
 
         Raises:
             GoalCanceledError: cancellation was requested.
@@ -313,9 +348,11 @@ class GoalContext:
         now = time.monotonic()
         if now > self._deadline:
             raise SimulationTimeoutError(self.name, timeout_s=self.timeout_s)
-        if make_feedback is not None and now - self._last_feedback_s >= FEEDBACK_INTERVAL_S:
-            self._last_feedback_s = now
-            self._send_feedback(make_feedback())
+        if make_feedback is not None and now - self._last_feedback_s >= interval_s:
+            feedback = make_feedback()
+            if feedback is not None:
+                self._last_feedback_s = now
+                self._send_feedback(feedback)
 
     @contextmanager
     def sending_feedback(self, make_feedback: Callable[[], Message]) -> Iterator[None]:
@@ -399,13 +436,18 @@ def action_handler(
             timeout_s=timeout_s,
             is_cancelled=lambda: goal.cancel_requested,
             send_feedback=lambda feedback: goal.feedback(encode(feedback, ros=ros)),
+            wait_for_cancel=goal.wait_for_cancel,
         )
         try:
             with as_client(f"ROS: {name}"):
                 result = spec.handler(request, context)
         except GoalCanceledError as canceled:
             result = canceled.result if canceled.result is not None else _canceled_result(spec.type.Result)
-            return goal.canceled(encode(result, ros=ros))
+            return EndedGoal(GoalStatus.CANCELED, encode(result, ros=ros), text=str(canceled))
+        except GoalAbortedError as ended:
+            diagnostics.report_failures(name, [("", str(ended))])
+            values = encode(ended.result, ros=ros)
+            return EndedGoal(GoalStatus.ABORTED, values, text=str(ended), rejected=ended.rejected)
         except ResultError as error:
             diagnostics.report_failures(name, [("", str(error))])
             return goal.aborted(encode(spec.type.Result(result=error.result), ros=ros))

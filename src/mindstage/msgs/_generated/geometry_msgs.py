@@ -28,6 +28,7 @@ __all__ = [
     "TransformStamped",
     "Twist",
     "TwistStamped",
+    "TwistWithCovariance",
     "Vector3",
     "Vector3Stamped",
     "Wrench",
@@ -166,6 +167,14 @@ class TwistStamped(base.Message, frozen=True):
 
     header: std_msgs.Header = std_msgs.Header()
     twist: Twist = Twist()
+
+
+class TwistWithCovariance(base.Message, frozen=True):
+    """Velocity with uncertainty."""
+
+    twist: Twist = Twist()
+    covariance: Annotated[tuple[base.Float64, ...], Meta(min_length=36, max_length=36)] = (0.0,) * 36
+    """6 x 6, row-major; order: x, y, z, rotation about x, about y, about z."""
 
 
 class Vector3Stamped(base.Message, frozen=True):

@@ -16,6 +16,7 @@ from mindstage.msgs import base
 from mindstage.msgs._generated import builtin_interfaces, geometry_msgs, std_msgs
 
 __all__ = [
+    "AddRobot",
     "Ask",
     "Attach",
     "Clear",
@@ -36,10 +37,12 @@ __all__ = [
     "GetPoses",
     "Highlight",
     "JointPosition",
+    "ListSkills",
     "LitBodies",
     "LitGroups",
     "LogWorld",
     "Note",
+    "Perform",
     "Photograph",
     "Push",
     "Query",
@@ -243,6 +246,25 @@ class SpawnReport(base.Message, frozen=True):
     notes: tuple[Note, ...] = ()
 
 
+class AddRobot(base.Service):
+    """Adds a robot with drives, whose controllers, base and skills are then offered."""
+
+    class Request(base.Message, frozen=True):
+        source: base.String = ""
+        """A model of the catalog, or a file in the folder of the server."""
+        name: base.String = ""
+        """Empty for that of the model."""
+        pose: geometry_msgs.Pose = geometry_msgs.Pose()
+        """Of its base."""
+
+    class Response(base.Message, frozen=True):
+        success: base.Bool = False
+        refusal: Refusal = Refusal()
+        name: base.String = ""
+        notes: tuple[base.String, ...] = ()
+        """What was guessed, or could not be used."""
+
+
 class Ask(base.Service):
     """Runs a declared question."""
 
@@ -396,6 +418,21 @@ class Highlight(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+
+
+class ListSkills(base.Service):
+    """Lists the skills that robots can perform, and the robots."""
+
+    class Request(base.Message, frozen=True):
+        pass
+
+    class Response(base.Message, frozen=True):
+        success: base.Bool = False
+        refusal: Refusal = Refusal()
+        skills: tuple[base.String, ...] = ()
+        robots: tuple[base.String, ...] = ()
+        specs: base.String = ""
+        """JSON list: name, description and arguments of each skill."""
 
 
 class LogWorld(base.Service):
@@ -613,6 +650,49 @@ class Step(base.Service):
         """As in `GetPoses`."""
         rows: base.Bytes = b""
         """As in `GetPoses`."""
+
+
+class Perform(base.Action):
+    """Lets a robot perform a skill, with its steps as feedback."""
+
+    class Goal(base.Message, frozen=True):
+        skill: base.String = ""
+        """May be empty for the action of one skill."""
+        args: base.String = ""
+        """JSON object with the arguments by name; empty for none."""
+        robot: base.String = ""
+        """May be empty if there is one."""
+        deadline_s: base.Float64 = 0.0
+        """Simulated time; 0 for the default of the skill."""
+
+    class Result(base.Message, frozen=True):
+        success: base.Bool = False
+        """Whether the skill was performed and succeeded."""
+        refusal: Refusal = Refusal()
+        """Why it was not begun."""
+        outcome: base.String = ""
+        """Succeeded, failed or unknown."""
+        skill: base.String = ""
+        args: base.String = ""
+        """JSON object with all arguments."""
+        reason: base.String = ""
+        """Why it did not succeed."""
+        suggestion: base.String = ""
+        """What to try instead."""
+        state: base.String = ""
+        """What the robot holds, and what it left open."""
+        assumptions: tuple[base.String, ...] = ()
+        duration_s: base.Float64 = 0.0
+        """Simulated time."""
+        result: base.String = ""
+        """Everything, as JSON."""
+
+    class Feedback(base.Message, frozen=True):
+        skill: base.String = ""
+        step: base.String = ""
+        """What the robot is doing."""
+        elapsed_s: base.Float64 = 0.0
+        """Simulated time."""
 
 
 class Simulate(base.Action):
