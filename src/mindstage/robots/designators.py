@@ -252,7 +252,7 @@ _TARGET = ("target", "location", "goal", "destination", "to", "to-location", "ta
 
 
 def _pose_numbers(pose: object) -> tuple[float, float, float] | None:
-    """x, y and yaw of a pose: [x, y, yaw], [[x, y, z], [qx, qy, qz, qw]] as in ROS, or a stamped one; None if it is none.
+    """x, y and yaw of a pose: [x, y, yaw], [[x, y, z], [qx, qy, qz, qw]] as in ROS, or a stamped one; or None.
 
     Raises:
         InvalidArgumentError: its numbers are no pose.
