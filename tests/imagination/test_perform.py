@@ -110,12 +110,12 @@ def carry_down(task: SkillTask, id: BodyId, *, to_m: float) -> Generator[float, 
     robot: Any = task.robot
     hand = robot.link_ids[robot.gripper().link]
     top = 0.5
-    yield from robot.moving_to({"lift_joint": 0.5})
+    yield from robot.moving_to({"lift_joint": 0.9})
     x, y, _ = robot.link_pose(robot.gripper().link)[:3].tolist()
     task.session.run_on_engine(lambda engine: engine.set_pose(id, Pose((x, y + 1.0, top))), edits=True)
     task.session.run_on_engine(lambda engine: engine.attach(hand, id), edits=True)
     yield 0.05
-    yield from robot.moving_to({"lift_joint": 0.5 - (top - to_m)})
+    yield from robot.moving_to({"lift_joint": 0.9 - (top - to_m)})
     task.session.run_on_engine(lambda engine: engine.detach(id), edits=True)
     yield 0.6
 
