@@ -1,9 +1,9 @@
 """The worker process that imports mesh files, which may make their readers hang, crash or exhaust memory.
 
-Each input line is a request (`{"path", "out", "pieces", "keep_axes"}`), each output line a response (`{"path", "why", "kind"}`). If
-the reason is empty, the imported arrays are in the file `out`. Otherwise the kind is "file" if the file is the cause,
-"cache" if `out` could not be written, and "transient" if another cause may pass. Only this process imports trimesh and
-coacd.
+Each input line is a request (`{"path", "out", "pieces", "keep_axes"}`), each output line a response (`{"path", "why",
+"kind"}`). If the reason is empty, the imported arrays are in the file `out`. Otherwise the kind is "file" if the file
+is the cause, "cache" if `out` could not be written, and "transient" if another cause may pass. Only this process imports
+trimesh and coacd.
 """
 
 from __future__ import annotations

@@ -62,6 +62,7 @@ from mindstage.scene import (
     World,
 )
 from mindstage.scene.colors import COLORS
+from mindstage.scene.geometry import Inertia
 from mindstage.scene.model import FrozenStruct
 
 __all__ = [
@@ -419,6 +420,7 @@ class GeometryMessage(
     friction: float | None = None
     restitution: float | None = None
     density: float | None = None
+    inertia: Inertia | None = None
     support_surfaces: tuple[SupportSurface, ...] = ()
     lights: tuple[AttachedLight, ...] = ()
     mesh: str = ""

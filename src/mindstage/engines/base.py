@@ -233,6 +233,9 @@ class SpawnOptions:
     """Whether a ground plane is added where there is nothing below loose bodies."""
     settle: bool = True
     """Whether loose bodies are moved out of what they overlap; otherwise such pairs do not collide."""
+    excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset()
+    """Pairs of bodies that never collide, in any order, at least one of them new: parts of a robot whose collision
+    shapes always overlap or never meet."""
 
 
 DEFAULT_SPAWN_OPTIONS = SpawnOptions()

@@ -20,9 +20,10 @@ from mindstage.scene.collision_shapes import (
     compile_geometry,
     fallback_collision_shape,
 )
+from mindstage.scene.geometry import Inertia
 from mindstage.scene.transforms import Array, quat_rotate
 
-__all__ = ["ASSUMED_SIZE_M", "MASS_RANGE_KG", "MassProperties"]
+__all__ = ["ASSUMED_SIZE_M", "MASS_RANGE_KG", "MassProperties", "inertia_matrix"]
 
 _id_of = builtins.id  # the methods here have a parameter named `id`
 
@@ -148,11 +149,16 @@ class MassProperties:
             self._radii = ids, radii
         return radii
 
+    def mass_distribution(self, id: BodyId) -> CompiledGeometry | Inertia:
+        """What has the center of mass and the moments of inertia of a body: its own, or its collision shapes."""
+        geometry = self.geometry.get(id)
+        return self.compiled(id) if geometry is None or geometry.inertia is None else geometry.inertia
+
     # -- masses --------------------------------------------------------------------------------------------------
 
     def mass(self, id: BodyId, *, is_dynamic: bool) -> float:
         """The given mass within `MASS_RANGE_KG`, an estimate for dynamic bodies, or 0 [kg]."""
-        given = self._registry.bodies[id].physics.mass_kg
+        given = self._given_mass(id)
         if given:
             lowest, highest = MASS_RANGE_KG
             return min(max(given, lowest), highest)
@@ -161,6 +167,11 @@ class MassProperties:
     def approximate_masses(self) -> dict[BodyId, float]:
         """Given masses, and estimates for all other bodies [kg]."""
         return {id: self.mass(id, is_dynamic=True) for id in self._registry.bodies}
+
+    def _given_mass(self, id: BodyId) -> float | None:
+        """The mass that the world states, otherwise that of the geometry [kg]."""
+        stated, geometry = self._registry.bodies[id].physics.mass_kg, self.geometry.get(id)
+        return stated if stated or geometry is None or geometry.inertia is None else geometry.inertia.mass_kg
 
     def _estimated_mass(self, id: BodyId) -> float:
         geometry = self.geometry.get(id)
@@ -184,14 +195,14 @@ class MassProperties:
             notes.append(SpawnNote(SpawnNoteKind.MOBILITY_ASSUMED, immobile, text))
         lowest, highest = MASS_RANGE_KG
         for body in bodies:
-            given = body.physics.mass_kg
+            given = self._given_mass(body.id)
             if given and not lowest <= given <= highest:
                 text = (
                     f"{body.id} has a mass of {given:.3g} kg: {self.mass(body.id, is_dynamic=True):g} kg is simulated"
                 )
                 notes.append(SpawnNote(SpawnNoteKind.CLAMPED, (body.id,), text))
         for body in bodies:
-            if not body.physics.mass_kg and is_dynamic(body.id):
+            if not self._given_mass(body.id) and is_dynamic(body.id):
                 geometry = self.geometry.get(body.id)
                 source = "its size" if geometry is None or geometry.density is None else "its geometry and material"
                 mass_kg = self._estimated_mass(body.id)
@@ -206,10 +217,31 @@ def _without_invalid_numbers(geometry: BodyGeometry) -> tuple[BodyGeometry, list
     invalid = [
         name for name, value in properties.items() if value is not None and not (isfinite(value) and value >= 0.0)
     ]
+    inertia = geometry.inertia
+    if inertia is not None and not _is_valid(inertia):
+        invalid, inertia = [*invalid, "inertia"], None
     if not invalid:
         return geometry, invalid
-    properties |= dict.fromkeys(invalid)
+    valid = {name: value for name, value in properties.items() if name not in invalid}
     cleaned = replace(
-        geometry, friction=properties["friction"], restitution=properties["restitution"], density=properties["density"]
+        geometry,
+        friction=valid.get("friction"),
+        restitution=valid.get("restitution"),
+        density=valid.get("density"),
+        inertia=inertia,
     )
     return cleaned, invalid
+
+
+def _is_valid(inertia: Inertia) -> bool:
+    """Whether a mass is positive, and moments of inertia are not negative about any axis."""
+    if not all(map(isfinite, (inertia.mass_kg, *inertia.center, *inertia.tensor))) or inertia.mass_kg <= 0.0:
+        return False
+    moments = np.linalg.eigvalsh(inertia_matrix(inertia))
+    return bool(moments[0] >= -1e-6 * max(moments[2], 1e-9))
+
+
+def inertia_matrix(inertia: Inertia) -> Array:
+    """The tensor as a matrix, 3 x 3 [kg m²]."""
+    xx, yy, zz, xy, xz, yz = inertia.tensor
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -212,6 +212,8 @@ class PhysicsModelBuilder:
         self.simulated_joints: dict[BodyId, Joint] = {}
         """Joints whose limits are narrower than those of the world, so that doors do not turn into their casing."""
         self.actuators = ActuatorSet()
+        self.apart: set[tuple[BodyId, BodyId]] = set()
+        """Pairs that a spawn was told to exclude from collision, the lower id first."""
         self.late_notes: list[SpawnNote] = []
         """Notes on decisions caused by edits; those of a spawn are in its report."""
         self.settled: dict[BodyId, SettledPose] = {}
@@ -238,6 +240,7 @@ class PhysicsModelBuilder:
             list(self.late_notes),
         )
         result.simulated_joints, result.actuators = dict(self.simulated_joints), self.actuators.copy()
+        result.apart = set(self.apart)
         result._forest, result._changed_bodies, result._collision_state = (
             self._forest,
             set(self._changed_bodies),
@@ -345,6 +348,8 @@ class PhysicsModelBuilder:
         self.update_collisions(poses)
         added = self.registry.add(world)
         self.registry.immovable |= options.immovable.intersection(added.bodies)
+        bodies = self.registry.bodies
+        self.apart |= {sorted_pair(a, b) for a, b in options.excluded_pairs if a in bodies and b in bodies}
         invalid_notes = self.mass_properties.add(added.bodies, geometry)
         new_poses = pose_array(self.registry.bodies[id].pose for id in added.bodies)
         new_poses[:, 3:] = normalize(new_poses[:, 3:])
@@ -390,6 +395,7 @@ class PhysicsModelBuilder:
             self.attachment_poses.pop(id, None)
         self.joint_frames = {id: ends for id, ends in self.joint_frames.items() if id in self.registry.joints}
         self.simulated_joints = {id: each for id, each in self.simulated_joints.items() if id in self.registry.joints}
+        self.apart = {pair for pair in self.apart if removed.isdisjoint(pair)}
         self.actuators.remove(removed, remaining_joints=self.registry.joints)
         self._changed_bodies -= removed
         self.collision_filter.remove(removed)
@@ -455,9 +461,8 @@ class PhysicsModelBuilder:
         Pairs within one rigid group are not listed.
         """
         forest = self.forest
-        pairs = {
-            pair for pair in self.collision_filter.excluded_pairs if forest.root_of[pair[0]] != forest.root_of[pair[1]]
-        }
+        excluded = self.collision_filter.excluded_pairs | self.apart
+        pairs = {pair for pair in excluded if forest.root_of[pair[0]] != forest.root_of[pair[1]]}
         for first, second in self._jointed_groups():
             for a in forest.groups[first].bodies:
                 pairs |= {sorted_pair(a, b) for b in forest.groups[second].bodies}
@@ -576,7 +581,9 @@ class PhysicsModelBuilder:
             has_geometry=self.mass_properties.has_geometry_mask(ids),
             unit=self._unit_numbers(ids) if settles else None,
             is_loose=np.array([root in self.loose_roots for root in roots], dtype=bool) if settles else None,
-            could_collide_before=lambda a, b: previous.could_collide(ids[a], ids[b]),
+            could_collide_before=lambda a, b: (
+                previous.could_collide(ids[a], ids[b]) or sorted_pair(ids[a], ids[b]) in self.apart
+            ),  # pairs that are excluded anyway need no decision
         )
         self.collision_filter, notes, loose = compute_collision_filter(filter_input, self.collision_filter)
         return notes, loose if rows is None else loose.with_rows(rows)

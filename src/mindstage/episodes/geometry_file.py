@@ -19,6 +19,7 @@ from mindstage.scene import (
     SupportSurface,
     VisualMesh,
 )
+from mindstage.scene.geometry import Inertia
 
 __all__ = ["decode_geometry", "encode_geometry"]
 
@@ -47,6 +48,7 @@ class _ShapeRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     friction: float | None = None
     restitution: float | None = None
     density: float | None = None
+    inertia: Inertia | None = None
     support_surfaces: tuple[SupportSurface, ...] = ()
     lights: tuple[AttachedLight, ...] = ()
 
@@ -105,6 +107,7 @@ def decode_geometry(data: bytes, *, known: Mapping[str, BodyGeometry] | None = N
             friction=record.friction,
             restitution=record.restitution,
             density=record.density,
+            inertia=record.inertia,
             support_surfaces=record.support_surfaces,
             lights=record.lights,
         )
@@ -124,6 +127,7 @@ def _of_body(shape: BodyGeometry, record: _BodyRecord) -> BodyGeometry:
         friction=shape.friction,
         restitution=shape.restitution,
         density=shape.density,
+        inertia=shape.inertia,
         support_surfaces=shape.support_surfaces,
         lights=shape.lights,
     )
@@ -137,6 +141,7 @@ def _shape_record(geometry: BodyGeometry) -> _ShapeRecord:
         friction=geometry.friction,
         restitution=geometry.restitution,
         density=geometry.density,
+        inertia=geometry.inertia,
         support_surfaces=geometry.support_surfaces,
         lights=geometry.lights,
     )

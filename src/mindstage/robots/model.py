@@ -11,7 +11,7 @@ from enum import StrEnum
 import msgspec
 
 from mindstage.scene import IDENTITY, Pose, Vector
-from mindstage.scene.geometry import BodyGeometry
+from mindstage.scene.geometry import BodyGeometry, Inertia
 
 __all__ = [
     "Arm",
@@ -19,7 +19,6 @@ __all__ = [
     "Gripper",
     "GripperType",
     "Head",
-    "Inertia",
     "ModelNote",
     "RobotBase",
     "RobotJoint",
@@ -86,16 +85,6 @@ class RobotJoint(msgspec.Struct, frozen=True, kw_only=True):
     def is_actuated(self) -> bool:
         """Whether it has a drive of its own: movable, and not following another joint."""
         return self.is_movable and self.mimic is None
-
-
-class Inertia(msgspec.Struct, frozen=True, kw_only=True):
-    """Mass, center of mass and moments of inertia of a link, in its frame."""
-
-    mass_kg: float
-    center: Vector = (0.0, 0.0, 0.0)
-    """Center of mass [m]."""
-    tensor: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    """xx, yy, zz, xy, xz, yz about the center of mass, along the axes of the link [kg m²]."""
 
 
 class RobotLink(msgspec.Struct, frozen=True, kw_only=True, eq=False):

@@ -1,12 +1,14 @@
 """A robot as part of a world: one body for each link, joints between them, and the geometry of the links.
 
-The base of a robot that drives is moved by one planar joint, which has no wheels: its position is exact, as the odometry
-of a simulated robot may be. Links are at the frames of the description, so that poses of bodies are those of `tf`.
+The base of a robot that drives is moved by one planar joint, which has no wheels: its position is exact, and so is its
+odometry. Links are at the frames of the description, so that poses of bodies are those of `tf`.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Container, Mapping
+from dataclasses import dataclass
 from urllib.parse import quote
 
 import msgspec
@@ -14,8 +16,8 @@ import numpy as np
 
 from mindstage.robots.forward_kinematics import link_poses, rest_positions
 from mindstage.robots.model import BaseType, RobotJoint, RobotJointType, RobotLink, RobotModel
-from mindstage.robots.models.link_tree import shape_points
 from mindstage.robots.models.link_geometry import hull_shape
+from mindstage.robots.models.link_tree import shape_points
 from mindstage.scene import (
     AngularLimits,
     Attachment,
@@ -35,6 +37,7 @@ from mindstage.scene import (
     SoftLimit,
     Tag,
     Vector,
+    VisualMesh,
     World,
 )
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_multiply, quat_rotate
@@ -58,7 +61,7 @@ class RobotWorld(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     link_ids: Mapping[str, BodyId]
     """The body of each link."""
     joint_ids: Mapping[str, BodyId]
-    """The joint of each movable joint of the model; fixed ones are attachments."""
+    """The joint of each movable joint of the model; fixed ones are attachments, or joints without motion."""
     base_joint_id: BodyId | None
     """The planar joint of a base that drives: x, y and swing1 are free; None for a fixed base."""
     zero: Mapping[str, float]
@@ -66,7 +69,12 @@ class RobotWorld(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def robot_world(
-    model: RobotModel, pose: Pose, *, name: str, taken: Container[str] = (), positions: Mapping[str, float] | None = None
+    model: RobotModel,
+    pose: Pose,
+    *,
+    name: str,
+    taken: Container[str] = (),
+    positions: Mapping[str, float] | None = None,
 ) -> RobotWorld:
     """Returns the world of a robot.
 
@@ -101,19 +109,22 @@ class _RobotWorldBuilder:
         self.link_ids = {link.name: BodyId(self.prefix + link.name) for link in model.links}
         movable = [joint.name for joint in model.joints if joint.is_movable]
         taken_by_links = set(self.link_ids.values())
-        self.joint_ids = {}
+        self.joint_ids: dict[str, BodyId] = {}
         for joint in movable:
             id = BodyId(self.prefix + joint)
             self.joint_ids[joint] = BodyId(f"{id}.joint") if id in taken_by_links else id
 
+        self.carriers = _carriers(model)
+
     def build(self) -> RobotWorld:
         bodies = [self._body(link) for link in self.model.links]
         joints = [self._joint(joint) for joint in self.model.joints if joint.is_movable]
-        attachments = tuple(
-            Attachment(parent=self.link_ids[joint.parent], child=self.link_ids[joint.child])
-            for joint in self.model.joints
-            if not joint.is_movable
-        )
+        attachments = []
+        for joint in self.model.joints:
+            if not joint.is_movable and joint.child in self.carriers:
+                joints.append(self._locked_joint(joint))
+            elif not joint.is_movable:
+                attachments.append(Attachment(parent=self.link_ids[joint.parent], child=self.link_ids[joint.child]))
         geometry = {self.link_ids[link.name]: self._geometry(link) for link in self.model.links}
         base_joint = None
         if self.is_driving:
@@ -123,7 +134,9 @@ class _RobotWorldBuilder:
             geometry[odom.id] = _no_geometry("odom")
         iri = self._iri(self.name)
         return RobotWorld(
-            world=World(iri=iri, name=self.name, bodies=tuple(bodies), joints=tuple(joints), attachments=attachments),
+            world=World(
+                iri=iri, name=self.name, bodies=tuple(bodies), joints=tuple(joints), attachments=tuple(attachments)
+            ),
             geometry=geometry,
             link_ids=self.link_ids,
             joint_ids=self.joint_ids,
@@ -169,7 +182,15 @@ class _RobotWorldBuilder:
         shapes = tuple(
             lifted for shape in geometry.collision_shapes if (lifted := _above(shape, row, lowest)) is not None
         )
-        return geometry if shapes == geometry.collision_shapes else geometry.with_collision_shapes(shapes)
+        if shapes == geometry.collision_shapes:
+            return geometry
+        return BodyGeometry.deferred(
+            _VisualsOf(geometry, shapes),
+            collision_shapes=shapes,
+            source=geometry.source,
+            reason=geometry.reason,
+            shape_name=geometry.shape_name,
+        )
 
     def _base(self) -> tuple[Body, Joint]:
         """The static body at which the robot was added, and the joint that moves the base relative to it."""
@@ -194,6 +215,17 @@ class _RobotWorldBuilder:
             angular=AngularLimits(swing1=free),
         )
         return odom, joint
+
+    def _locked_joint(self, joint: RobotJoint) -> Joint:
+        """A joint without motion: engines take an attached body with joints of its own for one that moves on these."""
+        frame = pose_multiply(self.poses[joint.parent], normalized_pose_array(joint.origin))
+        return Joint(
+            id=BodyId(f"{self.link_ids[joint.child]}.fixed"),
+            iri=self._iri(f"{joint.child}.fixed"),
+            parent=self.link_ids[joint.parent],
+            child=self.link_ids[joint.child],
+            pose=pose_from_array(frame),
+        )
 
     def _joint(self, joint: RobotJoint) -> Joint:
         """A joint whose frame has x along the axis; its range is relative to the spawned position."""
@@ -224,6 +256,27 @@ class _RobotWorldBuilder:
             angular=angular,
             mimic=mimic,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class _VisualsOf:
+    """The visual meshes of another geometry, for one with other collision shapes; it can be pickled."""
+
+    geometry: BodyGeometry
+    shapes: tuple[CollisionShape, ...]
+
+    def __call__(self) -> tuple[str, tuple[VisualMesh, ...]]:
+        digest = hashlib.sha256(repr((self.geometry.key, self.shapes)).encode()).hexdigest()
+        return digest[:32], self.geometry.visuals
+
+
+def _carriers(model: RobotModel) -> set[str]:
+    """The links that have a movable joint, or a link with one below them."""
+    found: set[str] = set()
+    for joint in reversed(model.joints):
+        if joint.is_movable or joint.child in found:
+            found.add(joint.parent)
+    return found
 
 
 def _no_geometry(reason: str) -> BodyGeometry:

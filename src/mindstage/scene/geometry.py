@@ -29,6 +29,7 @@ __all__ = [
     "CollisionShapeType",
     "GeometryMap",
     "GeometrySource",
+    "Inertia",
     "PbrMaterial",
     "SupportSurface",
     "VisualMesh",
@@ -123,6 +124,16 @@ class AttachedLight(FrozenStruct, frozen=True, kw_only=True, rename={"type": "ki
     """As `Light.intensity`: [cd] or [lx]."""
 
 
+class Inertia(FrozenStruct, frozen=True, kw_only=True):
+    """Mass, center of mass and moments of inertia of a body, in its frame."""
+
+    mass_kg: float
+    center: Vector = (0.0, 0.0, 0.0)
+    """Center of mass [m]."""
+    tensor: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """xx, yy, zz, xy, xz, yz about the center of mass, along the axes of the body [kg m²]."""
+
+
 class GeometrySource(StrEnum):
     """Where the geometry of a body comes from, in decreasing priority."""
 
@@ -154,6 +165,9 @@ class BodyGeometry:
     restitution: float | None = None
     density: float | None = None
     """Density of the collision shapes [kg/m³]; used if the map states no mass."""
+    inertia: Inertia | None = None
+    """Mass distribution; None for that of the collision shapes. A mass that the map states replaces its mass, and
+    scales its moments."""
     support_surfaces: tuple[SupportSurface, ...] = ()
     lights: tuple[AttachedLight, ...] = ()
     _draw: Callable[[], tuple[str, tuple[VisualMesh, ...]]] | None = field(default=None, repr=False, compare=False)

@@ -35,12 +35,14 @@ from mindstage.engines.kinematic_tree import (
     mimic_coefficients,
     movable_axes,
 )
+from mindstage.engines.mass_properties import inertia_matrix
 from mindstage.engines.mujoco.state import CompiledModel, ModelActuators, ModelJoint
 from mindstage.engines.physics_model import PhysicsModelBuilder
 from mindstage.errors import EngineUnavailableError
 from mindstage.scene import AxisMotion, Body, BodyGeometry, BodyId, CollisionShape, CollisionShapeType, Mobility, Vector
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.collision_shapes import MEAN_SQUARES, CompiledGeometry, primitive_collision_type
+from mindstage.scene.geometry import Inertia
 from mindstage.scene.transforms import Array, mesh_scale, pose_inverse, pose_multiply, quat_rotate
 
 __all__ = [
@@ -322,17 +324,24 @@ def unit_inertias(bodies: Iterable[Body], sizes: Array) -> Array:
 
 
 @lru_cache(maxsize=4096)
-def inertia_frame(compiled: CompiledGeometry) -> tuple[Array, Array, Array]:
+def inertia_frame(distribution: CompiledGeometry | Inertia) -> tuple[Array, Array, Array]:
     """Mass distribution for 1 kg: center of mass [m], principal axes as a quaternion, principal moments [m²].
 
-    A body without collision shapes has the inertia of a small one. Results are cached, since models are compiled often.
+    A body without collision shapes has the inertia of a small one. Moments that no rigid body can have, since the
+    largest is more than the sum of the others, are raised. Results are cached, since models are compiled often.
     """
-    moments, axes = np.linalg.eigh(compiled.inertia)
+    if isinstance(distribution, Inertia):
+        tensor, center = inertia_matrix(distribution) / distribution.mass_kg, np.array(distribution.center)
+    else:
+        tensor, center = distribution.inertia, distribution.center_of_mass
+    moments, axes = np.linalg.eigh(tensor)
     if np.linalg.det(axes) < 0.0:
         axes[:, 0] = -axes[:, 0]
     rotation = np.zeros(4)
     mujoco.mju_mat2Quat(rotation, axes.reshape(9))
-    return compiled.center_of_mass, rotation, np.maximum(moments, _MIN_INERTIA_SIZE_M**2 / 6)
+    moments = np.maximum(moments, _MIN_INERTIA_SIZE_M**2 / 6)
+    moments[:2] += max(moments[2] - moments[0] - moments[1], 0.0) / 2
+    return center, rotation, moments
 
 
 _SLIDE_FRICTION = 1.0
@@ -511,7 +520,10 @@ class _SpecBuilder:
     def add_scenery(self) -> list[BodyId]:
         """Adds bodies that are only collided with as geoms of the world body, and returns their ids."""
         model_input = self.model_input
-        excluded = {id for pair in model_input.builder.collision_filter.excluded_pairs for id in pair}
+        builder = model_input.builder
+        excluded = {
+            id for pairs in (builder.collision_filter.excluded_pairs, builder.apart) for pair in pairs for id in pair
+        }
         joints = model_input.builder.registry.joints.values()
         excluded |= {end for joint in joints for end in (joint.parent, joint.child)}
         scenery: list[BodyId] = []
@@ -556,7 +568,7 @@ class _SpecBuilder:
     def _inertia(self, id: BodyId) -> tuple[Array, Array, Array]:
         """Center of mass, principal axes as a quaternion, and moments for 1 kg."""
         if id in self.model_input.builder.geometry:
-            return inertia_frame(self.model_input.builder.mass_properties.compiled(id))
+            return inertia_frame(self.model_input.builder.mass_properties.mass_distribution(id))
         return _IDENTITY_POSE[:3], _IDENTITY_POSE[3:], self.inertias[self.model_input.rows[id]]
 
     def _add_geoms(

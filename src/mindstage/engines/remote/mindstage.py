@@ -211,6 +211,12 @@ class MindstageRemoteEngine(RemoteEngine):
         if options.immovable:
             reason = f"{self.name} decides by its own ontology which dynamic bodies are immovable"
             notes = (*notes, SpawnNote(SpawnNoteKind.NOT_TRANSFERRED, tuple(sorted(options.immovable)), reason))
+        if options.excluded_pairs:
+            pairs = tuple(sorted({id for pair in options.excluded_pairs for id in pair}))
+            notes = (
+                *notes,
+                SpawnNote(SpawnNoteKind.NOT_TRANSFERRED, pairs, f"{self.name} decides which pairs collide"),
+            )
         request = wire.SpawnWorld.Request(world=text, forms=geometry_to_json(usable, mesh=self._export_mesh))
         report = self._spawn(request, entity_count=len(world.bodies) + len(world.joints))
         return msgspec.structs.replace(

@@ -55,7 +55,9 @@ def analyze_gripper(
     opened, closed = positions.limits()
     between = positions.closing_frame(opened, closed)
     if between is None or len(fingers) < 2:
-        notes.append(ModelNote(subject=name, text="its fingers do not close on each other, so it is no parallel gripper"))
+        notes.append(
+            ModelNote(subject=name, text="its fingers do not close on each other, so it is no parallel gripper")
+        )
         return _other(tree, name, link, drives, fingers, opened, closed)
     frame, gap, closed = _grasp_frame(tree, link, fingers, positions, opened, closed, between)
     is_parallel = gap > _MIN_TRAVEL_M

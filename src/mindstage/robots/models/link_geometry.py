@@ -131,9 +131,7 @@ def _missing_notes(robot: UrdfRobot, found: Mapping[str, Path]) -> list[ModelNot
     return notes
 
 
-def _rejection_notes(
-    robot: UrdfRobot, found: Mapping[str, Path], rejected: Mapping[Path, str]
-) -> list[ModelNote]:
+def _rejection_notes(robot: UrdfRobot, found: Mapping[str, Path], rejected: Mapping[Path, str]) -> list[ModelNote]:
     notes = []
     for link in robot.links:
         for part in link.collisions:

@@ -158,5 +158,3 @@ def shape_points(shape: CollisionShape) -> Array:
         local = np.array(unit) * half
     row = normalized_pose_array(shape.pose)
     return np.asarray(quat_rotate(row[3:], local) + row[:3])
-
-

@@ -172,9 +172,9 @@ def _joint(joint: UrdfJoint, type: RobotJointType) -> RobotJoint:
         effort=joint.effort or None,
         damping=max(joint.damping, 0.0),
         friction=max(joint.friction, 0.0),
-        mimic=None if mimic is None else RobotMimic(
-            joint=mimic.joint, multiplier=mimic.multiplier, offset=mimic.offset
-        ),
+        mimic=None
+        if mimic is None
+        else RobotMimic(joint=mimic.joint, multiplier=mimic.multiplier, offset=mimic.offset),
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 
 import msgspec
 import numpy as np
@@ -142,7 +143,7 @@ class _StructureFinder:
         """The link that carries all fingers."""
         if not fingers:
             return parent_link
-        common = [link for link in self._line(fingers[0].parent)]
+        common = self._line(fingers[0].parent)
         for joint in fingers[1:]:
             line = set(self._line(joint.parent))
             common = [link for link in common if link in line]
@@ -177,7 +178,7 @@ class _StructureFinder:
             if not re.search(r"arm|manipulator", group.name, re.IGNORECASE):
                 continue
             joints = [joint for joint in self._group_joints(group) if joint.is_actuated]
-            is_chain = all(self.tree.chain(a.child, b.parent) is not None for a, b in zip(joints, joints[1:], strict=False))
+            is_chain = all(self.tree.chain(a.child, b.parent) is not None for a, b in pairwise(joints))
             if len(joints) >= _MIN_ARM_JOINTS and is_chain and taken.isdisjoint(joint.name for joint in joints):
                 taken |= {joint.name for joint in joints}
                 found.append((joints, joints[-1].child, None))
@@ -197,9 +198,7 @@ class _StructureFinder:
             gripper = msgspec.structs.replace(gripper, open_positions=opened, closed_positions=closed)
         return gripper
 
-    def _arm(
-        self, joints: Sequence[RobotJoint], tip: str, gripper: str | None, *, count: int, base: RobotBase
-    ) -> Arm:
+    def _arm(self, joints: Sequence[RobotJoint], tip: str, gripper: str | None, *, count: int, base: RobotBase) -> Arm:
         """An arm, with the lift or torso below it if no other arm uses that."""
         first = joints[0]
         if count == 1:
@@ -210,7 +209,7 @@ class _StructureFinder:
                 names = ", ".join(joint.name for joint in reversed(below))
                 self._guess(first.name, f"the arm includes {names}, since there is no other arm")
         names = tuple(joint.name for joint in joints)
-        group = self._group_of(set(names), set(joint.name for joint in joints if joint.is_actuated))
+        group = self._group_of(set(names))
         rest, state = self._rest(joints)
         if state:
             self._guess(group, f"its rest position is the group state {state!r}")
@@ -223,12 +222,12 @@ class _StructureFinder:
             rest_positions=rest,
         )
 
-    def _group_of(self, names: set[str], actuated: set[str]) -> str:
+    def _group_of(self, names: set[str]) -> str:
         """The name of the group of SRDF with these joints, or with the most of them."""
         best, best_count = "arm", 0
         for group in self.srdf.groups:
             own = {joint.name for joint in self._group_joints(group) if joint.is_actuated}
-            if own and own <= actuated and len(own) > best_count:
+            if own and own <= names and len(own) > best_count:
                 best, best_count = group.name, len(own)
         return best
 

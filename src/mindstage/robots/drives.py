@@ -1,0 +1,361 @@
+"""The drives of a robot in an engine: which actuators it has, how stiff they are, and what they move.
+
+A description states the largest effort of a joint, but not how its drive is controlled. The stiffness is chosen so that
+a small error takes the largest effort, as with industrial drives, and the damping so that a joint does not overshoot
+with the inertia of everything that it moves when the robot is added.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from mindstage.engines.base import Actuator, ActuatorMode, Engine
+from mindstage.engines.kinematic_tree import AXIS_NAMES, movable_axes
+from mindstage.robots.model import BaseType, Gripper, RobotJoint, RobotJointType, RobotModel
+from mindstage.robots.world import RobotWorld
+from mindstage.scene import Body, BodyId, Joint
+from mindstage.scene.transforms import Array, normalized_pose_array, quat_rotate
+
+__all__ = ["BaseDrive", "JointDrive", "RobotDrives", "drives_of", "yaw_of"]
+
+_FULL_EFFORT_ERRORS = {True: 0.004, False: 0.015}
+"""The error at which the drive of a prismatic [m] or revolute joint [rad] has its largest effort."""
+_FINGER_FULL_EFFORT_ERRORS = {True: 0.01, False: 0.1}
+_MAX_FREQUENCY = 120.0
+"""Largest natural frequency of a drive [rad/s], as a part of the frequency of the physics steps (500 Hz)."""
+_MAX_FINGER_FREQUENCY = 200.0
+_GRAVITY = 9.81
+_EFFORT_MARGIN = 3.0
+"""A joint without a stated effort can lift so many times what it carries."""
+_MIN_EFFORTS = {True: 50.0, False: 10.0}
+_LINK_MASS_KG = 0.5
+"""Mass of a link without one, only for the choice of stiffness and damping."""
+_BASE_ERRORS = (0.01, 0.01, 0.015)
+"""The error of the base at which its drive has its largest force: x, y [m], yaw [rad]."""
+_MIN_BASE_EFFORTS = (200.0, 200.0, 100.0)
+_BASE_AXES = ("x", "y", "swing1")
+
+
+class JointDrive(msgspec.Struct, frozen=True, kw_only=True):
+    """The drive of a joint."""
+
+    joint: RobotJoint
+    actuator: str
+    """The name of its actuator."""
+    joint_id: BodyId
+    zero: float
+    """Position of the joint when spawned [m or rad]."""
+    stiffness: float
+    """[N/m] or [Nm/rad]."""
+    damping: float
+    effort_limit: float
+    """[N] or [Nm]."""
+    armature: float
+    moved: frozenset[BodyId]
+    """The bodies that it moves."""
+
+    @property
+    def name(self) -> str:
+        """The name of the joint."""
+        return self.joint.name
+
+    @property
+    def is_prismatic(self) -> bool:
+        """Whether positions are in meters; otherwise in radians."""
+        return self.joint.type is RobotJointType.PRISMATIC
+
+    @property
+    def lag_s(self) -> float:
+        """The time by which its servo is behind a moving command [s]."""
+        return self.damping / self.stiffness
+
+    def clamped(self, position: float) -> float:
+        """The command for a position, within the limits: relative to the spawned position [m or rad]."""
+        if self.joint.lower is not None:
+            position = max(position, self.joint.lower)
+        if self.joint.upper is not None:
+            position = min(position, self.joint.upper)
+        return position - self.zero
+
+
+class BaseDrive(msgspec.Struct, frozen=True, kw_only=True):
+    """The drives of a base that moves over the floor, with the coordinates x, y, yaw of its joint."""
+
+    type: BaseType
+    joint_id: BodyId
+    actuators: tuple[str, str, str]
+    error_limits: tuple[float, float, float]
+    """The errors at which the drives have their largest force [m, m, rad]."""
+    lags_s: tuple[float, float, float]
+    """The times by which the servos are behind moving commands [s]."""
+    odom: tuple[float, float, float]
+    """The frame of the joint when spawned, in the world frame: x, y [m], yaw [rad]."""
+    offset: tuple[float, float, float]
+    """The frame of the base link in the frame of the joint's child."""
+    velocity: float
+    """[m/s]."""
+    turn_velocity: float
+    """[rad/s]."""
+    acceleration: float
+    turn_acceleration: float
+    moved: frozenset[BodyId]
+    """All bodies of the robot."""
+
+    @property
+    def accelerations(self) -> tuple[float, float, float]:
+        """The largest acceleration of each coordinate [m/s², m/s², rad/s²]."""
+        return self.acceleration, self.acceleration, self.turn_acceleration
+
+    def world_from_joint(self, coordinates: Array) -> tuple[float, float, float]:
+        """The pose of the base link in the world frame at coordinates of the joint: x, y [m], yaw [rad]."""
+        x, y, yaw = coordinates.tolist()
+        return planar_multiply(planar_multiply(self.odom, (x, y, yaw)), self.offset)
+
+    def joint_from_world(self, pose: tuple[float, float, float]) -> Array:
+        """The coordinates of the joint at a pose of the base link in the world frame; yaw within [-pi, pi)."""
+        root = planar_multiply(pose, planar_inverse(self.offset))
+        return np.array(planar_multiply(planar_inverse(self.odom), root))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RobotDrives:
+    """The drives of a robot, and which bodies of the world are its parts."""
+
+    robot: str
+    joints: Mapping[str, JointDrive]
+    """By the name of the joint."""
+    base: BaseDrive | None
+    grippers: Mapping[str, Gripper]
+    link_of_body: Mapping[BodyId, str]
+    finger_bodies: Mapping[str, tuple[frozenset[BodyId], ...]]
+    """The bodies of each finger, by gripper."""
+    hand_bodies: Mapping[str, frozenset[BodyId]]
+    """The bodies of the fingers and of the link that carries them, by gripper."""
+    records: tuple[Actuator, ...]
+    """The actuators."""
+
+    @property
+    def actuators(self) -> frozenset[str]:
+        """The names of the actuators."""
+        return frozenset(each.name for each in self.records)
+
+    @property
+    def gripper_bodies(self) -> frozenset[BodyId]:
+        """The bodies of all fingers and hands."""
+        return frozenset[BodyId]().union(*self.hand_bodies.values())
+
+    def exist_in(self, engine: Engine) -> bool:
+        """Whether all bodies of the robot are in an engine."""
+        return self.link_of_body.keys() <= set(engine.poses()[0])
+
+    def add_to(self, engine: Engine) -> None:
+        """Adds the actuators to an engine that has the bodies of the robot."""
+        engine.set_actuators(self.records, without_weight=self.link_of_body)
+
+
+def drives_of(model: RobotModel, placed: RobotWorld, *, name: str) -> RobotDrives:
+    """Chooses the actuators of a robot.
+
+    Args:
+        model: its model.
+        placed: its bodies and joints.
+        name: its name in the simulation.
+    """
+    bodies = {body.id: body for body in placed.world.bodies}
+    joints = {joint.id: joint for joint in placed.world.joints}
+    masses = {placed.link_ids[each.name]: _LINK_MASS_KG for each in model.links if each.name in placed.link_ids}
+    masses |= {
+        placed.link_ids[each.name]: each.inertia.mass_kg
+        for each in model.links
+        if each.inertia is not None and each.inertia.mass_kg > 0.0 and each.name in placed.link_ids
+    }
+    fingers = {joint for gripper in model.grippers for joint in gripper.joints}
+    drives = {}
+    for joint in model.actuated_joints:
+        if joint.name not in placed.joint_ids or not movable_axes(joints[placed.joint_ids[joint.name]]):
+            continue  # a joint without range
+        moved = frozenset(placed.link_ids[link] for link in links_moved_by(model, joint))
+        record = joints[placed.joint_ids[joint.name]]
+        inertia, load = _inertia_and_load(record, [bodies[id] for id in moved], masses)
+        force_n = max((each.max_force_n for each in model.grippers if joint.name in each.joints), default=0.0)
+        drives[joint.name] = _joint_drive(
+            joint, record, placed.zero.get(joint.name, 0.0), moved, inertia, load, joint.name in fingers, force_n
+        )
+    base, base_actuators = _base_drive(model, placed, sum(masses.values()))
+    records = [
+        Actuator(
+            name=each.actuator,
+            joint=each.joint_id,
+            mode=ActuatorMode.POSITION,
+            effort_limit=each.effort_limit,
+            stiffness=each.stiffness,
+            damping=each.damping,
+            armature=each.armature,
+        )
+        for each in drives.values()
+    ]
+    hands = {each.name: finger_links_by_finger(model, each) for each in model.grippers}
+    return RobotDrives(
+        robot=name,
+        joints=drives,
+        base=base,
+        grippers={each.name: each for each in model.grippers if all(joint in drives for joint in each.joints)},
+        link_of_body={id: link for link, id in placed.link_ids.items()},
+        finger_bodies={
+            name: tuple(frozenset(placed.link_ids[link] for link in finger) for finger in hand)
+            for name, hand in hands.items()
+        },
+        hand_bodies={
+            each.name: frozenset(
+                placed.link_ids[link] for link in (each.link, *(link for hand in hands[each.name] for link in hand))
+            )
+            for each in model.grippers
+        },
+        records=(*base_actuators, *records),
+    )
+
+
+def links_moved_by(model: RobotModel, joint: RobotJoint) -> frozenset[str]:
+    """The links that a joint moves."""
+    found = {joint.child}
+    for each in model.joints:  # parents come before children
+        if each.parent in found:
+            found.add(each.child)
+    return frozenset(found)
+
+
+def finger_links_by_finger(model: RobotModel, gripper: Gripper) -> tuple[frozenset[str], ...]:
+    """The finger links of a gripper in groups, one for each finger."""
+    parents = {each.child: each.parent for each in model.joints}
+    groups: dict[str, set[str]] = {}
+    for link in gripper.finger_links:
+        first = link
+        while parents.get(first, gripper.link) != gripper.link:
+            first = parents[first]
+        groups.setdefault(first, set()).add(link)
+    return tuple(frozenset(each) for each in groups.values())
+
+
+def yaw_of(quaternion: Array) -> float:
+    """The rotation about the vertical axis of a unit quaternion w x y z [rad]."""
+    w, x, y, z = quaternion.tolist()
+    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+def planar_multiply(
+    first: tuple[float, float, float], second: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """The product of two planar poses x, y, yaw."""
+    c, s = math.cos(first[2]), math.sin(first[2])
+    x, y = first[0] + c * second[0] - s * second[1], first[1] + s * second[0] + c * second[1]
+    return x, y, (first[2] + second[2] + math.pi) % (2 * math.pi) - math.pi
+
+
+def planar_inverse(pose: tuple[float, float, float]) -> tuple[float, float, float]:
+    """The inverse of a planar pose x, y, yaw."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    return -c * pose[0] - s * pose[1], s * pose[0] - c * pose[1], -pose[2]
+
+
+def _joint_drive(
+    joint: RobotJoint,
+    record: Joint,
+    zero: float,
+    moved: frozenset[BodyId],
+    inertia: float,
+    load: float,
+    is_finger: bool,
+    finger_force_n: float,
+) -> JointDrive:
+    is_prismatic = joint.type is RobotJointType.PRISMATIC
+    effort = joint.effort or max(_MIN_EFFORTS[is_prismatic], _EFFORT_MARGIN * load)
+    errors, frequency = _FULL_EFFORT_ERRORS, _MAX_FREQUENCY
+    if is_finger:
+        errors, frequency = _FINGER_FULL_EFFORT_ERRORS, _MAX_FINGER_FREQUENCY
+        if not joint.effort:
+            effort = 2.0 * finger_force_n * (1.0 if is_prismatic else 0.1)
+    stiffness = effort / errors[is_prismatic]
+    armature = max(joint.armature, stiffness / frequency**2 - inertia)
+    return JointDrive(
+        joint=joint,
+        actuator=record.id,
+        joint_id=record.id,
+        zero=zero,
+        stiffness=stiffness,
+        damping=2.0 * math.sqrt(stiffness * (inertia + armature)),
+        effort_limit=effort,
+        armature=armature,
+        moved=moved,
+    )
+
+
+def _inertia_and_load(joint: Joint, moved: list[Body], masses: Mapping[BodyId, float]) -> tuple[float, float]:
+    """What a joint moves: mass [kg] and weight [N], or moment of inertia [kg m²] and largest moment of weight [Nm]."""
+    frame = normalized_pose_array(joint.pose)
+    axis = movable_axes(joint)[0]
+    direction = quat_rotate(frame[3:], np.eye(3)[axis.direction])
+    mass = sum(masses[body.id] for body in moved)
+    if axis.is_prismatic:
+        return mass, mass * _GRAVITY
+    inertia = load = 0.0
+    for body in moved:
+        offset = np.asarray(body.pose.position) - frame[:3]
+        distance = float(np.linalg.norm(offset - direction * (offset @ direction)))
+        inertia += masses[body.id] * (distance**2 + 0.05**2)
+        load += masses[body.id] * _GRAVITY * (distance + 0.05)
+    return inertia, load
+
+
+def _base_drive(
+    model: RobotModel, placed: RobotWorld, mass_kg: float
+) -> tuple[BaseDrive | None, tuple[Actuator, ...]]:
+    """The drives of the base, and their actuators; none of a fixed one."""
+    if placed.base_joint_id is None:
+        return None, ()
+    base = model.base
+    joint = next(each for each in placed.world.joints if each.id == placed.base_joint_id)
+    frame = normalized_pose_array(joint.pose)
+    link = normalized_pose_array(placed.world.body(placed.link_ids[base.link]).pose)
+    odom = (float(frame[0]), float(frame[1]), yaw_of(frame[3:]))
+    offset = planar_multiply(planar_inverse(odom), (float(link[0]), float(link[1]), yaw_of(link[3:])))
+    inertia = mass_kg * max(base.radius_m, 0.2) ** 2
+    sizes = (mass_kg, mass_kg, inertia)
+    accelerations = (base.acceleration, base.acceleration, base.turn_acceleration)
+    rows = []
+    for axis, size, acceleration, error, least in zip(
+        _BASE_AXES, sizes, accelerations, _BASE_ERRORS, _MIN_BASE_EFFORTS, strict=True
+    ):
+        effort = max(least, 2.5 * size * acceleration)
+        stiffness = effort / error
+        rows.append(
+            Actuator(
+                name=f"{joint.id}/{axis}",
+                joint=joint.id,
+                axis=axis,
+                mode=ActuatorMode.POSITION,
+                effort_limit=effort,
+                stiffness=stiffness,
+                damping=2.0 * math.sqrt(stiffness * size),
+            )
+        )
+    assert set(_BASE_AXES) <= set(AXIS_NAMES)
+    drive = BaseDrive(
+        type=base.type,
+        joint_id=joint.id,
+        actuators=(rows[0].name, rows[1].name, rows[2].name),
+        error_limits=_BASE_ERRORS,
+        lags_s=(rows[0].damping / rows[0].stiffness, rows[1].damping / rows[1].stiffness, rows[2].damping / rows[2].stiffness),
+        odom=odom,
+        offset=offset,
+        velocity=base.velocity,
+        turn_velocity=base.turn_velocity,
+        acceleration=base.acceleration,
+        turn_acceleration=base.turn_acceleration,
+        moved=frozenset(placed.link_ids.values()),
+    )
+    return drive, tuple(rows)

@@ -1,0 +1,516 @@
+"""A robot in a simulation: its state, and the motions of its joints, grippers and base.
+
+robot = sim.add_robot("mobile_manipulator")
+robot.run(robot.driving([(1.0, 0.0, 0.0)]))
+print(robot.joint_positions())
+
+A motion is started as a goal, which can be watched and canceled, or as a generator that yields the simulated times by
+which its caller steps the simulation; a generator that is closed stops what it started.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+import numpy as np
+
+from mindstage.engines.base import Capability, Engine, SpawnReport
+from mindstage.engines.kinematic_tree import AXIS_NAMES, movable_axes
+from mindstage.errors import BodyNotFoundError, CommandRefusedError, RobotModelError, RobotNotFoundError
+from mindstage.robots.control import MotionGoal, MotionOutcome, MotionResult, RobotController, held_bodies
+from mindstage.robots.drives import drives_of, planar_inverse, planar_multiply, yaw_of
+from mindstage.robots.model import Gripper, RobotModel
+from mindstage.robots.models.reading import load_model
+from mindstage.robots.trajectories import JointTrajectory, point_to_point
+from mindstage.robots.world import RobotWorld, robot_world
+from mindstage.scene import IDENTITY, BodyId, Pose
+from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
+from mindstage.simulation.state import EngineSession, poses_in
+
+__all__ = ["JointState", "Odometry", "Robot", "place_robot"]
+
+T = TypeVar("T")
+
+_WAIT_S = 0.02
+"""Simulated time between two checks of a goal [s]."""
+
+
+class JointState(msgspec.Struct, frozen=True, kw_only=True):
+    """The state of a joint."""
+
+    position: float
+    """[m or rad]."""
+    velocity: float = 0.0
+    effort: float = 0.0
+    """Of its drive, without what compensates gravity [N or Nm]."""
+
+
+class Odometry(msgspec.Struct, frozen=True, kw_only=True):
+    """The motion of a base since it was added, without error."""
+
+    x: float
+    """Position of the base link in the frame `odom`: that of the base link when the robot was added [m]."""
+    y: float
+    yaw: float
+    """[rad]."""
+    vx: float
+    """Velocity in the frame of the base link [m/s]."""
+    vy: float
+    wz: float
+    """[rad/s]."""
+
+
+class Robot:
+    """A robot in a simulation; made by `Simulation.add_robot`."""
+
+    def __init__(
+        self,
+        name: str,
+        model: RobotModel,
+        placed: RobotWorld,
+        *,
+        session: EngineSession,
+        controller: RobotController,
+        report: SpawnReport,
+    ) -> None:
+        """See `place_robot`.
+
+        Args:
+            name: its name in the simulation.
+            model: its description.
+            placed: its bodies and joints.
+            session: the simulation.
+            controller: what commands its actuators.
+            report: of its spawn.
+        """
+        self.name = name
+        self.model = model
+        self.session = session
+        self.controller = controller
+        self.report = report
+        self._placed = placed
+        joints = {joint.id: joint for joint in placed.world.joints}
+        self._axes = {
+            name: (id, axes[0].index) for name, id in placed.joint_ids.items() if (axes := movable_axes(joints[id]))
+        }
+        """The joint and the index of the axis of each joint that moves."""
+
+    # -- state ---------------------------------------------------------------------------------------------
+
+    @property
+    def link_ids(self) -> Mapping[str, BodyId]:
+        """The body of each link."""
+        return self._placed.link_ids
+
+    @property
+    def joint_ids(self) -> Mapping[str, BodyId]:
+        """The id of each joint in the world."""
+        return self._placed.joint_ids
+
+    @property
+    def placed(self) -> RobotWorld:
+        """Its bodies and joints as they were spawned."""
+        return self._placed
+
+    @property
+    def drives(self) -> Mapping[str, object]:
+        """The joints that have drives, by name."""
+        return self.controller.drives.joints
+
+    @property
+    def exists(self) -> bool:
+        """Whether its bodies are in the simulation."""
+        return self._placed.link_ids[self.model.root] in self.session.state.ids
+
+    def joint_states(self) -> dict[str, JointState]:
+        """The state of each joint that moves, in the order of the model."""
+        drives, zero = self.controller.drives.joints, self._placed.zero
+
+        def read(engine: Engine) -> dict[str, JointState]:
+            has_actuators = Capability.ACTUATORS in engine.capabilities
+            states = engine.actuator_states() if has_actuators else {}
+            driven = {name for name, drive in drives.items() if drive.actuator in states}
+            coordinates = {}
+            if driven != self._axes.keys():
+                if Capability.JOINTS not in engine.capabilities:
+                    return {name: JointState(position=zero.get(name, 0.0)) for name in self._axes}
+                coordinates = engine.joint_positions()
+            found = {}
+            for name, (id, index) in self._axes.items():
+                if name in driven:
+                    state = states[drives[name].actuator]
+                    position, velocity, effort = state.position, state.velocity, state.effort
+                elif id in coordinates:
+                    position, velocity, effort = coordinates[id][index], 0.0, 0.0
+                else:
+                    raise BodyNotFoundError(id, known=tuple(coordinates))
+                found[name] = JointState(position=position + zero.get(name, 0.0), velocity=velocity, effort=effort)
+            return self._with_mimics(found)
+
+        return self.session.run_on_engine(read, label="joint states")
+
+    def joint_positions(self) -> dict[str, float]:
+        """The position of each joint that moves [m or rad], as in its description."""
+        return {name: each.position for name, each in self.joint_states().items()}
+
+    def joint_velocities(self) -> dict[str, float]:
+        """The velocity of each joint that moves [m/s or rad/s]."""
+        return {name: each.velocity for name, each in self.joint_states().items()}
+
+    def joint_efforts(self) -> dict[str, float]:
+        """The force [N] or moment [Nm] of the drive of each joint that moves, without what compensates gravity."""
+        return {name: each.effort for name, each in self.joint_states().items()}
+
+    def link_pose(self, link: str) -> Array:
+        """The pose of a link in the world frame: x y z [m], w x y z.
+
+        Raises:
+            RobotNotFoundError: the robot was deleted.
+            KeyError: it has no such link.
+        """
+        id = self._placed.link_ids[link]
+        poses = poses_in(self.session.state, {id})
+        if id not in poses:
+            raise RobotNotFoundError(self.name, remedy="its bodies were deleted; add it again")
+        return poses[id]
+
+    def base_pose(self) -> tuple[float, float, float]:
+        """The pose of the base link on the floor, in the world frame: x, y [m], yaw [rad]."""
+        pose = self.link_pose(self.model.base.link)
+        return float(pose[0]), float(pose[1]), yaw_of(pose[3:])
+
+    def grasp_pose(self, gripper: str = "") -> Array:
+        """The grasp frame of a gripper in the world frame; by default of the only gripper."""
+        record = self.gripper(gripper)
+        return pose_multiply(self.link_pose(record.link), normalized_pose_array(record.grasp_pose))
+
+    def gripper(self, name: str = "") -> Gripper:
+        """A gripper; by default the only one.
+
+        Raises:
+            CommandRefusedError: there is no gripper of that name, or several and no name is given.
+        """
+        found = [each for each in self.model.grippers if name in {"", each.name}]
+        if len(found) != 1:
+            known = ", ".join(each.name for each in self.model.grippers)
+            cause = f"it has {len(found)} grippers of that name" if name else f"it has {len(found)} grippers"
+            raise CommandRefusedError(
+                self.name, command=f"the gripper {name!r}", cause=cause, remedy=f"use one of: {known or 'none'}"
+            )
+        return found[0]
+
+    def gripper_opening(self, gripper: str = "") -> float:
+        """The distance between the finger pads of a gripper [m]."""
+        return self.controller.opening(self.gripper(gripper), self.joint_positions())
+
+    @property
+    def held(self) -> Mapping[str, BodyId]:
+        """What each gripper holds: a body that is attached to it, or that two of its fingers touch."""
+        drives = self.controller.drives
+        return self.session.run_on_engine(lambda engine: held_bodies(engine, drives), label="held bodies")
+
+    def odometry(self) -> Odometry:
+        """The motion of the base since the robot was added; zero for a fixed one."""
+        base = self.controller.drives.base
+        if base is None:
+            return Odometry(x=0.0, y=0.0, yaw=0.0, vx=0.0, vy=0.0, wz=0.0)
+
+        def read(engine: Engine) -> tuple[Array, Array]:
+            states = engine.actuator_states()
+            rows = [states[name] for name in base.actuators]
+            return np.array([each.position for each in rows]), np.array([each.velocity for each in rows])
+
+        coordinates, (vx, vy, wz) = self.session.run_on_engine(read, label="odometry")
+        start = base.world_from_joint(np.zeros(3))
+        x, y, yaw = planar_multiply(planar_inverse(start), base.world_from_joint(coordinates))
+        # The origin of the base link moves along when the joint turns at a distance.
+        turned = float(coordinates[2])
+        lever = np.array([np.cos(turned) * base.offset[0] - np.sin(turned) * base.offset[1],
+                          np.sin(turned) * base.offset[0] + np.cos(turned) * base.offset[1]])  # fmt: skip
+        velocity = np.array([vx - wz * lever[1], vy + wz * lever[0]])
+        heading = turned + base.offset[2]
+        forward = np.array([np.cos(heading), np.sin(heading)])
+        left = np.array([-forward[1], forward[0]])
+        return Odometry(x=x, y=y, yaw=yaw, vx=float(velocity @ forward), vy=float(velocity @ left), wz=float(wz))
+
+    # -- goals ---------------------------------------------------------------------------------------------
+
+    def start_trajectory(
+        self,
+        trajectory: JointTrajectory,
+        *,
+        tolerance: Mapping[str, float] | float | None = None,
+        path_tolerance: Mapping[str, float] | float | None = None,
+        goal_time_tolerance_s: float = 2.0,
+    ) -> MotionGoal:
+        """Starts to move joints along a trajectory, which replaces other motions of these joints.
+
+        Args:
+            trajectory: see `JointTrajectory`; everything in it is checked before anything moves.
+            tolerance: the largest error at the end [m or rad], for all joints or by joint; by default 0.01 m and
+                0.02 rad.
+            path_tolerance: the largest deviation on the way; by default 0.06 m and 0.25 rad.
+            goal_time_tolerance_s: how much later than planned the end may be reached [s].
+
+        Returns:
+            The goal, which is updated while simulated time advances.
+
+        Raises:
+            CommandRefusedError: a limit would be exceeded, a joint is unknown, or the robot has no drives here.
+        """
+        return self._start(
+            lambda engine: self.controller.start_trajectory(
+                engine,
+                trajectory,
+                tolerance=tolerance,
+                path_tolerance=path_tolerance,
+                goal_time_tolerance_s=goal_time_tolerance_s,
+            ),
+            "start trajectory",
+        )
+
+    def start_gripping(self, gripper: str, opening_m: float, *, max_force_n: float | None = None) -> MotionGoal:
+        """Starts to open or close a gripper.
+
+        Closing succeeds if the fingers are stopped by something between them, which they then hold with that force.
+
+        Args:
+            gripper: its name; empty for the only one.
+            opening_m: the distance between the finger pads [m].
+            max_force_n: the largest force of each finger; by default that of the gripper [N].
+
+        Raises:
+            CommandRefusedError: the opening or the force is out of range, or there is no such gripper.
+        """
+        name = self.gripper(gripper).name
+        return self._start(
+            lambda engine: self.controller.start_gripping(engine, name, opening_m, max_force_n=max_force_n),
+            "start gripping",
+        )
+
+    def start_driving(self, path: Sequence[tuple[float, float, float]], *, speed: float = 1.0) -> MotionGoal:
+        """Starts to drive the base along poses of the base link in the world frame: x, y [m], yaw [rad].
+
+        A differential base turns to where it drives, and at the end to the last yaw; the others are ignored.
+
+        Args:
+            path: the poses after the current one.
+            speed: the fraction of its velocity that is used.
+
+        Raises:
+            CommandRefusedError: the base is fixed, or a number is not finite.
+        """
+        return self._start(lambda engine: self.controller.start_driving(engine, path, speed=speed), "start driving")
+
+    def drive(self, vx: float, vy: float = 0.0, wz: float = 0.0) -> MotionGoal:
+        """Drives the base with a velocity for at most 0.5 s of simulated time; call it again to go on.
+
+        Args:
+            vx: forward [m/s].
+            vy: to the left [m/s].
+            wz: counterclockwise [rad/s].
+
+        Returns:
+            The goal; it fails if the base is blocked, and is canceled when no velocity is commanded any more.
+
+        Raises:
+            CommandRefusedError: a velocity is beyond a limit, or the base cannot move in that direction.
+        """
+        return self._start(lambda engine: self.controller.drive(engine, (vx, vy, wz)), "drive")
+
+    def point_head(self, pan: float | None = None, tilt: float | None = None) -> MotionGoal:
+        """Starts to turn the head to a pan and a tilt [rad]; None leaves a joint as it is.
+
+        Raises:
+            CommandRefusedError: there is no head, or an angle is beyond a limit.
+        """
+        joints = self.model.head.joints if self.model.head is not None else ()
+        wanted = {name: value for name, value in zip(joints, (pan, tilt), strict=False) if value is not None}
+        if not wanted:
+            raise CommandRefusedError(
+                self.name, command="a turn of the head", cause="it has no such joint", remedy="move its base instead"
+            )
+        return self.start_trajectory(self.trajectory_to(wanted))
+
+    def trajectory_to(self, positions: Mapping[str, float], *, speed: float = 0.8) -> JointTrajectory:
+        """The straight trajectory in joint space from the current state, without regard to obstacles.
+
+        Args:
+            positions: where joints are at the end [m or rad].
+            speed: the fraction of their velocity limits that is used.
+
+        Raises:
+            CommandRefusedError: a joint is unknown.
+        """
+        drives = self.controller.drives.joints
+        if unknown := [name for name in positions if name not in drives]:
+            raise CommandRefusedError(
+                self.name,
+                command=f"a motion of {unknown[0]!r}",
+                cause="it has no joint with a drive of that name",
+                remedy=f"use {', '.join(drives)}",
+            )
+        now = self.joint_positions()
+        joints = [drives[name].joint for name in positions]
+        return point_to_point(joints, [now[name] for name in positions], list(positions.values()), speed=speed)
+
+    def stop(self) -> None:
+        """Ends all motions; the joints hold their positions."""
+        self.session.run_on_engine(lambda _: self.controller.stop(), label="stop robot")
+
+    # -- motions -------------------------------------------------------------------------------------------
+
+    def following(
+        self,
+        trajectory: JointTrajectory,
+        *,
+        tolerance: Mapping[str, float] | float | None = None,
+        path_tolerance: Mapping[str, float] | float | None = None,
+        goal_time_tolerance_s: float = 2.0,
+    ) -> Generator[float, None, MotionResult]:
+        """Moves joints along a trajectory; see `start_trajectory`. Yields the times by which the caller steps [s]."""
+        goal = self.start_trajectory(
+            trajectory,
+            tolerance=tolerance,
+            path_tolerance=path_tolerance,
+            goal_time_tolerance_s=goal_time_tolerance_s,
+        )
+        return (yield from self.waiting(goal))
+
+    def moving_to(self, positions: Mapping[str, float], *, speed: float = 0.8) -> Generator[float, None, MotionResult]:
+        """Moves joints straight to positions [m or rad], without regard to obstacles; see `trajectory_to`."""
+        return (yield from self.following(self.trajectory_to(positions, speed=speed)))
+
+    def gripping(
+        self, gripper: str, opening_m: float, *, max_force_n: float | None = None
+    ) -> Generator[float, None, MotionResult]:
+        """Opens or closes a gripper; see `start_gripping`."""
+        return (yield from self.waiting(self.start_gripping(gripper, opening_m, max_force_n=max_force_n)))
+
+    def driving(
+        self, path: Sequence[tuple[float, float, float]], *, speed: float = 1.0
+    ) -> Generator[float, None, MotionResult]:
+        """Drives the base along poses in the world frame; see `start_driving`."""
+        return (yield from self.waiting(self.start_driving(path, speed=speed)))
+
+    def waiting(self, goal: MotionGoal) -> Generator[float, None, MotionResult]:
+        """Yields until a goal has ended; cancels it when the generator is closed."""
+        try:
+            while goal.result is None:
+                yield _WAIT_S
+            return goal.result
+        finally:
+            if goal.result is None:
+                goal.cancel()
+
+    def run(self, motion: Generator[float, None, T], *, timeout_s: float = 600.0) -> T:
+        """Steps the simulation until a motion has ended, and returns its result.
+
+        While the simulation plays in real time, it waits for the simulated time to pass instead.
+
+        Args:
+            motion: a generator of simulated times [s].
+            timeout_s: the largest simulated time [s].
+
+        Raises:
+            TimeoutError: the motion did not end; it was closed.
+        """
+        left_s = timeout_s
+        try:
+            while True:
+                try:
+                    duration_s = next(motion)
+                except StopIteration as end:
+                    result: T = end.value
+                    return result
+                if left_s <= 0.0:
+                    raise TimeoutError(f"the motion of {self.name} did not end within {timeout_s:g} s")
+                left_s -= duration_s
+                self._pass(duration_s)
+        finally:
+            motion.close()
+
+    def _pass(self, duration_s: float) -> None:
+        """Lets simulated time pass: by steps, or by waiting while it plays."""
+        start_s = self.session.state.time_s
+        while self.session.state.playing and self.session.state.time_s < start_s + duration_s - 1e-9:
+            time.sleep(min(duration_s, 0.01))
+        if (left_s := start_s + duration_s - self.session.state.time_s) > 1e-9:
+            self.session.step(left_s)
+
+    def _start(self, start: Callable[[Engine], MotionGoal], label: str) -> MotionGoal:
+        return self.session.run_on_engine(start, label=label)
+
+    # -- copies --------------------------------------------------------------------------------------------
+
+    def in_copy(self, session: EngineSession, controller: RobotController) -> Robot:
+        """The same robot in a copy of its simulation.
+
+        Args:
+            session: the copy.
+            controller: the copy of its controller there.
+        """
+        return Robot(
+            self.name, self.model, self._placed, session=session, controller=controller, report=self.report
+        )
+
+    def __repr__(self) -> str:
+        kind = self.model.base.type.value
+        return f"<{type(self).__name__} {self.name}: {self.model.name}, {kind} base, {len(self._axes)} joints>"
+
+    def _with_mimics(self, states: dict[str, JointState]) -> dict[str, JointState]:
+        """The states with the velocities of joints that follow others."""
+        for joint in self.model.joints:
+            if joint.mimic is not None and joint.name in states and joint.mimic.joint in states:
+                velocity = joint.mimic.multiplier * states[joint.mimic.joint].velocity
+                states[joint.name] = msgspec.structs.replace(states[joint.name], velocity=velocity)
+        return states
+
+
+def place_robot(
+    session: EngineSession,
+    source: str | Path | RobotModel,
+    pose: Pose = IDENTITY,
+    *,
+    name: str | None = None,
+    names: Iterable[str] = (),
+) -> Robot:
+    """Spawns a robot; its actuators are added by `Simulation.add_robot`.
+
+    Args:
+        session: the simulation.
+        source: the name of a known model, the path of a description, or a model.
+        pose: where it stands, in the world frame.
+        name: its name; by default that of the model.
+        names: the names of the robots that exist.
+
+    Raises:
+        RobotNotFoundError: no model has that name.
+        RobotModelError: the description cannot be read, or not all of it can be spawned.
+    """
+    model = source if isinstance(source, RobotModel) else load_model(source)
+    taken = set(names)
+    if name is None:
+        numbers = (model.name if number == 1 else f"{model.name}_{number}" for number in range(1, len(taken) + 2))
+        name = next(each for each in numbers if each not in taken)
+    elif name in taken:
+        raise RobotModelError(model.source or model.name, cause=f"a robot {name!r} exists", remedy="give another name")
+    world_ids = {joint.id for world in session.worlds for joint in world.joints}
+    placed = robot_world(model, pose, name=name, taken={*session.state.ids, *world_ids})
+    report = session.spawn(placed.world, geometry=placed.geometry)
+    if not report.ok:
+        failures = (*report.failed_bodies, *report.failed_joints, *report.failed_attachments)
+        spawned = set(placed.link_ids.values()) & set(session.state.ids)
+        session.run_on_engine(lambda engine: engine.delete(spawned), label="delete", edits=True)
+        first = failures[0]
+        raise RobotModelError(
+            model.source or model.name,
+            cause=f"{first.id!r} cannot be spawned: {first.reason}",
+            remedy="correct the description",
+        )
+    controller = RobotController(drives_of(model, placed, name=name))
+    return Robot(name, model, placed, session=session, controller=controller, report=report)
