@@ -6,18 +6,21 @@ requests a second do not slow the simulation down.
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Container, Iterable
 from itertools import count
 
 from mindstage.engines import PoseArray
 from mindstage.errors import BodyNotFoundError
-from mindstage.ros.frames import WORLD_FRAMES, FrameNames, FrameTree
+from mindstage.robots.model import BaseType
+from mindstage.robots.robot import Robot
+from mindstage.ros.frames import WORLD_FRAMES, FrameNames, FrameTree, RobotFrames
 from mindstage.scene import Body, BodyId, Iri, Pose, World
 from mindstage.scene.transforms import normalized_pose_array, pose_from_array, pose_multiply
 from mindstage.simulation import Simulation, StateSnapshot
 
-__all__ = ["StateReader", "free_id", "map_iri"]
+__all__ = ["StateReader", "frame_in_namespace", "free_id", "map_iri", "name_in_ros", "robot_frames"]
 
 _TREE_INTERVAL_S = 0.25
 """Least time between two computations of the frame tree, which reads the world from the engine [s]."""
@@ -34,6 +37,38 @@ def free_id(stem: str, *taken: Container[str]) -> BodyId:
     return next(BodyId(id) for id in ids if not any(id in each for each in taken))
 
 
+def name_in_ros(name: str) -> str:
+    """Returns a name in the characters of names in ROS, of which the first is a letter."""
+    valid = re.sub(r"[^A-Za-z0-9_]", "_", name) or "_"
+    return valid if valid[0].isalpha() else f"robot_{valid}"
+
+
+def frame_in_namespace(namespace: str, frame: str) -> str:
+    """Returns the frame id of a link, or of `odom`, of the robot with a namespace."""
+    return f"{namespace}/{frame}" if namespace else frame
+
+
+def robot_frames(robot: Robot, namespace: str) -> RobotFrames:
+    """Returns the frames of the links of a robot.
+
+    Args:
+        robot: the robot.
+        namespace: the namespace of its names in ROS; empty for none.
+    """
+    model, ids = robot.model, robot.link_ids
+    frames = {id: frame_in_namespace(namespace, link) for link, id in ids.items()}
+    parents = {ids[joint.child]: ids[joint.parent] for joint in model.joints}
+    moving = {ids[joint.child] for joint in model.joints if joint.is_movable}
+    joints = set(robot.joint_ids.values())
+    if model.base.type is not BaseType.FIXED:
+        odom = robot.odom_id
+        frames[odom] = frame_in_namespace(namespace, "odom")
+        parents[ids[model.root]] = odom
+        moving.add(ids[model.root])
+        joints.add(robot.base_joint_id)
+    return RobotFrames(frames, parents, frozenset(moving), frozenset(joints))
+
+
 class StateReader:
     """Reads the state of a simulation, from any thread."""
 
@@ -45,6 +80,7 @@ class StateReader:
         self.frame_names = FrameNames()
         """The frame ids of bodies and joints."""
         self._tree: tuple[int, float, FrameTree] | None = None
+        self._namespaces: dict[str, str] = {}
 
     def state(self) -> StateSnapshot:
         """Returns the last snapshot of the state.
@@ -124,6 +160,20 @@ class StateReader:
         world_from_frame = normalized_pose_array(pose_from_array(self.pose(name)))
         return pose_from_array(pose_multiply(world_from_frame, normalized_pose_array(pose)))
 
+    def robot_namespaces(self) -> dict[str, str]:
+        """Returns the namespace of each robot: none for the first one, so that its names are those of a real robot.
+
+        A further robot has its name as its namespace, and keeps it when others are removed.
+        """
+        robots = self.simulation.robots
+        with self._lock:
+            kept = {name: namespace for name, namespace in self._namespaces.items() if name in robots}
+            for name in robots:
+                if name not in kept:
+                    kept[name] = name_in_ros(name) if "" in kept.values() else ""
+            self._namespaces = kept
+            return dict(kept)
+
     def frame_tree(self, *, now_s: float | None = None) -> FrameTree:
         """Returns the tree of the frames; after an edit it is up to 0.25 s old.
 
@@ -132,7 +182,9 @@ class StateReader:
         """
         revision, tree = self.state().revision, self._tree
         if tree is None or (tree[0] != revision and (now_s is None or now_s - tree[1] >= _TREE_INTERVAL_S)):
-            computed = FrameTree(self.world(), self.simulation.worlds, self.frame_names)
+            namespaces, robots = self.robot_namespaces(), self.simulation.robots
+            frames = [robot_frames(robots[name], space) for name, space in namespaces.items() if name in robots]
+            computed = FrameTree(self.world(), self.simulation.worlds, self.frame_names, frames)
             self._tree = tree = (revision, now_s or 0.0, computed)
         return tree[2]
 
