@@ -1,8 +1,8 @@
 """The controllers of a robot as ROS programs use them: trajectories, grippers, the head, and the list of controllers.
 
 The names are those of a real robot: `arm_controller/follow_joint_trajectory`, `gripper_controller/gripper_cmd`. Besides
-the controllers that follow from the model of a robot, robots of known makes have those of their drivers. Both the topics
-of ROS 1 (`command`, `state`) and of ROS 2 (`joint_trajectory`, `controller_state`) exist.
+the controllers that follow from the model of a robot, robots of known makes have those of their drivers. There are the
+topics of ROS 1 (`command`, `state`) and of ROS 2 (`joint_trajectory`, `controller_state`).
 
 A goal is executed in simulated time; while the simulation is paused, it waits.
 """
@@ -23,7 +23,6 @@ from mindstage.engines.base import ActuatorState
 from mindstage.errors import CommandRefusedError
 from mindstage.msgs import Message, RosVersion, builtin_interfaces, control_msgs, std_msgs, trajectory_msgs
 from mindstage.msgs import controller_manager_msgs as manager
-from mindstage.msgs.control_msgs import FollowJointTrajectory, FollowJointTrajectoryCode
 from mindstage.robots.control import MotionFailure, MotionGoal, MotionOutcome, MotionResult
 from mindstage.robots.forward_kinematics import link_poses
 from mindstage.robots.model import RobotModel
@@ -39,6 +38,8 @@ from mindstage.simulation import StateSnapshot
 
 __all__ = ["ControllerSpec", "RobotControllers", "await_motion", "controllers_of"]
 
+_Follow = control_msgs.FollowJointTrajectory
+_Code = control_msgs.FollowJointTrajectoryCode
 _POLL_S = 0.005
 """Interval at which the end of a motion is noticed [s]."""
 _FEEDBACK_INTERVAL_S = 0.05
@@ -58,9 +59,9 @@ _HEAD_TOLERANCE = 0.02
 """Largest angle between the axis and the target [rad]."""
 _ALL_JOINTS = "joint_trajectory_controller"
 _ERROR_CODES = {
-    MotionFailure.BLOCKED: FollowJointTrajectoryCode.PATH_TOLERANCE_VIOLATED,
-    MotionFailure.PATH_TOLERANCE: FollowJointTrajectoryCode.PATH_TOLERANCE_VIOLATED,
-    MotionFailure.GOAL_TOLERANCE: FollowJointTrajectoryCode.GOAL_TOLERANCE_VIOLATED,
+    MotionFailure.BLOCKED: _Code.PATH_TOLERANCE_VIOLATED,
+    MotionFailure.PATH_TOLERANCE: _Code.PATH_TOLERANCE_VIOLATED,
+    MotionFailure.GOAL_TOLERANCE: _Code.GOAL_TOLERANCE_VIOLATED,
 }
 
 _PR2_ARM = ("shoulder_pan", "shoulder_lift", "upper_arm_roll", "elbow_flex", "forearm_roll", "wrist_flex", "wrist_roll")
@@ -220,7 +221,7 @@ class RobotControllers:
 
     def _actions(self, spec: ControllerSpec) -> Iterator[ActionSpec]:
         follow = partial(self.follow, spec)
-        yield ActionSpec(FollowJointTrajectory, follow, name=f"{spec.name}/follow_joint_trajectory")
+        yield ActionSpec(_Follow, follow, name=f"{spec.name}/follow_joint_trajectory")
         if spec.gripper:
             grip = partial(self.grip, spec)
             for name in ("gripper_cmd", "gripper_action"):  # of ROS 2 and MoveIt, and of older drivers
@@ -247,9 +248,7 @@ class RobotControllers:
 
     # -- trajectories --------------------------------------------------------------------------------------------------
 
-    def follow(
-        self, spec: ControllerSpec, goal: FollowJointTrajectory.Goal, context: GoalContext
-    ) -> FollowJointTrajectory.Result:
+    def follow(self, spec: ControllerSpec, goal: _Follow.Goal, context: GoalContext) -> _Follow.Result:
         """Moves joints along a trajectory.
 
         Raises:
@@ -266,15 +265,15 @@ class RobotControllers:
                 goal_time_tolerance_s=tolerance_s if tolerance_s > 0.0 else _DEFAULT_GOAL_TIME_TOLERANCE_S,
             )
         except CommandRefusedError as error:
-            raise _rejected(FollowJointTrajectoryCode.INVALID_GOAL, str(error)) from error
+            raise _rejected(_Code.INVALID_GOAL, str(error)) from error
         result = await_motion(motion, context, lambda: self._feedback(trajectory.joints, motion))
         if result:
-            return FollowJointTrajectory.Result(error_code=FollowJointTrajectoryCode.SUCCESSFUL)
-        code = _ERROR_CODES.get(result.failure, FollowJointTrajectoryCode.INVALID_GOAL)
-        ended = FollowJointTrajectory.Result(error_code=code, error_string=result.reason)
+            return _Follow.Result(error_code=_Code.SUCCESSFUL)
+        code = _ERROR_CODES.get(result.failure, _Code.INVALID_GOAL)
+        ended = _Follow.Result(error_code=code, error_string=result.reason)
         raise GoalAbortedError(ended, reason=result.reason)
 
-    def _trajectory(self, spec: ControllerSpec, goal: FollowJointTrajectory.Goal) -> JointTrajectory:
+    def _trajectory(self, spec: ControllerSpec, goal: _Follow.Goal) -> JointTrajectory:
         """Returns the trajectory of a goal, with times from now.
 
         Raises:
@@ -283,15 +282,15 @@ class RobotControllers:
         joints = goal.trajectory.joint_names
         if unknown := [name for name in joints if name not in spec.joints]:
             text = f"{', '.join(unknown)}: not of {spec.name}, which has {', '.join(spec.joints)}"
-            raise _rejected(FollowJointTrajectoryCode.INVALID_JOINTS, text)
+            raise _rejected(_Code.INVALID_JOINTS, text)
         if goal.multi_dof_trajectory.points or goal.component_path_tolerance or goal.component_goal_tolerance:
-            raise _rejected(FollowJointTrajectoryCode.INVALID_GOAL, "it has no joints with several degrees of freedom")
+            raise _rejected(_Code.INVALID_GOAL, "it has no joints with several degrees of freedom")
         if not joints or not goal.trajectory.points:
-            raise _rejected(FollowJointTrajectoryCode.INVALID_GOAL, "the trajectory has no joints or no points")
+            raise _rejected(_Code.INVALID_GOAL, "the trajectory has no joints or no points")
         delay_s = self._delay_s(goal.trajectory)
         if delay_s + goal.trajectory.points[-1].time_from_start.seconds < 0.0:
             text = f"it ended {-delay_s - goal.trajectory.points[-1].time_from_start.seconds:.3g} s ago"
-            raise _rejected(FollowJointTrajectoryCode.OLD_HEADER_TIMESTAMP, text)
+            raise _rejected(_Code.OLD_HEADER_TIMESTAMP, text)
         return self._delayed(goal.trajectory, delay_s)
 
     def _delay_s(self, trajectory: trajectory_msgs.JointTrajectory) -> float:
@@ -313,13 +312,13 @@ class RobotControllers:
             points = [start, *points] if points[0].time_s > delay_s else [*points]
         return JointTrajectory(trajectory.joint_names, tuple(points))
 
-    def _feedback(self, joints: tuple[str, ...], motion: MotionGoal) -> FollowJointTrajectory.Feedback | None:
+    def _feedback(self, joints: tuple[str, ...], motion: MotionGoal) -> _Follow.Feedback | None:
         found = motion.feedback
         if found is None:
             return None
         desired = _setpoint(joints, found.desired, found.desired_velocities, found.elapsed_s)
         actual = _setpoint(joints, found.actual, found.actual_velocities, found.elapsed_s)
-        return FollowJointTrajectory.Feedback(
+        return _Follow.Feedback(
             header=self._header(),
             joint_names=joints,
             desired=desired,
@@ -338,7 +337,7 @@ class RobotControllers:
                 before.cancel()
             return
         try:
-            trajectory = self._trajectory(spec, FollowJointTrajectory.Goal(trajectory=message))
+            trajectory = self._trajectory(spec, _Follow.Goal(trajectory=message))
         except GoalAbortedError as error:
             what = f"a trajectory for {spec.name}"
             raise CommandRefusedError(self._robot.name, command=what, cause=str(error), remedy="correct it") from error
@@ -472,8 +471,8 @@ def _state(name: str, type: str, joints: tuple[str, ...], *, is_two: bool) -> ma
     )
 
 
-def _rejected(code: FollowJointTrajectoryCode, text: str) -> GoalAbortedError:
-    result = FollowJointTrajectory.Result(error_code=code, error_string=text)
+def _rejected(code: _Code, text: str) -> GoalAbortedError:
+    result = _Follow.Result(error_code=code, error_string=text)
     return GoalAbortedError(result, reason=text, rejected=True)
 
 

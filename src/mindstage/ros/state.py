@@ -13,14 +13,13 @@ from itertools import count
 
 from mindstage.engines import PoseArray
 from mindstage.errors import BodyNotFoundError
-from mindstage.robots.model import BaseType
 from mindstage.robots.robot import Robot
 from mindstage.ros.frames import WORLD_FRAMES, FrameNames, FrameTree, RobotFrames
 from mindstage.scene import Body, BodyId, Iri, Pose, World
 from mindstage.scene.transforms import normalized_pose_array, pose_from_array, pose_multiply
 from mindstage.simulation import Simulation, StateSnapshot
 
-__all__ = ["StateReader", "frame_in_namespace", "free_id", "map_iri", "name_in_ros", "robot_frames"]
+__all__ = ["StateReader", "frame_in_namespace", "free_id", "map_iri", "name_in_ros", "odom_id", "robot_frames"]
 
 _TREE_INTERVAL_S = 0.25
 """Least time between two computations of the frame tree, which reads the world from the engine [s]."""
@@ -48,6 +47,12 @@ def frame_in_namespace(namespace: str, frame: str) -> str:
     return f"{namespace}/{frame}" if namespace else frame
 
 
+def odom_id(robot: Robot) -> BodyId | None:
+    """Returns the body at the place where a robot was added, which is its frame `odom`; None for a fixed robot."""
+    base = robot.placed.base_joint_id
+    return next((joint.parent for joint in robot.placed.world.joints if joint.id == base), None)
+
+
 def robot_frames(robot: Robot, namespace: str) -> RobotFrames:
     """Returns the frames of the links of a robot.
 
@@ -60,20 +65,26 @@ def robot_frames(robot: Robot, namespace: str) -> RobotFrames:
     parents = {ids[joint.child]: ids[joint.parent] for joint in model.joints}
     moving = {ids[joint.child] for joint in model.joints if joint.is_movable}
     joints = set(robot.joint_ids.values())
-    if model.base.type is not BaseType.FIXED:
-        odom = robot.odom_id
+    if (odom := odom_id(robot)) is not None:
         frames[odom] = frame_in_namespace(namespace, "odom")
         parents[ids[model.root]] = odom
         moving.add(ids[model.root])
-        joints.add(robot.base_joint_id)
+        joints |= {joint.id for joint in robot.placed.world.joints if joint.parent == odom}
     return RobotFrames(frames, parents, frozenset(moving), frozenset(joints))
 
 
 class StateReader:
     """Reads the state of a simulation, from any thread."""
 
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: Simulation, *, has_root: bool = True) -> None:
+        """Reads nothing yet.
+
+        Args:
+            simulation: the simulation.
+            has_root: whether one robot may have names without a namespace; the place itself has such names otherwise.
+        """
         self.simulation = simulation
+        self._has_root = has_root
         self._rows: tuple[tuple[BodyId, ...], dict[BodyId, int]] = ((), {})
         self._world: tuple[int, World | None, dict[BodyId, Body]] = (-1, None, {})
         self._lock = threading.Lock()
@@ -170,9 +181,14 @@ class StateReader:
             kept = {name: namespace for name, namespace in self._namespaces.items() if name in robots}
             for name in robots:
                 if name not in kept:
-                    kept[name] = name_in_ros(name) if "" in kept.values() else ""
+                    kept[name] = "" if self._has_root and "" not in kept.values() else name_in_ros(name)
             self._namespaces = kept
             return dict(kept)
+
+    def robot_joints(self) -> dict[str, frozenset[BodyId]]:
+        """Returns the joints of each robot, which have topics of their own."""
+        robots = self.simulation.robots.items()
+        return {name: frozenset(joint.id for joint in robot.placed.world.joints) for name, robot in robots}
 
     def frame_tree(self, *, now_s: float | None = None) -> FrameTree:
         """Returns the tree of the frames; after an edit it is up to 0.25 s old.
