@@ -14,7 +14,9 @@ ros_packages := rosidl:rosidl-tools gcc:gcc /usr/include/stdio.h:libc6-dev \
 	/usr/lib/python3/dist-packages/ament_index_python:python3-ament-index \
 	/usr/lib/genpy/genmsg_py.py:python3-genpy /usr/lib/actionlib_msgs/genaction.py:libactionlib-msgs-dev \
 	/usr/share/actionlib_msgs/msg:ros-actionlib-msgs /usr/share/geometry_msgs/msg:ros-geometry-msgs \
-	/usr/share/std_msgs/msg:ros-std-msgs
+	/usr/share/std_msgs/msg:ros-std-msgs \
+	/usr/lib/python3/dist-packages/geometry_msgs:python3-geometry-msgs \
+	/usr/lib/python3/dist-packages/actionlib_msgs:python3-actionlib-msgs
 pytest_options ?= -raR -n auto --dist worksteal
 random_tests ?= $(addprefix tests/,scene msgs bridge geometry simulation)
 

@@ -145,7 +145,9 @@ for name in sys.argv[1:]:
     for kind in ("msg", "srv"):
         try:
             module = importlib.import_module(name + "." + kind)
-        except ModuleNotFoundError:
+        except ModuleNotFoundError as error:
+            if error.name != name + "." + kind:
+                raise
             continue
         for cls in vars(module).values():
             if isinstance(cls, type) and hasattr(cls, "_request_class"):

@@ -140,6 +140,7 @@ DECLARING_MODULES = (
     "mindstage.imagination.front_questions",
     "mindstage.imagination.questions",
     "mindstage.episodes.questions",
+    "mindstage.robots.abilities",
 )
 """The modules that declare questions, in the order in which questions are listed; imported when first needed."""
 

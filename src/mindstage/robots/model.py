@@ -10,7 +10,7 @@ from enum import StrEnum
 
 import msgspec
 
-from mindstage.scene import IDENTITY, Pose, Vector
+from mindstage.scene import IDENTITY, Iri, Pose, Vector
 from mindstage.scene.geometry import BodyGeometry, Inertia
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "Head",
     "ModelNote",
     "RobotBase",
+    "RobotComponent",
     "RobotJoint",
     "RobotJointType",
     "RobotLink",
@@ -201,6 +202,16 @@ class RobotSensor(msgspec.Struct, frozen=True, kw_only=True):
     """Vertical, of cameras."""
 
 
+class RobotComponent(msgspec.Struct, frozen=True, kw_only=True):
+    """A part of a robot as ontologies describe it: an arm, a camera, a controller."""
+
+    name: str
+    classes: tuple[Iri, ...]
+    """Its classes, in the terms of KnowRob's SRDL."""
+    links: tuple[str, ...] = ()
+    """The first link of a group of links, then the last ones; empty for software."""
+
+
 class ModelNote(msgspec.Struct, frozen=True, kw_only=True):
     """A guess, or something of a description that could not be used."""
 
@@ -235,6 +246,10 @@ class RobotModel(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     urdf: str = ""
     """The text of the parameter `robot_description`; empty if the description is no URDF."""
     notes: tuple[ModelNote, ...] = ()
+    components: tuple[RobotComponent, ...] = ()
+    """What a self-model states beyond the description, such as software."""
+    capabilities: tuple[Iri, ...] = ()
+    """The classes of the capabilities that a self-model states."""
 
     @property
     def root(self) -> str:

@@ -40,6 +40,7 @@ from mindstage.scene import (
     VisualMesh,
     World,
 )
+from mindstage.scene.geometry import Inertia
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_multiply, quat_rotate
 
 __all__ = ["ROBOT_PART_CLASS", "RobotWorld", "robot_world"]
@@ -49,8 +50,9 @@ ROBOT_PART_CLASS = Iri("http://knowrob.org/kb/urdf.owl#Link")
 _GROUND_CLEARANCE_M = 0.015
 """The collision shapes of a base that drives begin at this height: it moves without wheels, and must not rub."""
 _MASSLESS_KG = 1e-5
-_MIN_MOVED_MASS_KG = 0.01
-"""Mass of what a joint moves if the description states none; solvers need some."""
+_SMALL_INERTIA = Inertia(mass_kg=0.01, tensor=(1e-5, 1e-5, 1e-5, 0.0, 0.0, 0.0))
+"""The inertia of what a joint moves if the description states none; solvers need some."""
+_NO_GEOMETRY = BodyGeometry(key="", visuals=(), collision_shapes=(), shape_name="none")
 
 
 class RobotWorld(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -115,6 +117,7 @@ class _RobotWorldBuilder:
             self.joint_ids[joint] = BodyId(f"{id}.joint") if id in taken_by_links else id
 
         self.carriers = _carriers(model)
+        self.parent_joint = {joint.child: joint for joint in model.joints}
 
     def build(self) -> RobotWorld:
         bodies = [self._body(link) for link in self.model.links]
@@ -131,7 +134,7 @@ class _RobotWorldBuilder:
             odom, base_joint = self._base()
             bodies.append(odom)
             joints.append(base_joint)
-            geometry[odom.id] = _no_geometry("odom")
+            geometry[odom.id] = _NO_GEOMETRY
         iri = self._iri(self.name)
         return RobotWorld(
             world=World(
@@ -168,21 +171,18 @@ class _RobotWorldBuilder:
     def _mass(self, link: RobotLink) -> float:
         if link.inertia is not None:
             return link.inertia.mass_kg
-        parent = next((joint for joint in self.model.joints if joint.child == link.name), None)
-        return _MIN_MOVED_MASS_KG if parent is not None and parent.is_movable else _MASSLESS_KG
+        return _SMALL_INERTIA.mass_kg if self._moves_by_joint(link.name) else _MASSLESS_KG
 
     def _geometry(self, link: RobotLink) -> BodyGeometry:
-        geometry = link.geometry
-        if geometry is None:
-            return _no_geometry(link.name)
-        if not self.is_driving:
-            return geometry
-        row = self.poses[link.name]
-        lowest = self.floor[2] + _GROUND_CLEARANCE_M
-        shapes = tuple(
-            lifted for shape in geometry.collision_shapes if (lifted := _above(shape, row, lowest)) is not None
-        )
-        if shapes == geometry.collision_shapes:
+        geometry, inertia = link.geometry or _NO_GEOMETRY, link.inertia
+        if inertia is None and self._moves_by_joint(link.name):
+            inertia = _SMALL_INERTIA
+        shapes = geometry.collision_shapes
+        if self.is_driving:
+            row, lowest = self.poses[link.name], float(self.floor[2]) + _GROUND_CLEARANCE_M
+            shapes = tuple(above for shape in shapes if (above := _above(shape, row, lowest)) is not None)
+            shapes = geometry.collision_shapes if shapes == geometry.collision_shapes else shapes
+        if shapes is geometry.collision_shapes and inertia is None:
             return geometry
         return BodyGeometry.deferred(
             _VisualsOf(geometry, shapes),
@@ -190,7 +190,12 @@ class _RobotWorldBuilder:
             source=geometry.source,
             reason=geometry.reason,
             shape_name=geometry.shape_name,
+            inertia=inertia,
         )
+
+    def _moves_by_joint(self, link: str) -> bool:
+        joint = self.parent_joint.get(link)
+        return joint is not None and joint.is_movable
 
     def _base(self) -> tuple[Body, Joint]:
         """The static body at which the robot was added, and the joint that moves the base relative to it."""
@@ -277,10 +282,6 @@ def _carriers(model: RobotModel) -> set[str]:
         if joint.is_movable or joint.child in found:
             found.add(joint.parent)
     return found
-
-
-def _no_geometry(reason: str) -> BodyGeometry:
-    return BodyGeometry(key="", visuals=(), collision_shapes=(), reason=reason, shape_name="none")
 
 
 def _size(link: RobotLink) -> Vector:

@@ -12,7 +12,6 @@ from mindstage.knowledge.io.ros_packages import RosPackagePath
 from mindstage.knowledge.urdf.model import UrdfInertial, UrdfJoint, UrdfJointType, UrdfRobot
 from mindstage.knowledge.urdf.parse import read_urdf
 from mindstage.robots.model import (
-    Inertia,
     ModelNote,
     RobotJoint,
     RobotJointType,
@@ -25,6 +24,7 @@ from mindstage.robots.models.link_tree import LinkTree, sorted_tree
 from mindstage.robots.models.srdf import Srdf, read_srdf
 from mindstage.robots.models.structure import find_structure
 from mindstage.scene import Vector
+from mindstage.scene.geometry import Inertia
 from mindstage.scene.transforms import normalized_pose_array, rotation_matrix
 
 __all__ = ["BUNDLED_FOLDER", "load_model"]

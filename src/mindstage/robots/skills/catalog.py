@@ -20,6 +20,7 @@ from mindstage.errors import (
     WorldError,
     suggestion,
 )
+from mindstage.robots.robot import Robot
 from mindstage.robots.skills.declaration import (
     SkillOutcome,
     SkillResult,
@@ -31,7 +32,7 @@ from mindstage.robots.skills.doors import close_thing, open_thing
 from mindstage.robots.skills.errands import fetch, put_away
 from mindstage.robots.skills.handling import grasp, pick, place, pour, release
 from mindstage.robots.skills.movement import go_to, look_at, park, reach
-from mindstage.robots.skills.task import SkillRobot, SkillTask
+from mindstage.robots.skills.task import SkillTask
 
 __all__ = ["SKILLS", "start_skill"]
 
@@ -65,7 +66,7 @@ class _End(NamedTuple):
 
 
 def start_skill(
-    robot: SkillRobot,
+    robot: Robot,
     name: str,
     args: Mapping[str, object],
     *,
@@ -99,7 +100,7 @@ def start_skill(
 
 
 def _performing(
-    robot: SkillRobot,
+    robot: Robot,
     spec: SkillSpec,
     args: dict[str, SkillValue],
     deadline_s: float | None,

@@ -1,16 +1,47 @@
-"""Skills that open and close doors and drawers."""
+"""Skills that open and close doors and drawers by their handles."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
+
+from mindstage.errors import SkillFailedError, UnreachableError
 from mindstage.robots.skills.declaration import FractionOpen, SkillMotion, SkillNeed, ThingName, skill
+from mindstage.robots.skills.grasps import Grasp, grasps_of
+from mindstage.robots.skills.manipulator import Manipulator, free_hand
+from mindstage.robots.skills.stances import Stance, StanceRequest, find_stance
+from mindstage.robots.skills.surroundings import Opening, Surroundings
 from mindstage.robots.skills.task import SkillTask
+from mindstage.scene import BodyId
+from mindstage.scene.transforms import (
+    Array,
+    normalized_pose_array,
+    pose_inverse,
+    pose_multiply,
+    quat_rotate,
+)
 
-__all__ = ["close_thing", "open_thing"]
+__all__ = ["close_thing", "moving_front", "open_thing"]
 
-_NOT_YET = "it is not built yet"
+_NEEDS = (SkillNeed.ARM, SkillNeed.GRIPPER)
+_STEP_M = 0.02
+"""Distance of the handle between neighboring poses of its path."""
+_FACING = 0.7
+"""Least cosine between the direction of approach and the outward direction of the front."""
+_BACK_M = 0.1
+"""Distance from which a handle is approached, and to which the gripper withdraws."""
+_SLIP_M = 0.04
+"""A handle that is farther from the gripper than when it was grasped has slipped."""
+_TOLERANCE = 0.04
+"""Permitted error of the openness."""
+_MAX_ROUNDS = 4
+"""How often the handle is grasped anew to move the front farther."""
+_LEAST_PROGRESS = 0.08
+"""Change of the openness in a round below which no other one is tried."""
 
 
-@skill(name="open", needs=(SkillNeed.ARM, SkillNeed.GRIPPER))
+@skill(name="open", needs=_NEEDS)
 def open_thing(task: SkillTask, thing: ThingName, fraction: FractionOpen = 1.0) -> SkillMotion:
     """Opens a door or drawer by its handle.
 
@@ -19,17 +50,176 @@ def open_thing(task: SkillTask, thing: ThingName, fraction: FractionOpen = 1.0) 
         thing: the door or drawer, or a container with one.
         fraction: how far, from 0 (closed) to 1.
     """
-    raise task.failure(_NOT_YET, "wait")
-    yield 0.0
+    surroundings = task.surroundings()
+    opening = surroundings.opening(surroundings.find(thing))
+    yield from moving_front(task, opening, fraction)
 
 
-@skill(name="close", needs=(SkillNeed.ARM, SkillNeed.GRIPPER))
+@skill(name="close", needs=_NEEDS)
 def close_thing(task: SkillTask, thing: ThingName) -> SkillMotion:
     """Closes a door or drawer.
 
     Args:
         task: this performance of the skill.
-        thing: the door or drawer, or a container with one.
+        thing: the door or drawer, or a container with one; of a container everything that is open.
     """
-    raise task.failure(_NOT_YET, "wait")
-    yield 0.0
+    surroundings = task.surroundings()
+    id = surroundings.find(thing)
+    openings = surroundings.openings_of(id)
+    if not openings:
+        surroundings.opening(id)  # raises, with what can be closed
+    for opening in openings:
+        if opening.openness > _TOLERANCE or len(openings) == 1:
+            yield from moving_front(task, opening, 0.0)
+
+
+class _FrontPath(NamedTuple):
+    """How a handle moves with its front."""
+
+    positions: Array
+    """n positions of the joint [m or rad], the present one first."""
+    handles: Array
+    """n x 7: poses of the handle in the world frame."""
+    outward: Array
+    """Unit vector: where the handle moves when the front opens, at the first position."""
+
+
+def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMotion:
+    """Moves a door or drawer to a fraction of its range, in several rounds if the arm does not reach all the way.
+
+    Raises:
+        SkillFailedError: it did not get there, with how far it is open.
+    """
+    task.opened[opening.front] = None
+    verb = "close" if fraction < opening.openness else "open"
+    last: SkillFailedError | UnreachableError | None = None
+    for number in range(_MAX_ROUNDS):
+        before = opening.openness
+        if abs(before - fraction) <= _TOLERANCE:
+            return
+        try:
+            yield from _moving_once(task, opening, fraction, is_first=number == 0)
+        except (SkillFailedError, UnreachableError) as error:
+            last = error
+        if abs(opening.openness - before) < _LEAST_PROGRESS:
+            break
+    if abs(opening.openness - fraction) > _TOLERANCE:
+        reason = getattr(last, "reason", "") or "the handle cannot be moved farther"
+        raise task.failure(
+            f"{opening.front} is {opening.openness:.0%} open instead of {fraction:.0%}: {reason}",
+            getattr(last, "suggestion", "") or f"{verb} it from somewhere else, or only as far as needed",
+        )
+
+
+def _moving_once(task: SkillTask, opening: Opening, fraction: float, *, is_first: bool) -> SkillMotion:
+    """Grasps the handle, moves it as far as possible from one stance, and releases it."""
+    hand = free_hand(task, f"to move {opening.front}")
+    surroundings = task.surroundings()
+    handle = opening.handle or opening.front
+    path = _front_path(opening, surroundings, handle, opening.joint.position_at(fraction))
+    stance = _find_stance(task, hand, opening, handle, path, surroundings)
+    yield from hand.parking()
+    yield from hand.driving_to(stance.base, why=f"to reach {handle}")
+    yield from hand.opening()
+    yield from hand.moving_to(stance.start, why=f"in front of {handle}")
+    grasp = stance.grasp.in_world(surroundings.pose(handle))
+    yield from hand.moving_straight(grasp, why=f"to {handle}", may_touch=True)
+    try:
+        if stance.grasp.is_by_friction:
+            result = yield from hand.closing()
+            if not result.stalled:
+                raise task.failure(f"the gripper closed without {handle} between its fingers", "approach it again")
+        else:
+            task.assume(f"{handle} was fixed to the gripper by a spring: {stance.why}")
+        word = "close" if fraction < opening.openness else "open"
+        with task.step(word, f"{word} {opening.front} to {fraction:.0%}"):
+            yield from _moving_handle(task, hand, opening, handle, path, stance)
+    finally:
+        task.session.release(opening.front)
+    yield from _letting_go(hand, handle)
+
+
+def _moving_handle(
+    task: SkillTask, hand: Manipulator, opening: Opening, handle: BodyId, path: _FrontPath, stance: Stance
+) -> SkillMotion:
+    """Moves the grasped handle along its path."""
+    surroundings = task.surroundings()
+    from_handle = pose_multiply(pose_inverse(surroundings.pose(handle)), hand.grasp_pose)
+    motion = hand.path(pose_multiply(path.handles, from_handle), free=stance.free, may_drive=hand.is_mobile)
+    if motion.reached < 2:
+        raise task.failure(f"{handle} cannot be moved: {motion.reason}", "stand elsewhere")
+
+    def check() -> None:
+        if not stance.grasp.is_by_friction:
+            _pull_along(task, opening, handle, surroundings, hand, from_handle)
+        slipped = pose_multiply(pose_inverse(surroundings.pose(handle)), hand.grasp_pose)[:3] - from_handle[:3]
+        if np.linalg.norm(slipped) > _SLIP_M:
+            raise task.failure(f"{handle} slipped out of the gripper", "grasp it again, or move it with less speed")
+
+    result = yield from hand.following(motion, speed=0.4, cartesian_speed=0.2, on_tick=check)
+    if not result:
+        raise task.failure(result.reason, "move what is in the way")
+
+
+def _pull_along(
+    task: SkillTask, opening: Opening, handle: BodyId, surroundings: Surroundings, hand: Manipulator, offset: Array
+) -> None:
+    """Pulls the handle to where the gripper holds it, with the force of an arm."""
+    target = pose_multiply(hand.grasp_pose, pose_inverse(offset))[:3]
+    point = pose_multiply(pose_inverse(surroundings.pose(opening.front)), surroundings.pose(handle))[:3]
+    task.session.pull(opening.front, point=_vector(point), target=_vector(target))
+
+
+def _vector(values: Array) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+def _letting_go(hand: Manipulator, handle: BodyId) -> SkillMotion:
+    """Opens the gripper and withdraws it."""
+    yield from hand.opening()
+    back = pose_multiply(hand.grasp_pose, np.array([-_BACK_M, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+    yield from hand.moving_straight(back, why=f"away from {handle}")
+
+
+def _front_path(opening: Opening, surroundings: Surroundings, handle: BodyId, target: float) -> _FrontPath:
+    joint = opening.joint
+    start = joint.position
+    front = surroundings.pose(opening.front)
+    from_front = pose_multiply(pose_inverse(front), surroundings.pose(handle))
+
+    def handle_at(position: float) -> Array:
+        return pose_multiply(normalized_pose_array(joint.pose_at(position)), from_front)
+
+    ends = handle_at(start), handle_at(target)
+    arm = float(np.linalg.norm(ends[1][:3] - ends[0][:3]))
+    count = max(int(np.ceil(1.2 * arm / _STEP_M)), 2)
+    positions = np.linspace(start, target, count + 1)
+    step = 0.02 * (joint.open_position - joint.closed_position)
+    low, high = sorted((joint.closed_position, joint.open_position))
+    near = handle_at(float(np.clip(start - step, low, high))), handle_at(float(np.clip(start + step, low, high)))
+    outward = near[1][:3] - near[0][:3]
+    return _FrontPath(
+        positions, np.array([handle_at(float(each)) for each in positions]), outward / np.linalg.norm(outward)
+    )
+
+
+def _find_stance(
+    task: SkillTask,
+    hand: Manipulator,
+    opening: Opening,
+    handle: BodyId,
+    path: _FrontPath,
+    surroundings: Surroundings,
+) -> Stance:
+    """Where to stand, and how to grasp the handle."""
+    body, pose = surroundings.body(handle), surroundings.pose(handle)
+    geometry = surroundings.geometry(handle)
+
+    def facing(grasp: Grasp) -> float:
+        return -float(quat_rotate(grasp.in_world(pose)[3:], (1.0, 0.0, 0.0)) @ path.outward)
+
+    grasps = [each for each in grasps_of(body, geometry, pose, hand.gripper, hand.shape) if facing(each) >= _FACING]
+    grasps.sort(key=lambda each: (not each.is_central, -round(facing(each), 2)))
+    request = StanceRequest(handle, grasps, path.handles, _BACK_M, touched=(opening.front,))
+    return find_stance(task, hand, request)

@@ -2,68 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Protocol, TypeVar
+from typing import cast
 
 from msgspec.structs import replace
 
 from mindstage.errors import SkillFailedError
-from mindstage.robots.model import BaseType, RobotModel
+from mindstage.robots.kinematics import RobotKinematics
+from mindstage.robots.model import BaseType
+from mindstage.robots.robot import Robot
 from mindstage.robots.skills.declaration import SkillMotion, SkillNeed, SkillSpec, SkillState, SkillStep
+from mindstage.robots.skills.surroundings import SkillSession, Surroundings
 from mindstage.scene import BodyId
-from mindstage.scene.transforms import Array
-from mindstage.simulation.state import EngineSession
 
-__all__ = ["SkillRobot", "SkillSession", "SkillTask"]
-
-T = TypeVar("T")
-
-
-class SkillSession(EngineSession, Protocol):
-    """The part of `Simulation` that skills use."""
-
-    def ask(self, question: str, /, *positional: object, **args: object) -> Sequence[Any]:
-        """All answers to a question about the current state."""
-
-
-class SkillRobot(Protocol):
-    """The part of `Robot` that skills use."""
-
-    @property
-    def name(self) -> str:
-        """The name of the robot."""
-
-    @property
-    def model(self) -> RobotModel:
-        """Its model."""
-
-    @property
-    def session(self) -> SkillSession:
-        """The simulation that it is in."""
-
-    @property
-    def held(self) -> Mapping[str, BodyId]:
-        """The body in each gripper that holds one."""
-
-    def base_pose(self) -> tuple[float, float, float]:
-        """x, y [m] and yaw [rad] of the base in the world frame."""
-
-    def link_pose(self, link: str) -> Array:
-        """The pose of a link in the world frame."""
-
-    def joint_positions(self) -> dict[str, float]:
-        """The positions of the joints [m or rad]."""
-
-    def stop(self) -> None:
-        """Stops all motion."""
+__all__ = ["SkillTask"]
 
 
 class SkillTask:
     """One performance of a skill; skills get it as their first argument."""
 
     def __init__(
-        self, robot: SkillRobot, *, seed: int = 0, on_step: Callable[[SkillStep], object] | None = None
+        self, robot: Robot, *, seed: int = 0, on_step: Callable[[SkillStep], object] | None = None
     ) -> None:
         """Does nothing yet.
 
@@ -73,7 +33,8 @@ class SkillTask:
             on_step: called when a step begins, and when it ends.
         """
         self.robot = robot
-        self.session = robot.session
+        self.session = cast("SkillSession", robot.session)
+        self.kinematics = RobotKinematics(robot.model)
         self.seed = seed
         self.assumptions: list[str] = []
         self.steps: list[SkillStep] = []
@@ -140,6 +101,14 @@ class SkillTask:
         with self.step(spec.name, " ".join([spec.name, *map(str, checked.values())])):
             yield from spec.function(self, **checked)
 
+    def surroundings(self) -> Surroundings:
+        """The things of the world as they are now, without robots."""
+        return Surroundings(self.session, ignored=self.robot_bodies())
+
+    def robot_bodies(self) -> frozenset[BodyId]:
+        """The bodies of this robot."""
+        return frozenset((*self.robot.link_ids.values(), *(body.id for body in self.robot.placed.world.bodies)))
+
     def check_needs(self, spec: SkillSpec) -> None:
         """Checks that the robot has what a skill needs.
 
@@ -169,14 +138,23 @@ class SkillTask:
         return SkillState(
             base=self.robot.base_pose() if is_mobile else None,
             held=dict(self.robot.held),
-            supports={},
-            openness={},
+            supports=self._supports(),
+            openness=self._openness(),
         )
+
+    def _supports(self) -> dict[BodyId, str]:
+        if not self.moved:
+            return {}
+        surroundings = self.surroundings()
+        held = set(self.robot.held.values())
+        return {id: surroundings.support_of(id) for id in self.moved if surroundings.exists(id) and id not in held}
+
+    def _openness(self) -> dict[BodyId, float]:
+        if not self.opened:
+            return {}
+        openings = self.surroundings().openings()
+        return {each.front: round(each.openness, 3) for each in openings if each.front in self.opened}
 
     def _report(self, index: int) -> None:
         if self._on_step is not None:
             self._on_step(self.steps[index])
-
-    def waiting(self, duration_s: float) -> Generator[float, None, None]:
-        """Lets time pass [s]."""
-        yield duration_s

@@ -1,0 +1,192 @@
+"""Models for kinematic queries: chains of joints without geometry, and contacts in states that are not simulated.
+
+A chain has one body for each of its links and a site at the frame of interest. It has neither shapes nor forces, so
+that forward kinematics and Jacobians cost microseconds. A `ContactModel` is a copy of a running model in which joints
+and bodies are put somewhere, and only the contacts of those that move are computed.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Collection, Mapping, Sequence
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mindstage.engines.mujoco.state import CompiledModel
+from mindstage.scene import BodyId
+from mindstage.scene.transforms import Array, pose_inverse, pose_multiply
+
+__all__ = ["FRAME_SITE", "ChainJoint", "ChainJointType", "ContactModel", "compile_chain"]
+
+FRAME_SITE = "frame"
+"""The name of the site at the end of a chain."""
+
+
+class ChainJointType(StrEnum):
+    """The types of the joints of a chain."""
+
+    HINGE = "hinge"
+    SLIDE = "slide"
+
+
+class ChainJoint(NamedTuple):
+    """A joint of a chain, and the link that it moves."""
+
+    name: str
+    type: ChainJointType
+    origin: Array
+    """The joint frame in the link before, seven numbers; that of the link at position 0."""
+    axis: tuple[float, float, float]
+    """In the joint frame."""
+    range: tuple[float, float] | None = None
+    """[m or rad]."""
+
+
+def compile_chain(joints: Sequence[ChainJoint], frame: Array) -> Any:
+    """Compiles a chain, whose coordinates are the positions of the joints in their order.
+
+    Args:
+        joints: the joints from the base to the tip.
+        frame: the frame of interest in the last link, seven numbers.
+
+    Returns:
+        An `MjModel` with the site `FRAME_SITE`.
+    """
+    spec = mujoco.MjSpec()
+    spec.compiler.degree = False
+    body = spec.worldbody
+    for joint in joints:
+        body = body.add_body(pos=joint.origin[:3], quat=joint.origin[3:])
+        body.explicitinertial, body.mass, body.inertia = True, 1.0, np.ones(3)
+        kind = mujoco.mjtJoint.mjJNT_HINGE if joint.type is ChainJointType.HINGE else mujoco.mjtJoint.mjJNT_SLIDE
+        added = body.add_joint(name=joint.name, type=kind, axis=joint.axis)
+        if joint.range is not None:
+            added.limited, added.range = True, joint.range
+    body.add_site(name=FRAME_SITE, pos=frame[:3], quat=frame[3:])
+    return spec.compile()
+
+
+_MOVING_BIT = 4
+"""The bit of `contype` and `conaffinity` of the contacts that are computed; `compiler` uses 1 and 2."""
+
+
+class ContactModel:
+    """A copy of a compiled model for the contacts of some bodies in given states; the original is not changed."""
+
+    def __init__(
+        self,
+        compiled: CompiledModel,
+        *,
+        moving: Collection[BodyId],
+        ignored: Collection[BodyId] = (),
+        carried: Mapping[BodyId, BodyId] | None = None,
+        clearance_m: float = 0.0,
+    ) -> None:
+        """Copies the model and its state.
+
+        Args:
+            compiled: the model.
+            moving: the bodies of which contacts are computed, with one another and with all others.
+            ignored: bodies whose contacts are left out.
+            carried: loose bodies that move with another one, by which they are held.
+            clearance_m: pairs that are nearer than this are reported [m].
+        """
+        self._compiled = compiled
+        self.model: Any = copy.copy(compiled.model)
+        self.data: Any = mujoco.MjData(self.model)
+        self.data.qpos[:] = compiled.data.qpos
+        self.data.mocap_pos[:], self.data.mocap_quat[:] = compiled.data.mocap_pos, compiled.data.mocap_quat
+        self.ids: tuple[BodyId | None, ...] = (*compiled.rows, None)
+        """The bodies; the last one, also at row -1, is a ground plane that the engine has added."""
+        self._clearance_m = clearance_m
+        self._set_contact_bits(moving, ignored)
+        self.update()
+        self._carried: list[tuple[int, int, Array]] = []
+        for id, holder in (carried or {}).items():
+            if id in compiled.free_joint_addresses:
+                pose = pose_multiply(pose_inverse(self.pose(holder)), self.pose(id))
+                self._carried.append((compiled.free_joint_addresses[id][0], compiled.body_ids[holder], pose))
+
+    def _set_contact_bits(self, moving: Collection[BodyId], ignored: Collection[BodyId]) -> None:
+        model, rows = self.model, self._compiled.rows
+        is_moving = np.isin(self._compiled.geom_rows, [rows[id] for id in moving if id in rows])
+        is_ignored = np.isin(self._compiled.geom_rows, [rows[id] for id in ignored if id in rows])
+        collides = ((model.geom_contype != 0) | (model.geom_conaffinity != 0)) & ~is_ignored
+        model.geom_contype[:] = np.where(collides & is_moving, _MOVING_BIT, 0)
+        model.geom_conaffinity[:] = np.where(collides, _MOVING_BIT, 0)
+        model.geom_margin[is_moving] = self._clearance_m
+
+    def address(self, joint: BodyId) -> tuple[int, float]:
+        """Where the position of a joint with one axis is in `data.qpos`, and its sign there.
+
+        Positions are relative to the spawned one [m or rad]; `update` makes changes effective.
+
+        Raises:
+            KeyError: the joint is not simulated.
+        """
+        each = self._compiled.joints[joint]
+        return each.qpos_address, -1.0 if each.tree_joint.is_reversed else 1.0
+
+    def joint_of(self, body: BodyId) -> BodyId | None:
+        """The joint that moves a body; None if there is none."""
+        body_id = self._compiled.body_ids.get(body, -1)
+        return next((id for id, joint in self._compiled.joints.items() if joint.body_id == body_id), None)
+
+    def set_planar_pose(self, joint: BodyId, x: float, y: float, yaw: float) -> None:
+        """Puts the body on a joint with two horizontal slides and a vertical hinge somewhere on the floor.
+
+        Args:
+            joint: the joint.
+            x: of the origin of the body that it moves [m].
+            y: of the same [m].
+            yaw: direction of the x axis of the body [rad].
+
+        Raises:
+            KeyError: the joint is not simulated.
+        """
+        each = self._compiled.joints[joint]
+        slides = [each.qpos_address + offset for offset, axis in enumerate(each.axes) if axis.is_prismatic]
+        hinges = [each.qpos_address + offset for offset, axis in enumerate(each.axes) if not axis.is_prismatic]
+        first = int(self.model.body_jntadr[each.body_id])
+        directions = np.array(self.data.xaxis[first : first + len(slides)])[:, :2].T
+        up = float(self.data.xaxis[first + len(slides), 2])
+        forward = self.data.xmat[each.body_id].reshape(3, 3)[:, 0]
+        turn = yaw - float(np.arctan2(forward[1], forward[0]))
+        self.data.qpos[hinges[0]] += np.sign(up) * ((turn + np.pi) % (2 * np.pi) - np.pi)
+        mujoco.mj_kinematics(self.model, self.data)
+        away = np.array([x, y]) - self.data.xpos[each.body_id][:2]
+        self.data.qpos[slides] += np.linalg.solve(directions, away)
+
+    def update(self) -> None:
+        """Computes the poses of all bodies from the joints."""
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def carry(self) -> None:
+        """Puts what is carried where its holder has it; `update` comes before."""
+        if not self._carried:
+            return
+        for address, holder, relative in self._carried:
+            pose = np.concatenate([self.data.xpos[holder], self.data.xquat[holder]])
+            self.data.qpos[address : address + 7] = pose_multiply(pose, relative)
+        self.update()
+
+    def pose(self, id: BodyId) -> Array:
+        """The pose of a body, seven numbers."""
+        if (body_id := self._compiled.body_ids.get(id)) is None:
+            row = self._compiled.rows[id]
+            return np.array(self._compiled.scenery_poses[self._compiled.scenery == row][0])
+        return np.concatenate([self.data.xpos[body_id], self.data.xquat[body_id]])
+
+    def near_geoms(self) -> tuple[NDArray[np.intp], Array]:
+        """The pairs of geoms that are nearer than the clearance, n x 2, and their distances [m]."""
+        mujoco.mj_collision(self.model, self.data)
+        contact = self.data.contact
+        return np.array(contact.geom, dtype=np.intp).reshape(-1, 2), np.array(contact.dist, dtype=float)
+
+    def body_rows(self, geoms: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The row of the body of each geom in `ids`."""
+        return np.asarray(self._compiled.geom_rows[geoms])

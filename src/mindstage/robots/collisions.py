@@ -1,0 +1,250 @@
+"""Collisions of a robot in states in which it is not: with the place, with itself, and of what it holds.
+
+The world is that of the moment at which a `CollisionChecker` is made: a copy in which only the robot moves. Contacts are
+MuJoCo's, between the same convex shapes that the simulation has; those of an engine other than MuJoCo are computed in a
+copy of its world.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any, Protocol
+
+import msgspec
+import numpy as np
+
+from mindstage.engines.base import Engine, SpawnOptions
+from mindstage.engines.mujoco.kinematics import ContactModel
+from mindstage.robots.model import RobotJoint, RobotModel
+from mindstage.scene import BodyId
+from mindstage.scene.transforms import Array
+from mindstage.simulation.imagined import copied_engine
+from mindstage.simulation.state import EngineSession
+
+__all__ = ["Collision", "CollisionChecker", "MotionRobot", "links_moved_by"]
+
+CLEARANCE_M = 0.005
+"""Distance that planned motions keep from the place [m]."""
+_SELF_CLEARANCE_M = -0.001
+"""A robot's own links may come so near: neighbors nearly touch."""
+_START_SLACK_M = 0.001
+"""A pair that is too near at the start may come nearer by this [m]."""
+_STATE_TRIALS = 5
+
+
+class MotionRobot(Protocol):
+    """The part of `Robot` that motion planning uses."""
+
+    @property
+    def name(self) -> str:
+        """The name of the robot."""
+
+    @property
+    def model(self) -> RobotModel:
+        """Its model."""
+
+    @property
+    def session(self) -> EngineSession:
+        """The simulation that it is in."""
+
+    @property
+    def link_ids(self) -> Mapping[str, BodyId]:
+        """The body of each link."""
+
+    @property
+    def joint_ids(self) -> Mapping[str, BodyId]:
+        """The joint of the world for each movable joint."""
+
+    @property
+    def held(self) -> Mapping[str, BodyId]:
+        """The body in each gripper that holds one."""
+
+    def joint_positions(self) -> dict[str, float]:
+        """The positions of the joints [m or rad]."""
+
+    def base_pose(self) -> tuple[float, float, float]:
+        """x, y [m] and yaw [rad] of the base in the world frame."""
+
+    def link_pose(self, link: str) -> Array:
+        """The pose of a link in the world frame, seven numbers."""
+
+
+class Collision(msgspec.Struct, frozen=True, kw_only=True):
+    """Two bodies that touch, or come nearer than the clearance."""
+
+    part: BodyId
+    """The link of the robot, or what it holds."""
+    obstacle: BodyId | None
+    """None for a ground plane that the engine has added."""
+    distance_m: float
+    """Negative if they penetrate [m]."""
+
+    def __str__(self) -> str:
+        other = "the ground" if self.obstacle is None else self.obstacle
+        if self.distance_m < 0.0:
+            return f"{self.part} is {-self.distance_m * 1000:.2g} mm inside {other}"
+        return f"{self.part} is {self.distance_m * 1000:.2g} mm from {other}"
+
+
+def links_moved_by(model: RobotModel, joints: Iterable[str]) -> frozenset[str]:
+    """The links that some joints move, with those of joints that mimic them."""
+    driving, links = set(joints), set()
+    driving |= {joint.name for joint in model.joints if joint.mimic is not None and joint.mimic.joint in driving}
+    for joint in model.joints:  # parents come first
+        if joint.name in driving or joint.parent in links:
+            links.add(joint.child)
+    return frozenset(links)
+
+
+class CollisionChecker:
+    """Whether states of a robot are free of collisions; for one thread.
+
+    Pairs that are too near in the present state may stay so, but not come nearer.
+    """
+
+    def __init__(
+        self,
+        robot: MotionRobot,
+        *,
+        joints: Sequence[str] | None = None,
+        base_moves: bool = False,
+        ignore: Collection[BodyId] = (),
+        touch: Collection[BodyId] = (),
+        clearance_m: float = CLEARANCE_M,
+    ) -> None:
+        """Copies the present state of the world.
+
+        Args:
+            robot: the robot.
+            joints: the joints that states have values for, in this order; None for all that have drives.
+            base_moves: whether the base is moved, too.
+            ignore: bodies that are no obstacles.
+            touch: bodies that the grippers may touch, such as a handle, and the rest of the robot may not.
+            clearance_m: the distance to keep from the place [m].
+
+        Raises:
+            KeyError: there is no such joint.
+        """
+        model = robot.model
+        names = tuple(joint.name for joint in model.actuated_joints) if joints is None else tuple(joints)
+        self.joints = names
+        links = {link.name for link in model.links} if base_moves else links_moved_by(model, names)
+        self._robot = robot
+        self._held = tuple(robot.held.values())
+        moving = {robot.link_ids[link] for link in links if link in robot.link_ids}
+        carried = {
+            id: robot.link_ids[gripper.link]
+            for gripper in model.grippers
+            if (id := robot.held.get(gripper.name)) is not None and gripper.link in links
+        }
+        moving |= carried.keys()
+        self._clearance_m = clearance_m
+
+        def copy(engine: Engine) -> ContactModel:
+            options = SpawnOptions(immovable=robot.session.immovable)
+            session = robot.session
+            source: Any = engine
+            if engine.name != "mujoco":
+                source, _ = copied_engine(
+                    engine, worlds=session.worlds, geometry=session.geometry, options=options, physics=True
+                )
+            return ContactModel(
+                source.compiled(), moving=moving, ignored=ignore, carried=carried, clearance_m=max(clearance_m, 0.0)
+            )
+
+        for _ in range(_STATE_TRIALS):  # until the positions are of the same time as the copy
+            before = robot.joint_positions()
+            self._contacts = robot.session.run_on_engine(copy, label="copy for collisions")
+            if before == robot.joint_positions():
+                break
+        self.start = tuple(before[name] for name in names)
+        """The positions of `joints` when the world was copied [m or rad]."""
+        self._set_joints(before)
+        self._base_joint = self._contacts.joint_of(robot.link_ids[model.root]) if base_moves else None
+        own = {*robot.link_ids.values(), *self._held}
+        ids = self._contacts.ids
+        self._is_own = np.array([id in own for id in ids])
+        grippers = links_moved_by(model, [name for each in model.grippers for name in each.joints])
+        hands = {robot.link_ids[link] for link in {*grippers, *(each.link for each in model.grippers)}}
+        self._is_hand = np.array([id in hands or id in self._held for id in ids])
+        self._may_be_touched = np.array([id in touch for id in ids])
+        self._allowed: dict[tuple[int, int], float] = {}
+        for row, other, distance in self._too_near():
+            key = (min(row, other), max(row, other))
+            self._allowed[key] = min(distance, self._allowed.get(key, distance)) - _START_SLACK_M
+
+    def _set_joints(self, positions: Mapping[str, float]) -> None:
+        """Computes the map from values of `joints` to coordinates."""
+        by_name = {joint.name: joint for joint in self._robot.model.joints}
+        column = {name: number for number, name in enumerate(self.joints)}
+        addresses, signs, columns, factors, zeros = [], [], [], [], []
+
+        def add(joint: RobotJoint, source: str, factor: float, offset: float) -> None:
+            address, sign = self._contacts.address(self._robot.joint_ids[joint.name])
+            spawned = positions[joint.name] - sign * float(self._contacts.data.qpos[address])
+            addresses.append(address)
+            signs.append(sign)
+            columns.append(column[source])
+            factors.append(factor)
+            zeros.append(offset - spawned)
+
+        for name in self.joints:
+            add(by_name[name], name, 1.0, 0.0)
+        for joint in self._robot.model.joints:
+            if joint.mimic is not None and joint.mimic.joint in column and joint.name in positions:
+                add(joint, joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)
+        self._addresses = np.array(addresses, dtype=np.intp)
+        self._columns = np.array(columns, dtype=np.intp)
+        self._factors = np.array(signs) * np.array(factors)
+        self._offsets = np.array(signs) * np.array(zeros)
+
+    def find(self, values: Array | Sequence[float], base: tuple[float, float, float] | None = None) -> Collision | None:
+        """The worst collision in a state; None if it is free.
+
+        Args:
+            values: positions of `joints`, in their order [m or rad].
+            base: x, y [m] and yaw [rad] of the root link, if the base is moved; None for where it was last.
+        """
+        contacts = self._contacts
+        if base is not None and self._base_joint is not None:
+            contacts.set_planar_pose(self._base_joint, *base)
+        contacts.data.qpos[self._addresses] = self._factors * np.asarray(values)[self._columns] + self._offsets
+        contacts.update()
+        contacts.carry()
+        found = self._too_near(self._allowed)
+        if not found:
+            return None
+        row, other, distance = min(found, key=lambda each: each[2])
+        if not self._is_own[row] or (self._is_own[other] and other < row):
+            row, other = other, row
+        part, obstacle = contacts.ids[row], contacts.ids[other]
+        assert part is not None  # the ground is not a part of a robot
+        return Collision(part=part, obstacle=obstacle, distance_m=distance)
+
+    def find_at(
+        self, positions: Mapping[str, float], base: tuple[float, float, float] | None = None
+    ) -> Collision | None:
+        """As `find`, with positions by joint; joints that are left out are where they were when this was made."""
+        return self.find([positions.get(name, now) for name, now in zip(self.joints, self.start, strict=True)], base)
+
+    def is_free(self, values: Array | Sequence[float]) -> bool:
+        """Whether a state is free of collisions; see `find`."""
+        return self.find(values) is None
+
+    def _too_near(self, allowed: Mapping[tuple[int, int], float] | None = None) -> list[tuple[int, int, float]]:
+        """Rows and distances of the pairs that are nearer than they may be."""
+        geoms, distances = self._contacts.near_geoms()
+        if not len(distances):
+            return []
+        rows = self._contacts.body_rows(geoms)
+        own = self._is_own[rows]
+        near = distances < np.where(own.all(axis=1), _SELF_CLEARANCE_M, self._clearance_m)
+        touching = (self._is_hand[rows] & self._may_be_touched[rows[:, ::-1]]).any(axis=1)
+        found = []
+        for number in np.flatnonzero(near & ~touching).tolist():
+            row, other = rows[number].tolist()
+            distance = float(distances[number])
+            limit = (allowed or {}).get((min(row, other), max(row, other)))
+            if limit is None or distance < limit:
+                found.append((row, other, distance))
+        return found

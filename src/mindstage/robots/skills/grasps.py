@@ -1,0 +1,198 @@
+"""Grasps of a parallel gripper, from the collision shapes of what is grasped.
+
+A grasp closes the fingers across a box that is narrower than the opening of the gripper: the box around a thing, or
+around one of its collision shapes, such as the bar of a handle or the wall of a bowl. The frame of a grasp is that of
+`Gripper.grasp_pose`: x points out of the hand, the fingers close along y.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from mindstage.robots.kinematics import RobotKinematics
+from mindstage.robots.model import Gripper, GripperType, RobotModel
+from mindstage.scene import Body
+from mindstage.scene.collision_shapes import compile_geometry, fallback_collision_shape
+from mindstage.scene.geometry import BodyGeometry, CollisionShape
+from mindstage.scene.transforms import (
+    Array,
+    normalize,
+    normalized_pose_array,
+    pose_inverse,
+    pose_multiply,
+    quat_rotate,
+    quaternion_from_matrix,
+    rotation_matrix,
+)
+
+__all__ = ["Grasp", "GripperShape", "grasps_of", "weld_grasps_of"]
+
+_CLEARANCE_M = 0.006
+"""Least distance of each open finger from what is grasped."""
+_SHIFTS = (0.0, 0.25, -0.25)
+"""Grasped places along a long box, as fractions of its length."""
+_LONG_M = 0.09
+_PALM_GAP_M = 0.012
+"""Least distance of the palm from what is grasped."""
+_ANGLES = 12
+"""Directions of approach around the axis along which the fingers close."""
+_MIN_THICKNESS_M = 0.002
+_WELD_GAP_M = 0.005
+"""Distance of the finger tips from what is fixed to them."""
+_MAX_UP = 0.35
+"""Largest upward component of the direction of approach: a hand does not come from below."""
+
+
+class GripperShape(NamedTuple):
+    """The extents of an open gripper, in its grasp frame [m]."""
+
+    opening: float
+    """Distance between the finger pads."""
+    tip: float
+    """How far the finger tips are in front of the grasp frame."""
+    palm: float
+    """How far the palm is behind the grasp frame."""
+
+    @classmethod
+    def of(cls, model: RobotModel, gripper: Gripper, kinematics: RobotKinematics) -> GripperShape:
+        """The extents of a gripper, from the collision shapes of its links."""
+        is_open = dict(zip(gripper.joints, gripper.open_positions, strict=True))
+        frame = kinematics.pose(gripper.name, is_open)
+        geometries = {link.name: link.geometry for link in model.links}
+
+        def reach(link: str) -> tuple[float, float]:
+            geometry = geometries.get(link)
+            if geometry is None or not geometry.collision_shapes:
+                return 0.0, 0.0
+            low, high = compile_geometry(geometry.collision_shapes).bounds
+            corners = np.array(np.meshgrid(*np.array([low, high]).T)).reshape(3, -1).T
+            local = pose_multiply(pose_inverse(frame), kinematics.pose(link, is_open))
+            x = (local[:3] + quat_rotate(local[3:], corners))[:, 0]
+            return float(x.min()), float(x.max())
+
+        tips = [reach(link)[1] for link in gripper.finger_links]
+        palm = reach(gripper.link)[1]
+        return cls(gripper.max_opening_m, max(tips, default=0.0), max(-palm, 0.0))
+
+
+class Grasp(NamedTuple):
+    """A grasp of a body."""
+
+    pose: Array
+    """The grasp frame in the frame of the body."""
+    width_m: float
+    """Extent of what is between the fingers."""
+    is_by_friction: bool
+    """Whether the fingers hold it; otherwise it has to be fixed to the gripper."""
+    is_whole: bool
+    """Whether the whole body is between the fingers, rather than a part of it."""
+    is_central: bool
+    """Whether it is grasped at its middle."""
+
+    def in_world(self, body_pose: Array) -> Array:
+        """The grasp frame in the world frame."""
+        return pose_multiply(body_pose, self.pose)
+
+
+class _Box(NamedTuple):
+    """A box in the frame of a body."""
+
+    pose: Array
+    size: Array
+
+
+def grasps_of(
+    body: Body, geometry: BodyGeometry | None, body_pose: Array, gripper: Gripper, shape: GripperShape
+) -> Iterator[Grasp]:
+    """The grasps by friction of a body: of the whole body before those of its parts.
+
+    Args:
+        body: the body.
+        geometry: its geometry.
+        body_pose: its pose in the world frame, seven numbers.
+        gripper: the gripper.
+        shape: the extents of the gripper.
+    """
+    if gripper.type is not GripperType.PARALLEL:
+        return
+    shapes = _shapes_of(body, geometry)
+    low, high = compile_geometry(shapes).bounds
+    whole = _Box(np.array([*(low + high) / 2, 1.0, 0.0, 0.0, 0.0]), high - low)
+    yield from _box_grasps(whole, body_pose, shape, is_whole=True)
+    if len(shapes) > 1:
+        for each in shapes:
+            yield from _box_grasps(_Box(normalized_pose_array(each.pose), np.asarray(each.size)), body_pose, shape)
+
+
+def weld_grasps_of(body: Body, geometry: BodyGeometry | None, body_pose: Array, shape: GripperShape) -> Iterator[Grasp]:
+    """Poses in which the finger tips are just in front of a side of a body, to which it is then fixed."""
+    low, high = compile_geometry(_shapes_of(body, geometry)).bounds
+    middle, half = (low + high) / 2, (high - low) / 2
+    for axis in (2, 0, 1):
+        for sign in (1.0, -1.0):
+            inward = np.zeros(3)
+            inward[axis] = -sign
+            if quat_rotate(body_pose[3:], inward)[2] > _MAX_UP:
+                continue
+            origin = middle - inward * (half[axis] + shape.tip + _WELD_GAP_M)
+            for other in (each for each in range(3) if each != axis):
+                across = np.eye(3)[other]
+                pose = np.concatenate([origin, _rotation(inward, across)])
+                yield Grasp(pose, 0.0, is_by_friction=False, is_whole=True, is_central=True)
+
+
+def _shapes_of(body: Body, geometry: BodyGeometry | None) -> tuple[CollisionShape, ...]:
+    if geometry is not None and geometry.collision_shapes:
+        return geometry.collision_shapes
+    return (fallback_collision_shape(body, body.size or (0.1, 0.1, 0.1)),)
+
+
+def _box_grasps(box: _Box, body_pose: Array, shape: GripperShape, *, is_whole: bool = False) -> Iterator[Grasp]:
+    axes = rotation_matrix(box.pose[3:]).T
+    for closing in range(3):
+        width = float(box.size[closing])
+        if not _MIN_THICKNESS_M <= width <= shape.opening - 2 * _CLEARANCE_M:
+            continue
+        others = [axis for axis in range(3) if axis != closing]
+        for number in range(_ANGLES):
+            angle = 2 * np.pi * number / _ANGLES
+            inward = np.cos(angle) * axes[others[0]] + np.sin(angle) * axes[others[1]]
+            if quat_rotate(body_pose[3:], inward)[2] > _MAX_UP:
+                continue
+            yield from _grasps_from(box, closing, inward, body_pose, shape, is_whole=is_whole)
+
+
+def _grasps_from(
+    box: _Box, closing: int, inward: Array, body_pose: Array, shape: GripperShape, *, is_whole: bool
+) -> Iterator[Grasp]:
+    """The grasps with one direction of approach, at places along the box."""
+    axes = rotation_matrix(box.pose[3:]).T
+    half = float(np.abs(axes @ inward) @ box.size) / 2
+    depth = min(half, max(shape.palm - _PALM_GAP_M, 0.0))
+    if depth <= 0.0:
+        return
+    along = np.cross(inward, axes[closing])
+    length = float(np.abs(axes @ along) @ box.size)
+    aligned = max(np.abs(axes @ inward)) > 0.99  # else a shift along the box would leave it
+    for shift in _SHIFTS if length > _LONG_M and aligned else (0.0,):
+        origin = box.pose[:3] - inward * (half - depth) + along * shift * length
+        for sign in (1.0, -1.0):
+            pose = np.concatenate([origin, _rotation(inward, sign * axes[closing])])
+            yield Grasp(pose, float(box.size[closing]), is_by_friction=True, is_whole=is_whole, is_central=shift == 0.0)
+
+
+def _rotation(x: Array, y: Array) -> Array:
+    """The quaternion of the frame with these axes."""
+    return normalize(quaternion_from_matrix(np.column_stack([x, y, np.cross(x, y)])))
+
+
+def spread_by_direction(grasps: Sequence[Grasp], body_pose: Array) -> dict[tuple[float, ...], list[Grasp]]:
+    """Grasps by the direction of approach in the world frame, rounded."""
+    found: dict[tuple[float, ...], list[Grasp]] = {}
+    for grasp in grasps:
+        direction = quat_rotate(grasp.in_world(body_pose)[3:], (1.0, 0.0, 0.0))
+        found.setdefault(tuple(np.round(direction, 2).tolist()), []).append(grasp)
+    return found

@@ -1,0 +1,293 @@
+"""One arm with its gripper and the base that carries it, as skills move them.
+
+Every method that takes time is a generator of simulated times [s]; it fails with what stopped the robot and what to
+try.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Generator, Mapping
+from math import cos, hypot, sin
+
+import numpy as np
+
+from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
+from mindstage.robots.kinematics import RobotKinematics
+from mindstage.robots.model import Arm, BaseType, Gripper
+from mindstage.robots.navigation import plan_base
+from mindstage.robots.planning import plan_arm
+from mindstage.robots.skills.arm_paths import ArmPath, follow_poses, interpolated_poses, timed
+from mindstage.robots.skills.declaration import SkillMotion
+from mindstage.robots.skills.grasps import GripperShape
+from mindstage.robots.skills.task import SkillTask
+from mindstage.scene import BodyId
+from mindstage.scene.transforms import Array, pose_from_array, pose_inverse, pose_multiply
+
+__all__ = ["BasePose", "Manipulator", "free_hand", "hand_with", "planar_pose"]
+
+BasePose = tuple[float, float, float]
+"""x, y [m] and yaw [rad] in the world frame."""
+_BASE_GAIN = 3.0
+"""Velocity of the base by its error [1/s]."""
+_TICK_S = 0.04
+"""The interval at which the base is commanded while it moves with the arm [s]."""
+_PLANNING_S = 3.0
+"""Limit of the wall time of one plan of an arm [s]."""
+_NEAR_M, _NEAR_RAD = 0.02, 0.04
+"""A base that is nearer to where it is to stand does not drive."""
+
+
+def planar_pose(base: BasePose) -> Array:
+    """A pose on the floor, seven numbers."""
+    x, y, yaw = base
+    return np.array([x, y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)])
+
+
+class Manipulator:
+    """One arm, its gripper and the base."""
+
+    def __init__(self, task: SkillTask, arm: Arm, kinematics: RobotKinematics) -> None:
+        """Moves nothing.
+
+        Args:
+            task: the skill.
+            arm: an arm with a gripper.
+            kinematics: of the robot.
+        """
+        self.task = task
+        self.robot = task.robot
+        self.arm = arm
+        self.kinematics = kinematics
+        self.gripper: Gripper = next(each for each in self.robot.model.grippers if each.name == arm.gripper)
+        self.shape = GripperShape.of(self.robot.model, self.gripper, kinematics)
+        self._joints = {joint.name: joint for joint in self.robot.model.joints}
+
+    # -- state -------------------------------------------------------------------------------------------------------
+
+    @property
+    def is_mobile(self) -> bool:
+        """Whether the robot has a base that drives."""
+        return self.robot.model.base.type is not BaseType.FIXED
+
+    @property
+    def root_pose(self) -> Array:
+        """The present pose of the root link in the world frame."""
+        return self.robot.link_pose(self.robot.model.root)
+
+    @property
+    def grasp_pose(self) -> Array:
+        """The present pose of the grasp frame in the world frame."""
+        return self.robot.grasp_pose(self.gripper.name)
+
+    @property
+    def held(self) -> BodyId | None:
+        """What the gripper holds."""
+        return self.robot.held.get(self.gripper.name)
+
+    def root_at(self, base: BasePose) -> Array:
+        """The pose of the root link with the base somewhere else."""
+        here = planar_pose(self.robot.base_pose())
+        return pose_multiply(planar_pose(base), pose_multiply(pose_inverse(here), self.root_pose))
+
+    def base_of(self, root: Array) -> BasePose:
+        """The pose of the base for a pose of the root link; the inverse of `root_at`."""
+        here = planar_pose(self.robot.base_pose())
+        moved = pose_multiply(root, pose_multiply(pose_inverse(self.root_pose), here))
+        return float(moved[0]), float(moved[1]), float(2 * np.arctan2(moved[6], moved[3]))
+
+    # -- base --------------------------------------------------------------------------------------------------------
+
+    def driving_to(self, base: BasePose, *, why: str, ignore: Collection[BodyId] = ()) -> SkillMotion:
+        """Drives on a free path; does nothing if it is there.
+
+        Args:
+            base: where to.
+            why: what for, for the report.
+            ignore: bodies that are no obstacles.
+        """
+        x, y, yaw = self.robot.base_pose()
+        turn = abs((base[2] - yaw + np.pi) % (2 * np.pi) - np.pi)
+        if hypot(base[0] - x, base[1] - y) < _NEAR_M and turn < _NEAR_RAD:
+            return
+        with self.task.step("drive", f"drive to ({base[0]:.2f}, {base[1]:.2f}) {why}"):
+            path = plan_base(self.robot, base, ignore=ignore)
+            result = yield from self.robot.driving(path)
+            self._require(result, "let the robot start from somewhere else, or move what is in its way")
+
+    # -- arm ---------------------------------------------------------------------------------------------------------
+
+    def moving_to(
+        self, target: Mapping[str, float] | Array, *, why: str, ignore: Collection[BodyId] = ()
+    ) -> SkillMotion:
+        """Moves the arm on a collision-free path to positions of its joints, or to a pose of the grasp frame.
+
+        Args:
+            target: the positions [m or rad], or the pose in the world frame.
+            why: what for, for the report.
+            ignore: bodies that may be touched.
+        """
+        with self.task.step("move", f"move the arm {why}"):
+            goal = target if isinstance(target, Mapping) else pose_from_array(target)
+            trajectory = plan_arm(self.robot, self.arm, goal, ignore=tuple(ignore), budget_s=_PLANNING_S)
+            result = yield from self.robot.following(trajectory)
+            self._require(result, "move what is in the way of the arm")
+
+    def moving_straight(self, target: Array, *, why: str, speed: float = 0.3, may_touch: bool = False) -> SkillMotion:
+        """Moves the grasp frame on a straight line, without a test for collisions.
+
+        Args:
+            target: its pose at the end, in the world frame.
+            why: what for, for the report.
+            speed: fraction of the velocity limits.
+            may_touch: whether it is enough to be stopped by a contact on the way.
+        """
+        with self.task.step("move", f"move the gripper {why}"):
+            path = self.path(interpolated_poses(self.grasp_pose, target))
+            if not path.is_complete:
+                raise self.task.failure(f"the gripper cannot move straight {why}: {path.reason}", "stand elsewhere")
+            result = yield from self.following(path, speed=speed)
+            if not (may_touch and result.failure is MotionFailure.BLOCKED):
+                self._require(result, "approach it from another side")
+
+    def path(self, poses: Array, *, free: str = "", may_drive: bool = False) -> ArmPath:
+        """The motion of the arm from its present state along poses of the grasp frame, n x 7."""
+        return follow_poses(
+            self.kinematics,
+            self.arm,
+            poses,
+            root=self.root_pose,
+            seed=self.robot.joint_positions(),
+            free=free,
+            may_drive=may_drive,
+        )
+
+    def following(
+        self,
+        path: ArmPath,
+        *,
+        speed: float = 0.3,
+        on_tick: Callable[[], object] | None = None,
+        cartesian_speed: float = 0.25,
+    ) -> Generator[float, None, MotionResult]:
+        """Moves the arm along a path, and the base with it.
+
+        Args:
+            path: the path, from the present state.
+            speed: fraction of the velocity limits of the joints.
+            on_tick: called in each control interval; it may raise to end the motion.
+            cartesian_speed: largest speed of the grasp frame [m/s].
+        """
+        if len(path.positions) < 2:
+            return MotionResult(outcome=MotionOutcome.SUCCEEDED)
+        least = self._least_durations(path, cartesian_speed)
+        trajectory = timed(path, self._joints, speed=speed, least_s=least)
+        times = np.array([point.time_s for point in trajectory.points])
+        bases = np.array([self.base_of(root) for root in path.roots])
+        bases[:, 2] = np.unwrap(bases[:, 2])
+        motion = self.robot.following(trajectory)
+        start_s = self.task.time_s
+        try:
+            while True:
+                try:
+                    duration_s = next(motion)
+                except StopIteration as end:
+                    result: MotionResult = end.value
+                    return result
+                if path.moves_base:
+                    duration_s = min(duration_s, _TICK_S)
+                    self._steer(self.task.time_s - start_s, times, bases)
+                yield duration_s
+                if on_tick is not None:
+                    on_tick()
+        finally:
+            motion.close()
+            if path.moves_base:
+                self.robot.drive(0.0, 0.0, 0.0)
+
+    def _least_durations(self, path: ArmPath, cartesian_speed: float) -> Array:
+        frame = self.kinematics.frame_of(self.arm)
+        tips = np.array(
+            [
+                self.kinematics.pose(frame, path.at(row), root_pose=root)[:3]
+                for row, root in enumerate(path.roots)
+            ]
+        )
+        least = np.linalg.norm(np.diff(tips, axis=0), axis=1) / cartesian_speed
+        if path.moves_base:
+            base = self.robot.model.base
+            bases = np.array([self.base_of(root) for root in path.roots])
+            steps = np.diff(bases, axis=0)
+            turns = np.abs(np.diff(np.unwrap(bases[:, 2])))
+            drive = np.hypot(steps[:, 0], steps[:, 1]) / (0.3 * base.velocity)
+            least = np.maximum(least, np.maximum(drive, turns / (0.3 * base.turn_velocity)))
+        return np.asarray(least)
+
+    def _steer(self, at_s: float, times: Array, bases: Array) -> None:
+        """Commands the velocity of the base that follows a path of it."""
+        ahead_s = min(at_s + _TICK_S, float(times[-1]))
+        goal, later = (np.array([np.interp(t, times, column) for column in bases.T]) for t in (at_s, ahead_s))
+        here = np.array(self.robot.base_pose())
+        error = goal - here
+        error[2] = (error[2] + np.pi) % (2 * np.pi) - np.pi
+        velocity = (later - goal) / _TICK_S + _BASE_GAIN * error
+        c, s = cos(here[2]), sin(here[2])
+        forward, left = c * velocity[0] + s * velocity[1], -s * velocity[0] + c * velocity[1]
+        base = self.robot.model.base
+        if base.type is BaseType.DIFFERENTIAL:
+            left = 0.0
+        scale = max(1.0, hypot(forward, left) / base.velocity, abs(velocity[2]) / base.turn_velocity)
+        self.robot.drive(float(forward / scale), float(left / scale), float(velocity[2] / scale))
+
+    # -- gripper -----------------------------------------------------------------------------------------------------
+
+    def opening(self, opening_m: float | None = None) -> SkillMotion:
+        """Opens the gripper, fully or by an opening [m]."""
+        wanted = self.gripper.max_opening_m if opening_m is None else min(opening_m, self.gripper.max_opening_m)
+        with self.task.step("open gripper", f"open the gripper by {wanted * 100:.1f} cm"):
+            result = yield from self.robot.gripping(self.gripper.name, wanted)
+            self._require(result, "give the fingers room")
+
+    def closing(self) -> Generator[float, None, MotionResult]:
+        """Closes the gripper with its largest force; returns whether something is between the fingers."""
+        with self.task.step("close gripper", "close the gripper"):
+            result = yield from self.robot.gripping(self.gripper.name, 0.0)
+        return result
+
+    def parking(self, *, ignore: Collection[BodyId] = ()) -> SkillMotion:
+        """Folds the arm; a thing that is held stays as upright as the arm allows."""
+        rest = dict(zip(self.arm.joints, self.arm.rest_positions, strict=False))
+        if not rest:
+            return
+        now = self.robot.joint_positions()
+        if all(abs(now[name] - position) < 0.02 for name, position in rest.items()):
+            return
+        yield from self.moving_to(rest, why="to its rest position", ignore=ignore)
+
+    def _require(self, result: MotionResult, suggestion: str) -> None:
+        """Raises if a motion did not succeed."""
+        if not result:
+            raise self.task.failure(result.reason or str(result.outcome), suggestion)
+
+
+def _hands(task: SkillTask) -> list[Manipulator]:
+    model = task.robot.model
+    return [Manipulator(task, arm, task.kinematics) for arm in model.arms if arm.gripper is not None]
+
+
+def free_hand(task: SkillTask, why: str) -> Manipulator:
+    """An arm whose gripper holds nothing.
+
+    Raises:
+        SkillFailedError: all grippers hold something.
+    """
+    hands = _hands(task)
+    for hand in hands:
+        if hand.held is None:
+            return hand
+    held = ", ".join(str(hand.held) for hand in hands)
+    raise task.failure(f"no gripper is free {why}: held is {held}", f"place {held} first")
+
+
+def hand_with(task: SkillTask, thing: BodyId | None = None) -> Manipulator | None:
+    """The arm whose gripper holds a thing, or anything; None if none does."""
+    return next((hand for hand in _hands(task) if hand.held is not None and thing in {None, hand.held}), None)

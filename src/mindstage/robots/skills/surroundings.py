@@ -1,0 +1,264 @@
+"""What a map and its ontologies state about the things that a skill handles.
+
+Which handle belongs to which door, which doors and drawers a container has and how far they are open, what a thing is
+in, where its kind is stored: these are answers to declared questions about the running world.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from typing import Any, Protocol
+
+import msgspec
+import numpy as np
+
+from mindstage.errors import AmbiguousNameError, BodyNotFoundError, NameNotFoundError, closest_names
+from mindstage.knowledge.names import EntityType
+from mindstage.knowledge.rdf import local_name
+from mindstage.scene import Body, BodyId, Iri, World
+from mindstage.scene.geometry import BodyGeometry
+from mindstage.scene.transforms import Array, normalize, pose_inverse, pose_multiply, quat_rotate
+from mindstage.simulation.joint_motion import SimulationJoint, find_joint
+from mindstage.simulation.state import EngineSession
+
+__all__ = ["Opening", "SkillSession", "Surroundings"]
+
+_CLOSED_SHARE = 0.05
+"""A door or drawer that is open by less counts as closed."""
+
+
+class SkillSession(EngineSession, Protocol):
+    """The part of `Simulation` that skills use."""
+
+    def ask(self, question: str, /, *positional: object, **args: object) -> Sequence[Any]:
+        """All answers to a question about the current state."""
+
+
+class Opening(msgspec.Struct, frozen=True, eq=False, kw_only=True):
+    """A door, drawer or lid."""
+
+    front: BodyId
+    container: BodyId
+    joint: SimulationJoint
+    handle: BodyId | None
+    """None if no handle belongs to it."""
+
+    @property
+    def openness(self) -> float:
+        """The fraction by which it is open now, from 0 to 1."""
+        return self.joint.openness
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether it is closed, or open by less than 5 %."""
+        return self.openness < _CLOSED_SHARE
+
+
+class Surroundings:
+    """Answers about the things of a running world; a new one is made after bodies were added or removed."""
+
+    def __init__(self, session: SkillSession, *, ignored: Collection[BodyId] = ()) -> None:
+        """Takes a snapshot of the world.
+
+        Args:
+            session: the simulation.
+            ignored: bodies that are not things of the world, such as the links of robots.
+        """
+        self._session = session
+        self._ignored = frozenset(ignored)
+        self.world: World = session.snapshot()
+        self._bodies = {body.id: body for body in self.world.bodies if body.id not in self._ignored}
+        self._by_iri = {body.iri: body.id for body in self._bodies.values()}
+        self._openings: tuple[Opening, ...] | None = None
+
+    # -- bodies ------------------------------------------------------------------------------------------------------
+
+    def body(self, id: BodyId) -> Body:
+        """The body, with the pose that it had when this object was made.
+
+        Raises:
+            BodyNotFoundError: it does not exist.
+        """
+        if id not in self._bodies:
+            raise BodyNotFoundError(id, known=self._bodies, world=self.world.name)
+        return self._bodies[id]
+
+    def exists(self, id: BodyId) -> bool:
+        """Whether there is a body of that id."""
+        return id in self._bodies
+
+    def geometry(self, id: BodyId) -> BodyGeometry | None:
+        """The geometry of a body; None if it is its primitive shape."""
+        return self._session.geometry.get(id)
+
+    def pose(self, id: BodyId) -> Array:
+        """The present pose of a body: position [m] and unit quaternion (w, x, y, z) in the world frame.
+
+        Raises:
+            BodyNotFoundError: it does not exist.
+        """
+        state = self._session.state
+        try:
+            row = state.ids.index(id)
+        except ValueError:
+            raise BodyNotFoundError(id, known=state.ids) from None
+        pose: Array = state.poses[row].copy()
+        pose[3:] = normalize(pose[3:])
+        return pose
+
+    def box(self, id: BodyId) -> tuple[Array, Array]:
+        """The lowest and the highest corner of the box of a body along the axes of the world, each 3 numbers [m]."""
+        pose, size = self.pose(id), np.asarray(self.body(id).size or (0.0, 0.0, 0.0))
+        corners = np.array(np.meshgrid(*[(-each / 2, each / 2) for each in size])).reshape(3, -1).T
+        placed = pose[:3] + quat_rotate(pose[3:], corners)
+        return placed.min(axis=0), placed.max(axis=0)
+
+    def find(self, name: str) -> BodyId:
+        """The body of that id or IRI, the individual named by these words, or the only body of that class.
+
+        Raises:
+            NameNotFoundError: there is none.
+            AmbiguousNameError: there are several.
+        """
+        if name in self._bodies:
+            return BodyId(name)
+        if name in self._by_iri:
+            return self._by_iri[Iri(name)]
+        names = self._session.knowledge.names
+        try:
+            individual = names.find(name, EntityType.INDIVIDUAL)
+        except NameNotFoundError:
+            individual = None
+        if individual in self._by_iri:
+            return self._by_iri[Iri(str(individual))]
+        found = self.instances(name)
+        if len(found) > 1:
+            raise AmbiguousNameError(name, entity_type="thing", candidates=found)
+        return found[0]
+
+    def instances(self, kind: str) -> list[BodyId]:
+        """The bodies of a class, by its name.
+
+        Raises:
+            NameNotFoundError: there is no such class, or no body of it.
+        """
+        knowledge = self._session.knowledge
+        try:
+            cls = knowledge.names.find(kind, EntityType.CLASS)
+        except NameNotFoundError as error:
+            known = [*self._bodies, *closest_names(kind, self._bodies)]
+            raise NameNotFoundError(kind, entity_type="thing or class", known=known) from error
+        found = [body.id for body in self._bodies.values() if body.cls == cls or knowledge.is_a(body.cls, cls)]
+        if not found:
+            kinds = {local_name(body.cls) for body in self._bodies.values()}
+            raise NameNotFoundError(kind, entity_type="thing", known=sorted(kinds))
+        return found
+
+    # -- doors and drawers -------------------------------------------------------------------------------------------
+
+    def openings(self) -> tuple[Opening, ...]:
+        """All doors, drawers and lids."""
+        if self._openings is None:
+            self._openings = tuple(self._find_openings())
+        return self._openings
+
+    def openings_of(self, thing: BodyId) -> list[Opening]:
+        """The doors and drawers that a name stands for: itself, that of a handle, or all of a container."""
+        own = [each for each in self.openings() if thing in {each.front, each.handle}]
+        return own or [each for each in self.openings() if each.container == thing]
+
+    def opening(self, thing: BodyId) -> Opening:
+        """The only door or drawer that a name stands for.
+
+        Raises:
+            NameNotFoundError: it has none.
+            AmbiguousNameError: it has several.
+        """
+        found = self.openings_of(thing)
+        if not found:
+            fronts = [each.front for each in self.openings()]
+            raise NameNotFoundError(thing, entity_type="door or drawer", known=fronts)
+        if len(found) > 1:
+            raise AmbiguousNameError(thing, entity_type="door or drawer", candidates=[each.front for each in found])
+        return found[0]
+
+    def _find_openings(self) -> Iterator[Opening]:
+        for row in self._session.ask("openings"):
+            front, container = self._by_iri.get(row.front), self._by_iri.get(row.thing)
+            if front is None or container is None:
+                continue
+            joint = find_joint(self._session, front)
+            if row.share is not None:
+                yield Opening(front=front, container=container, joint=joint, handle=self._handle_of(front))
+
+    def _handle_of(self, front: BodyId) -> BodyId | None:
+        """The handle of a front; of several, the one that is largest."""
+        rows = self._session.ask("handle_of", individual=self._bodies[front].iri)
+        handles = [self._by_iri[row.handle] for row in rows if row.handle in self._by_iri]
+        return max(handles, key=lambda each: float(np.prod(self._bodies[each].size or (0.0,))), default=None)
+
+    # -- places ------------------------------------------------------------------------------------------------------
+
+    def containers_of(self, thing: BodyId) -> list[BodyId]:
+        """The bodies that a thing is in, the innermost first."""
+        rows = self._session.ask("where_is", thing=self.body(thing).iri, relation="inside")
+        found = [self._by_iri[row.other] for row in rows if row.other in self._by_iri]
+        return sorted(dict.fromkeys(found), key=lambda each: float(np.prod(self._bodies[each].size or (np.inf,))))
+
+    def closed_in_front_of(self, thing: BodyId) -> list[Opening]:
+        """The closed doors or drawers that have to be opened to get to a thing."""
+        return self._closing(self.containers_of(thing), self.pose(thing)[:3])
+
+    def closed_on(self, holder: BodyId, point: Array | None = None) -> list[Opening]:
+        """The closed doors or drawers that have to be opened to put something into a container.
+
+        Args:
+            holder: the container, or a drawer.
+            point: where in it, in the world frame [m]; None for anywhere.
+        """
+        own = [each for each in self.openings() if each.front == holder]
+        if own:
+            return [each for each in own if each.is_closed]
+        return self._closing([holder], self.pose(holder)[:3] if point is None else point)
+
+    def _closing(self, containers: Sequence[BodyId], point: Array) -> list[Opening]:
+        """The closed fronts of containers; of several doors of one, that which is in front of the point."""
+        found: dict[BodyId, Opening] = {}
+        for container in containers:
+            drawers = [each for each in self.openings() if each.front == container]
+            if drawers:  # the other fronts of its furniture do not close a drawer
+                return [each for each in drawers if each.is_closed]
+            doors = [each for each in self.openings() if each.container == container and not each.joint.is_prismatic]
+            if doors:
+                nearest = min(doors, key=lambda each: self._offset(each, point))
+                if nearest.is_closed:
+                    found[nearest.front] = nearest
+        return list(found.values())
+
+    def _offset(self, opening: Opening, point: Array) -> float:
+        """The distance of a point from the middle of a closed front, in the plane of the front [m]."""
+        front = np.concatenate(
+            [
+                np.asarray(opening.joint.pose_at(opening.joint.closed_position).position),
+                np.asarray(opening.joint.pose_at(opening.joint.closed_position).quaternion),
+            ]
+        )
+        front[3:] = normalize(front[3:])
+        local = pose_multiply(pose_inverse(front), np.array([*point, 1.0, 0.0, 0.0, 0.0]))[:3]
+        size = np.asarray(self.body(opening.front).size or (0.0, 0.0, 0.0))
+        across = [axis for axis in range(3) if axis != int(np.argmin(size))]
+        return float(np.linalg.norm(local[across]))
+
+    def storage_places(self, thing: BodyId) -> list[BodyId]:
+        """The bodies in which the kind of a thing is stored, the most specific first."""
+        rows = self._session.ask("storage_place_in_environment", item=self.body(thing).cls)
+        return list(dict.fromkeys(self._by_iri[row.individual] for row in rows if row.individual in self._by_iri))
+
+    def support_of(self, thing: BodyId) -> str:
+        """Where a thing is, in words: "in fridge", "on table" or "nowhere"."""
+        inside = self.containers_of(thing)
+        if inside:
+            return f"in {inside[0]}"
+        rows = self._session.ask("where_is", thing=self.body(thing).iri, relation="on")
+        names = [self._by_iri[row.other] for row in rows if row.other in self._by_iri]
+        return f"on {names[0]}" if names else "on nothing known"
