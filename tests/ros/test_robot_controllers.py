@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mindstage.simulation import Simulation
 from tests.bridge.raw_client import eventually
 from tests.ros.robot_client import RobotClient, duration, point, seconds
 
