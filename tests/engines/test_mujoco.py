@@ -27,13 +27,14 @@ from mindstage.scene import (
     diff,
 )
 from mindstage.scene.transforms import normalize, quat_angle
+from tests.engines.actuator_contract import ActuatorContract
 from tests.engines.contract import PhysicsContract, apply_force_for, current_pose
 from tests.engines.geometry_contract import GeometryContract
 from tests.engines.scenes import FLOOR, attachment, body, fixed_joint, prismatic_joint, revolute_joint, room, world
 from tests.worlds import worlds
 
 
-class TestMujocoEngine(PhysicsContract, GeometryContract):
+class TestMujocoEngine(PhysicsContract, ActuatorContract, GeometryContract):
     rest_tolerance_m = 0.002
 
     @pytest.fixture

@@ -5,12 +5,13 @@ import pytest
 from mindstage.engines import NullEngine
 from mindstage.errors import BodyNotFoundError
 from mindstage.scene import BodyId
+from tests.engines.actuator_contract import ActuatorContract
 from tests.engines.contract import DescriptionContract
 from tests.engines.geometry_contract import GeometryDescriptionContract
 from tests.engines.scenes import room
 
 
-class TestNullEngine(DescriptionContract, GeometryDescriptionContract):
+class TestNullEngine(DescriptionContract, ActuatorContract, GeometryDescriptionContract):
     @pytest.fixture
     def engine(self) -> NullEngine:
         return NullEngine()

@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING
 
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
+    Actuator,
+    ActuatorMode,
+    ActuatorState,
     Capability,
     Contact,
     DynamicsScale,
@@ -33,6 +36,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DEFAULT_SPAWN_OPTIONS",
+    "Actuator",
+    "ActuatorMode",
+    "ActuatorState",
     "Capability",
     "Contact",
     "DynamicsScale",

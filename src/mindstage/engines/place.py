@@ -7,14 +7,14 @@ their poses would grow without limit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.engines.base import MovedBody
-from mindstage.scene import BodyId
+from mindstage.scene import BodyId, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.transforms import Array
 
@@ -26,6 +26,7 @@ __all__ = [
     "belongs_to_place",
     "find_ground_height",
     "find_moved_bodies",
+    "find_moved_bodies_of",
     "find_unsupported",
 ]
 
@@ -176,3 +177,17 @@ def find_moved_bodies(
         MovedBody(id=ids[row], distance_m=float(distance[row]), left_place=bool(has_left[row]))
         for row in rows[np.argsort(-distance[rows], kind="stable")].tolist()
     )
+
+
+def find_moved_bodies_of(
+    worlds: Iterable[World], ids: tuple[BodyId, ...], poses: Array, later_ids: tuple[BodyId, ...], later_poses: Array
+) -> tuple[MovedBody, ...]:
+    """The bodies of worlds that did not stay, of those that still exist, farthest first."""
+    if ids != later_ids:
+        rows = {id: row for row, id in enumerate(later_ids)}
+        kept = [row for row, id in enumerate(ids) if id in rows]
+        ids, poses = tuple(ids[row] for row in kept), poses[kept]
+        later_poses = later_poses[[rows[id] for id in ids]]
+    sizes = {body.id: body.size for world in worlds for body in world.bodies}
+    extents = np.array([sizes.get(id) or (0.0, 0.0, 0.0) for id in ids], dtype=float).reshape(-1, 3)
+    return find_moved_bodies(ids, poses, later_poses, PlaceBounds.from_boxes(OrientedBoxes.from_poses(poses, extents)))

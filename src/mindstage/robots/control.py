@@ -11,6 +11,7 @@ import copy
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from enum import StrEnum
+from itertools import pairwise
 
 import msgspec
 import numpy as np
@@ -18,7 +19,7 @@ import numpy as np
 from mindstage.engines.base import ActuatorState, Capability, Engine
 from mindstage.errors import CommandRefusedError
 from mindstage.robots.drives import BaseDrive, JointDrive, RobotDrives
-from mindstage.robots.model import BaseType, Gripper, RobotJointType
+from mindstage.robots.model import BaseType, Gripper
 from mindstage.robots.trajectories import JointSpline, JointTrajectory, spline_of
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array
@@ -169,7 +170,7 @@ class ControlView:
             for one, other in ((contact.a, contact.b), (contact.b, contact.a)):
                 if one in parts and other is not None and other not in own and other not in held:
                     forces[other] = forces.get(other, 0.0) + contact.force_n
-        return tuple(sorted(forces, key=lambda id: -forces[id]))
+        return tuple(sorted(forces, key=forces.__getitem__, reverse=True))
 
 
 def held_bodies(engine: Engine, drives: RobotDrives) -> dict[str, BodyId]:
@@ -180,7 +181,7 @@ def held_bodies(engine: Engine, drives: RobotDrives) -> dict[str, BodyId]:
         for contact in engine.contacts():
             for one, other in ((contact.a, contact.b), (contact.b, contact.a)):
                 if one in drives.gripper_bodies and other is not None and other not in drives.link_of_body:
-                    touched.setdefault(other, set()).add(one)  # type: ignore[arg-type]
+                    touched.setdefault(other, set()).add(one)
         for name, fingers in drives.finger_bodies.items():
             both = [body for body, by in touched.items() if sum(not by.isdisjoint(each) for each in fingers) > 1]
             if both:
@@ -410,16 +411,14 @@ class _GripperGoal(MotionGoal):
         moving = np.where(np.abs(self._target - self._reference) > step, np.sign(self._target - self._reference), 0.0)
         command = self._reference + lag * moving * self._speed * (0.0 if is_still else 1.0)
         command = np.clip(command, actual - self._lead - lag * self._speed, actual + self._lead + lag * self._speed)
-        return {
-            each.actuator: each.clamped(value) for each, value in zip(self._drives, command.tolist(), strict=True)
-        }
+        return {each.actuator: each.clamped(value) for each, value in zip(self._drives, command.tolist(), strict=True)}
 
     def brake(self, view: ControlView, used: frozenset[str]) -> MotionGoal | None:
         """See `MotionGoal`."""
         return brake_joints(view.positions(self._drives), view.velocities(self._drives), self._drives, used)
 
     def _target_travel(self) -> Array:
-        return np.array(self._gripper.open_positions) - np.array(self._gripper.closed_positions)
+        return np.asarray(np.subtract(self._gripper.open_positions, self._gripper.closed_positions))
 
     def _is_pushing(self, actual: Array) -> bool:
         """Whether the reference is as far ahead as the force allows, or at the target."""
@@ -438,7 +437,12 @@ class _GripperGoal(MotionGoal):
             reason = f"the fingers do not open beyond {opening_m:.3f} m"
             reason += f"; in contact with {_named(obstacles)}" if obstacles else ""
             self.end(
-                MotionOutcome.FAILED, reason, failure=MotionFailure.BLOCKED, error=error, obstacles=obstacles, stalled=True
+                MotionOutcome.FAILED,
+                reason,
+                failure=MotionFailure.BLOCKED,
+                error=error,
+                obstacles=obstacles,
+                stalled=True,
             )
 
 
@@ -510,9 +514,7 @@ class _BaseGoal(MotionGoal):
     def _end_blocked(self, view: ControlView) -> None:
         obstacles = view.obstacles(self._base.moved)
         by = f"blocked by {_named(obstacles)}" if obstacles else "the base does not move at its largest force"
-        self.end(
-            MotionOutcome.FAILED, by, failure=MotionFailure.BLOCKED, error=self.errors(), obstacles=obstacles
-        )
+        self.end(MotionOutcome.FAILED, by, failure=MotionFailure.BLOCKED, error=self.errors(), obstacles=obstacles)
 
 
 class BaseBrake(_BaseGoal):
@@ -557,7 +559,7 @@ class _PathGoal(_BaseGoal):
             points.append(point)
         if self._base.type is BaseType.DIFFERENTIAL:
             points = differential_path(points)
-        kept = [points[0], *(b for a, b in zip(points, points[1:], strict=False) if np.abs(b - a).max() > 1e-6)]
+        kept = [points[0], *(b for a, b in pairwise(points) if np.abs(b - a).max() > 1e-6)]
         self._points = np.array(kept)
         velocity, turn = self._base.velocity * self._speed, self._base.turn_velocity * self._speed
         steps = np.diff(self._points, axis=0)
@@ -694,7 +696,9 @@ def gripper_opening(gripper: Gripper, positions: Sequence[float] | Array) -> flo
     """The distance between the finger pads at positions of the gripper's joints [m]."""
     closed, opened = np.array(gripper.closed_positions), np.array(gripper.open_positions)
     travel = opened - closed
-    parts = np.where(np.abs(travel) > 1e-9, (np.asarray(positions) - closed) / np.where(travel == 0.0, 1.0, travel), 0.0)
+    parts = np.where(
+        np.abs(travel) > 1e-9, (np.asarray(positions) - closed) / np.where(travel == 0.0, 1.0, travel), 0.0
+    )
     return float(gripper.max_opening_m * parts.mean())
 
 
@@ -773,9 +777,10 @@ class RobotController:
     def reset(self, engine: Engine) -> None:
         """See `Controller`."""
         self._end_all("the world was reset")
-        if Capability.ACTUATORS in engine.capabilities and self.drives.exist_in(engine):
-            if not self.drives.actuators <= engine.actuator_states().keys():
-                self.drives.add_to(engine)
+        if Capability.ACTUATORS not in engine.capabilities or not self.drives.exist_in(engine):
+            return
+        if not self.drives.actuators <= engine.actuator_states().keys():
+            self.drives.add_to(engine)
 
     def start_trajectory(
         self,

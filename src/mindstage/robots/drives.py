@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from mindstage.engines.base import Actuator, ActuatorMode, Engine
-from mindstage.engines.kinematic_tree import AXIS_NAMES, movable_axes
+from mindstage.engines.kinematic_tree import movable_axes
 from mindstage.robots.model import BaseType, Gripper, RobotJoint, RobotJointType, RobotModel
 from mindstage.robots.world import RobotWorld
 from mindstage.scene import Body, BodyId, Joint
@@ -311,9 +311,7 @@ def _inertia_and_load(joint: Joint, moved: list[Body], masses: Mapping[BodyId, f
     return inertia, load
 
 
-def _base_drive(
-    model: RobotModel, placed: RobotWorld, mass_kg: float
-) -> tuple[BaseDrive | None, tuple[Actuator, ...]]:
+def _base_drive(model: RobotModel, placed: RobotWorld, mass_kg: float) -> tuple[BaseDrive | None, tuple[Actuator, ...]]:
     """The drives of the base, and their actuators; none of a fixed one."""
     if placed.base_joint_id is None:
         return None, ()
@@ -343,13 +341,17 @@ def _base_drive(
                 damping=2.0 * math.sqrt(stiffness * size),
             )
         )
-    assert set(_BASE_AXES) <= set(AXIS_NAMES)
+    lags_s = [each.damping / each.stiffness for each in rows]
     drive = BaseDrive(
         type=base.type,
         joint_id=joint.id,
         actuators=(rows[0].name, rows[1].name, rows[2].name),
         error_limits=_BASE_ERRORS,
-        lags_s=(rows[0].damping / rows[0].stiffness, rows[1].damping / rows[1].stiffness, rows[2].damping / rows[2].stiffness),
+        lags_s=(
+            rows[0].damping / rows[0].stiffness,
+            rows[1].damping / rows[1].stiffness,
+            rows[2].damping / rows[2].stiffness,
+        ),
         odom=odom,
         offset=offset,
         velocity=base.velocity,

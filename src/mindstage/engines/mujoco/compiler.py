@@ -406,6 +406,16 @@ def _set_driven_friction(compiled: CompiledModel, model_input: ModelInput) -> No
     model.dof_frictionloss[compiled.actuators.dofs] = frictions
 
 
+def _driven_roots(model_input: ModelInput) -> set[BodyId]:
+    """The roots of the groups that actuators move."""
+    forest, driven, roots = model_input.forest, model_input.builder.actuators.driven_joints, set[BodyId]()
+    if driven:
+        for root, tree_joint in forest.tree_joints.items():  # parents come before children
+            if tree_joint.joint.id in driven or forest.root_of[tree_joint.parent] in roots:
+                roots.add(root)
+    return roots
+
+
 def _servo(actuator: Actuator) -> dict[str, Any]:
     """The gain and bias of an actuator for MuJoCo: force = gain * command + bias · (1, position, velocity)."""
     stiffness, damping = actuator.stiffness, actuator.damping
@@ -449,13 +459,15 @@ class _SpecBuilder:
         self.spec_joints: dict[BodyId, tuple[TreeJoint, tuple[JointAxis, ...], bool, list[Any], Any]] = {}
         self.actuators: list[tuple[str, Actuator, Any]] = []
         """The simulated actuators by name, and the axes that they drive."""
+        self.driven_roots = _driven_roots(model_input)
 
     def set_options(self) -> None:
         option = self.spec.option
         option.timestep = self.model_input.timestep_s
         option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-        option.impratio = 10.0  # friction nearly as stiff as contact, which prevents creep on slopes
+        # Friction nearly as stiff as contact prevents creep on slopes; what a gripper holds must creep less.
+        option.impratio = 100.0 if self.driven_roots else 10.0
         option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
         option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # a diverged state must not be reset silently
         self.spec.compiler.degree = False
@@ -582,8 +594,12 @@ class _SpecBuilder:
         )
         if builder.ground_height_m is not None and builder.collides_with_ground(id):
             geom_options = {**geom_options, "conaffinity": _LOOSE_AFFINITY}
+        is_driven = self.model_input.forest.root_of[id] in self.driven_roots
         for shape, pose in shapes:
-            add_geom(body, shape, pose, geom_options=geom_options, mesh=self._hull_mesh_name(shape))
+            # A ball that is held in one point by each finger would spin there without torsional friction.
+            has_torsion = is_driven or (self.driven_roots and shape.type is CollisionShapeType.SPHERE)
+            options = {**geom_options, "condim": 4} if has_torsion else geom_options
+            add_geom(body, shape, pose, geom_options=options, mesh=self._hull_mesh_name(shape))
 
     def _hull_mesh_name(self, shape: CollisionShape) -> str:
         """The name of a hull's mesh, which is added on first use; empty for other shapes."""
