@@ -1,8 +1,8 @@
 """Collisions of a robot in states in which it is not: with the place, with itself, and of what it holds.
 
-The world is that of the moment at which a `CollisionChecker` is made: a copy in which only the robot moves. Contacts are
-MuJoCo's, between the same convex shapes that the simulation has; those of an engine other than MuJoCo are computed in a
-copy of its world.
+The world is that of the moment at which a `CollisionChecker` is made: a copy in which only the robot moves. Contacts
+are MuJoCo's, between the same convex shapes that the simulation has; those of an engine other than MuJoCo are computed
+in a copy of its world.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from mindstage.engines.base import Engine, SpawnOptions
 from mindstage.engines.mujoco.kinematics import ContactModel
 from mindstage.robots.model import RobotJoint, RobotModel
+from mindstage.robots.world import RobotWorld
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array
 from mindstage.simulation.imagined import copied_engine
@@ -29,7 +30,6 @@ _SELF_CLEARANCE_M = -0.001
 """A robot's own links may come so near: neighbors nearly touch."""
 _START_SLACK_M = 0.001
 """A pair that is too near at the start may come nearer by this [m]."""
-_STATE_TRIALS = 5
 
 
 class MotionRobot(Protocol):
@@ -48,12 +48,8 @@ class MotionRobot(Protocol):
         """The simulation that it is in."""
 
     @property
-    def link_ids(self) -> Mapping[str, BodyId]:
-        """The body of each link."""
-
-    @property
-    def joint_ids(self) -> Mapping[str, BodyId]:
-        """The joint of the world for each movable joint."""
+    def placed(self) -> RobotWorld:
+        """Its bodies and joints as they were spawned."""
 
     @property
     def held(self) -> Mapping[str, BodyId]:
@@ -125,15 +121,15 @@ class CollisionChecker:
         Raises:
             KeyError: there is no such joint.
         """
-        model = robot.model
+        model, link_ids = robot.model, robot.placed.link_ids
         names = tuple(joint.name for joint in model.actuated_joints) if joints is None else tuple(joints)
         self.joints = names
         links = {link.name for link in model.links} if base_moves else links_moved_by(model, names)
         self._robot = robot
         self._held = tuple(robot.held.values())
-        moving = {robot.link_ids[link] for link in links if link in robot.link_ids}
+        moving = {link_ids[link] for link in links if link in link_ids}
         carried = {
-            id: robot.link_ids[gripper.link]
+            id: link_ids[gripper.link]
             for gripper in model.grippers
             if (id := robot.held.get(gripper.name)) is not None and gripper.link in links
         }
@@ -152,20 +148,14 @@ class CollisionChecker:
                 source.compiled(), moving=moving, ignored=ignore, carried=carried, clearance_m=max(clearance_m, 0.0)
             )
 
-        for _ in range(_STATE_TRIALS):  # until the positions are of the same time as the copy
-            before = robot.joint_positions()
-            self._contacts = robot.session.run_on_engine(copy, label="copy for collisions")
-            if before == robot.joint_positions():
-                break
-        self.start = tuple(before[name] for name in names)
-        """The positions of `joints` when the world was copied [m or rad]."""
-        self._set_joints(before)
-        self._base_joint = self._contacts.joint_of(robot.link_ids[model.root]) if base_moves else None
-        own = {*robot.link_ids.values(), *self._held}
+        self._contacts = robot.session.run_on_engine(copy, label="copy for collisions")
+        self._set_joints()
+        self._base_joint = robot.placed.base_joint_id if base_moves else None
+        own = {*link_ids.values(), *self._held}
         ids = self._contacts.ids
         self._is_own = np.array([id in own for id in ids])
         grippers = links_moved_by(model, [name for each in model.grippers for name in each.joints])
-        hands = {robot.link_ids[link] for link in {*grippers, *(each.link for each in model.grippers)}}
+        hands = {link_ids[link] for link in {*grippers, *(each.link for each in model.grippers)}}
         self._is_hand = np.array([id in hands or id in self._held for id in ids])
         self._may_be_touched = np.array([id in touch for id in ids])
         self._allowed: dict[tuple[int, int], float] = {}
@@ -173,30 +163,32 @@ class CollisionChecker:
             key = (min(row, other), max(row, other))
             self._allowed[key] = min(distance, self._allowed.get(key, distance)) - _START_SLACK_M
 
-    def _set_joints(self, positions: Mapping[str, float]) -> None:
+    def _set_joints(self) -> None:
         """Computes the map from values of `joints` to coordinates."""
+        placed = self._robot.placed
         by_name = {joint.name: joint for joint in self._robot.model.joints}
         column = {name: number for number, name in enumerate(self.joints)}
-        addresses, signs, columns, factors, zeros = [], [], [], [], []
+        addresses, columns, factors, offsets, start = [], [], [], [], []
 
         def add(joint: RobotJoint, source: str, factor: float, offset: float) -> None:
-            address, sign = self._contacts.address(self._robot.joint_ids[joint.name])
-            spawned = positions[joint.name] - sign * float(self._contacts.data.qpos[address])
+            address, sign = self._contacts.address(placed.joint_ids[joint.name])
+            zero = placed.zero[joint.name]
             addresses.append(address)
-            signs.append(sign)
             columns.append(column[source])
-            factors.append(factor)
-            zeros.append(offset - spawned)
+            factors.append(sign * factor)
+            offsets.append(sign * (offset - zero))
+            start.append(zero + sign * float(self._contacts.data.qpos[address]))
 
         for name in self.joints:
             add(by_name[name], name, 1.0, 0.0)
+        self.start = tuple(start)
+        """The positions of `joints` when the world was copied [m or rad]."""
         for joint in self._robot.model.joints:
-            if joint.mimic is not None and joint.mimic.joint in column and joint.name in positions:
+            if joint.mimic is not None and joint.mimic.joint in column and joint.name in placed.joint_ids:
                 add(joint, joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)
         self._addresses = np.array(addresses, dtype=np.intp)
         self._columns = np.array(columns, dtype=np.intp)
-        self._factors = np.array(signs) * np.array(factors)
-        self._offsets = np.array(signs) * np.array(zeros)
+        self._factors, self._offsets = np.array(factors), np.array(offsets)
 
     def find(self, values: Array | Sequence[float], base: tuple[float, float, float] | None = None) -> Collision | None:
         """The worst collision in a state; None if it is free.

@@ -131,11 +131,6 @@ class ContactModel:
         each = self._compiled.joints[joint]
         return each.qpos_address, -1.0 if each.tree_joint.is_reversed else 1.0
 
-    def joint_of(self, body: BodyId) -> BodyId | None:
-        """The joint that moves a body; None if there is none."""
-        body_id = self._compiled.body_ids.get(body, -1)
-        return next((id for id, joint in self._compiled.joints.items() if joint.body_id == body_id), None)
-
     def set_planar_pose(self, joint: BodyId, x: float, y: float, yaw: float) -> None:
         """Puts the body on a joint with two horizontal slides and a vertical hinge somewhere on the floor.
 
