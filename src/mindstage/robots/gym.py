@@ -213,7 +213,9 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         """
         super().reset(seed=seed)
         chosen = (options or {}).get("thing") or self._thing
-        self.thing = self._checked(chosen) if chosen else self._candidates[self.np_random.integers(len(self._candidates))]
+        self.thing = (
+            self._checked(chosen) if chosen else self._candidates[self.np_random.integers(len(self._candidates))]
+        )
         """What the current episode is about."""
         self._restore_start(self.thing)
         noise = self.np_random.normal(size=3) * self._noise
@@ -269,7 +271,9 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         self.robot: Robot = self.simulation.add_robot(robot, _planar_pose(self._stand(self.thing)))
         model = self.robot.model
         if not model.arms or not model.grippers:
-            raise InvalidArgumentError(self.robot.name, cause="it has no arm with a gripper", remedy="use another robot")
+            raise InvalidArgumentError(
+                self.robot.name, cause="it has no arm with a gripper", remedy="use another robot"
+            )
         self._arm = next((arm for arm in model.arms if arm.gripper is not None), model.arms[0])
         self._gripper = next(each for each in model.grippers if each.name == (self._arm.gripper or each.name))
         names = dict.fromkeys(name for arm in model.arms for name in arm.joints)
@@ -339,8 +343,9 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
                 self._openings[gripper.name] = opening
                 robot.start_gripping(gripper.name, opening)
         if model.base.type is not BaseType.FIXED:
-            forward, turn = action["base.forward"] * model.base.velocity, action["base.turn"] * model.base.turn_velocity
-            robot.drive(forward, action.get("base.left", 0.0) * model.base.velocity, turn)
+            direction = np.array([action["base.forward"], action.get("base.left", 0.0)])
+            vx, vy = (model.base.velocity * direction / max(1.0, float(np.linalg.norm(direction)))).tolist()
+            robot.drive(vx, vy, action["base.turn"] * model.base.turn_velocity)
 
     # -- spaces --------------------------------------------------------------------------------------------------------
 
@@ -616,9 +621,7 @@ def play_randomly(env: gymnasium.Env[Observation, Action], *, seed: int) -> Epis
     while not ended:
         _, reward, terminated, truncated, info = env.step(env.action_space.sample())
         total, ended = total + float(reward), terminated or truncated
-    return EpisodeScore(
-        success=info["is_success"], reward=total, duration_s=info["time_s"], reason=info["reason"]
-    )
+    return EpisodeScore(success=info["is_success"], reward=total, duration_s=info["time_s"], reason=info["reason"])
 
 
 def play_skill(env: gymnasium.Env[Observation, Action], *, seed: int) -> EpisodeScore:
@@ -714,5 +717,11 @@ def _free_stand(simulation: Simulation, goal: BodyId, away: Array) -> Array:
     raise InvalidArgumentError(goal, cause="no robot gets near it on the floor", remedy="give the pose of the robot")
 
 
-for _name, _class, _steps in (("Open", OpenEnv, 300), ("Pick", PickEnv, 300), ("Place", PlaceEnv, 500), ("PutAway", PutAwayEnv, 1000)):
-    gymnasium.register(f"mindstage/{_name}-v0", entry_point=f"{__name__}:{_class.__name__}", max_episode_steps=_steps)
+_STEPS = {OpenEnv: 300, PickEnv: 300, PlaceEnv: 500, PutAwayEnv: 1000}
+"""The number of actions after which an episode is truncated."""
+for _class, _steps in _STEPS.items():
+    gymnasium.register(
+        f"mindstage/{_class.__name__.removesuffix('Env')}-v0",
+        entry_point=f"{__name__}:{_class.__name__}",
+        max_episode_steps=_steps,
+    )
