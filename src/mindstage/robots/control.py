@@ -872,6 +872,20 @@ class RobotController:
         self._start(goal, self._view(engine))
         return goal
 
+    def set_base_pose(self, engine: Engine, pose: tuple[float, float, float]) -> None:
+        """See `Robot.set_base_pose`."""
+        base = self._base()
+        if not all(math.isfinite(value) for value in pose):
+            raise self._refused("a pose of the base", "it is not finite", "correct it")
+        self._view(engine)
+        for goal in self._goals:
+            if goal.actuators & set(base.actuators):
+                goal.end(MotionOutcome.CANCELED, "the base was put elsewhere", failure=MotionFailure.RESET)
+        self._goals = tuple(goal for goal in self._goals if goal.result is None)
+        engine.set_pose(base.root, base.root_pose(pose))
+        states = engine.actuator_states()
+        engine.set_commands({name: states[name].position for name in base.actuators})
+
     def stop(self) -> None:
         """Cancels all goals."""
         for goal in self._goals:

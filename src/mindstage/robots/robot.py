@@ -218,7 +218,7 @@ class Robot:
             )
         return found[0]
 
-    def gripper_opening(self, gripper: str = "") -> float:
+    def opening(self, gripper: str = "") -> float:
         """The distance between the finger pads of a gripper [m]."""
         record, positions = self.gripper(gripper), self.joint_positions()
         return gripper_opening(record, [positions[name] for name in record.joints])
@@ -252,6 +252,16 @@ class Robot:
         forward = np.array([np.cos(heading), np.sin(heading)])
         left = np.array([-forward[1], forward[0]])
         return Odometry(x=x, y=y, yaw=yaw, vx=float(velocity @ forward), vy=float(velocity @ left), wz=float(wz))
+
+    def set_base_pose(self, x: float, y: float, yaw: float) -> None:
+        """Puts the base at another place at once, at rest: x, y [m] and yaw [rad] of the base link in the world frame.
+
+        Raises:
+            CommandRefusedError: the base is fixed.
+        """
+        self.session.run_on_engine(
+            lambda engine: self.controller.set_base_pose(engine, (x, y, yaw)), label="set base pose", edits=True
+        )
 
     # -- goals ---------------------------------------------------------------------------------------------
 
