@@ -15,6 +15,7 @@ import numpy as np
 
 from mindstage.engines.base import Engine, SpawnOptions
 from mindstage.engines.mujoco.kinematics import ContactModel
+from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.model import RobotJoint, RobotModel
 from mindstage.robots.world import RobotWorld
 from mindstage.scene import BodyId
@@ -77,9 +78,9 @@ class Collision(msgspec.Struct, frozen=True, kw_only=True):
 
     def __str__(self) -> str:
         other = "the ground" if self.obstacle is None else self.obstacle
-        if self.distance_m < 0.0:
-            return f"{self.part} is {-self.distance_m * 1000:.2g} mm inside {other}"
-        return f"{self.part} is {self.distance_m * 1000:.2g} mm from {other}"
+        distance = abs(self.distance_m) * 1000
+        text = f"{distance:.0f}" if distance >= 10.0 else f"{distance:.2g}"
+        return f"{self.part} is {text} mm {'inside' if self.distance_m < 0.0 else 'from'} {other}"
 
 
 def links_moved_by(model: RobotModel, joints: Iterable[str]) -> frozenset[str]:
@@ -151,6 +152,9 @@ class CollisionChecker:
         self._contacts = robot.session.run_on_engine(copy, label="copy for collisions")
         self._set_joints()
         self._base_joint = robot.placed.base_joint_id if base_moves else None
+        root = robot.link_pose(model.root)
+        at = (float(root[0]), float(root[1]), yaw_of(root[3:]))
+        self._root_in_base = planar_multiply(planar_inverse(robot.base_pose()), at)
         own = {*link_ids.values(), *self._held}
         ids = self._contacts.ids
         self._is_own = np.array([id in own for id in ids])
@@ -195,11 +199,12 @@ class CollisionChecker:
 
         Args:
             values: positions of `joints`, in their order [m or rad].
-            base: x, y [m] and yaw [rad] of the root link, if the base is moved; None for where it was last.
+            base: x, y [m] and yaw [rad] of the base, as `MotionRobot.base_pose`, if it is moved; None for where it
+                was last.
         """
         contacts = self._contacts
         if base is not None and self._base_joint is not None:
-            contacts.set_planar_pose(self._base_joint, *base)
+            contacts.set_planar_pose(self._base_joint, *planar_multiply(base, self._root_in_base))
         contacts.data.qpos[self._addresses] = self._factors * np.asarray(values)[self._columns] + self._offsets
         contacts.update()
         contacts.carry()
@@ -212,6 +217,19 @@ class CollisionChecker:
         part, obstacle = contacts.ids[row], contacts.ids[other]
         assert part is not None  # the ground is not a part of a robot
         return Collision(part=part, obstacle=obstacle, distance_m=distance)
+
+    def set_joint(self, joint: BodyId, position: float) -> None:
+        """Moves a joint of the place, such as that of a door, for all states that are tested from now on.
+
+        Args:
+            joint: the joint; it has one axis.
+            position: relative to its spawned position [m or rad].
+
+        Raises:
+            KeyError: the joint is not simulated.
+        """
+        address, sign = self._contacts.address(joint)
+        self._contacts.data.qpos[address] = sign * position
 
     def find_at(
         self, positions: Mapping[str, float], base: tuple[float, float, float] | None = None
