@@ -38,14 +38,11 @@ def tips(robot: Robot, trajectory: JointTrajectory, count: int = 200) -> Array:
 
 def executed(robot: Robot, trajectory: JointTrajectory, obstacles: set[str]) -> Iterator[str]:
     """Executes a trajectory, and yields each contact with an obstacle."""
-    motion = robot.following(trajectory)
-    while True:
-        try:
-            robot.session.step(next(motion))
-        except StopIteration as end:
-            assert end.value, end.value
-            return
+    goal = robot.start_trajectory(trajectory)
+    while goal.result is None:
+        robot.session.step(0.02)
         yield from (f"{each.a} and {each.b}: {each.depth_m:.4f} m" for each in contacts_with(robot, obstacles))
+    assert goal.result, goal.result
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
