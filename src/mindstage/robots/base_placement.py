@@ -34,6 +34,8 @@ _HEADINGS_RAD = (0.0, 0.4, -0.4, 0.9, -0.9)
 _IK_ATTEMPTS = 4
 _DRIVE_WEIGHT = 0.05
 """Loss of score for a way of 1 m; the score is at most 1."""
+_MOVE_COST = 0.1
+"""Loss of score for any way at all."""
 _HEADING_WEIGHT = 0.1
 _TRIALS_PER_ANSWER = 12
 _REGION_ATTEMPTS = 3
@@ -144,7 +146,8 @@ class _Placing:
             away = 1.0 - np.abs(values - self.middle) / self.half
             margin = min(margin, float(np.where(self.is_limited, away, 1.0).min()))
         heading = abs(_wrapped(base[2] - self._facing(base)))
-        score = margin - _DRIVE_WEIGHT * drive_m - _HEADING_WEIGHT * heading
+        moving = _MOVE_COST if base != self.here else 0.0
+        score = margin - moving - _DRIVE_WEIGHT * drive_m - _HEADING_WEIGHT * heading
         return BasePlacement(base=base, positions=tuple(found), score=score, drive_m=drive_m)
 
     def _facing(self, base: tuple[float, float, float]) -> float:
