@@ -410,9 +410,7 @@ class _GripperGoal(MotionGoal):
         moving = np.where(np.abs(self._target - self._reference) > step, np.sign(self._target - self._reference), 0.0)
         command = self._reference + lag * moving * self._speed * (0.0 if is_still else 1.0)
         command = np.clip(command, actual - self._lead - lag * self._speed, actual + self._lead + lag * self._speed)
-        return {
-            each.actuator: each.clamped(value) for each, value in zip(self._drives, command.tolist(), strict=True)
-        }
+        return {each.actuator: each.clamped(value) for each, value in zip(self._drives, command.tolist(), strict=True)}
 
     def brake(self, view: ControlView, used: frozenset[str]) -> MotionGoal | None:
         """See `MotionGoal`."""
@@ -438,7 +436,12 @@ class _GripperGoal(MotionGoal):
             reason = f"the fingers do not open beyond {opening_m:.3f} m"
             reason += f"; in contact with {_named(obstacles)}" if obstacles else ""
             self.end(
-                MotionOutcome.FAILED, reason, failure=MotionFailure.BLOCKED, error=error, obstacles=obstacles, stalled=True
+                MotionOutcome.FAILED,
+                reason,
+                failure=MotionFailure.BLOCKED,
+                error=error,
+                obstacles=obstacles,
+                stalled=True,
             )
 
 
@@ -510,9 +513,7 @@ class _BaseGoal(MotionGoal):
     def _end_blocked(self, view: ControlView) -> None:
         obstacles = view.obstacles(self._base.moved)
         by = f"blocked by {_named(obstacles)}" if obstacles else "the base does not move at its largest force"
-        self.end(
-            MotionOutcome.FAILED, by, failure=MotionFailure.BLOCKED, error=self.errors(), obstacles=obstacles
-        )
+        self.end(MotionOutcome.FAILED, by, failure=MotionFailure.BLOCKED, error=self.errors(), obstacles=obstacles)
 
 
 class BaseBrake(_BaseGoal):
@@ -694,7 +695,9 @@ def gripper_opening(gripper: Gripper, positions: Sequence[float] | Array) -> flo
     """The distance between the finger pads at positions of the gripper's joints [m]."""
     closed, opened = np.array(gripper.closed_positions), np.array(gripper.open_positions)
     travel = opened - closed
-    parts = np.where(np.abs(travel) > 1e-9, (np.asarray(positions) - closed) / np.where(travel == 0.0, 1.0, travel), 0.0)
+    parts = np.where(
+        np.abs(travel) > 1e-9, (np.asarray(positions) - closed) / np.where(travel == 0.0, 1.0, travel), 0.0
+    )
     return float(gripper.max_opening_m * parts.mean())
 
 

@@ -311,9 +311,7 @@ def _inertia_and_load(joint: Joint, moved: list[Body], masses: Mapping[BodyId, f
     return inertia, load
 
 
-def _base_drive(
-    model: RobotModel, placed: RobotWorld, mass_kg: float
-) -> tuple[BaseDrive | None, tuple[Actuator, ...]]:
+def _base_drive(model: RobotModel, placed: RobotWorld, mass_kg: float) -> tuple[BaseDrive | None, tuple[Actuator, ...]]:
     """The drives of the base, and their actuators; none of a fixed one."""
     if placed.base_joint_id is None:
         return None, ()
@@ -349,7 +347,11 @@ def _base_drive(
         joint_id=joint.id,
         actuators=(rows[0].name, rows[1].name, rows[2].name),
         error_limits=_BASE_ERRORS,
-        lags_s=(rows[0].damping / rows[0].stiffness, rows[1].damping / rows[1].stiffness, rows[2].damping / rows[2].stiffness),
+        lags_s=(
+            rows[0].damping / rows[0].stiffness,
+            rows[1].damping / rows[1].stiffness,
+            rows[2].damping / rows[2].stiffness,
+        ),
         odom=odom,
         offset=offset,
         velocity=base.velocity,

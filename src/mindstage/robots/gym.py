@@ -210,7 +210,9 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         """
         super().reset(seed=seed)
         chosen = (options or {}).get("thing") or self._thing
-        self.thing = self._checked(chosen) if chosen else self._candidates[self.np_random.integers(len(self._candidates))]
+        self.thing = (
+            self._checked(chosen) if chosen else self._candidates[self.np_random.integers(len(self._candidates))]
+        )
         """What the current episode is about."""
         self._restore_start(self.thing)
         noise = self.np_random.normal(size=3) * self._noise
@@ -266,7 +268,9 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         self.robot: Robot = self.simulation.add_robot(robot, _planar_pose(self._stand(self.thing)))
         model = self.robot.model
         if not model.arms or not model.grippers:
-            raise InvalidArgumentError(self.robot.name, cause="it has no arm with a gripper", remedy="use another robot")
+            raise InvalidArgumentError(
+                self.robot.name, cause="it has no arm with a gripper", remedy="use another robot"
+            )
         self._arm = next((arm for arm in model.arms if arm.gripper is not None), model.arms[0])
         self._gripper = next(each for each in model.grippers if each.name == (self._arm.gripper or each.name))
         names = dict.fromkeys(name for arm in model.arms for name in arm.joints)
@@ -603,9 +607,7 @@ def play_randomly(env: gymnasium.Env[Observation, Action], *, seed: int) -> Epis
     while not ended:
         _, reward, terminated, truncated, info = env.step(env.action_space.sample())
         total, ended = total + float(reward), terminated or truncated
-    return EpisodeScore(
-        success=info["is_success"], reward=total, duration_s=info["time_s"], reason=info["reason"]
-    )
+    return EpisodeScore(success=info["is_success"], reward=total, duration_s=info["time_s"], reason=info["reason"])
 
 
 def play_skill(env: gymnasium.Env[Observation, Action], *, seed: int) -> EpisodeScore:
@@ -688,11 +690,18 @@ def _free_stand(simulation: Simulation, goal: BodyId, away: Array) -> Array:
         "path", start_position=f"{x:.3f} {y:.3f}", goal=goal, radius=_FLOOR_RADIUS_M, height=_ROBOT_HEIGHT_M
     )
     if not rows:
-        raise InvalidArgumentError(goal, cause="no robot gets near it on the floor", remedy="give the pose of the robot")
+        raise InvalidArgumentError(
+            goal, cause="no robot gets near it on the floor", remedy="give the pose of the robot"
+        )
     stand = np.array(rows[0].points[-1])
     center = poses_in(simulation.state, {goal})[goal][:2]
     return np.array([*stand, math.atan2(*(center - stand)[::-1])])
 
 
-for _name, _class, _steps in (("Open", OpenEnv, 300), ("Pick", PickEnv, 300), ("Place", PlaceEnv, 500), ("PutAway", PutAwayEnv, 1000)):
+for _name, _class, _steps in (
+    ("Open", OpenEnv, 300),
+    ("Pick", PickEnv, 300),
+    ("Place", PlaceEnv, 500),
+    ("PutAway", PutAwayEnv, 1000),
+):
     gymnasium.register(f"mindstage/{_name}-v0", entry_point=f"{__name__}:{_class.__name__}", max_episode_steps=_steps)

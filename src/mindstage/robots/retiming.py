@@ -86,9 +86,7 @@ class PathSamples(NamedTuple):
         """This path and one that continues it; its first sample replaces the last one of this."""
         shifted = other.parameter + self.parameter[-1]
         parts = zip(self[1:], other[1:], strict=True)
-        return PathSamples(
-            np.concatenate([self.parameter[:-1], shifted]), *(np.vstack([a[:-1], b]) for a, b in parts)
-        )
+        return PathSamples(np.concatenate([self.parameter[:-1], shifted]), *(np.vstack([a[:-1], b]) for a, b in parts))
 
 
 def rounded_polyline(
@@ -200,9 +198,7 @@ def retimed(
         for t, position, velocity in zip(times.tolist(), positions.tolist(), velocities.tolist(), strict=True):
             if points and t == 0.0:
                 continue
-            points.append(
-                TrajectoryPoint(positions=tuple(position), velocities=tuple(velocity), time_s=start_s + t)
-            )
+            points.append(TrajectoryPoint(positions=tuple(position), velocities=tuple(velocity), time_s=start_s + t))
         start_s += float(times[-1])
     return JointTrajectory(tuple(joints), tuple(points))
 
@@ -263,7 +259,9 @@ def _sampled(path: PathSamples, squared: Array) -> tuple[Array, Array, Array]:
     d0, d1 = path.first[row] * width, path.first[row + 1] * width
     f2, f3 = fraction**2, fraction**3
     positions = (2 * f3 - 3 * f2 + 1) * p0 + (f3 - 2 * f2 + fraction) * d0 + (3 * f2 - 2 * f3) * p1 + (f3 - f2) * d1
-    slope = (path.first[row] * (1 - fraction) + path.first[row + 1] * fraction) * (speeds[row] + change * since)[:, None]
+    slope = (path.first[row] * (1 - fraction) + path.first[row + 1] * fraction) * (speeds[row] + change * since)[
+        :, None
+    ]
     slope[0] = slope[-1] = 0.0
     positions[-1] = path.positions[-1]
     return times, positions, slope

@@ -454,9 +454,7 @@ class Robot:
             session: the copy.
             controller: the copy of its controller there.
         """
-        return Robot(
-            self.name, self.model, self._placed, session=session, controller=controller, report=self.report
-        )
+        return Robot(self.name, self.model, self._placed, session=session, controller=controller, report=self.report)
 
     def __repr__(self) -> str:
         kind = self.model.base.type.value

@@ -533,7 +533,9 @@ class RobotHandler:
         """
         robot, run = self._robot(name), self._runs.get(name)
         if run is not None and run.is_running:
-            raise CommandRefusedError(name, command="a command", cause=f"it performs {run.name}", remedy="stop it first")
+            raise CommandRefusedError(
+                name, command="a command", cause=f"it performs {run.name}", remedy="stop it first"
+            )
         return robot
 
 
@@ -578,7 +580,12 @@ def _move_to(robot: Robot, positions: Mapping[str, float]) -> None:
     by_name = {joint.name: joint for joint in robot.model.actuated_joints}
     for name in positions:
         if name not in by_name:
-            raise CommandRefusedError(robot.name, command=f"{name!r}", cause="it has no such joint with a drive", remedy=f"use {', '.join(by_name)}")
+            raise CommandRefusedError(
+                robot.name,
+                command=f"{name!r}",
+                cause="it has no such joint with a drive",
+                remedy=f"use {', '.join(by_name)}",
+            )
     now = robot.joint_positions()
     joints = [by_name[name] for name in positions]
     trajectory = point_to_point(joints, [now[name] for name in positions], list(positions.values()), speed=_HAND_SPEED)

@@ -117,7 +117,10 @@ class _Search:
             return
         target = self.request.poses[0][:3]
         inward = np.mean(
-            [quat_rotate(each.in_world(self.request.poses[0])[3:], (1.0, 0.0, 0.0)) for each in self.request.grasps[:4]],
+            [
+                quat_rotate(each.in_world(self.request.poses[0])[3:], (1.0, 0.0, 0.0))
+                for each in self.request.grasps[:4]
+            ],
             axis=0,
         )
         away = atan2(-inward[1], -inward[0]) if np.hypot(*inward[:2]) > 0.3 else self._bearing(target)
@@ -152,7 +155,11 @@ class _Search:
             return None
         before = pose_multiply(at, np.array([-request.back_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
         approach = follow_poses(
-            hand.kinematics, hand.arm, interpolated_poses(at, before), root=root, seed={**self.positions, **found.positions}
+            hand.kinematics,
+            hand.arm,
+            interpolated_poses(at, before),
+            root=root,
+            seed={**self.positions, **found.positions},
         )
         if not approach.is_complete:
             self._count(approach.reason)
