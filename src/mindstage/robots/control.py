@@ -11,6 +11,7 @@ import copy
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from enum import StrEnum
+from itertools import pairwise
 
 import msgspec
 import numpy as np
@@ -18,7 +19,7 @@ import numpy as np
 from mindstage.engines.base import ActuatorState, Capability, Engine
 from mindstage.errors import CommandRefusedError
 from mindstage.robots.drives import BaseDrive, JointDrive, RobotDrives
-from mindstage.robots.model import BaseType, Gripper, RobotJointType
+from mindstage.robots.model import BaseType, Gripper
 from mindstage.robots.trajectories import JointSpline, JointTrajectory, spline_of
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array
@@ -32,7 +33,7 @@ __all__ = [
     "RobotController",
 ]
 
-PERIOD_S = 0.01
+PERIOD_S = 0.004
 """The period of control in simulated time [s]."""
 DRIVE_TIMEOUT_S = 0.5
 """A velocity of the base is that of the last command for so long at most [s]."""
@@ -158,18 +159,21 @@ class ControlView:
         Args:
             moved: the bodies of the robot whose contacts count.
         """
+        held = frozenset(held_bodies(self._engine, self._drives).values())
+        holds = not self._drives.gripper_bodies.isdisjoint(moved)
+        return self.touched(held.union(moved) if holds else moved, ignored=held)
+
+    def touched(self, parts: Collection[BodyId], *, ignored: frozenset[BodyId] = frozenset()) -> tuple[BodyId, ...]:
+        """The bodies that touch some bodies and do not belong to the robot, the strongest contact first."""
         if Capability.CONTACTS not in self._engine.capabilities:
             return ()
-        contacts = [each for each in self._engine.contacts() if each.b is not None]
-        own = set(self._drives.link_of_body)
-        held = set(held_bodies(self._engine, self._drives).values())
-        parts = set(moved) | (held if self._drives.gripper_bodies & set(moved) else set())
         forces: dict[BodyId, float] = {}
-        for contact in contacts:
+        for contact in self._engine.contacts():
             for one, other in ((contact.a, contact.b), (contact.b, contact.a)):
-                if one in parts and other is not None and other not in own and other not in held:
-                    forces[other] = forces.get(other, 0.0) + contact.force_n
-        return tuple(sorted(forces, key=lambda id: -forces[id]))
+                if one not in parts or other is None or other in ignored or other in self._drives.link_of_body:
+                    continue
+                forces[other] = forces.get(other, 0.0) + contact.force_n
+        return tuple(sorted(forces, key=forces.__getitem__, reverse=True))
 
 
 def held_bodies(engine: Engine, drives: RobotDrives) -> dict[str, BodyId]:
@@ -180,7 +184,7 @@ def held_bodies(engine: Engine, drives: RobotDrives) -> dict[str, BodyId]:
         for contact in engine.contacts():
             for one, other in ((contact.a, contact.b), (contact.b, contact.a)):
                 if one in drives.gripper_bodies and other is not None and other not in drives.link_of_body:
-                    touched.setdefault(other, set()).add(one)  # type: ignore[arg-type]
+                    touched.setdefault(other, set()).add(one)
         for name, fingers in drives.finger_bodies.items():
             both = [body for body, by in touched.items() if sum(not by.isdisjoint(each) for each in fingers) > 1]
             if both:
@@ -417,7 +421,7 @@ class _GripperGoal(MotionGoal):
         return brake_joints(view.positions(self._drives), view.velocities(self._drives), self._drives, used)
 
     def _target_travel(self) -> Array:
-        return np.array(self._gripper.open_positions) - np.array(self._gripper.closed_positions)
+        return np.asarray(np.subtract(self._gripper.open_positions, self._gripper.closed_positions))
 
     def _is_pushing(self, actual: Array) -> bool:
         """Whether the reference is as far ahead as the force allows, or at the target."""
@@ -428,8 +432,8 @@ class _GripperGoal(MotionGoal):
     def _end_stalled(self, view: ControlView, opening_m: float, error: Mapping[str, float]) -> None:
         hand = frozenset[BodyId]().union(*(each.moved for each in self._drives))
         if self._opening_m <= self._starts_open:
-            between = _named(tuple(view.obstacles(hand))) if view.obstacles(hand) else "something"
-            reason = f"stopped by {between} at an opening of {opening_m:.3f} m"
+            touched = view.touched(hand)
+            reason = f"stopped by {_named(touched) or 'a limit'} at an opening of {opening_m:.3f} m"
             self.end(MotionOutcome.SUCCEEDED, reason, error=error, stalled=True)
         else:
             obstacles = view.obstacles(hand)
@@ -558,7 +562,7 @@ class _PathGoal(_BaseGoal):
             points.append(point)
         if self._base.type is BaseType.DIFFERENTIAL:
             points = differential_path(points)
-        kept = [points[0], *(b for a, b in zip(points, points[1:], strict=False) if np.abs(b - a).max() > 1e-6)]
+        kept = [points[0], *(b for a, b in pairwise(points) if np.abs(b - a).max() > 1e-6)]
         self._points = np.array(kept)
         velocity, turn = self._base.velocity * self._speed, self._base.turn_velocity * self._speed
         steps = np.diff(self._points, axis=0)
@@ -776,9 +780,10 @@ class RobotController:
     def reset(self, engine: Engine) -> None:
         """See `Controller`."""
         self._end_all("the world was reset")
-        if Capability.ACTUATORS in engine.capabilities and self.drives.exist_in(engine):
-            if not self.drives.actuators <= engine.actuator_states().keys():
-                self.drives.add_to(engine)
+        if Capability.ACTUATORS not in engine.capabilities or not self.drives.exist_in(engine):
+            return
+        if not self.drives.actuators <= engine.actuator_states().keys():
+            self.drives.add_to(engine)
 
     def start_trajectory(
         self,
@@ -869,6 +874,20 @@ class RobotController:
         goal.command(velocity)
         self._start(goal, self._view(engine))
         return goal
+
+    def set_base_pose(self, engine: Engine, pose: tuple[float, float, float]) -> None:
+        """See `Robot.set_base_pose`."""
+        base = self._base()
+        if not all(math.isfinite(value) for value in pose):
+            raise self._refused("a pose of the base", "it is not finite", "correct it")
+        self._view(engine)
+        for goal in self._goals:
+            if goal.actuators & set(base.actuators):
+                goal.end(MotionOutcome.CANCELED, "the base was put elsewhere", failure=MotionFailure.RESET)
+        self._goals = tuple(goal for goal in self._goals if goal.result is None)
+        engine.set_pose(base.root, base.root_pose(pose))
+        states = engine.actuator_states()
+        engine.set_commands({name: states[name].position for name in base.actuators})
 
     def stop(self) -> None:
         """Cancels all goals."""

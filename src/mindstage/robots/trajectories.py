@@ -1,8 +1,8 @@
 """Joint trajectories: what they may be, and the positions and velocities between their points.
 
-Between two points a trajectory is interpolated as ROS 2's `joint_trajectory_controller` does: linearly if either end has
-no velocities, by a cubic spline if both have velocities, by a quintic one if both have accelerations too. Lengths are in
-meters, angles in radians.
+Between two points a trajectory is interpolated as ROS 2's `joint_trajectory_controller` does: linearly if either end
+has no velocities, by a cubic spline if both have velocities, by a quintic one if both have accelerations too. Lengths
+are in meters, angles in radians.
 """
 
 from __future__ import annotations
@@ -223,7 +223,7 @@ def _check_form(trajectory: JointTrajectory, limits: Mapping[str, RobotJoint], r
             ("accelerations", point.accelerations),
         )
         for kind, values in rows:
-            if values and len(values) != count or (kind == "positions" and not values):
+            if (values and len(values) != count) or (kind == "positions" and not values):
                 cause = f"point {number} has {len(values or ())} {kind} for {count} joints"
                 raise _refused(robot, what, cause, "give one number for each joint")
             if not all(math.isfinite(value) for value in values or ()):
@@ -240,7 +240,7 @@ def _check_form(trajectory: JointTrajectory, limits: Mapping[str, RobotJoint], r
 
 
 def _check_positions(
-    trajectory: JointTrajectory, joints: Sequence[RobotJoint], times: Array, positions: Array, check: _Refusals
+    trajectory: JointTrajectory, joints: Sequence[RobotJoint], times: Array, positions: Array, robot: str
 ) -> None:
     """Refuses positions beyond a limit; those that are so by rounding are moved to it."""
     for column, joint in enumerate(joints):
@@ -328,9 +328,10 @@ def _check_extremes(spline: JointSpline, joints: Sequence[RobotJoint], robot: st
             )
         for limit, sign in ((joint.lower, -1.0), (joint.upper, 1.0)):
             if limit is not None and (sign * (position - limit)).max() > _BETWEEN_SLACKS[joint.type]:
+                worst = float(position.flat[int((sign * position).argmax())])
                 raise _refused(
                     robot,
-                    f"{joint.name} = {float(position.flat[int((sign * position).argmax())]):.4g} {unit} between two points",
+                    f"{joint.name} = {worst:.4g} {unit} between two points",
                     f"its limit is {limit:.4g} {unit}",
                     "give the points near it smaller velocities",
                 )
