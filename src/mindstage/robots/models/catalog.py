@@ -123,6 +123,7 @@ _MODELS = (
         title="Fetch Robotics Fetch, as MJCF",
         package="gymnasium-robotics",
         file=f"{_GYMNASIUM}/fetch/reach.xml",
+        srdf="fetch.srdf",
     ),
 )
 
