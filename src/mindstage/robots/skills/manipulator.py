@@ -157,6 +157,12 @@ class Manipulator:
             if not (may_touch and result.failure is MotionFailure.BLOCKED):
                 self._require(result, "approach it from another side")
 
+    def withdrawing(self, target: Array) -> SkillMotion:
+        """Moves the grasp frame straight towards a pose, as far as the arm and the base follow, or until a contact."""
+        path = self.path(interpolated_poses(self.grasp_pose, target), may_drive=self.is_mobile)
+        if path.reached >= 2:
+            yield from self.following(path, speed=0.3)
+
     def path(self, poses: Array, *, free: str = "", may_drive: bool = False) -> ArmPath:
         """The motion of the arm from its present state along poses of the grasp frame, n x 7."""
         return follow_poses(
