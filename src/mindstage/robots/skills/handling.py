@@ -435,7 +435,7 @@ def _spun(pose: Array, turn: float) -> Array:
 def _letting_go(task: SkillTask, hand: Manipulator) -> SkillMotion:
     """Releases what is held, and withdraws the hand."""
     held = hand.held
-    opening = hand.robot.gripper_opening(hand.gripper.name)
+    opening = hand.robot.opening(hand.gripper.name)
     if held is not None and _is_fixed(task, hand, held):
         task.session.run_on_engine(lambda engine: engine.detach(held), label="detach", edits=True)
     yield from hand.opening(min(opening + 2 * _ROOM_M, hand.gripper.max_opening_m))
