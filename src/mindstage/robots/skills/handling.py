@@ -34,6 +34,8 @@ _BACK_M = 0.12
 """Length of the straight line on which the hand comes to a thing, and withdraws from it."""
 _LIFT_M = 0.04
 """Height to which a thing is lifted before it is moved away, and from which it is put down."""
+_GAP_M = 0.006
+"""Height above a surface at which what is put down still counts as free of collisions."""
 _DRIFT_M = 0.025
 """A thing that has moved farther in the gripper while it was lifted is not held."""
 _MAX_GRASPS = 24
@@ -364,9 +366,9 @@ def _placing(task: SkillTask, hand: Manipulator, id: BodyId, support: BodyId, *,
     in_hand = pose_multiply(pose_inverse(surroundings.pose(id)), hand.grasp_pose)
     stance = _placing_stance(hand, id, support, places, in_hand)
     yield from hand.driving_to(stance.base, why=f"to reach {support}")
-    yield from hand.moving_to(stance.start, why=f"in front of {support}", touch=(support,))
-    at = stance.grasp.pose
-    above = at + np.array([0.0, 0.0, _LIFT_M, 0.0, 0.0, 0.0, 0.0])
+    yield from hand.moving_to(stance.start, why=f"in front of {support}")
+    at = stance.grasp.pose - np.array([0.0, 0.0, _GAP_M, 0.0, 0.0, 0.0, 0.0])
+    above = at + np.array([0.0, 0.0, _LIFT_M + _GAP_M, 0.0, 0.0, 0.0, 0.0])
     yield from hand.moving_straight(above, why=f"over {support}", speed=0.25)
     yield from hand.moving_straight(at, why=f"down on {support}", speed=0.15, may_touch=True)
     yield from _letting_go(task, hand)
@@ -384,11 +386,12 @@ def _placing_stance(
 ) -> Stance:
     """Where to stand, and at which of the places what is held is put down; those nearest to free floor come first."""
     lifts = np.array([[0.0, 0.0, height, 1.0, 0.0, 0.0, 0.0] for height in np.linspace(0.0, _LIFT_M, 3)])
+    raised = np.array([0.0, 0.0, _GAP_M, 0.0, 0.0, 0.0, 0.0])
     floor = FloorMap(hand.robot) if hand.is_mobile else None
     error: UnreachableError | None = None
     for pose in _nearest_to_floor([normalized_pose_array(each) for each in places], floor)[:_PLACES]:
         options = [
-            Grasp(pose_multiply(_spun(pose, turn), in_hand), 0.0, is_by_friction=True, is_whole=True, is_central=True)
+            Grasp(pose_multiply(_spun(pose, turn) + raised, in_hand), 0.0, is_by_friction=True, is_whole=True, is_central=True)
             for turn in (0.0, pi)
         ]
         request = StanceRequest(
@@ -397,7 +400,6 @@ def _placing_stance(
             lifts,
             _BACK_M,
             lift_m=_LIFT_M,
-            touched=(support,),
             least=0.9,
             budget_s=_PLACE_BUDGET_S,
         )
