@@ -8,12 +8,14 @@ their poses would grow without limit.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.engines.base import MovedBody
+from mindstage.engines.base import Engine, MovedBody
+from mindstage.errors import SimulationDivergedError
 from mindstage.scene import BodyId, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.transforms import Array
@@ -24,9 +26,9 @@ __all__ = [
     "REST_CHECK_S",
     "PlaceBounds",
     "belongs_to_place",
+    "find_bodies_that_move",
     "find_ground_height",
     "find_moved_bodies",
-    "find_moved_bodies_of",
     "find_unsupported",
 ]
 
@@ -36,6 +38,7 @@ MOVED_DISTANCE_M = 0.1
 """Bodies that move farther right after the spawn are reported [m]."""
 REST_CHECK_S = 2.0
 """Simulated time for which bodies are observed after a spawn [s]."""
+_REST_CHECK_STEP_S = 0.1
 
 _MAX_PLACE_EXTENT_M = 30.0
 """Larger bodies are scenery, such as a panorama, and do not belong to the place."""
@@ -179,10 +182,13 @@ def find_moved_bodies(
     )
 
 
-def find_moved_bodies_of(
-    worlds: Iterable[World], ids: tuple[BodyId, ...], poses: Array, later_ids: tuple[BodyId, ...], later_poses: Array
-) -> tuple[MovedBody, ...]:
-    """The bodies of worlds that did not stay, of those that still exist, farthest first."""
+def find_bodies_that_move(engine: Engine, worlds: Iterable[World]) -> tuple[MovedBody, ...]:
+    """Steps an engine by `REST_CHECK_S`, and returns the bodies of worlds that moved away meanwhile, farthest first."""
+    ids, poses = engine.poses()
+    with suppress(SimulationDivergedError):  # what diverged is far away
+        for _ in range(round(REST_CHECK_S / _REST_CHECK_STEP_S)):
+            engine.step(_REST_CHECK_STEP_S)
+    later_ids, later_poses = engine.poses()
     if ids != later_ids:
         rows = {id: row for row, id in enumerate(later_ids)}
         kept = [row for row, id in enumerate(ids) if id in rows]

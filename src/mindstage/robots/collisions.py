@@ -15,6 +15,7 @@ import numpy as np
 
 from mindstage.engines.base import Engine, SpawnOptions
 from mindstage.engines.mujoco.kinematics import ContactModel
+from mindstage.robots.drives import links_moved_by, planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.model import RobotJoint, RobotModel
 from mindstage.robots.world import RobotWorld
 from mindstage.scene import BodyId
@@ -22,7 +23,7 @@ from mindstage.scene.transforms import Array
 from mindstage.simulation.imagined import copied_engine
 from mindstage.simulation.state import EngineSession
 
-__all__ = ["Collision", "CollisionChecker", "MotionRobot", "links_moved_by"]
+__all__ = ["Collision", "CollisionChecker", "MotionRobot"]
 
 CLEARANCE_M = 0.005
 """Distance that planned motions keep from the place [m]."""
@@ -77,19 +78,33 @@ class Collision(msgspec.Struct, frozen=True, kw_only=True):
 
     def __str__(self) -> str:
         other = "the ground" if self.obstacle is None else self.obstacle
-        if self.distance_m < 0.0:
-            return f"{self.part} is {-self.distance_m * 1000:.2g} mm inside {other}"
-        return f"{self.part} is {self.distance_m * 1000:.2g} mm from {other}"
+        distance = abs(self.distance_m) * 1000
+        text = f"{distance:.0f}" if distance >= 10.0 else f"{distance:.2g}"
+        return f"{self.part} is {text} mm {'inside' if self.distance_m < 0.0 else 'from'} {other}"
 
 
-def links_moved_by(model: RobotModel, joints: Iterable[str]) -> frozenset[str]:
+def _in_mujoco(engine: Engine, session: EngineSession) -> Engine:
+    """A copy of the world of another engine in MuJoCo."""
+    options = SpawnOptions(immovable=session.immovable)
+    return copied_engine(engine, worlds=session.worlds, geometry=session.geometry, options=options, physics=True)[0]
+
+
+def _moved_links(model: RobotModel, joints: Iterable[str]) -> frozenset[str]:
     """The links that some joints move, with those of joints that mimic them."""
-    driving, links = set(joints), set()
-    driving |= {joint.name for joint in model.joints if joint.mimic is not None and joint.mimic.joint in driving}
+    names = set(joints)
+    drives = [
+        each for each in model.joints if each.name in names or (each.mimic is not None and each.mimic.joint in names)
+    ]
+    return frozenset(link for each in drives for link in links_moved_by(model, each))
+
+
+def _hand_links(model: RobotModel) -> frozenset[str]:
+    """The links of the grippers: those that carry the fingers, and all behind them."""
+    hands = {each.link for each in model.grippers}
     for joint in model.joints:  # parents come first
-        if joint.name in driving or joint.parent in links:
-            links.add(joint.child)
-    return frozenset(links)
+        if joint.parent in hands:
+            hands.add(joint.child)
+    return frozenset(hands)
 
 
 class CollisionChecker:
@@ -122,28 +137,17 @@ class CollisionChecker:
             KeyError: there is no such joint.
         """
         model, link_ids = robot.model, robot.placed.link_ids
-        names = tuple(joint.name for joint in model.actuated_joints) if joints is None else tuple(joints)
-        self.joints = names
-        links = {link.name for link in model.links} if base_moves else links_moved_by(model, names)
-        self._robot = robot
-        self._held = tuple(robot.held.values())
-        moving = {link_ids[link] for link in links if link in link_ids}
+        self.joints = tuple(each.name for each in model.actuated_joints) if joints is None else tuple(joints)
+        self._robot, self._clearance_m = robot, clearance_m
+        links = {link.name for link in model.links} if base_moves else _moved_links(model, self.joints)
+        held = robot.held
         carried = {
-            id: link_ids[gripper.link]
-            for gripper in model.grippers
-            if (id := robot.held.get(gripper.name)) is not None and gripper.link in links
+            held[each.name]: link_ids[each.link] for each in model.grippers if each.name in held and each.link in links
         }
-        moving |= carried.keys()
-        self._clearance_m = clearance_m
+        moving = {link_ids[link] for link in links if link in link_ids}
 
         def copy(engine: Engine) -> ContactModel:
-            options = SpawnOptions(immovable=robot.session.immovable)
-            session = robot.session
-            source: Any = engine
-            if engine.name != "mujoco":
-                source, _ = copied_engine(
-                    engine, worlds=session.worlds, geometry=session.geometry, options=options, physics=True
-                )
+            source: Any = engine if engine.name == "mujoco" else _in_mujoco(engine, robot.session)
             return ContactModel(
                 source.compiled(), moving=moving, ignored=ignore, carried=carried, clearance_m=max(clearance_m, 0.0)
             )
@@ -151,17 +155,26 @@ class CollisionChecker:
         self._contacts = robot.session.run_on_engine(copy, label="copy for collisions")
         self._set_joints()
         self._base_joint = robot.placed.base_joint_id if base_moves else None
-        own = {*link_ids.values(), *self._held}
-        ids = self._contacts.ids
-        self._is_own = np.array([id in own for id in ids])
-        grippers = links_moved_by(model, [name for each in model.grippers for name in each.joints])
-        hands = {link_ids[link] for link in {*grippers, *(each.link for each in model.grippers)}}
-        self._is_hand = np.array([id in hands or id in self._held for id in ids])
-        self._may_be_touched = np.array([id in touch for id in ids])
-        self._allowed: dict[tuple[int, int], float] = {}
-        for row, other, distance in self._too_near():
+        root = robot.link_pose(model.root)
+        at = (float(root[0]), float(root[1]), yaw_of(root[3:]))
+        self._root_in_base = planar_multiply(planar_inverse(robot.base_pose()), at)
+        self._classify(touch)
+        nearest: dict[tuple[int, int], float] = {}
+        for row, other, distance in self._too_near({}):
             key = (min(row, other), max(row, other))
-            self._allowed[key] = min(distance, self._allowed.get(key, distance)) - _START_SLACK_M
+            nearest[key] = min(distance, nearest.get(key, distance))
+        self._allowed = {key: distance - _START_SLACK_M for key, distance in nearest.items()}
+        """The distances of the pairs that are too near in the present state."""
+
+    def _classify(self, touch: Collection[BodyId]) -> None:
+        """Finds out which bodies are parts of the robot, of its hands, or may be touched by them."""
+        link_ids, ids = self._robot.placed.link_ids, self._contacts.ids
+        links = set(link_ids.values())
+        held = self._contacts.moving - links
+        hands = {link_ids[link] for link in _hand_links(self._robot.model)} | held
+        self._is_own = np.array([id in links or id in held for id in ids])
+        self._is_hand = np.array([id in hands for id in ids])
+        self._may_be_touched = np.array([id in touch for id in ids])
 
     def _set_joints(self) -> None:
         """Computes the map from values of `joints` to coordinates."""
@@ -195,11 +208,12 @@ class CollisionChecker:
 
         Args:
             values: positions of `joints`, in their order [m or rad].
-            base: x, y [m] and yaw [rad] of the root link, if the base is moved; None for where it was last.
+            base: x, y [m] and yaw [rad] of the base, as `MotionRobot.base_pose`, if it is moved; None for where it
+                was last.
         """
         contacts = self._contacts
         if base is not None and self._base_joint is not None:
-            contacts.set_planar_pose(self._base_joint, *base)
+            contacts.set_planar_pose(self._base_joint, *planar_multiply(base, self._root_in_base))
         contacts.data.qpos[self._addresses] = self._factors * np.asarray(values)[self._columns] + self._offsets
         contacts.update()
         contacts.carry()
@@ -213,6 +227,19 @@ class CollisionChecker:
         assert part is not None  # the ground is not a part of a robot
         return Collision(part=part, obstacle=obstacle, distance_m=distance)
 
+    def set_joint(self, joint: BodyId, position: float) -> None:
+        """Moves a joint of the place, such as that of a door, for all states that are tested from now on.
+
+        Args:
+            joint: the joint; it has one axis.
+            position: relative to its spawned position [m or rad].
+
+        Raises:
+            KeyError: the joint is not simulated.
+        """
+        address, sign = self._contacts.address(joint)
+        self._contacts.data.qpos[address] = sign * position
+
     def find_at(
         self, positions: Mapping[str, float], base: tuple[float, float, float] | None = None
     ) -> Collision | None:
@@ -223,7 +250,7 @@ class CollisionChecker:
         """Whether a state is free of collisions; see `find`."""
         return self.find(values) is None
 
-    def _too_near(self, allowed: Mapping[tuple[int, int], float] | None = None) -> list[tuple[int, int, float]]:
+    def _too_near(self, allowed: Mapping[tuple[int, int], float]) -> list[tuple[int, int, float]]:
         """Rows and distances of the pairs that are nearer than they may be."""
         geoms, distances = self._contacts.near_geoms()
         if not len(distances):
@@ -236,7 +263,7 @@ class CollisionChecker:
         for number in np.flatnonzero(near & ~touching).tolist():
             row, other = rows[number].tolist()
             distance = float(distances[number])
-            limit = (allowed or {}).get((min(row, other), max(row, other)))
+            limit = allowed.get((min(row, other), max(row, other)))
             if limit is None or distance < limit:
                 found.append((row, other, distance))
         return found

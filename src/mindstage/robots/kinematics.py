@@ -38,7 +38,7 @@ BASE_JOINTS = ("base.x", "base.y", "base.yaw")
 _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 _ORIENTATION_COST = 0.3
 """Meters that count as much as one radian."""
-_POSTURE_COST = 1e-3
+_POSTURE_COST = 3e-4
 _DAMPING = 1e-6
 _LM_DAMPING = 1e-2
 _MAX_STEP = 0.6
@@ -249,7 +249,7 @@ class RobotKinematics:
         root_pose: Array | None = None,
         free: str = "",
         tolerance: IkTolerance | None = None,
-        attempts: int = 12,
+        attempts: int = 16,
     ) -> IkResult:
         """Finds positions of joints in which a frame has a pose.
 
@@ -477,7 +477,7 @@ def _iterate(problem: _Problem, start: Array) -> _Attempt:
         weighted = jacobian @ columns
         hessian = weighted.T @ weighted
         hessian.flat[:: len(rows) + 1] += _DAMPING + damping + _POSTURE_COST**2
-        gradient = -(error @ weighted) + _POSTURE_COST**2 * (q[rows] - problem.start[rows])
+        gradient = -(error @ weighted) + _POSTURE_COST**2 * (q[rows] - start[rows])
         step = _bounded_step(
             hessian, gradient, np.clip(lower - q[rows], -_MAX_STEP, 0.0), np.clip(upper - q[rows], 0.0, _MAX_STEP)
         )

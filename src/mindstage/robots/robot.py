@@ -102,7 +102,9 @@ class Robot:
         self.controller = controller
         self.report = report
         self._placed = placed
-        self._root = placed.link_ids[model.root]
+        self._seen: tuple[BodyId, ...] | None = None
+        """The ids for which `exists` was computed."""
+        self._exists = True
         joints = {joint.id: joint for joint in placed.world.joints}
         self._axes = {
             name: (id, axes[0].index) for name, id in placed.joint_ids.items() if (axes := movable_axes(joints[id]))
@@ -139,7 +141,10 @@ class Robot:
     @property
     def exists(self) -> bool:
         """Whether its bodies are in the simulation."""
-        return self._root in self.session.state.ids
+        ids = self.session.state.ids
+        if self._seen is not ids:
+            self._seen, self._exists = ids, self.body_ids <= set(ids)
+        return self._exists
 
     def joint_states(self) -> dict[str, JointState]:
         """The state of each joint that moves, in the order of the model."""
@@ -218,7 +223,7 @@ class Robot:
             )
         return found[0]
 
-    def gripper_opening(self, gripper: str = "") -> float:
+    def opening(self, gripper: str = "") -> float:
         """The distance between the finger pads of a gripper [m]."""
         record, positions = self.gripper(gripper), self.joint_positions()
         return gripper_opening(record, [positions[name] for name in record.joints])
@@ -252,6 +257,16 @@ class Robot:
         forward = np.array([np.cos(heading), np.sin(heading)])
         left = np.array([-forward[1], forward[0]])
         return Odometry(x=x, y=y, yaw=yaw, vx=float(velocity @ forward), vy=float(velocity @ left), wz=float(wz))
+
+    def set_base_pose(self, x: float, y: float, yaw: float) -> None:
+        """Puts the base at another place at once, at rest: x, y [m] and yaw [rad] of the base link in the world frame.
+
+        Raises:
+            CommandRefusedError: the base is fixed.
+        """
+        self.session.run_on_engine(
+            lambda engine: self.controller.set_base_pose(engine, (x, y, yaw)), label="set base pose", edits=True
+        )
 
     # -- goals ---------------------------------------------------------------------------------------------
 

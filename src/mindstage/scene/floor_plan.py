@@ -292,11 +292,15 @@ class FloorPlan:
         Returns:
             n lengths on the grid [m]; infinite without a path.
         """
-        length = np.asarray(self._search(starts)[0])
+        length = self.lengths(starts)
         found = np.full(len(polygons), np.inf)
         for cells, rows in self._grid.near(polygons, reach, used=np.isfinite(length)):
             np.minimum.at(found, rows, length[cells])
         return found
+
+    def lengths(self, starts: Indices) -> Array:
+        """The length of the shortest path from some cells to each cell of the flat grid [m]; infinite without one."""
+        return np.asarray(self._search(starts)[0])
 
     def path(self, starts: Indices, goals: Indices) -> FloorPath | None:
         """The shortest path from one of some free cells to one of others; None if there is none."""

@@ -27,13 +27,11 @@ from mindstage.engines.base import (
     SpawnNote,
     SpawnReport,
 )
-from mindstage.engines.place import REST_CHECK_S, find_moved_bodies_of
+from mindstage.engines.place import REST_CHECK_S, find_bodies_that_move
 from mindstage.errors import (
     EngineClosedError,
     EngineError,
     InvalidArgumentError,
-    RobotNotFoundError,
-    SimulationDivergedError,
     SimulationError,
 )
 from mindstage.knowledge import KnowledgeBase, SparqlResult
@@ -45,7 +43,7 @@ from mindstage.knowledge.sentences import resolve_question
 from mindstage.scene import IDENTITY, Body, BodyId, Color, GeometryMap, Pose, Vector, World
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
-from mindstage.simulation.controllers import Controller, ControllerSchedule
+from mindstage.simulation.controllers import Controller, ControllerSchedule, find_robot
 from mindstage.simulation.engine_thread import DirectCalls, EditHold, EngineThread, RealTimeClock
 from mindstage.simulation.geometry_provider import GeometryProvider, with_geometry_notes, with_immovable_notes
 from mindstage.simulation.highlights import (
@@ -67,7 +65,7 @@ from mindstage.simulation.joint_motion import SimulationJoint, find_joint
 from mindstage.simulation.observation import ClientDirectory, Observers, SimulationObserver, current_client
 from mindstage.simulation.placement import PlacementResult, make_body, place_body
 from mindstage.simulation.state import StateSnapshot
-from mindstage.simulation.undo import UndoStack
+from mindstage.simulation.undo import StartState, UndoStack
 
 if TYPE_CHECKING:
     from mindstage.episodes.recorder import Recorder
@@ -81,16 +79,6 @@ __all__ = ["Simulation"]
 
 T = TypeVar("T")
 R = TypeVar("R", bound=AnswerRow)
-
-
-class _StartState(msgspec.Struct, frozen=True, eq=False):
-    """What `Simulation.reset_to_start` restores."""
-
-    worlds: tuple[World, ...] = ()
-    temporary_worlds: tuple[World, ...] = ()
-    report_count: int = 0
-    state: SavedState | None = None
-    """None if the engine cannot save its state; the worlds are then spawned again."""
 
 
 _PICKLED_FIELDS = (
@@ -150,7 +138,7 @@ class Simulation:
         self._initial_state_is_due = False
         self._edit_hold = EditHold()
         self._late_end_callbacks: tuple[Callable[[str, BaseException | None], None], ...] = ()
-        self._start: _StartState | None = None
+        self._start: StartState | None = None
         self._clock: RealTimeClock | None = None
         self._perturbations = Perturbations()
         self._controllers = ControllerSchedule()
@@ -282,18 +270,10 @@ class Simulation:
 
         def check(engine: Engine) -> tuple[MovedBody, ...]:
             before = engine.save_state() if Capability.SAVE in engine.capabilities else None
-            ids, poses = engine.poses()
             try:
-                with suppress(SimulationDivergedError):  # what diverged is far away
-                    for _ in range(round(REST_CHECK_S / _STEP_CHUNK_S)):
-                        engine.step(_STEP_CHUNK_S)
-                return find_moved_bodies_of(self.worlds, ids, poses, *engine.poses())
+                return find_bodies_that_move(engine, self.worlds)
             finally:
-                if before is not None:
-                    engine.restore_state(before)
-                else:
-                    engine.clear()
-                    self._respawn(engine, self._worlds)
+                self._restore(engine, before, self._worlds)
 
         return self.run_on_engine(check, label="check rest", timeout_s=self.timeout_s * 6 * (1 + REST_CHECK_S))
 
@@ -327,15 +307,19 @@ class Simulation:
         def reset(engine: Engine) -> None:
             self._perturbations.clear()
             self._error = ""
-            if self._initial_state is not None:
-                engine.restore_state(self._initial_state)
-            else:
-                engine.clear()
-                self._respawn(engine, self._worlds)
+            self._restore(engine, self._initial_state, self._worlds)
             self._controllers.reset(engine)
             self._highlights.reapply(engine)
 
         self.run_on_engine(reset, label="reset", edits=True, timeout_s=self.timeout_s * 3)
+
+    def _restore(self, engine: Engine, state: SavedState | None, worlds: Iterable[World]) -> None:
+        """Restores a saved state; without one, worlds are spawned again."""
+        if state is not None:
+            engine.restore_state(state)
+        else:
+            engine.clear()
+            self._respawn(engine, worlds)
 
     def _respawn(self, engine: Engine, worlds: Iterable[World]) -> None:
         """Spawns worlds that were spawned before."""
@@ -346,7 +330,7 @@ class Simulation:
     @property
     def start_ids(self) -> frozenset[BodyId]:
         """The bodies of the start, to which `reset_to_start` returns."""
-        start = self._start or _StartState()
+        start = self._start or StartState()
         return frozenset(body.id for world in (*start.worlds, *start.temporary_worlds) for body in world.bodies)
 
     def mark_start(self) -> None:
@@ -367,15 +351,12 @@ class Simulation:
         """
 
         def reset(engine: Engine) -> None:
-            start, present = self._start or _StartState(), set(engine.poses()[0])
+            start, present = self._start or StartState(), set(engine.poses()[0])
             later = (*self._worlds[len(start.worlds) :], *self._temporary_worlds[len(start.temporary_worlds) :])
             self._perturbations.clear()
             self._error = ""
-            if start.state is not None:
-                engine.restore_state(start.state)
-            else:
-                engine.clear()
-                self._respawn(engine, (*start.worlds, *start.temporary_worlds))
+            self._restore(engine, start.state, (*start.worlds, *start.temporary_worlds))
+            self._controllers.reset(engine)
             self._initial_state = start.state
             if keep_spawned:
                 added = present - self.start_ids
@@ -383,7 +364,6 @@ class Simulation:
             else:
                 self._worlds, self._temporary_worlds = start.worlds, start.temporary_worlds
                 self._reports = self._reports[: start.report_count]
-            self._controllers.reset(engine)
             self._highlights.reapply(engine)
 
         self.run_on_engine(reset, label="reset", edits=True, timeout_s=self.timeout_s * 3)
@@ -416,12 +396,7 @@ class Simulation:
         return self._engine_error
 
     def ping(self, *, timeout_s: float | None = None) -> float:
-        """Calls the engine, and returns the round-trip time [s].
-
-        Raises:
-            EngineError: the engine does not respond.
-            SimulationTimeoutError: the engine is busy or hangs.
-        """
+        """Calls the engine, and returns the round-trip time [s]; raises what `run_on_engine` raises."""
         start = time.perf_counter()
         self.run_on_engine(lambda engine: engine.time_s, label="ping", timeout_s=timeout_s)
         return time.perf_counter() - start
@@ -551,8 +526,7 @@ class Simulation:
         """Highlights bodies in a color, or removes their highlight.
 
         Highlights add up; a body that is highlighted twice has the later color, and highlighting something again with
-        the same label replaces what was highlighted with it before. An IRI, or an answer, that has no body here is
-        listed in the result with the reason.
+        the same label replaces what was highlighted with it before.
 
         Args:
             shown: the id or IRI of a body, an answer, several of these, or all answers to a question. Of answers it is
@@ -795,8 +769,8 @@ class Simulation:
         """
         from mindstage.saving import save_world
 
-        world = self.snapshot()
-        if not robots and (parts := {id for robot in self._robots.values() for id in robot.body_ids}):
+        world, parts = self.snapshot(), {id for robot in self._robots.values() for id in robot.body_ids}
+        if parts and not robots:
             world = world_with_bodies(world, {body.id for body in world.bodies} - parts, ())
         return save_world(
             world,
@@ -846,13 +820,18 @@ class Simulation:
         Raises:
             RobotNotFoundError: there is no robot of that name, or not exactly one and no name is given.
         """
-        robots = self.robots
-        if not name and len(robots) == 1:
-            return next(iter(robots.values()))
-        if name not in robots:
-            known = f"there is {', '.join(robots)}" if robots else "add one with `add_robot`"
-            raise RobotNotFoundError(name, remedy=known if name or not robots else f"give a name: {known}")
-        return robots[name]
+        return find_robot(self.robots, name)
+
+    def remove_robot(self, name: str = "") -> None:
+        """Deletes a robot, by default the only one; see `robot`."""
+        robot = self.robot(name)
+
+        def remove(engine: Engine) -> None:
+            engine.delete(robot.body_ids & set(engine.poses()[0]))
+            self._controllers.remove(robot.controller_name, robot.controller)
+            self._robots = {key: each for key, each in self._robots.items() if each is not robot}
+
+        self.run_on_engine(remove, label="remove robot", edits=True)
 
     def add_controller(self, name: str, controller: Controller) -> Callable[[], None]:
         """Adds a controller of actuators, which is copied and reset together with the simulation.
@@ -979,8 +958,8 @@ class Simulation:
         for callback in self._late_end_callbacks:
             callback(label, error)
 
-    def _start_state(self) -> _StartState:
-        return _StartState(self._worlds, self._temporary_worlds, len(self._reports), self._initial_state)
+    def _start_state(self) -> StartState:
+        return StartState(self._worlds, self._temporary_worlds, len(self._reports), self._initial_state)
 
     def _publish(self, *, edits: bool = False) -> None:
         self._revision += edits

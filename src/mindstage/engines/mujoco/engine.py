@@ -95,6 +95,8 @@ class ModelCache:
         self._fast_bodies: set[BodyId] = set()
         """Bodies that were reported as fast."""
         self._scales: dict[BodyId, DynamicsScale] = {}
+        self.unchecked_steps = 0
+        """Number of time steps since falling bodies were checked."""
 
     def copy(self) -> ModelCache:
         """An independent copy, stale if this one is; compiled models are immutable and shared."""
@@ -106,6 +108,7 @@ class ModelCache:
         result._stale_poses = self._stale_poses
         result._changed_boxes, result._kinematics_driven = list(self._changed_boxes), self._kinematics_driven
         result._fast_bodies, result._scales = set(self._fast_bodies), dict(self._scales)
+        result.unchecked_steps = self.unchecked_steps
         return result
 
     # -- state ------------------------------------------------------------------------------------------------
@@ -494,9 +497,13 @@ class MujocoEngine:
         cache.builder.mark_simulated()
         if self._forces:
             self._apply_forces(compiled)
-        for done in range(0, steps, _MAX_UNCHECKED_STEPS):
-            mujoco.mj_step(compiled.model, compiled.data, nstep=min(_MAX_UNCHECKED_STEPS, steps - done))
-            if done + _MAX_UNCHECKED_STEPS < steps:
+        remaining = steps
+        while remaining > 0:
+            count = min(_MAX_UNCHECKED_STEPS - cache.unchecked_steps, remaining)
+            mujoco.mj_step(compiled.model, compiled.data, nstep=count)
+            remaining -= count
+            cache.unchecked_steps = (cache.unchecked_steps + count) % _MAX_UNCHECKED_STEPS
+            if remaining and not cache.unchecked_steps:
                 cache.check_free_bodies()
                 if cache.stale:
                     compiled = self._continue_with_new_model(cache)
@@ -505,7 +512,8 @@ class MujocoEngine:
             compiled.data.xfrc_applied[:] = 0.0
             self._forces.clear()
         cache.late_notes.extend(_check_warnings(compiled))
-        cache.check_free_bodies()
+        if not cache.unchecked_steps:
+            cache.check_free_bodies()
 
     def _continue_with_new_model(self, cache: ModelCache) -> CompiledModel:
         """The model after a body was stopped within a step; the forces of the step still act."""
@@ -706,11 +714,12 @@ def _check_warnings(compiled: CompiledModel) -> list[SpawnNote]:
     Raises:
         SimulationDivergedError: the state is not finite.
     """
-    notes = []
-    for kind in range(int(mujoco.mjtWarning.mjNWARNING)):
+    notes: list[SpawnNote] = []
+    counts = compiled.data.warning.number
+    if not counts.any():
+        return notes
+    for kind in np.flatnonzero(counts).tolist():
         counter = compiled.data.warning[kind]
-        if not counter.number:
-            continue
         counter.number = 0
         warning = mujoco.mjtWarning(kind)
         if warning in _DIVERGENCE_WARNINGS:

@@ -257,14 +257,15 @@ def set_commands(compiled: CompiledModel, commands: Mapping[str, float]) -> None
 def actuator_states(compiled: CompiledModel, actuators: ActuatorSet) -> dict[str, ActuatorState]:
     """See `Engine.actuator_states`."""
     names, data = compiled.actuators.names, compiled.data
+    signs = compiled.actuators.signs
     columns = (
-        compiled.actuators.signs * data.qpos[compiled.actuators.positions],
-        compiled.actuators.signs * data.qvel[compiled.actuators.dofs],
-        data.actuator_force,
-        data.ctrl,
+        (signs * data.qpos[compiled.actuators.positions]).tolist(),
+        (signs * data.qvel[compiled.actuators.dofs]).tolist(),
+        data.actuator_force.tolist(),
+        data.ctrl.tolist(),
     )
     states = dict.fromkeys(actuators.actuators, _NOT_SIMULATED)
-    for name, position, velocity, effort, command in zip(names, *(each.tolist() for each in columns), strict=True):
+    for name, position, velocity, effort, command in zip(names, *columns, strict=True):
         states[name] = ActuatorState(position=position, velocity=velocity, effort=effort, command=command)
     return states
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -37,7 +38,13 @@ _JOINT_TYPES = {
     UrdfJointType.CONTINUOUS: RobotJointType.CONTINUOUS,
     UrdfJointType.PRISMATIC: RobotJointType.PRISMATIC,
 }
+_PACKAGE_NAME = re.compile(r"package://([^/\"'<>\s]+)|\$\(find\s+([^)\s]+)\)")
 _MIN_INERTIA = 1e-9
+_MIN_GYRATION_M = 1e-3
+"""Least radius of gyration of a link; some descriptions have moments of 0."""
+_MOMENT_TOLERANCE = 1e-3
+_MAX_POSITION = 1e4
+"""Limits beyond this are none [m or rad]: descriptions write 1e16 for a joint that turns freely."""
 
 
 def load_model(
@@ -61,20 +68,18 @@ def load_model(
         RobotModelError: it cannot be read.
     """
     path = _path(source)
-    packages = RosPackagePath((*folders, *_parent_folders(path)))
+    packages = RosPackagePath((*folders, *_package_folders(path)))
     try:
         urdf = read_urdf(path, packages, measure_meshes=False)
     except SourceParseError as error:
         raise RobotModelError(error.place, cause=error.cause, remedy="give a URDF or xacro file") from error
     geometries, notes = read_link_geometries(urdf, path, packages, cache=cache)
-    links = [
-        RobotLink(
-            name=link.name,
-            geometry=geometries.get(link.name),
-            inertia=None if link.inertial is None else _inertia(link.inertial),
-        )
-        for link in urdf.links
-    ]
+    links = []
+    for link in urdf.links:
+        inertia, change = (None, "") if link.inertial is None else _inertia(link.inertial)
+        links.append(RobotLink(name=link.name, geometry=geometries.get(link.name), inertia=inertia))
+        if change:
+            notes.append(ModelNote(subject=link.name, text=change))
     joints, joint_notes = _joints(urdf)
     ordered_links, ordered_joints, tree_notes = sorted_tree(links, joints)
     found = srdf or _srdf_beside(path)
@@ -109,9 +114,23 @@ def _path(source: str | Path) -> Path:
     return bundled if bundled.is_file() else Path(source)
 
 
-def _parent_folders(path: Path) -> list[Path]:
-    """Folders above a description that may contain its package: at most four levels up."""
-    return list(path.resolve().parents)[:5][:-1]
+def _package_folders(path: Path) -> list[Path]:
+    """Folders above a description that are, or contain, packages that it refers to: at most five levels up.
+
+    Others are not searched, since a folder such as the root may have any number of files.
+    """
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return []
+    names = {first or second for first, second in _PACKAGE_NAME.findall(text)}
+    found = []
+    for folder in list(path.resolve().parents)[:5]:
+        if folder.name in names or any((folder / name).is_dir() for name in names):
+            found.append(folder)
+        elif (folder / "package.xml").is_file():
+            found += [folder, folder.parent]
+    return found
 
 
 def _srdf_beside(path: Path) -> Path | None:
@@ -122,43 +141,61 @@ def _srdf_beside(path: Path) -> Path | None:
     return next((each for each in candidates if each.is_file()), None)
 
 
-def _inertia(inertial: UrdfInertial) -> Inertia:
-    """The inertia along the axes of the link."""
+def _inertia(inertial: UrdfInertial) -> tuple[Inertia, str]:
+    """The inertia along the axes of the link, and how its moments were corrected, if they were.
+
+    Moments of a rigid body are positive, and none is greater than the sum of the two others. If they contradict this,
+    their mean is used for all, as by `balanceinertia` of MuJoCo.
+    """
     row = normalized_pose_array(inertial.origin)
     xx, yy, zz, xy, xz, yz = inertial.tensor
-    rotation = rotation_matrix(row[3:])
-    tensor = rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ rotation.T
+    given = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    moments, axes = np.linalg.eigh(given)
+    change = ""
+    if moments[0] < 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + _MOMENT_TOLERANCE):
+        shown = ", ".join(f"{moment:.3g}" for moment in moments)
+        change = f"its moments of inertia {shown} are those of no rigid body; their mean is used"
+        moments = np.full(3, max(float(np.abs(moments).mean()), 0.0))
+    else:
+        moments[2] = min(moments[2], moments[0] + moments[1])
+    lowest = max(_MIN_INERTIA, _MIN_GYRATION_M**2 * inertial.mass_kg)
+    rotation = rotation_matrix(row[3:]) @ axes
+    tensor = rotation @ np.diag(np.maximum(moments, lowest)) @ rotation.T
     a, b, c = row[:3].tolist()
-    return Inertia(
-        mass_kg=inertial.mass_kg,
-        center=(a, b, c),
-        tensor=(
-            float(tensor[0, 0]),
-            float(tensor[1, 1]),
-            float(tensor[2, 2]),
-            float(tensor[0, 1]),
-            float(tensor[0, 2]),
-            float(tensor[1, 2]),
-        ),
-    )
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor.tolist()
+    return Inertia(mass_kg=inertial.mass_kg, center=(a, b, c), tensor=(xx, yy, zz, xy, xz, yz)), change
 
 
 def _joints(urdf: UrdfRobot) -> tuple[list[RobotJoint], list[ModelNote]]:
-    notes, joints = [], []
+    notes: list[ModelNote] = []
+    joints = []
     for joint in urdf.joints:
-        type = _JOINT_TYPES.get(joint.type)
-        if type is None:
-            text = f"a {joint.type.value} joint has more than one axis; its links are connected rigidly"
+        type, text = _type(joint)
+        if text:
             notes.append(ModelNote(subject=joint.name, text=text, is_guess=False))
-            type = RobotJointType.FIXED
         joints.append(_joint(joint, type))
     return joints, notes
 
 
+def _type(joint: UrdfJoint) -> tuple[RobotJointType, str]:
+    """The type of a joint, and why it is not that of the description."""
+    type = _JOINT_TYPES.get(joint.type)
+    if type is None:
+        return RobotJointType.FIXED, f"a {joint.type.value} joint has several axes; its links are connected rigidly"
+    if type in (RobotJointType.REVOLUTE, RobotJointType.PRISMATIC) and joint.range is not None:
+        lower, upper = joint.range
+        if lower == upper:
+            return RobotJointType.FIXED, f"its limits are both {lower:g}, so it is fixed"
+        if upper - lower > 2 * _MAX_POSITION and type is RobotJointType.REVOLUTE:
+            return RobotJointType.CONTINUOUS, f"its limits {lower:g} and {upper:g} are none"
+    if type is RobotJointType.REVOLUTE and joint.range is None:
+        return RobotJointType.CONTINUOUS, ""
+    return type, ""
+
+
 def _joint(joint: UrdfJoint, type: RobotJointType) -> RobotJoint:
-    lower, upper = joint.range or (None, None)
-    is_movable = type is not RobotJointType.FIXED
-    mimic = joint.mimic if is_movable else None
+    lower, upper = (joint.range or (None, None)) if type is not RobotJointType.CONTINUOUS else (None, None)
+    mimic = joint.mimic if type is not RobotJointType.FIXED else None
     return RobotJoint(
         name=joint.name,
         type=type,
@@ -168,14 +205,19 @@ def _joint(joint: UrdfJoint, type: RobotJointType) -> RobotJoint:
         axis=_unit(joint.axis),
         lower=lower,
         upper=upper,
-        velocity=joint.velocity or None,
-        effort=joint.effort or None,
+        velocity=_positive(joint.velocity),
+        effort=_positive(joint.effort),
         damping=max(joint.damping, 0.0),
         friction=max(joint.friction, 0.0),
         mimic=None
         if mimic is None
         else RobotMimic(joint=mimic.joint, multiplier=mimic.multiplier, offset=mimic.offset),
     )
+
+
+def _positive(limit: float | None) -> float | None:
+    """A limit that limits anything; 0 in a description means that nobody entered one."""
+    return limit if limit is not None and 0.0 < limit < _MAX_POSITION * 100 else None
 
 
 def _unit(axis: Vector) -> Vector:
