@@ -48,7 +48,6 @@ from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, Sam
 from mindstage.imagination.watch import EventWatch, WatchBasis
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.rdf import local_name
-from mindstage.robots.skills.catalog import SKILLS, start_skill
 from mindstage.robots.skills.declaration import ParameterType, SkillOutcome, SkillResult, SkillStep
 from mindstage.scene import BodyId, Iri, Pose, Vector
 from mindstage.scene.transforms import Array, normalize, pose_from_array, quat_multiply, quat_rotate
@@ -497,6 +496,8 @@ class _Sample:
             self.watch.set_reference([joint.body])
 
     def _perform(self, step: Perform) -> _Passage:
+        from mindstage.robots.skills.catalog import start_skill  # takes a second, and few plans have skills
+
         if not isinstance(self.simulation, Simulation):
             raise _StepFailedError(self._event(EventKind.REFUSED, "perform: there are no robots in this world"))
         robot = self.simulation.robot(step.robot)
@@ -765,6 +766,8 @@ class _Validator:
                 self._check_skill(path, step)
 
     def _check_skill(self, path: str, step: Perform) -> None:
+        from mindstage.robots.skills.catalog import SKILLS  # as above
+
         spec = SKILLS.get(step.skill)
         if spec is None:
             self._fail(f"{path}.skill", f"there is no skill {step.skill!r}; {suggestion(step.skill, SKILLS)}")
