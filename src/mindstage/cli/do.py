@@ -38,11 +38,6 @@ if TYPE_CHECKING:
 
 __all__ = ["do"]
 
-_HEIGHT_M = 2.0
-"""The robot does not begin below lower things, such as wall cupboards [m]."""
-_FIXED_RADIUS_M = 0.3
-"""Of a robot with a fixed base whose description has no radius [m]."""
-
 Command = Annotated[
     str | None,
     typer.Argument(
@@ -153,6 +148,8 @@ def do(
     as_json: AsJson = False,
 ) -> ExitCode:
     """Let a robot do something in a map; exit 0 if it succeeds, 1 if it fails or is not done, 2 if that is unknown."""
+    from mindstage.robots.standing import add_standing_robot
+
     task, sources = _arguments(command, plan, maps or [])
     place = None if at is None else _pose(at)
     _check_output(record)
@@ -166,7 +163,8 @@ def do(
         simulation = spawned.simulation
         if not as_json and verbose:
             spawned.print()
-        added = _add_robot(simulation, model, place)
+        with progress_spinner("adding the robot"):
+            added = add_standing_robot(simulation, model, place)
         file, notes = _task(task, simulation, deadline_s=deadline)
         if not as_json:
             x, y, yaw = added.base_pose()
@@ -319,31 +317,6 @@ def _pose(text: str) -> tuple[float, float, float]:
     if len(numbers) not in {2, 3} or not all(map(math.isfinite, numbers)):
         raise InvalidArgumentError(f"--at {text}", cause="it is no place", remedy="give X,Y or X,Y,YAW, as in 1.0,0.5")
     return numbers[0], numbers[1], numbers[2] if len(numbers) == 3 else 0.0
-
-
-def _add_robot(simulation: Simulation, model: RobotModel, place: tuple[float, float, float] | None) -> Robot:
-    """Adds the robot at a place, or at a free one.
-
-    Raises:
-        CommandRefusedError: it fits nowhere.
-    """
-    from mindstage.errors import CommandRefusedError
-    from mindstage.scene import Pose
-    from mindstage.scene.floor_plan import find_floor, free_floor_place
-    from mindstage.scene.proximity import BodyBoxes
-
-    world = simulation.snapshot()
-    if place is not None:
-        (x, y, yaw), level = place, find_floor(BodyBoxes.from_bodies(world.bodies))[0]
-    else:
-        radius = model.base.radius_m or _FIXED_RADIUS_M
-        found = free_floor_place(world, simulation.geometry, radius=radius, height=_HEIGHT_M)
-        if found is None:
-            cause = f"nowhere on the floor is room for a radius of {radius:.2f} m"
-            raise CommandRefusedError(model.name, command="to stand somewhere", cause=cause, remedy="give --at X,Y")
-        (x, y, level), yaw = found, 0.0
-    with progress_spinner("adding the robot"):
-        return simulation.add_robot(model, Pose((x, y, level), (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))))
 
 
 # -- doing it ----------------------------------------------------------------------------------------------------------

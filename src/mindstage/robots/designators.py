@@ -29,7 +29,6 @@ from mindstage.errors import AmbiguousNameError, InvalidArgumentError, Knowledge
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.rdf import local_name
-from mindstage.robots.skills.catalog import SKILLS
 from mindstage.robots.skills.declaration import SkillValue
 from mindstage.scene import Body, BodyId, Iri, World
 
@@ -93,6 +92,8 @@ def read_designator(designator: str | Mapping[str, Any] | Sequence[Any], world: 
         NameNotFoundError: no body fits the description of an object.
         AmbiguousNameError: several bodies fit the description of "the" object.
     """
+    from mindstage.robots.skills.catalog import SKILLS  # imports motion planning, which takes a second
+
     action = _parse(_decoded(designator), "action")
     if action.kind not in {"action", ""}:
         raise InvalidArgumentError("the designator", cause=f"it describes {action.kind}", remedy="give an action")
@@ -323,13 +324,16 @@ def _close(reading: _Reading) -> str:
     return "close"
 
 
-def _simple(skill: str) -> Callable[[_Reading], str]:
+def _with_thing(skill: str) -> Callable[[_Reading], str]:
     def read(reading: _Reading) -> str:
-        if SKILLS[skill].parameters:
-            reading.take("thing", reading.required(*_OBJECT))
+        reading.take("thing", reading.required(*_OBJECT))
         return skill
 
     return read
+
+
+def _alone(skill: str) -> Callable[[_Reading], str]:
+    return lambda reading: skill
 
 
 def _place(reading: _Reading) -> str:
@@ -379,15 +383,15 @@ ACTION_TYPES: Mapping[str, Callable[[_Reading], str]] = {
     **dict.fromkeys(("reaching", "reaching-for"), _reach),
     **dict.fromkeys(("opening", "accessing", "opening-container", "pulling"), _open),
     **dict.fromkeys(("closing", "sealing", "closing-container"), _close),
-    **dict.fromkeys(("grasping", "gripping"), _simple("grasp")),
-    **dict.fromkeys(("releasing", "opening-gripper"), _simple("release")),
-    **dict.fromkeys(("picking-up", "lifting"), _simple("pick")),
+    **dict.fromkeys(("grasping", "gripping"), _with_thing("grasp")),
+    **dict.fromkeys(("releasing", "opening-gripper"), _alone("release")),
+    **dict.fromkeys(("picking-up", "lifting"), _with_thing("pick")),
     **dict.fromkeys(("placing", "putting-down", "putting", "delivering"), _place),
     "pouring": _pour,
     "transporting": _transport,
-    **dict.fromkeys(("storing", "putting-away", "tidying-up"), _simple("put_away")),
+    **dict.fromkeys(("storing", "putting-away", "tidying-up"), _with_thing("put_away")),
     "fetching": _fetch,
-    **dict.fromkeys(("parking-arms", "park-arms", "parking", "positioning-arm"), _simple("park")),
+    **dict.fromkeys(("parking-arms", "park-arms", "parking", "positioning-arm"), _alone("park")),
 }
 """What reads each type of action; it sets the arguments and returns the skill."""
 
