@@ -237,10 +237,9 @@ class _Reading:
 
     def take_pose(self, location: object) -> bool:
         """Sets x, y and yaw from a location with a pose; whether it has one."""
-        pose = location
-        if isinstance(location, Mapping):
-            pose = _parse(location, "the location").properties.get("pose")
-        numbers = _pose_numbers(pose)
+        numbers = _pose_numbers(location)
+        if numbers is None and isinstance(location, Mapping | list | tuple):
+            numbers = _pose_numbers(_parse(location, "the location").properties.get("pose"))
         if numbers is None:
             return False
         self.args |= {"x": numbers[0], "y": numbers[1], "yaw": numbers[2]}
@@ -259,23 +258,23 @@ def _pose_numbers(pose: object) -> tuple[float, float, float] | None:
         InvalidArgumentError: its numbers are no pose.
     """
     if isinstance(pose, Mapping):
-        inner = {_word(key): each for key, each in pose.items()}
-        inner = (
-            {_word(key): each for key, each in inner["pose"].items()}
-            if isinstance(inner.get("pose"), Mapping)
-            else inner
-        )
+        inner: Mapping[str, Any] = {_word(key): each for key, each in pose.items()}
+        inner = stamped if isinstance(stamped := inner.get("pose"), Mapping) else inner
         position, orientation = inner.get("position"), inner.get("orientation")
         if not isinstance(position, Mapping):
             return None
         turned = orientation if isinstance(orientation, Mapping) else {"w": 1.0}
         parts: Any = [[position.get(axis, 0.0) for axis in "xyz"], [turned.get(axis, 0.0) for axis in "xyzw"]]
-    elif isinstance(pose, Sequence) and not isinstance(pose, str) and pose and not isinstance(pose[0], str):
-        parts = [each for each in pose if not isinstance(each, str)]
+    elif isinstance(pose, Sequence) and not isinstance(pose, str) and pose:
+        parts = list(pose)
+        if _is_vector(parts[-1], 4) and _is_vector(parts[-2:][0], 3):
+            parts = parts[-2:]  # before them, a stamped pose has its frame and time
+        elif isinstance(parts[0], str) or _is_vector(parts[0], 2):
+            return None  # a designator as a list
     else:
         return None
     try:
-        if len(parts) == 2 and all(isinstance(each, Sequence) for each in parts):
+        if len(parts) == 2:
             (x, y, _), (qx, qy, qz, qw) = ([float(number) for number in each] for each in parts)
             return x, y, math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
         x, y, yaw = (float(number) for number in parts)
@@ -283,6 +282,10 @@ def _pose_numbers(pose: object) -> tuple[float, float, float] | None:
         remedy = "give [x, y, yaw] or [[x, y, z], [qx, qy, qz, qw]]"
         raise InvalidArgumentError("the pose", cause=f"{pose!r} is no pose", remedy=remedy) from error
     return x, y, yaw
+
+
+def _is_vector(value: object, count: int) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str) and len(value) == count
 
 
 def _go(reading: _Reading) -> str:
@@ -360,7 +363,7 @@ def _transport(reading: _Reading) -> str:
 def _fetch(reading: _Reading) -> str:
     wanted = reading.required(*_OBJECT)
     properties = _parse(wanted, "the object").properties if isinstance(wanted, Mapping | list | tuple) else {}
-    if set(properties) == {"type"}:
+    if set(properties) == {"type"} and "location" not in reading.properties:
         reading.args["kind"] = local_name(_class(reading.world, properties["type"]))
         return "fetch"
     reading.take("thing", _at_location(reading))
