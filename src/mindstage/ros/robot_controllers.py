@@ -58,7 +58,7 @@ _HEAD_MAX_CHANGE = 0.5
 _HEAD_TOLERANCE = 0.02
 """Largest angle between the axis and the target [rad]."""
 _ALL_JOINTS = "joint_trajectory_controller"
-_ERROR_CODES = {
+_ERROR_CODES: Mapping[MotionFailure | None, control_msgs.FollowJointTrajectoryCode] = {
     MotionFailure.BLOCKED: _Code.PATH_TOLERANCE_VIOLATED,
     MotionFailure.PATH_TOLERANCE: _Code.PATH_TOLERANCE_VIOLATED,
     MotionFailure.GOAL_TOLERANCE: _Code.GOAL_TOLERANCE_VIOLATED,
@@ -269,7 +269,7 @@ class RobotControllers:
         result = await_motion(motion, context, lambda: self._feedback(trajectory.joints, motion))
         if result:
             return _Follow.Result(error_code=_Code.SUCCESSFUL)
-        code = _ERROR_CODES[result.failure] if result.failure in _ERROR_CODES else _Code.INVALID_GOAL
+        code = _ERROR_CODES.get(result.failure, _Code.INVALID_GOAL)
         ended = _Follow.Result(error_code=code, error_string=result.reason)
         raise GoalAbortedError(ended, reason=result.reason)
 
