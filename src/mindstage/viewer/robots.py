@@ -17,9 +17,8 @@ import numpy as np
 import viser
 from msgspec import Meta
 
-from mindstage.errors import InvalidArgumentError, MindstageError
+from mindstage.errors import CommandRefusedError, InvalidArgumentError, MindstageError
 from mindstage.knowledge.names import EntityType
-from mindstage.robots.control import JointTrajectory
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.model import Arm, BaseType, RobotJoint, RobotJointType, RobotModel
 from mindstage.robots.models.catalog import list_models
@@ -42,10 +41,7 @@ _DEADLINE_S = 600.0
 _POLL_S = 0.005
 _HAND_SPEED = 0.5
 """Speed of joints that are moved by hand, as a share of their largest ones."""
-_SHORTEST_S = 0.15
-"""Shortest motion to the position of a slider [s]."""
-_DEFAULT_SPEED = 1.0
-"""Speed of joints whose description has none [m/s or rad/s]."""
+_IK_ATTEMPTS = 3
 _COMPLETIONS = {
     ParameterType.THING: EntityType.INDIVIDUAL,
     ParameterType.SUPPORT: EntityType.INDIVIDUAL,
@@ -391,7 +387,7 @@ class RobotHandler:
         positions = robot.joint_positions()
         return {
             "positions": {name: round(position, 4) for name, position in positions.items()},
-            "openings": {each.name: round(robot.opening(each.name), 4) for each in model.grippers},
+            "openings": {each.name: round(robot.gripper_opening(each.name), 4) for each in model.grippers},
             "targets": {arm.name: self._target_state(robot, arm) for arm in model.arms},
             "held": dict(robot.held),
             "base": tuple(round(each, 3) for each in robot.base_pose()),
@@ -438,7 +434,7 @@ class RobotHandler:
 
     def _grip(self, _: ClientSession, request: GripRequest) -> None:
         robot = self._free_robot(request.robot)
-        robot.controller.start_gripper(request.gripper, request.opening_m)
+        robot.start_gripping(request.gripper, request.opening_m)
 
     def _drive(self, _: ClientSession, request: DriveRequest) -> None:
         robot = self._free_robot(request.robot)
@@ -493,7 +489,7 @@ class RobotHandler:
         if (node := self._regions.pop(key, None)) is not None:
             node.remove()
         if request.shown:
-            points = reachable_region(robot, arm, request.height_m)
+            points: Array = reachable_region(robot, arm, request.height_m)
             self._regions[key] = self._server.scene.add_point_cloud(
                 f"/regions/{quote(robot.name, safe='')}/{quote(arm.name, safe='')}",
                 points,
@@ -574,12 +570,5 @@ def _arm(robot: Robot, name: str) -> Arm:
 
 
 def _move_to(robot: Robot, positions: Mapping[str, float]) -> None:
-    """Begins to move joints to positions, without regard to obstacles, as fast as is comfortable to watch."""
-    by_name = {joint.name: joint for joint in robot.model.actuated_joints}
-    for name in positions:
-        if name not in by_name:
-            raise CommandRefusedError(robot.name, command=f"{name!r}", cause="it has no such joint with a drive", remedy=f"use {', '.join(by_name)}")
-    now = robot.joint_positions()
-    joints = [by_name[name] for name in positions]
-    trajectory = point_to_point(joints, [now[name] for name in positions], list(positions.values()), speed=_HAND_SPEED)
-    robot.controller.start_trajectory(trajectory)
+    """Begins to move joints straight to positions, as fast as is comfortable to watch."""
+    robot.start_trajectory(robot.trajectory_to(positions, speed=_HAND_SPEED))

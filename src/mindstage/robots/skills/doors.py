@@ -145,7 +145,7 @@ def _moving_handle(
     """Moves the grasped handle along its path."""
     surroundings = task.surroundings()
     from_handle = pose_multiply(pose_inverse(surroundings.pose(handle)), hand.grasp_pose)
-    motion = hand.path(pose_multiply(path.handles, from_handle), free=stance.free, may_drive=hand.is_mobile)
+    motion = hand.path(pose_multiply(path.handles, from_handle), may_drive=hand.is_mobile)
     if motion.reached < 2:
         raise task.failure(f"{handle} cannot be moved: {motion.reason}", "stand elsewhere")
 
@@ -220,6 +220,14 @@ def _find_stance(
         return -float(quat_rotate(grasp.in_world(pose)[3:], (1.0, 0.0, 0.0)) @ path.outward)
 
     grasps = [each for each in grasps_of(body, geometry, pose, hand.gripper, hand.shape) if facing(each) >= _FACING]
-    grasps.sort(key=lambda each: (not each.is_central, -round(facing(each), 2)))
-    request = StanceRequest(handle, grasps, path.handles, _BACK_M, touched=(opening.front,))
-    return find_stance(task, hand, request)
+    grasps.sort(key=lambda each: (not each.is_whole, not each.is_central, -round(facing(each), 2)))
+    request = StanceRequest(
+        handle,
+        grasps,
+        path.handles,
+        _BACK_M,
+        joint=opening.joint.id,
+        joint_positions=path.positions.tolist(),
+        touched=(opening.front,),
+    )
+    return find_stance(hand, request)

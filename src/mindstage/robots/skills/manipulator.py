@@ -21,7 +21,7 @@ from mindstage.robots.skills.declaration import SkillMotion
 from mindstage.robots.skills.grasps import GripperShape
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId
-from mindstage.scene.transforms import Array, pose_from_array, pose_inverse, pose_multiply
+from mindstage.scene.transforms import Array, pose_inverse, pose_multiply
 
 __all__ = ["BasePose", "Manipulator", "free_hand", "hand_with", "planar_pose"]
 
@@ -117,18 +117,26 @@ class Manipulator:
     # -- arm ---------------------------------------------------------------------------------------------------------
 
     def moving_to(
-        self, target: Mapping[str, float] | Array, *, why: str, ignore: Collection[BodyId] = ()
+        self, target: Mapping[str, float] | Array, *, why: str, touch: Collection[BodyId] = (), free: str = ""
     ) -> SkillMotion:
         """Moves the arm on a collision-free path to positions of its joints, or to a pose of the grasp frame.
 
         Args:
             target: the positions [m or rad], or the pose in the world frame.
             why: what for, for the report.
-            ignore: bodies that may be touched.
+            touch: bodies that the gripper, or what it holds, may touch.
+            free: axes of the grasp frame about which it may turn at the end.
         """
         with self.task.step("move", f"move the arm {why}"):
-            goal = target if isinstance(target, Mapping) else pose_from_array(target)
-            trajectory = plan_arm(self.robot, self.arm, goal, ignore=tuple(ignore), budget_s=_PLANNING_S)
+            trajectory = plan_arm(
+                self.robot,
+                self.arm,
+                target,
+                free=free,
+                touch=touch,
+                budget_s=_PLANNING_S,
+                seed=self.task.seed + 1,
+            )
             result = yield from self.robot.following(trajectory)
             self._require(result, "move what is in the way of the arm")
 
@@ -253,15 +261,15 @@ class Manipulator:
             result = yield from self.robot.gripping(self.gripper.name, 0.0)
         return result
 
-    def parking(self, *, ignore: Collection[BodyId] = ()) -> SkillMotion:
-        """Folds the arm; a thing that is held stays as upright as the arm allows."""
+    def parking(self, *, touch: Collection[BodyId] = ()) -> SkillMotion:
+        """Folds the arm."""
         rest = dict(zip(self.arm.joints, self.arm.rest_positions, strict=False))
         if not rest:
             return
         now = self.robot.joint_positions()
         if all(abs(now[name] - position) < 0.02 for name, position in rest.items()):
             return
-        yield from self.moving_to(rest, why="to its rest position", ignore=ignore)
+        yield from self.moving_to(rest, why="to its rest position", touch=touch)
 
     def _require(self, result: MotionResult, suggestion: str) -> None:
         """Raises if a motion did not succeed."""
