@@ -232,29 +232,27 @@ def _ros1_goal(client: Any, setpoint: dict[str, Any], joint: str, statuses: list
 
 
 PR2_ARM = ("shoulder_pan", "shoulder_lift", "upper_arm_roll", "elbow_flex", "forearm_roll", "wrist_flex", "wrist_roll")
+TIAGO_ARM = tuple(f"arm_{number}_joint" for number in range(1, 8))
 
 
 @pytest.mark.parametrize(
-    ("folder", "names", "joints"),
+    ("robot", "names", "joints"),
     [
-        ("pr2_description/urdf/pr2.urdf", ["l_arm_controller", "r_arm_controller", "torso_controller",
-         "head_traj_controller"], {"r_arm_controller": tuple(f"r_{part}_joint" for part in PR2_ARM)}),
-        ("tiago_description/robots/tiago.urdf", ["arm_controller", "torso_controller", "head_controller"],
-         {"arm_controller": tuple(f"arm_{number}_joint" for number in range(1, 8))}),
-        ("panda_description/urdf/panda.urdf", ["panda_arm_controller"], {}),
-        ("ur_description/urdf/ur5_robot.urdf", ["scaled_joint_trajectory_controller"], {}),
+        ("pr2", {"l_arm_controller", "r_arm_controller", "torso_controller", "head_traj_controller"},
+         {"r_arm_controller": tuple(f"r_{part}_joint" for part in PR2_ARM)}),
+        ("tiago", {"arm_controller", "torso_controller", "head_controller"}, {"arm_controller": TIAGO_ARM}),
+        ("panda", {"panda_arm_controller", "position_joint_trajectory_controller"}, {}),
+        ("ur5", {"scaled_joint_trajectory_controller", "scaled_pos_joint_traj_controller"}, {}),
     ],
-    ids=lambda value: value.partition("_")[0] if isinstance(value, str) else "",
+    ids=lambda value: value if isinstance(value, str) else "",
 )  # fmt: skip
 def test_a_robot_of_a_known_make_has_the_controllers_of_its_driver(
-    folder: str, names: list[str], joints: dict[str, tuple[str, ...]]
+    robot: str, names: set[str], joints: dict[str, tuple[str, ...]]
 ) -> None:
-    package = pytest.importorskip("example_robot_data", reason="example-robot-data is not installed")
-    root = Path(package.__file__).parent
-    found = list(root.rglob(folder)) or list(root.parents[3].rglob(f"robots/{folder}"))
-    specs = {spec.name: spec for spec in controllers_of(load_model(found[0]))}
-    assert set(names) <= specs.keys()
-    for name, expected in joints.items():
-        assert specs[name].joints == expected
-    actuated = specs["joint_trajectory_controller"].joints
-    assert all(set(spec.joints) <= set(actuated) for spec in specs.values())
+    model = load_model(robot)
+    specs = {spec.name: spec for spec in controllers_of(model)}
+    assert names <= specs.keys()
+    assert {name: specs[name].joints for name in joints} == joints
+    for spec in specs.values():
+        assert all(model.joint(name).is_actuated for name in spec.joints)
+    assert set(specs["joint_trajectory_controller"].joints) == {joint.name for joint in model.actuated_joints}
