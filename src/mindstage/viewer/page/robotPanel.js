@@ -93,7 +93,7 @@ class RobotPanel {
   // -- robots --------------------------------------------------------------------------------------------------------
 
   #showAdding(models) {
-    const menu = el("select", { "aria-label": "Model", "data-role": "robot-model" }, models.map((name) => el("option", { value: name }, name.replaceAll("_", " "))));
+    const menu = el("select", { "aria-label": "Model", "data-role": "robot-model" }, models.map(({ name, title }) => el("option", { value: name }, title)));
     const add = el("button", { type: "button", class: "primary", "data-action": "add-robot", onclick: async () => {
       add.disabled = true;
       const name = await callOrToast("robots.add", { model: menu.value });
@@ -134,18 +134,16 @@ class RobotPanel {
   // -- skills --------------------------------------------------------------------------------------------------------
 
   #showSkills() {
-    const chosen = this.#skillForm.querySelector("select")?.value ?? DEFAULT_SKILL;
-    if (this.#skillForm.children.length && this.#skillForm.dataset.count === String(this.#skills.length)) return;
-    this.#skillForm.dataset.count = String(this.#skills.length);
+    if (!this.#skills.length || this.#skillForm.children.length) return;
     const fields = el("div", { class: "ask-form" });
     const menu = el("select", { "aria-label": "Skill", "data-role": "skill", onchange: () => this.#showArguments(fields, menu.value) },
       this.#skills.map(({ name }) => el("option", { value: name }, name.replaceAll("_", " "))));
-    if (this.#skills.some(({ name }) => name === chosen)) menu.value = chosen;
+    if (this.#skills.some(({ name }) => name === DEFAULT_SKILL)) menu.value = DEFAULT_SKILL;
     const run = () => this.#call("skill", { skill: menu.value, args: this.#arguments() });
     replaceChildren(this.#skillForm, menu, fields, el("div", { class: "row" },
       el("button", { type: "button", class: "primary", "data-action": "run-skill", onclick: run }, "Run"),
       el("button", { type: "button", "data-action": "stop-robot", onclick: () => this.#call("stop") }, "Stop")));
-    if (menu.value) this.#showArguments(fields, menu.value);
+    this.#showArguments(fields, menu.value);
   }
 
   #showArguments(fields, name) {
@@ -188,7 +186,7 @@ class RobotPanel {
   // -- grippers ------------------------------------------------------------------------------------------------------
 
   #showArms({ arms, grippers }) {
-    const rows = arms.map(({ name, can_reach: reaches }) => {
+    const rows = arms.map(({ name }) => {
       const drag = el("input", { type: "checkbox", "data-action": "drag-gripper", "data-arm": name, onchange: () => this.#call("target", { arm: name, shown: drag.checked }) });
       const height = el("input", { type: "number", min: "0", max: "3", step: "0.1", value: "0.9", "aria-label": "Height of the region [m]", onchange: () => region.checked && show() });
       const region = el("input", { type: "checkbox", "data-action": "show-region", "data-arm": name, onchange: () => show() });
@@ -196,7 +194,7 @@ class RobotPanel {
       return el("div", { class: "arm", "data-arm-name": name },
         arms.length > 1 ? el("strong", {}, name) : null,
         el("label", { class: "row" }, drag, "drag the gripper in the view"),
-        reaches ? el("div", { class: "row" }, el("label", { class: "row" }, region, "show what it reaches at"), height, el("span", { class: "muted" }, "m")) : null,
+        el("div", { class: "row" }, el("label", { class: "row" }, region, "show what it reaches at"), height, el("span", { class: "muted" }, "m")),
         el("p", { class: "muted wrap", "aria-live": "polite", "data-role": "target-reason" }));
     });
     this.#sliders.clear();
