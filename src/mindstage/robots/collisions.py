@@ -15,7 +15,7 @@ import numpy as np
 
 from mindstage.engines.base import Engine, SpawnOptions
 from mindstage.engines.mujoco.kinematics import ContactModel
-from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
+from mindstage.robots.drives import links_moved_by, planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.model import RobotJoint, RobotModel
 from mindstage.robots.world import RobotWorld
 from mindstage.scene import BodyId
@@ -23,7 +23,7 @@ from mindstage.scene.transforms import Array
 from mindstage.simulation.imagined import copied_engine
 from mindstage.simulation.state import EngineSession
 
-__all__ = ["Collision", "CollisionChecker", "MotionRobot", "links_moved_by"]
+__all__ = ["Collision", "CollisionChecker", "MotionRobot"]
 
 CLEARANCE_M = 0.005
 """Distance that planned motions keep from the place [m]."""
@@ -83,14 +83,28 @@ class Collision(msgspec.Struct, frozen=True, kw_only=True):
         return f"{self.part} is {text} mm {'inside' if self.distance_m < 0.0 else 'from'} {other}"
 
 
-def links_moved_by(model: RobotModel, joints: Iterable[str]) -> frozenset[str]:
+def _in_mujoco(engine: Engine, session: EngineSession) -> Engine:
+    """A copy of the world of another engine in MuJoCo."""
+    options = SpawnOptions(immovable=session.immovable)
+    return copied_engine(engine, worlds=session.worlds, geometry=session.geometry, options=options, physics=True)[0]
+
+
+def _moved_links(model: RobotModel, joints: Iterable[str]) -> frozenset[str]:
     """The links that some joints move, with those of joints that mimic them."""
-    driving, links = set(joints), set()
-    driving |= {joint.name for joint in model.joints if joint.mimic is not None and joint.mimic.joint in driving}
+    names = set(joints)
+    drives = [
+        each for each in model.joints if each.name in names or (each.mimic is not None and each.mimic.joint in names)
+    ]
+    return frozenset(link for each in drives for link in links_moved_by(model, each))
+
+
+def _hand_links(model: RobotModel) -> frozenset[str]:
+    """The links of the grippers: those that carry the fingers, and all behind them."""
+    hands = {each.link for each in model.grippers}
     for joint in model.joints:  # parents come first
-        if joint.name in driving or joint.parent in links:
-            links.add(joint.child)
-    return frozenset(links)
+        if joint.parent in hands:
+            hands.add(joint.child)
+    return frozenset(hands)
 
 
 class CollisionChecker:
@@ -123,28 +137,17 @@ class CollisionChecker:
             KeyError: there is no such joint.
         """
         model, link_ids = robot.model, robot.placed.link_ids
-        names = tuple(joint.name for joint in model.actuated_joints) if joints is None else tuple(joints)
-        self.joints = names
-        links = {link.name for link in model.links} if base_moves else links_moved_by(model, names)
-        self._robot = robot
-        self._held = tuple(robot.held.values())
-        moving = {link_ids[link] for link in links if link in link_ids}
+        self.joints = tuple(each.name for each in model.actuated_joints) if joints is None else tuple(joints)
+        self._robot, self._clearance_m = robot, clearance_m
+        links = {link.name for link in model.links} if base_moves else _moved_links(model, self.joints)
+        held = robot.held
         carried = {
-            id: link_ids[gripper.link]
-            for gripper in model.grippers
-            if (id := robot.held.get(gripper.name)) is not None and gripper.link in links
+            held[each.name]: link_ids[each.link] for each in model.grippers if each.name in held and each.link in links
         }
-        moving |= carried.keys()
-        self._clearance_m = clearance_m
+        moving = {link_ids[link] for link in links if link in link_ids}
 
         def copy(engine: Engine) -> ContactModel:
-            options = SpawnOptions(immovable=robot.session.immovable)
-            session = robot.session
-            source: Any = engine
-            if engine.name != "mujoco":
-                source, _ = copied_engine(
-                    engine, worlds=session.worlds, geometry=session.geometry, options=options, physics=True
-                )
+            source: Any = engine if engine.name == "mujoco" else _in_mujoco(engine, robot.session)
             return ContactModel(
                 source.compiled(), moving=moving, ignored=ignore, carried=carried, clearance_m=max(clearance_m, 0.0)
             )
@@ -155,17 +158,23 @@ class CollisionChecker:
         root = robot.link_pose(model.root)
         at = (float(root[0]), float(root[1]), yaw_of(root[3:]))
         self._root_in_base = planar_multiply(planar_inverse(robot.base_pose()), at)
-        own = {*link_ids.values(), *self._held}
-        ids = self._contacts.ids
-        self._is_own = np.array([id in own for id in ids])
-        grippers = links_moved_by(model, [name for each in model.grippers for name in each.joints])
-        hands = {link_ids[link] for link in {*grippers, *(each.link for each in model.grippers)}}
-        self._is_hand = np.array([id in hands or id in self._held for id in ids])
-        self._may_be_touched = np.array([id in touch for id in ids])
-        self._allowed: dict[tuple[int, int], float] = {}
-        for row, other, distance in self._too_near():
+        self._classify(touch)
+        nearest: dict[tuple[int, int], float] = {}
+        for row, other, distance in self._too_near({}):
             key = (min(row, other), max(row, other))
-            self._allowed[key] = min(distance, self._allowed.get(key, distance)) - _START_SLACK_M
+            nearest[key] = min(distance, nearest.get(key, distance))
+        self._allowed = {key: distance - _START_SLACK_M for key, distance in nearest.items()}
+        """The distances of the pairs that are too near in the present state."""
+
+    def _classify(self, touch: Collection[BodyId]) -> None:
+        """Finds out which bodies are parts of the robot, of its hands, or may be touched by them."""
+        link_ids, ids = self._robot.placed.link_ids, self._contacts.ids
+        links = set(link_ids.values())
+        held = self._contacts.moving - links
+        hands = {link_ids[link] for link in _hand_links(self._robot.model)} | held
+        self._is_own = np.array([id in links or id in held for id in ids])
+        self._is_hand = np.array([id in hands for id in ids])
+        self._may_be_touched = np.array([id in touch for id in ids])
 
     def _set_joints(self) -> None:
         """Computes the map from values of `joints` to coordinates."""
@@ -241,7 +250,7 @@ class CollisionChecker:
         """Whether a state is free of collisions; see `find`."""
         return self.find(values) is None
 
-    def _too_near(self, allowed: Mapping[tuple[int, int], float] | None = None) -> list[tuple[int, int, float]]:
+    def _too_near(self, allowed: Mapping[tuple[int, int], float]) -> list[tuple[int, int, float]]:
         """Rows and distances of the pairs that are nearer than they may be."""
         geoms, distances = self._contacts.near_geoms()
         if not len(distances):
@@ -254,7 +263,7 @@ class CollisionChecker:
         for number in np.flatnonzero(near & ~touching).tolist():
             row, other = rows[number].tolist()
             distance = float(distances[number])
-            limit = (allowed or {}).get((min(row, other), max(row, other)))
+            limit = allowed.get((min(row, other), max(row, other)))
             if limit is None or distance < limit:
                 found.append((row, other, distance))
         return found

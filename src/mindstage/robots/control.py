@@ -33,7 +33,7 @@ __all__ = [
     "RobotController",
 ]
 
-PERIOD_S = 0.01
+PERIOD_S = 0.004
 """The period of control in simulated time [s]."""
 DRIVE_TIMEOUT_S = 0.5
 """A velocity of the base is that of the last command for so long at most [s]."""
@@ -159,17 +159,20 @@ class ControlView:
         Args:
             moved: the bodies of the robot whose contacts count.
         """
+        held = frozenset(held_bodies(self._engine, self._drives).values())
+        holds = not self._drives.gripper_bodies.isdisjoint(moved)
+        return self.touched(held.union(moved) if holds else moved, ignored=held)
+
+    def touched(self, parts: Collection[BodyId], *, ignored: frozenset[BodyId] = frozenset()) -> tuple[BodyId, ...]:
+        """The bodies that touch some bodies and do not belong to the robot, the strongest contact first."""
         if Capability.CONTACTS not in self._engine.capabilities:
             return ()
-        contacts = [each for each in self._engine.contacts() if each.b is not None]
-        own = set(self._drives.link_of_body)
-        held = set(held_bodies(self._engine, self._drives).values())
-        parts = set(moved) | (held if self._drives.gripper_bodies & set(moved) else set())
         forces: dict[BodyId, float] = {}
-        for contact in contacts:
+        for contact in self._engine.contacts():
             for one, other in ((contact.a, contact.b), (contact.b, contact.a)):
-                if one in parts and other is not None and other not in own and other not in held:
-                    forces[other] = forces.get(other, 0.0) + contact.force_n
+                if one not in parts or other is None or other in ignored or other in self._drives.link_of_body:
+                    continue
+                forces[other] = forces.get(other, 0.0) + contact.force_n
         return tuple(sorted(forces, key=forces.__getitem__, reverse=True))
 
 
@@ -429,8 +432,8 @@ class _GripperGoal(MotionGoal):
     def _end_stalled(self, view: ControlView, opening_m: float, error: Mapping[str, float]) -> None:
         hand = frozenset[BodyId]().union(*(each.moved for each in self._drives))
         if self._opening_m <= self._starts_open:
-            between = _named(tuple(view.obstacles(hand))) if view.obstacles(hand) else "something"
-            reason = f"stopped by {between} at an opening of {opening_m:.3f} m"
+            touched = view.touched(hand)
+            reason = f"stopped by {_named(touched) or 'a limit'} at an opening of {opening_m:.3f} m"
             self.end(MotionOutcome.SUCCEEDED, reason, error=error, stalled=True)
         else:
             obstacles = view.obstacles(hand)

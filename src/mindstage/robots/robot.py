@@ -102,7 +102,9 @@ class Robot:
         self.controller = controller
         self.report = report
         self._placed = placed
-        self._root = placed.link_ids[model.root]
+        self._seen: tuple[BodyId, ...] | None = None
+        """The ids for which `exists` was computed."""
+        self._exists = True
         joints = {joint.id: joint for joint in placed.world.joints}
         self._axes = {
             name: (id, axes[0].index) for name, id in placed.joint_ids.items() if (axes := movable_axes(joints[id]))
@@ -139,7 +141,10 @@ class Robot:
     @property
     def exists(self) -> bool:
         """Whether its bodies are in the simulation."""
-        return self._root in self.session.state.ids
+        ids = self.session.state.ids
+        if self._seen is not ids:
+            self._seen, self._exists = ids, self.body_ids <= set(ids)
+        return self._exists
 
     def joint_states(self) -> dict[str, JointState]:
         """The state of each joint that moves, in the order of the model."""

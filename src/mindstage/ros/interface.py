@@ -26,6 +26,7 @@ from mindstage.ros.plan_actions import PlanActions
 from mindstage.ros.publishers import HighlightSubscriber, PublishRates, StatePublisher
 from mindstage.ros.queries import QueryServices, parse_arguments
 from mindstage.ros.robot_description import DescriptionPublisher
+from mindstage.ros.robot_interface import RobotInterfaces
 from mindstage.ros.rosapi import ParameterServer, RosapiServices
 from mindstage.ros.service import ServiceSpec, names_elsewhere
 from mindstage.ros.simulation_interfaces import EntityServices, ResourceLoader, SpawnServices
@@ -173,7 +174,7 @@ class RosInterface:
         self._endpoints = Endpoints(
             node, namespace=namespace, ros=ros, diagnostics=diagnostics, goal_timeout_s=goal_timeout_s
         )
-        self._state_reader = state_reader = StateReader(simulation)
+        self._state_reader = state_reader = StateReader(simulation, has_root=bool(namespace.strip("/")))
         self._engine_services = EngineServices(state_reader, diagnostics)
         self._control_services = SimulationControlServices(simulation, step_s=step_s, on_quit=on_quit)
         self._unreal_vis = UnrealVisServices(state_reader, diagnostics)
@@ -181,11 +182,21 @@ class RosInterface:
         self._service_groups = self._make_service_groups(ResourceLoader(simulation.knowledge, folder), step_s=step_s)
         self._state_publisher: StatePublisher | None = None
         self._descriptions: DescriptionPublisher | None = None
+        self._robots: RobotInterfaces | None = None
         try:
             self._open()
+            self._robots = RobotInterfaces(
+                node, state_reader, self.parameters, diagnostics=diagnostics, ros=ros, goal_timeout_s=goal_timeout_s
+            )
             self._descriptions = DescriptionPublisher(node, state_reader, self.parameters, namespace=namespace, ros=ros)
             self._state_publisher = StatePublisher(
-                node, state_reader, namespace=namespace, ros=ros, rates=rates or PublishRates(), extra_tick=self._tick
+                node,
+                state_reader,
+                namespace=namespace,
+                ros=ros,
+                rates=rates or PublishRates(),
+                publish_robots=self._robots.publish,
+                extra_tick=self._tick,
             )
         except BaseException:
             self.close()
@@ -208,6 +219,8 @@ class RosInterface:
             self._state_publisher.close()
         if self._descriptions is not None:
             self._descriptions.close()
+        if self._robots is not None:
+            self._robots.close()
         self._endpoints.close()
         self._diagnostics_publisher.close()
 
@@ -259,3 +272,6 @@ class RosInterface:
 
     def _tick(self) -> None:
         self._endpoints.publish_status()
+        if self._robots is not None:
+            self._robots.update()
+            self._robots.publish_status()
