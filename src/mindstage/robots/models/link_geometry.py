@@ -29,10 +29,10 @@ from mindstage.scene import (
     VisualMesh,
 )
 from mindstage.scene import mesh as triangle_meshes
-from mindstage.scene.mesh import convex_hull
+from mindstage.scene.mesh import TriangleMesh, convex_hull
 from mindstage.scene.transforms import Array, normalized_pose_array, quat_rotate
 
-__all__ = ["MeshPart", "PrimitivePart", "geometry_of_parts", "hull_shape", "read_link_geometries"]
+__all__ = ["MeshPart", "PrimitivePart", "geometry_of_parts", "hull_shape", "primitive_mesh", "read_link_geometries"]
 
 _PRIMITIVES = {
     UrdfGeometryType.BOX: CollisionShapeType.BOX,
@@ -240,19 +240,30 @@ class _Drawing:
         for part in self.visuals:
             if isinstance(part, PrimitivePart):
                 digest.update(repr(part).encode())
-                meshes.append(_primitive_mesh(part))
+                meshes.append(primitive_mesh(part))
             elif (mesh := imported.get(part.path)) is not None:
                 digest.update(repr((mesh.digest, part.pose, part.scale, part.color)).encode())
                 meshes += (_placed_visual(visual, part) for visual in mesh.visuals)
         return digest.hexdigest()[:32], tuple(meshes)
 
 
-def _primitive_mesh(part: PrimitivePart) -> VisualMesh:
-    mesh = _MESHES[part.shape.type](part.shape.size)
+def primitive_mesh(part: PrimitivePart) -> VisualMesh:
+    """Returns the visual mesh of a primitive shape or a hull, in the frame of the link."""
+    if part.shape.type is CollisionShapeType.HULL:
+        mesh = _hull_mesh(part.shape)
+    else:
+        mesh = _MESHES[part.shape.type](part.shape.size)
     pose = normalized_pose_array(part.shape.pose)
     normals = None if mesh.normals is None else quat_rotate(pose[3:], mesh.normals)
     material = PbrMaterial(color=part.color or _DEFAULT_COLOR, roughness=0.6)
     return VisualMesh(quat_rotate(pose[3:], mesh.points) + pose[:3], mesh.faces, material, normals)
+
+
+def _hull_mesh(shape: CollisionShape) -> TriangleMesh:
+    hull = convex_hull(np.array(shape.points))
+    if hull is None:
+        return triangle_meshes.box(shape.size)
+    return TriangleMesh(hull.points, hull.faces.astype(np.uint32))
 
 
 def _placed_visual(visual: VisualMesh, part: MeshPart) -> VisualMesh:
