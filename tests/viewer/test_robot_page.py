@@ -112,7 +112,7 @@ def test_the_robot_drives_while_a_button_is_held(tab: PageTab, robot: Robot) -> 
     button.dispatch_event("pointerup")
     wait_until(lambda: abs(robot.odometry().vx) < 0.01, "it stops")
     assert abs(robot.base_pose()[1] - before[1]) < 0.05
-    wait_until(lambda: f"x {robot.base_pose()[0]:.1f}" in shown(tab, "base-pose"), "its place is shown")
+    wait_until(lambda: f"x {round(robot.base_pose()[0], 2):g} m" in shown(tab, "base-pose"), "its place is shown")
 
 
 def test_the_gripper_follows_its_handle(tab: PageTab, viewer: Viewer, robot: Robot) -> None:

@@ -39,6 +39,8 @@ __all__ = ["RobotHandler", "skill_form"]
 
 _log = logging.getLogger(__name__)
 _QUEUE = "robots"
+_SLOW = frozenset({"add", "region"})
+"""Requests that take seconds; the others, such as `stop`, do not wait for them."""
 _Name = Annotated[str, Meta(min_length=1, max_length=300)]
 _Share = Annotated[float, Meta(ge=-1.0, le=1.0)]
 _DEADLINE_S = 600.0
@@ -351,7 +353,8 @@ class RobotHandler:
             ("stop", RobotRequest, self._stop),
         )
         for name, request_type, handler in requests:
-            channel.register(f"robots.{name}", request_type, handler, queue=_QUEUE)
+            queue = f"{_QUEUE}.{name}" if name in _SLOW else _QUEUE
+            channel.register(f"robots.{name}", request_type, handler, queue=queue)
         self._publish_robots()
 
     def close(self) -> None:

@@ -215,10 +215,7 @@ class Manipulator:
     def _least_durations(self, path: ArmPath, cartesian_speed: float) -> Array:
         frame = self.kinematics.frame_of(self.arm)
         tips = np.array(
-            [
-                self.kinematics.pose(frame, path.at(row), root_pose=root)[:3]
-                for row, root in enumerate(path.roots)
-            ]
+            [self.kinematics.pose(frame, path.at(row), root_pose=root)[:3] for row, root in enumerate(path.roots)]
         )
         least = np.linalg.norm(np.diff(tips, axis=0), axis=1) / cartesian_speed
         if path.moves_base:

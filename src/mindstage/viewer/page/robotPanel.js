@@ -131,6 +131,13 @@ class RobotPanel {
     return callOrToast(`robots.${method}`, { robot: this.#name, ...params });
   }
 
+  // Calls a method for a checkbox, which keeps its state until there is a response.
+  async #toggle(box, method, params) {
+    box.dataset.pending = String(Number(box.dataset.pending ?? 0) + 1);
+    await this.#call(method, params);
+    box.dataset.pending = String(Number(box.dataset.pending) - 1);
+  }
+
   // -- skills --------------------------------------------------------------------------------------------------------
 
   #showSkills() {
@@ -187,10 +194,10 @@ class RobotPanel {
 
   #showArms({ arms, grippers }) {
     const rows = arms.map(({ name }) => {
-      const drag = el("input", { type: "checkbox", "data-action": "drag-gripper", "data-arm": name, onchange: () => this.#call("target", { arm: name, shown: drag.checked }) });
+      const drag = el("input", { type: "checkbox", "data-action": "drag-gripper", "data-arm": name, onchange: () => this.#toggle(drag, "target", { arm: name, shown: drag.checked }) });
       const height = el("input", { type: "number", min: "0", max: "3", step: "0.1", value: "0.9", "aria-label": "Height of the region [m]", onchange: () => region.checked && show() });
       const region = el("input", { type: "checkbox", "data-action": "show-region", "data-arm": name, onchange: () => show() });
-      const show = () => this.#call("region", { arm: name, height_m: Number(height.value), shown: region.checked });
+      const show = () => this.#toggle(region, "region", { arm: name, height_m: Number(height.value), shown: region.checked });
       return el("div", { class: "arm", "data-arm-name": name },
         arms.length > 1 ? el("strong", {}, name) : null,
         el("label", { class: "row" }, drag, "drag the gripper in the view"),
@@ -259,9 +266,10 @@ class RobotPanel {
     for (const [arm, { shown, reason, region }] of Object.entries(state.targets)) {
       const row = this.#arms.querySelector(`[data-arm-name="${CSS.escape(arm)}"]`);
       if (!row) continue;
-      row.querySelector("[data-action=drag-gripper]").checked = shown;
-      const box = row.querySelector("[data-action=show-region]");
-      if (box) box.checked = region;
+      for (const [action, checked] of [["drag-gripper", shown], ["show-region", region]]) {
+        const box = row.querySelector(`[data-action=${action}]`);
+        if (!Number(box.dataset.pending ?? 0)) box.checked = checked;
+      }
       row.querySelector("[data-role=target-reason]").textContent = reason;
     }
     const held = this.#arms.querySelector("[data-role=held]");
