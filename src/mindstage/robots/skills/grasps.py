@@ -7,7 +7,7 @@ around one of its collision shapes, such as the bar of a handle or the wall of a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np

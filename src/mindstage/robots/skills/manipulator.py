@@ -23,7 +23,7 @@ from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_inverse, pose_multiply
 
-__all__ = ["BasePose", "Manipulator", "free_hand", "hand_with", "planar_pose"]
+__all__ = ["BasePose", "Manipulator", "free_hand", "hand_with", "hands_of", "planar_pose"]
 
 BasePose = tuple[float, float, float]
 """x, y [m] and yaw [rad] in the world frame."""
@@ -157,6 +157,12 @@ class Manipulator:
             if not (may_touch and result.failure is MotionFailure.BLOCKED):
                 self._require(result, "approach it from another side")
 
+    def withdrawing(self, target: Array) -> SkillMotion:
+        """Moves the grasp frame straight towards a pose, as far as the arm and the base follow, or until a contact."""
+        path = self.path(interpolated_poses(self.grasp_pose, target), may_drive=self.is_mobile)
+        if path.reached >= 2:
+            yield from self.following(path, speed=0.3)
+
     def path(self, poses: Array, *, free: str = "", may_drive: bool = False) -> ArmPath:
         """The motion of the arm from its present state along poses of the grasp frame, n x 7."""
         return follow_poses(
@@ -274,7 +280,8 @@ class Manipulator:
             raise self.task.failure(result.reason or str(result.outcome), suggestion)
 
 
-def _hands(task: SkillTask) -> list[Manipulator]:
+def hands_of(task: SkillTask) -> list[Manipulator]:
+    """The arms with grippers."""
     model = task.robot.model
     return [Manipulator(task, arm, task.kinematics) for arm in model.arms if arm.gripper is not None]
 
@@ -285,7 +292,7 @@ def free_hand(task: SkillTask, why: str) -> Manipulator:
     Raises:
         SkillFailedError: all grippers hold something.
     """
-    hands = _hands(task)
+    hands = hands_of(task)
     for hand in hands:
         if hand.held is None:
             return hand
@@ -295,4 +302,4 @@ def free_hand(task: SkillTask, why: str) -> Manipulator:
 
 def hand_with(task: SkillTask, thing: BodyId | None = None) -> Manipulator | None:
     """The arm whose gripper holds a thing, or anything; None if none does."""
-    return next((hand for hand in _hands(task) if hand.held is not None and thing in {None, hand.held}), None)
+    return next((hand for hand in hands_of(task) if hand.held is not None and thing in {None, hand.held}), None)

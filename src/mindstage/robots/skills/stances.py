@@ -11,7 +11,7 @@ import numpy as np
 
 from mindstage.errors import UnreachableError
 from mindstage.robots.collisions import CollisionChecker
-from mindstage.robots.navigation import FloorMap
+from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.skills.arm_paths import ArmPath, follow_poses, interpolated_poses
 from mindstage.robots.skills.grasps import Grasp
 from mindstage.robots.skills.manipulator import BasePose, Manipulator
@@ -28,6 +28,8 @@ _HEADINGS_RAD = (0.0, 0.5, -0.5, 1.0, -1.0, pi / 2, -pi / 2)
 """Headings of the base, relative to that towards what is grasped."""
 _BUDGET_S = 12.0
 """Limit of the wall time [s]."""
+_WAY_BUDGET_S = 1.5
+"""Limit of the wall time in which a way to a place is looked for [s]."""
 _GOOD_ENOUGH = 0.98
 """Part of the path beyond which no better stance is looked for."""
 _IK_ATTEMPTS = 5
@@ -75,20 +77,27 @@ class StanceRequest(NamedTuple):
     """The least part of the path that is worth it."""
     stays: bool = False
     """Whether the base must stay where it is."""
+    budget_s: float = _BUDGET_S
+    """Limit of the wall time [s]."""
 
 
-def find_stance(hand: Manipulator, request: StanceRequest) -> Stance:
+def find_stance(hand: Manipulator, request: StanceRequest, floor: FloorMap | None = None) -> Stance:
     """The best of the places tried: the first from which the whole path can be followed.
+
+    Args:
+        hand: the arm.
+        request: what is to be done.
+        floor: the free floor, if it is known.
 
     Raises:
         UnreachableError: there is none.
     """
-    return _Search(hand, request).find()
+    return _Search(hand, request, floor).find()
 
 
 class _Search:
-    def __init__(self, hand: Manipulator, request: StanceRequest) -> None:
-        self.hand, self.request = hand, request
+    def __init__(self, hand: Manipulator, request: StanceRequest, floor: FloorMap | None) -> None:
+        self.hand, self.request, self.floor = hand, request, floor
         robot = hand.robot
         self.here = robot.base_pose()
         self.positions = robot.joint_positions()
@@ -104,7 +113,7 @@ class _Search:
             fingers = tuple(self.positions[name] for name in hand.gripper.joints)
         self.fingers = dict(zip(hand.gripper.joints, fingers, strict=True))
         self.reasons: dict[str, int] = {}
-        self.deadline = monotonic() + _BUDGET_S
+        self.deadline = monotonic() + request.budget_s
 
     def find(self) -> Stance:
         """See `find_stance`."""
@@ -112,16 +121,30 @@ class _Search:
         for base in self._bases():
             for number, grasp in enumerate(self.request.grasps[:_MAX_GRASPS]):
                 stance = self._try(base, grasp, number)
-                if stance is not None and (best is None or stance.reach > best.reach + 0.02):
-                    best = stance
+                if stance is None or (best is not None and stance.reach <= best.reach + 0.02):
+                    continue
+                if not self._can_drive_to(base):
+                    break
+                best = stance
                 if best is not None and best.reach >= _GOOD_ENOUGH:
                     return best
             if monotonic() > self.deadline:
+                self._count("no stance was found in time")
                 break
         if best is None:
             reason = max(self.reasons, key=lambda each: self.reasons[each], default="no grasp of it fits the gripper")
             raise UnreachableError(self.hand.robot.name, target=self.request.target, reason=reason)
         return best
+
+    def _can_drive_to(self, base: BasePose) -> bool:
+        if base == self.here:
+            return True
+        try:
+            plan_base(self.hand.robot, base, budget_s=_WAY_BUDGET_S)
+        except UnreachableError as error:
+            self._count(error.reason)
+            return False
+        return True
 
     def _bases(self) -> Iterator[BasePose]:
         """Places of the base: the present one, then others around the target that can be driven to."""
@@ -134,7 +157,7 @@ class _Search:
         away = atan2(-inward[1], -inward[0])
         if np.hypot(*inward[:2]) < 0.3:
             away = atan2(self.here[1] - target[1], self.here[0] - target[0])
-        floor = FloorMap(self.hand.robot)
+        floor = self.floor or FloorMap(self.hand.robot)
         for distance in _DISTANCES_M:
             for bearing in _BEARINGS_RAD:
                 x = target[0] + distance * cos(away + bearing)
