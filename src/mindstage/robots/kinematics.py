@@ -50,6 +50,7 @@ _STALL_ITERATIONS = 8
 """Iterations without progress after which an attempt ends."""
 _PRECISION = 0.1
 """Iterations go on until the error is this part of the tolerance."""
+_DESCENTS = 8
 _AT_LIMIT = 1e-4
 """A joint nearer to its limit is at it [m or rad]."""
 
@@ -529,8 +530,15 @@ def _distance_to_sweep(problem: _Problem, first: int) -> float:
     chain, q = problem.chain, problem.start
     chain.configuration.update(q)
     data = chain.configuration.data
-    away = problem.target[:3] - data.xanchor[first]
-    for row in problem.rows[problem.rows < first].tolist():  # slides, usually one
-        axis = np.array(data.xaxis[row])
-        away = away - axis * np.clip(axis @ away, chain.lower[row] - q[row], chain.upper[row] - q[row])
+    slides = np.flatnonzero(~chain.is_hinge[:first])
+    directions = np.array(data.xaxis[slides]).T @ problem.columns[slides]
+    moving = np.flatnonzero(np.linalg.norm(directions, axis=0) > 0.0)
+    away, moved = problem.target[:3] - data.xanchor[first], np.zeros(len(problem.rows))
+    for _ in range(_DESCENTS):  # coordinate descent: the slides need not be orthogonal
+        for column in moving.tolist():
+            direction, row = directions[:, column], int(problem.rows[column])
+            best = moved[column] + float(direction @ away) / float(direction @ direction)
+            best = float(np.clip(best, chain.lower[row] - q[row], chain.upper[row] - q[row]))
+            away = away - (best - moved[column]) * direction
+            moved[column] = best
     return float(np.linalg.norm(away))
