@@ -27,8 +27,8 @@ __all__ = ["Collision", "CollisionChecker", "MotionRobot"]
 
 CLEARANCE_M = 0.005
 """Distance that planned motions keep from the place [m]."""
-_SELF_CLEARANCE_M = -0.001
-"""A robot's own links may come so near: neighbors nearly touch."""
+_SELF_CLEARANCE_M = -0.003
+"""A robot's own links may come so near: the hulls of neighbors overlap a little where their meshes do not."""
 _START_SLACK_M = 0.001
 """A pair that is too near at the start may come nearer by this [m]."""
 

@@ -34,6 +34,8 @@ _STEP = 0.05
 _SLIDE_SCALE = 0.4
 """Displacement of a prismatic joint that counts as much as one radian [m]."""
 _MAX_GOALS = 6
+_FREQUENT = 0.2
+"""Obstacles that were met by less than this part of the most frequent one are not named."""
 _SHORTCUT_S = 0.4
 """Wall time for shortcuts after a path was found [s]."""
 _SLICE_S = 0.25
@@ -339,7 +341,7 @@ def _search(task: _ArmTask, goals: Sequence[Array], text: str, end_s: float, see
     setup = ompl.geometric.SimpleSetup(space)
 
     def values_of(state: Any) -> Array:
-        return np.array([state[row] for row in range(count)]) * task.scale
+        return np.asarray(np.array([state[row] for row in range(count)]) * task.scale)
 
     setup.setStateValidityChecker(lambda state: task.is_free(values_of(state)))
     information = setup.getSpaceInformation()
@@ -370,12 +372,15 @@ def _state(space: Any, values: Array) -> Any:
 
 
 def _not_found(task: _ArmTask, text: str, goals: int) -> UnreachableError:
-    hits = [(obstacle, count) for obstacle, count in task.hits.most_common() if obstacle is not None]
     own = set(task.robot.placed.link_ids.values())
-    others = [obstacle for obstacle, _ in hits if obstacle not in own] or [obstacle for obstacle, _ in hits]
+    hits = {obstacle: count for obstacle, count in task.hits.most_common() if obstacle is not None}
+    most = max(hits.values(), default=0)
+    frequent = [obstacle for obstacle, count in hits.items() if count > _FREQUENT * most]
+    others = [obstacle for obstacle in frequent if obstacle not in own]
+    names = ", ".join(others[:3]) or ", ".join(f"its own {obstacle}" for obstacle in frequent[:3])
     where = f" to any of {goals} configurations there" if goals > 1 else ""
-    blocked = f"; {', '.join(others[:3])} in the way" if others else ""
-    return task.unreachable(text, f"no way was found in time{where}{blocked}", others[0] if others else None)
+    blocked = f"; {names} in the way" if names else ""
+    return task.unreachable(text, f"no way was found in time{where}{blocked}", (others or [*frequent, None])[0])
 
 
 def _timed(task: _ArmTask, points: Array) -> JointTrajectory:
