@@ -56,7 +56,7 @@ def test_joints_move_links_as_forward_kinematics_says() -> None:
     drives.add_to(engine)
     engine.set_commands({name: position - placed.zero[name] for name, position in wanted.items()})
     engine.step(4.0)
-    states = {name: state for name, state in engine.actuator_states().items()}
+    states = engine.actuator_states()
     reached = {name: states[name].position + zero for name, zero in placed.zero.items() if name in states}
     for name, position in wanted.items():
         assert reached[name] == pytest.approx(position, abs=0.01), name
@@ -76,11 +76,11 @@ def test_limits_stop_a_joint() -> None:
     placed = robot_world(model, Pose(), name="robot")
     engine = spawned(placed)
     drives_of(model, placed, name="robot").add_to(engine)
-    engine.set_commands({"shoulder_pan_joint": 3.0, "lift_joint": -2.0})
+    engine.set_commands({"shoulder_pan_joint": 3.0, "lift_joint": 2.0})
     engine.step(3.0)
     states = engine.actuator_states()
     assert states["shoulder_pan_joint"].position == pytest.approx(2.0, abs=0.02)
-    assert states["lift_joint"].position == pytest.approx(-placed.zero["lift_joint"], abs=0.005)
+    assert states["lift_joint"].position == pytest.approx(1.0 - placed.zero["lift_joint"], abs=0.005)
     engine.close()
 
 
