@@ -72,7 +72,11 @@ def import_meshes(
     Returns:
         The imported meshes, and the reasons why other files were rejected.
     """
-    folder = folder or cache_dir("meshes")
+    if folder is None:
+        folder = cache_dir("meshes")
+    else:
+        with suppress(OSError):  # reported for each file
+            folder.mkdir(parents=True, exist_ok=True)
     imported: dict[Path, ImportedMesh] = {}
     rejected: dict[Path, str] = {}
     missing: dict[Path, tuple[str, Path]] = {}

@@ -7,14 +7,16 @@ their poses would grow without limit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.engines.base import MovedBody
-from mindstage.scene import BodyId
+from mindstage.engines.base import Engine, MovedBody
+from mindstage.errors import SimulationDivergedError
+from mindstage.scene import BodyId, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.transforms import Array
 
@@ -24,6 +26,7 @@ __all__ = [
     "REST_CHECK_S",
     "PlaceBounds",
     "belongs_to_place",
+    "find_bodies_that_move",
     "find_ground_height",
     "find_moved_bodies",
     "find_unsupported",
@@ -35,6 +38,7 @@ MOVED_DISTANCE_M = 0.1
 """Bodies that move farther right after the spawn are reported [m]."""
 REST_CHECK_S = 2.0
 """Simulated time for which bodies are observed after a spawn [s]."""
+_REST_CHECK_STEP_S = 0.1
 
 _MAX_PLACE_EXTENT_M = 30.0
 """Larger bodies are scenery, such as a panorama, and do not belong to the place."""
@@ -176,3 +180,20 @@ def find_moved_bodies(
         MovedBody(id=ids[row], distance_m=float(distance[row]), left_place=bool(has_left[row]))
         for row in rows[np.argsort(-distance[rows], kind="stable")].tolist()
     )
+
+
+def find_bodies_that_move(engine: Engine, worlds: Iterable[World]) -> tuple[MovedBody, ...]:
+    """Steps an engine by `REST_CHECK_S`, and returns the bodies of worlds that moved away meanwhile, farthest first."""
+    ids, poses = engine.poses()
+    with suppress(SimulationDivergedError):  # what diverged is far away
+        for _ in range(round(REST_CHECK_S / _REST_CHECK_STEP_S)):
+            engine.step(_REST_CHECK_STEP_S)
+    later_ids, later_poses = engine.poses()
+    if ids != later_ids:
+        rows = {id: row for row, id in enumerate(later_ids)}
+        kept = [row for row, id in enumerate(ids) if id in rows]
+        ids, poses = tuple(ids[row] for row in kept), poses[kept]
+        later_poses = later_poses[[rows[id] for id in ids]]
+    sizes = {body.id: body.size for world in worlds for body in world.bodies}
+    extents = np.array([sizes.get(id) or (0.0, 0.0, 0.0) for id in ids], dtype=float).reshape(-1, 3)
+    return find_moved_bodies(ids, poses, later_poses, PlaceBounds.from_boxes(OrientedBoxes.from_poses(poses, extents)))

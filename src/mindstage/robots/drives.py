@@ -15,11 +15,18 @@ import msgspec
 import numpy as np
 
 from mindstage.engines.base import Actuator, ActuatorMode, Engine
-from mindstage.engines.kinematic_tree import AXIS_NAMES, movable_axes
+from mindstage.engines.kinematic_tree import movable_axes
 from mindstage.robots.model import BaseType, Gripper, RobotJoint, RobotJointType, RobotModel
 from mindstage.robots.world import RobotWorld
-from mindstage.scene import Body, BodyId, Joint
-from mindstage.scene.transforms import Array, normalized_pose_array, quat_rotate
+from mindstage.scene import Body, BodyId, Joint, Pose
+from mindstage.scene.transforms import (
+    Array,
+    normalized_pose_array,
+    pose_from_array,
+    pose_inverse,
+    pose_multiply,
+    quat_rotate,
+)
 
 __all__ = ["BaseDrive", "JointDrive", "RobotDrives", "drives_of", "yaw_of"]
 
@@ -93,8 +100,14 @@ class BaseDrive(msgspec.Struct, frozen=True, kw_only=True):
     """The errors at which the drives have their largest force [m, m, rad]."""
     lags_s: tuple[float, float, float]
     """The times by which the servos are behind moving commands [s]."""
+    root: BodyId
+    """The body that the joint moves."""
+    frame: Pose
+    """The frame of the joint when spawned, in the world frame."""
+    root_offset: Pose
+    """The frame of `root` in the frame of the joint's child."""
     odom: tuple[float, float, float]
-    """The frame of the joint when spawned, in the world frame: x, y [m], yaw [rad]."""
+    """`frame` on the floor: x, y [m], yaw [rad]."""
     offset: tuple[float, float, float]
     """The frame of the base link in the frame of the joint's child."""
     velocity: float
@@ -120,6 +133,13 @@ class BaseDrive(msgspec.Struct, frozen=True, kw_only=True):
         """The coordinates of the joint at a pose of the base link in the world frame; yaw within [-pi, pi)."""
         root = planar_multiply(pose, planar_inverse(self.offset))
         return np.array(planar_multiply(planar_inverse(self.odom), root))
+
+    def root_pose(self, pose: tuple[float, float, float]) -> Pose:
+        """The pose of the root in the world frame at a pose of the base link: x, y [m], yaw [rad]."""
+        x, y, yaw = self.joint_from_world(pose).tolist()
+        moved = np.array([x, y, 0.0, math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
+        joint = pose_multiply(normalized_pose_array(self.frame), moved)
+        return pose_from_array(pose_multiply(joint, normalized_pose_array(self.root_offset)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -311,9 +331,7 @@ def _inertia_and_load(joint: Joint, moved: list[Body], masses: Mapping[BodyId, f
     return inertia, load
 
 
-def _base_drive(
-    model: RobotModel, placed: RobotWorld, mass_kg: float
-) -> tuple[BaseDrive | None, tuple[Actuator, ...]]:
+def _base_drive(model: RobotModel, placed: RobotWorld, mass_kg: float) -> tuple[BaseDrive | None, tuple[Actuator, ...]]:
     """The drives of the base, and their actuators; none of a fixed one."""
     if placed.base_joint_id is None:
         return None, ()
@@ -321,6 +339,8 @@ def _base_drive(
     joint = next(each for each in placed.world.joints if each.id == placed.base_joint_id)
     frame = normalized_pose_array(joint.pose)
     link = normalized_pose_array(placed.world.body(placed.link_ids[base.link]).pose)
+    root = placed.link_ids[model.root]
+    root_pose = normalized_pose_array(placed.world.body(root).pose)
     odom = (float(frame[0]), float(frame[1]), yaw_of(frame[3:]))
     offset = planar_multiply(planar_inverse(odom), (float(link[0]), float(link[1]), yaw_of(link[3:])))
     inertia = mass_kg * max(base.radius_m, 0.2) ** 2
@@ -343,13 +363,16 @@ def _base_drive(
                 damping=2.0 * math.sqrt(stiffness * size),
             )
         )
-    assert set(_BASE_AXES) <= set(AXIS_NAMES)
+    lags_s = [each.damping / each.stiffness for each in rows]
     drive = BaseDrive(
         type=base.type,
         joint_id=joint.id,
         actuators=(rows[0].name, rows[1].name, rows[2].name),
         error_limits=_BASE_ERRORS,
-        lags_s=(rows[0].damping / rows[0].stiffness, rows[1].damping / rows[1].stiffness, rows[2].damping / rows[2].stiffness),
+        lags_s=(lags_s[0], lags_s[1], lags_s[2]),
+        root=root,
+        frame=joint.pose,
+        root_offset=pose_from_array(pose_multiply(pose_inverse(frame), root_pose)),
         odom=odom,
         offset=offset,
         velocity=base.velocity,

@@ -12,16 +12,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from os import PathLike
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, Protocol, TypeVar
 
 import msgspec
 import numpy as np
 
 from mindstage.engines.base import Capability, Engine, SpawnReport
-from mindstage.engines.kinematic_tree import AXIS_NAMES, movable_axes
+from mindstage.engines.kinematic_tree import movable_axes
 from mindstage.errors import BodyNotFoundError, CommandRefusedError, RobotModelError, RobotNotFoundError
-from mindstage.robots.control import MotionGoal, MotionOutcome, MotionResult, RobotController, held_bodies
+from mindstage.robots.control import MotionGoal, MotionResult, gripper_opening, held_bodies
+from mindstage.robots.controller import RobotController
 from mindstage.robots.drives import drives_of, planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.model import Gripper, RobotModel
 from mindstage.robots.models.reading import load_model
@@ -29,6 +31,7 @@ from mindstage.robots.trajectories import JointTrajectory, point_to_point
 from mindstage.robots.world import RobotWorld, robot_world
 from mindstage.scene import IDENTITY, BodyId, Pose
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
+from mindstage.simulation.controllers import ControllerSchedule
 from mindstage.simulation.state import EngineSession, poses_in
 
 __all__ = ["JointState", "Odometry", "Robot", "place_robot"]
@@ -37,6 +40,13 @@ T = TypeVar("T")
 
 _WAIT_S = 0.02
 """Simulated time between two checks of a goal [s]."""
+
+
+class RobotSession(EngineSession, Protocol):
+    """The part of `Simulation` that robots use."""
+
+    def ask(self, question: str, /, *positional: object, **args: object) -> Sequence[Any]:
+        """All answers to a question about the current state."""
 
 
 class JointState(msgspec.Struct, frozen=True, kw_only=True):
@@ -73,7 +83,7 @@ class Robot:
         model: RobotModel,
         placed: RobotWorld,
         *,
-        session: EngineSession,
+        session: RobotSession,
         controller: RobotController,
         report: SpawnReport,
     ) -> None:
@@ -93,6 +103,9 @@ class Robot:
         self.controller = controller
         self.report = report
         self._placed = placed
+        self._seen: tuple[BodyId, ...] | None = None
+        """The ids for which `exists` was computed."""
+        self._exists = True
         joints = {joint.id: joint for joint in placed.world.joints}
         self._axes = {
             name: (id, axes[0].index) for name, id in placed.joint_ids.items() if (axes := movable_axes(joints[id]))
@@ -105,6 +118,11 @@ class Robot:
     def link_ids(self) -> Mapping[str, BodyId]:
         """The body of each link."""
         return self._placed.link_ids
+
+    @property
+    def body_ids(self) -> frozenset[BodyId]:
+        """All of its bodies: those of its links, and that of the frame `odom`."""
+        return frozenset(body.id for body in self._placed.world.bodies)
 
     @property
     def joint_ids(self) -> Mapping[str, BodyId]:
@@ -124,7 +142,10 @@ class Robot:
     @property
     def exists(self) -> bool:
         """Whether its bodies are in the simulation."""
-        return self._placed.link_ids[self.model.root] in self.session.state.ids
+        ids = self.session.state.ids
+        if self._seen is not ids:
+            self._seen, self._exists = ids, self.body_ids <= set(ids)
+        return self._exists
 
     def joint_states(self) -> dict[str, JointState]:
         """The state of each joint that moves, in the order of the model."""
@@ -134,7 +155,7 @@ class Robot:
             has_actuators = Capability.ACTUATORS in engine.capabilities
             states = engine.actuator_states() if has_actuators else {}
             driven = {name for name, drive in drives.items() if drive.actuator in states}
-            coordinates = {}
+            coordinates: Mapping[BodyId, tuple[float, ...]] = {}
             if driven != self._axes.keys():
                 if Capability.JOINTS not in engine.capabilities:
                     return {name: JointState(position=zero.get(name, 0.0)) for name in self._axes}
@@ -203,9 +224,10 @@ class Robot:
             )
         return found[0]
 
-    def gripper_opening(self, gripper: str = "") -> float:
+    def opening(self, gripper: str = "") -> float:
         """The distance between the finger pads of a gripper [m]."""
-        return self.controller.opening(self.gripper(gripper), self.joint_positions())
+        record, positions = self.gripper(gripper), self.joint_positions()
+        return gripper_opening(record, [positions[name] for name in record.joints])
 
     @property
     def held(self) -> Mapping[str, BodyId]:
@@ -220,6 +242,8 @@ class Robot:
             return Odometry(x=0.0, y=0.0, yaw=0.0, vx=0.0, vy=0.0, wz=0.0)
 
         def read(engine: Engine) -> tuple[Array, Array]:
+            if Capability.ACTUATORS not in engine.capabilities:
+                return base.joint_from_world(self.base_pose()), np.zeros(3)
             states = engine.actuator_states()
             rows = [states[name] for name in base.actuators]
             return np.array([each.position for each in rows]), np.array([each.velocity for each in rows])
@@ -236,6 +260,16 @@ class Robot:
         forward = np.array([np.cos(heading), np.sin(heading)])
         left = np.array([-forward[1], forward[0]])
         return Odometry(x=x, y=y, yaw=yaw, vx=float(velocity @ forward), vy=float(velocity @ left), wz=float(wz))
+
+    def set_base_pose(self, x: float, y: float, yaw: float) -> None:
+        """Puts the base at another place at once, at rest: x, y [m] and yaw [rad] of the base link in the world frame.
+
+        Raises:
+            CommandRefusedError: the base is fixed.
+        """
+        self.session.run_on_engine(
+            lambda engine: self.controller.set_base_pose(engine, (x, y, yaw)), label="set base pose", edits=True
+        )
 
     # -- goals ---------------------------------------------------------------------------------------------
 
@@ -447,16 +481,23 @@ class Robot:
 
     # -- copies --------------------------------------------------------------------------------------------
 
-    def in_copy(self, session: EngineSession, controller: RobotController) -> Robot:
+    @property
+    def controller_name(self) -> str:
+        """The name of its controller in the simulation."""
+        return f"robot {self.name}"
+
+    def in_copy(self, session: RobotSession, controllers: ControllerSchedule) -> Robot:
         """The same robot in a copy of its simulation.
 
         Args:
             session: the copy.
-            controller: the copy of its controller there.
+            controllers: the controllers of the copy.
         """
-        return Robot(
-            self.name, self.model, self._placed, session=session, controller=controller, report=self.report
-        )
+        controller = controllers.controllers[self.controller_name]
+        assert isinstance(controller, RobotController)
+        if Capability.ACTUATORS in session.capabilities:  # an engine that was not forked has no actuators yet
+            session.run_on_engine(controller.connect, label="connect robot")
+        return Robot(self.name, self.model, self._placed, session=session, controller=controller, report=self.report)
 
     def __repr__(self) -> str:
         kind = self.model.base.type.value
@@ -472,11 +513,11 @@ class Robot:
 
 
 def place_robot(
-    session: EngineSession,
-    source: str | Path | RobotModel,
+    session: RobotSession,
+    source: str | PathLike[str] | RobotModel,
     pose: Pose = IDENTITY,
     *,
-    name: str | None = None,
+    name: str = "",
     names: Iterable[str] = (),
 ) -> Robot:
     """Spawns a robot; its actuators are added by `Simulation.add_robot`.
@@ -492,16 +533,21 @@ def place_robot(
         RobotNotFoundError: no model has that name.
         RobotModelError: the description cannot be read, or not all of it can be spawned.
     """
-    model = source if isinstance(source, RobotModel) else load_model(source)
+    model = (
+        source
+        if isinstance(source, RobotModel)
+        else load_model(Path(source) if isinstance(source, PathLike) else source)
+    )
     taken = set(names)
-    if name is None:
+    if not name:
         numbers = (model.name if number == 1 else f"{model.name}_{number}" for number in range(1, len(taken) + 2))
         name = next(each for each in numbers if each not in taken)
     elif name in taken:
         raise RobotModelError(model.source or model.name, cause=f"a robot {name!r} exists", remedy="give another name")
     world_ids = {joint.id for world in session.worlds for joint in world.joints}
     placed = robot_world(model, pose, name=name, taken={*session.state.ids, *world_ids})
-    report = session.spawn(placed.world, geometry=placed.geometry)
+    pairs = frozenset((placed.link_ids[a], placed.link_ids[b]) for a, b in model.disabled_collisions)
+    report = session.spawn(placed.world, geometry=placed.geometry, excluded_pairs=pairs)
     if not report.ok:
         failures = (*report.failed_bodies, *report.failed_joints, *report.failed_attachments)
         spawned = set(placed.link_ids.values()) & set(session.state.ids)

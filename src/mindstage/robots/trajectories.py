@@ -1,8 +1,8 @@
 """Joint trajectories: what they may be, and the positions and velocities between their points.
 
-Between two points a trajectory is interpolated as ROS 2's `joint_trajectory_controller` does: linearly if either end has
-no velocities, by a cubic spline if both have velocities, by a quintic one if both have accelerations too. Lengths are in
-meters, angles in radians.
+Between two points a trajectory is interpolated as ROS 2's `joint_trajectory_controller` does: linearly if either end
+has no velocities, by a cubic spline if both have velocities, by a quintic one if both have accelerations too. Lengths
+are in meters, angles in radians.
 """
 
 from __future__ import annotations
@@ -147,10 +147,7 @@ def spline_of(
         times, positions = np.array([0.0, _MIN_DURATION_S]), np.vstack([positions, positions])
         speeds, accelerations = speeds * 2, accelerations * 2
     coefficients = np.stack(
-        [
-            _segment(times, positions, speeds, accelerations, segment=segment)
-            for segment in range(len(times) - 1)
-        ]
+        [_segment(times, positions, speeds, accelerations, segment=segment) for segment in range(len(times) - 1)]
     )
     spline = JointSpline(trajectory.joints, times, coefficients)
     _check_extremes(spline, joints, robot)
@@ -210,16 +207,23 @@ def _check_form(trajectory: JointTrajectory, limits: Mapping[str, RobotJoint], r
         raise _refused(robot, what, "it has no joints or no points", "give at least one of each")
     for name in trajectory.joints:
         if name not in limits:
-            raise _refused(robot, 
-                f"a trajectory of {name!r}", "it has no joint with a drive of that name", f"use {', '.join(limits)}"
+            raise _refused(
+                robot,
+                f"a trajectory of {name!r}",
+                "it has no joint with a drive of that name",
+                f"use {', '.join(limits)}",
             )
     if len(set(trajectory.joints)) < len(trajectory.joints):
         raise _refused(robot, what, "it names a joint twice", "name each joint once")
     count, before_s = len(trajectory.joints), -math.inf
     for number, point in enumerate(trajectory.points, 1):
-        rows = (("positions", point.positions), ("velocities", point.velocities), ("accelerations", point.accelerations))
+        rows = (
+            ("positions", point.positions),
+            ("velocities", point.velocities),
+            ("accelerations", point.accelerations),
+        )
         for kind, values in rows:
-            if values and len(values) != count or (kind == "positions" and not values):
+            if (values and len(values) != count) or (kind == "positions" and not values):
                 cause = f"point {number} has {len(values or ())} {kind} for {count} joints"
                 raise _refused(robot, what, cause, "give one number for each joint")
             if not all(math.isfinite(value) for value in values or ()):
@@ -236,7 +240,7 @@ def _check_form(trajectory: JointTrajectory, limits: Mapping[str, RobotJoint], r
 
 
 def _check_positions(
-    trajectory: JointTrajectory, joints: Sequence[RobotJoint], times: Array, positions: Array, check: _Refusals
+    trajectory: JointTrajectory, joints: Sequence[RobotJoint], times: Array, positions: Array, robot: str
 ) -> None:
     """Refuses positions beyond a limit; those that are so by rounding are moved to it."""
     for column, joint in enumerate(joints):
@@ -247,7 +251,8 @@ def _check_positions(
             beyond = sign * (positions[:, column] - limit)
             row = int(np.argmax(beyond))
             if beyond[row] > _LIMIT_SLACK:
-                raise _refused(robot, 
+                raise _refused(
+                    robot,
                     f"{joint.name} = {positions[row, column]:.4g} {unit}",
                     f"its {word} limit is {limit:.4g} {unit} (point {row + 1}, at {times[row]:g} s)",
                     "stay within the limits",
@@ -261,7 +266,8 @@ def _check_start(joints: Sequence[RobotJoint], first: Array, now: Array, robot: 
         tolerance = START_TOLERANCES[joint.type is RobotJointType.PRISMATIC]
         if abs(position - current) > tolerance:
             unit = _unit(joint)
-            raise _refused(robot, 
+            raise _refused(
+                robot,
                 f"a start at {joint.name} = {position:.4g} {unit}",
                 f"it is at {current:.4g} {unit}, and the tolerance is {tolerance:g} {unit}",
                 "start at the current state, or give the first point a time after 0",
@@ -314,15 +320,18 @@ def _check_extremes(spline: JointSpline, joints: Sequence[RobotJoint], robot: st
         unit = _unit(joint)
         if joint.velocity and (peak := float(np.abs(velocity).max())) > joint.velocity * _VELOCITY_SLACK:
             segment = int(np.abs(velocity).max(axis=1).argmax())
-            raise _refused(robot, 
+            raise _refused(
+                robot,
                 f"{joint.name} with {peak:.4g} {unit}/s",
                 f"its velocity limit is {joint.velocity:.4g} {unit}/s (from {spline.times[segment]:.3g} s on)",
                 "give it more time",
             )
         for limit, sign in ((joint.lower, -1.0), (joint.upper, 1.0)):
             if limit is not None and (sign * (position - limit)).max() > _BETWEEN_SLACKS[joint.type]:
-                raise _refused(robot, 
-                    f"{joint.name} = {float(position.flat[int((sign * position).argmax())]):.4g} {unit} between two points",
+                worst = float(position.flat[int((sign * position).argmax())])
+                raise _refused(
+                    robot,
+                    f"{joint.name} = {worst:.4g} {unit} between two points",
                     f"its limit is {limit:.4g} {unit}",
                     "give the points near it smaller velocities",
                 )

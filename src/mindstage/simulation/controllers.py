@@ -7,11 +7,14 @@ are copied with it. While none is active, stepping costs the same as without con
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from mindstage.engines.base import Engine
+from mindstage.errors import RobotNotFoundError
 
-__all__ = ["Controller", "ControllerSchedule"]
+__all__ = ["Controller", "ControllerSchedule", "find_robot"]
+
+R = TypeVar("R")
 
 _EARLY_S = 1e-9
 """A time that is so little before that of an update counts as equal [s]."""
@@ -99,3 +102,17 @@ class ControllerSchedule:
         copied._controllers = {name: each.copy() for name, each in self._controllers.items()}
         copied._waits_s = dict(self._waits_s)
         return copied
+
+
+def find_robot(robots: Mapping[str, R], name: str) -> R:
+    """The robot of a name; without a name the only one.
+
+    Raises:
+        RobotNotFoundError: there is no robot of that name, or not exactly one and no name is given.
+    """
+    if not name and len(robots) == 1:
+        return next(iter(robots.values()))
+    if name not in robots:
+        known = f"there is {', '.join(robots)}" if robots else "add one with `add_robot`"
+        raise RobotNotFoundError(name, remedy=known if name or not robots else f"give a name: {known}")
+    return robots[name]

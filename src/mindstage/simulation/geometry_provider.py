@@ -43,6 +43,7 @@ class GeometryProvider:
         self._shapes, self._meshes = shapes, meshes
         self._geometry: dict[BodyId, BodyGeometry] = {}
         self._immovable: frozenset[BodyId] = frozenset()
+        self._excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset()
         self._cached: tuple[tuple[BodyId, ...], GeometryMap] = ((), NO_GEOMETRY)
         self._lock = Lock()
 
@@ -51,6 +52,7 @@ class GeometryProvider:
         copy = GeometryProvider(self._knowledge, shapes=self._shapes, meshes=self._meshes)
         with self._lock:
             copy._geometry, copy._immovable, copy._cached = dict(self._geometry), self._immovable, self._cached
+            copy._excluded_pairs = self._excluded_pairs
         return copy
 
     def __getstate__(self) -> dict[str, Any]:
@@ -87,9 +89,19 @@ class GeometryProvider:
         """The bodies that were spawned as immovable ones."""
         return self._immovable
 
-    def options(self, *, immovable: frozenset[BodyId] | None = None, ground: bool = False) -> SpawnOptions:
-        """The options of a spawn; by default with the bodies that were immovable when they were spawned."""
-        return SpawnOptions(immovable=self._immovable if immovable is None else immovable, ground=ground)
+    def options(
+        self,
+        *,
+        immovable: frozenset[BodyId] | None = None,
+        excluded_pairs: frozenset[tuple[BodyId, BodyId]] | None = None,
+        ground: bool = False,
+    ) -> SpawnOptions:
+        """The options of a spawn; by default as bodies were spawned before."""
+        return SpawnOptions(
+            immovable=self._immovable if immovable is None else immovable,
+            excluded_pairs=self._excluded_pairs if excluded_pairs is None else excluded_pairs,
+            ground=ground,
+        )
 
     def add(
         self,
@@ -97,10 +109,12 @@ class GeometryProvider:
         *,
         failed: Iterable[SpawnFailure] = (),
         immovable: frozenset[BodyId] = frozenset(),
+        excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset(),
     ) -> None:
         """Keeps the geometry of spawned bodies; a failed body may have the id of one that exists."""
         failed_ids = {failure.id for failure in failed}
         with self._lock:
+            self._excluded_pairs |= excluded_pairs
             self._immovable |= immovable - failed_ids
             self._geometry |= {id: fitted for id, fitted in geometry.items() if id not in failed_ids}
             self._cached = ((), NO_GEOMETRY)
@@ -113,6 +127,7 @@ class GeometryProvider:
         """Removes all geometry."""
         with self._lock:
             self._geometry, self._cached, self._immovable = {}, ((), NO_GEOMETRY), frozenset()
+            self._excluded_pairs = frozenset()
 
     def for_ids(self, ids: tuple[BodyId, ...]) -> GeometryMap:
         """The geometry of bodies; the same object for the same tuple."""

@@ -6,7 +6,7 @@ Otherwise it is simulated by MuJoCo, from a snapshot.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -33,7 +33,7 @@ from mindstage.simulation.joint_motion import find_joint
 from mindstage.simulation.state import EngineSession
 from mindstage.simulation.undo import SpawnRecord
 
-__all__ = ["EditRecordingEngine", "ForkOrigin", "commit_edits", "copied_engine", "match_world"]
+__all__ = ["EditRecordingEngine", "ForkOrigin", "commit_edits", "copied_engine", "match_world", "world_with_bodies"]
 
 _MAX_BEYOND_LIMIT = 0.05
 """Joint limits are soft in simulations: a joint is so far beyond its limit at most [m or rad]."""
@@ -177,6 +177,20 @@ class _RecordedState:
     state: SavedState
     edits: tuple[tuple[str, Edit], ...] = field(repr=False)
     was_restored: bool
+
+
+def world_with_bodies(world: World, ids: Container[BodyId], others: Container[BodyId]) -> World:
+    """The part of a world with only these bodies, and what connects them with one another and with others."""
+
+    def exists(id: BodyId) -> bool:
+        return id in ids or id in others
+
+    return msgspec.structs.replace(
+        world,
+        bodies=tuple(body for body in world.bodies if body.id in ids),
+        joints=tuple(each for each in world.joints if exists(each.parent) and exists(each.child)),
+        attachments=tuple(each for each in world.attachments if exists(each.parent) and exists(each.child)),
+    )
 
 
 def commit_edits(engine: Engine, origin: ForkOrigin | None) -> tuple[str, ...]:

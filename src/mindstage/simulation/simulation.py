@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Container, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import msgspec
-import numpy as np
 from msgspec.structs import replace
 
 from mindstage.engines import is_remote
@@ -28,12 +27,11 @@ from mindstage.engines.base import (
     SpawnNote,
     SpawnReport,
 )
-from mindstage.engines.place import REST_CHECK_S, PlaceBounds, find_moved_bodies
+from mindstage.engines.place import REST_CHECK_S, find_bodies_that_move
 from mindstage.errors import (
     EngineClosedError,
     EngineError,
     InvalidArgumentError,
-    SimulationDivergedError,
     SimulationError,
 )
 from mindstage.knowledge import KnowledgeBase, SparqlResult
@@ -42,11 +40,10 @@ from mindstage.knowledge.over_time import argument_names, ask_over_time, recorde
 from mindstage.knowledge.queries import AnswerRow, Answers, Question
 from mindstage.knowledge.questions import StateAccess
 from mindstage.knowledge.sentences import resolve_question
-from mindstage.scene import Body, BodyId, Color, GeometryMap, Vector, World
-from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene import IDENTITY, Body, BodyId, Color, GeometryMap, Pose, Vector, World
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
-from mindstage.scene.transforms import Array
+from mindstage.simulation.controllers import Controller, ControllerSchedule, find_robot
 from mindstage.simulation.engine_thread import DirectCalls, EditHold, EngineThread, RealTimeClock
 from mindstage.simulation.geometry_provider import GeometryProvider, with_geometry_notes, with_immovable_notes
 from mindstage.simulation.highlights import (
@@ -56,17 +53,25 @@ from mindstage.simulation.highlights import (
     MarkerStore,
     highlight_request,
 )
-from mindstage.simulation.imagined import EditRecordingEngine, ForkOrigin, commit_edits, copied_engine
+from mindstage.simulation.imagined import (
+    EditRecordingEngine,
+    ForkOrigin,
+    commit_edits,
+    copied_engine,
+    world_with_bodies,
+)
 from mindstage.simulation.interaction import Perturbations
 from mindstage.simulation.joint_motion import SimulationJoint, find_joint
 from mindstage.simulation.observation import ClientDirectory, Observers, SimulationObserver, current_client
 from mindstage.simulation.placement import PlacementResult, make_body, place_body
 from mindstage.simulation.state import StateSnapshot
-from mindstage.simulation.undo import UndoStack
+from mindstage.simulation.undo import StartState, UndoStack
 
 if TYPE_CHECKING:
     from mindstage.episodes.recorder import Recorder
     from mindstage.geometry.fit import MeshProvider
+    from mindstage.robots.model import RobotModel
+    from mindstage.robots.robot import Robot
     from mindstage.saving import FileDialect, FileFormat
 
 __all__ = ["Simulation"]
@@ -74,30 +79,6 @@ __all__ = ["Simulation"]
 
 T = TypeVar("T")
 R = TypeVar("R", bound=AnswerRow)
-
-
-def _with_bodies(world: World, ids: Container[BodyId], others: Container[BodyId]) -> World:
-    """The part of a world with only these bodies, and what connects them with one another and with others."""
-
-    def exists(id: BodyId) -> bool:
-        return id in ids or id in others
-
-    return replace(
-        world,
-        bodies=tuple(body for body in world.bodies if body.id in ids),
-        joints=tuple(each for each in world.joints if exists(each.parent) and exists(each.child)),
-        attachments=tuple(each for each in world.attachments if exists(each.parent) and exists(each.child)),
-    )
-
-
-class _StartState(msgspec.Struct, frozen=True, eq=False):
-    """What `Simulation.reset_to_start` restores."""
-
-    worlds: tuple[World, ...] = ()
-    temporary_worlds: tuple[World, ...] = ()
-    report_count: int = 0
-    state: SavedState | None = None
-    """None if the engine cannot save its state; the worlds are then spawned again."""
 
 
 _PICKLED_FIELDS = (
@@ -108,6 +89,8 @@ _PICKLED_FIELDS = (
     "_temporary_worlds",
     "_reports",
     "_grounded",
+    "_controllers",
+    "_robots",
 )
 _TICK_S = 1 / 60
 """Interval at which a playing simulation is stepped and published [s]."""
@@ -155,9 +138,11 @@ class Simulation:
         self._initial_state_is_due = False
         self._edit_hold = EditHold()
         self._late_end_callbacks: tuple[Callable[[str, BaseException | None], None], ...] = ()
-        self._start: _StartState | None = None
+        self._start: StartState | None = None
         self._clock: RealTimeClock | None = None
         self._perturbations = Perturbations()
+        self._controllers = ControllerSchedule()
+        self._robots: Mapping[str, Robot] = {}
         self._highlights = Highlights()
         self._markers = MarkerStore()
         self._observers = Observers()
@@ -218,6 +203,7 @@ class Simulation:
         persistent: bool = True,
         ground: bool = True,
         check_rest: bool = False,
+        excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset(),
         timeout_s: float | None = None,
     ) -> SpawnReport:
         """Spawns a world, or a map of the knowledge base.
@@ -232,6 +218,7 @@ class Simulation:
             ground: whether a ground plane is added where nothing is below loose bodies.
             check_rest: whether the report names the bodies that move away in the first two simulated seconds, which
                 are simulated for that and undone; see `check_rest`. Worlds of remote engines are not checked.
+            excluded_pairs: pairs of its bodies that do not collide with each other.
             timeout_s: timeout of the engine call [s]; by default that of the simulation plus 20 ms for each body and
                 joint.
 
@@ -249,11 +236,12 @@ class Simulation:
             immovable = provider.find_immovable(description)
 
         def spawn(engine: Engine) -> SpawnReport:
-            options = provider.options(immovable=immovable.ids, ground=ground)
+            options = provider.options(immovable=immovable.ids, excluded_pairs=excluded_pairs, ground=ground)
             spawned = engine.spawn(description, geometry=fitted.geometry, options=options)
             report = with_immovable_notes(spawned, immovable)
             report = with_geometry_notes(report, fitted, (body.id for body in description.bodies))
-            provider.add(fitted.geometry, failed=spawned.failed_bodies, immovable=immovable.ids)
+            failed, pairs = spawned.failed_bodies, excluded_pairs
+            provider.add(fitted.geometry, failed=failed, immovable=immovable.ids, excluded_pairs=pairs)
             self._grounded |= ground
             self._reports = (*self._reports, report)
             if persistent:
@@ -282,35 +270,12 @@ class Simulation:
 
         def check(engine: Engine) -> tuple[MovedBody, ...]:
             before = engine.save_state() if Capability.SAVE in engine.capabilities else None
-            ids, poses = engine.poses()
             try:
-                with suppress(SimulationDivergedError):  # what diverged is far away
-                    for _ in range(round(REST_CHECK_S / _STEP_CHUNK_S)):
-                        engine.step(_STEP_CHUNK_S)
-                return self._moved_bodies(ids, poses, *engine.poses())
+                return find_bodies_that_move(engine, self.worlds)
             finally:
-                if before is not None:
-                    engine.restore_state(before)
-                else:
-                    engine.clear()
-                    self._respawn(engine, self._worlds)
+                self._restore(engine, before, self._worlds)
 
         return self.run_on_engine(check, label="check rest", timeout_s=self.timeout_s * 6 * (1 + REST_CHECK_S))
-
-    def _moved_bodies(
-        self, ids: tuple[BodyId, ...], poses: Array, later_ids: tuple[BodyId, ...], later_poses: Array
-    ) -> tuple[MovedBody, ...]:
-        """The bodies that did not stay, of those that still exist."""
-        if ids != later_ids:
-            rows = {id: row for row, id in enumerate(later_ids)}
-            kept = [row for row, id in enumerate(ids) if id in rows]
-            ids, poses = tuple(ids[row] for row in kept), poses[kept]
-            later_poses = later_poses[[rows[id] for id in ids]]
-        sizes = {body.id: body.size for world in self.worlds for body in world.bodies}
-        extents = np.array([sizes.get(id) or (0.0, 0.0, 0.0) for id in ids], dtype=float).reshape(-1, 3)
-        return find_moved_bodies(
-            ids, poses, later_poses, PlaceBounds.from_boxes(OrientedBoxes.from_poses(poses, extents))
-        )
 
     @property
     def notes(self) -> tuple[SpawnNote, ...]:
@@ -342,14 +307,19 @@ class Simulation:
         def reset(engine: Engine) -> None:
             self._perturbations.clear()
             self._error = ""
-            if self._initial_state is not None:
-                engine.restore_state(self._initial_state)
-            else:
-                engine.clear()
-                self._respawn(engine, self._worlds)
+            self._restore(engine, self._initial_state, self._worlds)
+            self._controllers.reset(engine)
             self._highlights.reapply(engine)
 
         self.run_on_engine(reset, label="reset", edits=True, timeout_s=self.timeout_s * 3)
+
+    def _restore(self, engine: Engine, state: SavedState | None, worlds: Iterable[World]) -> None:
+        """Restores a saved state; without one, worlds are spawned again."""
+        if state is not None:
+            engine.restore_state(state)
+        else:
+            engine.clear()
+            self._respawn(engine, worlds)
 
     def _respawn(self, engine: Engine, worlds: Iterable[World]) -> None:
         """Spawns worlds that were spawned before."""
@@ -360,7 +330,7 @@ class Simulation:
     @property
     def start_ids(self) -> frozenset[BodyId]:
         """The bodies of the start, to which `reset_to_start` returns."""
-        start = self._start or _StartState()
+        start = self._start or StartState()
         return frozenset(body.id for world in (*start.worlds, *start.temporary_worlds) for body in world.bodies)
 
     def mark_start(self) -> None:
@@ -381,19 +351,16 @@ class Simulation:
         """
 
         def reset(engine: Engine) -> None:
-            start, present = self._start or _StartState(), set(engine.poses()[0])
+            start, present = self._start or StartState(), set(engine.poses()[0])
             later = (*self._worlds[len(start.worlds) :], *self._temporary_worlds[len(start.temporary_worlds) :])
             self._perturbations.clear()
             self._error = ""
-            if start.state is not None:
-                engine.restore_state(start.state)
-            else:
-                engine.clear()
-                self._respawn(engine, (*start.worlds, *start.temporary_worlds))
+            self._restore(engine, start.state, (*start.worlds, *start.temporary_worlds))
+            self._controllers.reset(engine)
             self._initial_state = start.state
             if keep_spawned:
                 added = present - self.start_ids
-                self._respawn(engine, (_with_bodies(world, added, self.start_ids) for world in later))
+                self._respawn(engine, (world_with_bodies(world, added, self.start_ids) for world in later))
             else:
                 self._worlds, self._temporary_worlds = start.worlds, start.temporary_worlds
                 self._reports = self._reports[: start.report_count]
@@ -412,6 +379,7 @@ class Simulation:
             self._grounded, self._start = False, None
             self._geometry_provider.clear()
             self._perturbations.clear()
+            self._controllers, self._robots = ControllerSchedule(), {}
 
         self.run_on_engine(clear, label="clear", edits=True)
         self.undo_stack.clear()
@@ -428,12 +396,7 @@ class Simulation:
         return self._engine_error
 
     def ping(self, *, timeout_s: float | None = None) -> float:
-        """Calls the engine, and returns the round-trip time [s].
-
-        Raises:
-            EngineError: the engine does not respond.
-            SimulationTimeoutError: the engine is busy or hangs.
-        """
+        """Calls the engine, and returns the round-trip time [s]; raises what `run_on_engine` raises."""
         start = time.perf_counter()
         self.run_on_engine(lambda engine: engine.time_s, label="ping", timeout_s=timeout_s)
         return time.perf_counter() - start
@@ -563,8 +526,7 @@ class Simulation:
         """Highlights bodies in a color, or removes their highlight.
 
         Highlights add up; a body that is highlighted twice has the later color, and highlighting something again with
-        the same label replaces what was highlighted with it before. An IRI, or an answer, that has no body here is
-        listed in the result with the reason.
+        the same label replaces what was highlighted with it before.
 
         Args:
             shown: the id or IRI of a body, an answer, several of these, or all answers to a question. Of answers it is
@@ -640,21 +602,22 @@ class Simulation:
         """
         provider = self._geometry_provider
 
-        def fork(engine: Engine) -> tuple[Engine, ForkOrigin]:
+        def fork(engine: Engine) -> tuple[Engine, ForkOrigin, ControllerSchedule]:
             options = provider.options(ground=self._grounded)
             copied, notes = copied_engine(
                 engine, worlds=self.worlds, geometry=self.geometry, options=options, physics=physics
             )
             ids, poses = engine.poses()
-            return copied, ForkOrigin(self, self._revision, ids, poses, notes)
+            return copied, ForkOrigin(self, self._revision, ids, poses, notes), self._controllers.copy()
 
-        engine, origin = self.run_on_engine(fork, label="imagine")
+        engine, origin, controllers = self.run_on_engine(fork, label="imagine")
         self._observers.report("imagination", details={"notes": origin.notes})
         recorded = EditRecordingEngine(engine)
         copy = Simulation(self.knowledge, recorded.as_engine(), timeout_s=self.timeout_s, threaded=threaded)
         copy._geometry_provider, copy._origin = provider.copy(), origin
         copy._worlds, copy._temporary_worlds, copy._reports = self._worlds, self._temporary_worlds, self._reports
-        copy._grounded = self._grounded
+        copy._grounded, copy._controllers = self._grounded, controllers
+        copy._robots = {name: each.in_copy(copy, controllers) for name, each in self.robots.items()}
         if self._initial_state is not None and not origin.notes:
             copy._initial_state = recorded.own_state(self._initial_state)
         if threaded:
@@ -792,8 +755,11 @@ class Simulation:
         dialect: FileDialect | str | None = None,
         assets: str | os.PathLike[str] | Iterable[str | os.PathLike[str]] = (),
         plain_shapes: bool = False,
+        robots: bool = False,
     ) -> tuple[str, ...]:
         """Writes the current state to a file; the suffix determines the format (see `mindstage.save`).
+
+        Robots are written only if `robots` is true; what they hold is always written.
 
         Returns:
             Notes, one sentence each, on what the format cannot express.
@@ -803,14 +769,79 @@ class Simulation:
         """
         from mindstage.saving import save_world
 
+        world, parts = self.snapshot(), {id for robot in self._robots.values() for id in robot.body_ids}
+        if parts and not robots:
+            world = world_with_bodies(world, {body.id for body in world.bodies} - parts, ())
         return save_world(
-            self.snapshot(),
+            world,
             path,
             knowledge=self.knowledge,
             format=format,
             dialect=dialect,
             assets=assets,
             plain_shapes=plain_shapes,
+        )
+
+    # -- robots and controllers ----------------------------------------------------------------------------
+
+    def add_robot(self, source: str | os.PathLike[str] | RobotModel, pose: Pose = IDENTITY, *, name: str = "") -> Robot:
+        """Spawns a robot with its drives: `sim.add_robot("mobile_manipulator")`.
+
+        Args:
+            source: the name of a known model, the path of a description (URDF, xacro, MJCF), or a model.
+            pose: where it stands on the floor, in the world frame.
+            name: its name; by default that of the model, numbered if there are several.
+
+        Raises:
+            RobotNotFoundError: no model has that name.
+            RobotModelError: the description cannot be read, or not all of it can be spawned.
+        """
+        from mindstage.robots.robot import place_robot
+
+        robot = place_robot(self, source, pose, name=name, names=self.robots)
+
+        def connect(engine: Engine) -> None:
+            robot.controller.connect(engine, is_new=True)
+            self._controllers.add(robot.controller_name, robot.controller)
+            self._robots = {**self._robots, robot.name: robot}
+            self._initial_state_is_due = True  # with the actuators
+
+        self.run_on_engine(connect, label="add robot", timeout_s=self.timeout_s * 3)
+        return robot
+
+    @property
+    def robots(self) -> Mapping[str, Robot]:
+        """The robots by name, except those whose bodies were deleted."""
+        return {name: robot for name, robot in self._robots.items() if robot.exists}
+
+    def robot(self, name: str = "") -> Robot:
+        """A robot; without a name the only one.
+
+        Raises:
+            RobotNotFoundError: there is no robot of that name, or not exactly one and no name is given.
+        """
+        return find_robot(self.robots, name)
+
+    def remove_robot(self, name: str = "") -> None:
+        """Deletes a robot, by default the only one; see `robot`."""
+        robot = self.robot(name)
+
+        def remove(engine: Engine) -> None:
+            engine.delete(robot.body_ids & set(engine.poses()[0]))
+            self._controllers.remove(robot.controller_name, robot.controller)
+            self._robots = {key: each for key, each in self._robots.items() if each is not robot}
+
+        self.run_on_engine(remove, label="remove robot", edits=True)
+
+    def add_controller(self, name: str, controller: Controller) -> Callable[[], None]:
+        """Adds a controller of actuators, which is copied and reset together with the simulation.
+
+        Returns:
+            A function that removes it.
+        """
+        self.run_on_engine(lambda _: self._controllers.add(name, controller), label="add controller")
+        return lambda: self.run_on_engine(
+            lambda _: self._controllers.remove(name, controller), label="remove controller"
         )
 
     # -- perturbations -------------------------------------------------------------------------------------
@@ -901,7 +932,8 @@ class Simulation:
         return self._markers.next_expiry_s()
 
     def _advance(self, duration_s: float, _: Engine | None = None) -> None:
-        self._perturbations.step(self._engine, duration_s)
+        for part_s in self._controllers.parts(self._engine, duration_s):
+            self._perturbations.step(self._engine, part_s)
 
     def _advance_observed(self, duration_s: float) -> None:
         """Advances time, and publishes the states in between that observers need."""
@@ -926,8 +958,8 @@ class Simulation:
         for callback in self._late_end_callbacks:
             callback(label, error)
 
-    def _start_state(self) -> _StartState:
-        return _StartState(self._worlds, self._temporary_worlds, len(self._reports), self._initial_state)
+    def _start_state(self) -> StartState:
+        return StartState(self._worlds, self._temporary_worlds, len(self._reports), self._initial_state)
 
     def _publish(self, *, edits: bool = False) -> None:
         self._revision += edits

@@ -105,6 +105,7 @@ class EngineSession(WorldSession, Protocol):
         *,
         geometry: GeometryMap | None = None,
         persistent: bool = True,
+        excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset(),
         timeout_s: float | None = None,
     ) -> SpawnReport:
         """Spawns a world."""

@@ -41,6 +41,7 @@ __all__ = [
     "SetMaterials",
     "SetPhysics",
     "SpawnRecord",
+    "StartState",
     "UndeleteBodies",
     "UndoHistory",
     "UndoStack",
@@ -549,3 +550,13 @@ class UndoStack:
         known, immovable = self._simulation.geometry, self._simulation.immovable
         geometry = {id: known[id] for id in ids if id in known}
         return DeleteBodies(ids, self._spawn_record(), geometry, label, immovable.intersection(ids))
+
+
+class StartState(msgspec.Struct, frozen=True, eq=False):
+    """What `Simulation.reset_to_start` restores."""
+
+    worlds: tuple[World, ...] = ()
+    temporary_worlds: tuple[World, ...] = ()
+    report_count: int = 0
+    state: SavedState | None = None
+    """None if the engine cannot save its state; the worlds are then spawned again."""
