@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from mindstage.api import connect, diff, load, open, save, view  # noqa: A004
     from mindstage.engines import MujocoEngine, NullEngine
-    from mindstage.imagination import imagine
+    from mindstage.imagination import imagine, try_first
     from mindstage.knowledge import KnowledgeBase
     from mindstage.scene import World
     from mindstage.simulation import Simulation
@@ -40,6 +40,7 @@ __all__ = [
     "load",
     "open",
     "save",
+    "try_first",
     "view",
 ]
 
@@ -59,6 +60,7 @@ _MODULES = {
     "load": "mindstage.api",
     "open": "mindstage.api",
     "save": "mindstage.api",
+    "try_first": "mindstage.imagination",
     "view": "mindstage.api",
 }
 

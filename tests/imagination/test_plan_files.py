@@ -21,6 +21,7 @@ from mindstage.imagination import (
     EventKind,
     Move,
     Open,
+    Perform,
     Place,
     Plan,
     PlanBuilder,
@@ -59,6 +60,12 @@ steps = st.one_of(
     st.builds(Attach, parent=texts, child=texts),
     st.builds(Detach, child=texts),
     st.builds(
+        Perform,
+        skill=texts,
+        args=st.dictionaries(texts, texts | numbers, max_size=2),
+        robot=st.sampled_from(["", "robot_1"]),
+    ),
+    st.builds(
         ChangePhysics, thing=texts, mass_kg=st.none() | positive, mobility=st.none() | st.sampled_from(list(Mobility))
     ),
 )
@@ -77,7 +84,7 @@ plans = st.builds(
     uncertainty=st.lists(uncertainties, max_size=2).map(tuple),
     check=st.none() | checks,
     until=st.none() | checks,
-    deadline_s=positive,
+    deadline_s=st.none() | positive,
     forbid=st.lists(st.sampled_from(list(EventKind)), max_size=3).map(tuple),
 )
 

@@ -16,11 +16,13 @@ from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
 from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.ros import RosInterface
+from mindstage.scene import Pose
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, RawClient
 from tests.conftest import ROOT, missing
 from tests.kitchenette import kitchenette
 from tests.ros.real_rosbridge import PrepareError, RealRosbridge
+from tests.ros.robot_client import RobotClient
 from tests.ros.ros_messages import Ask, Call, question_caller
 
 
@@ -116,3 +118,37 @@ def make_raw_client(server: RosbridgeServer, ros_interface: RosInterface) -> Ite
     """Creates raw clients."""
     with ExitStack() as stack:
         yield lambda: stack.enter_context(closing(RawClient(server.url)))
+
+
+# -- a robot ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def robot_simulation() -> Iterator[Simulation]:
+    """A kitchenette and a robot 2 m in front of it, which faces it."""
+    with KnowledgeBase() as knowledge, Simulation(knowledge, MujocoEngine()) as simulation:
+        assert simulation.spawn(kitchenette()).ok
+        simulation.add_robot("mobile_manipulator", Pose((-0.3, 0.5, 0.0)))
+        yield simulation
+
+
+@pytest.fixture(scope="module")
+def robot_server(robot_simulation: Simulation) -> Iterator[RosbridgeServer]:
+    """A rosbridge server, while the simulation plays in real time."""
+    with (
+        LocalNode() as node,
+        RosbridgeServer(node, port=0) as server,
+        RosInterface(robot_simulation, node),
+    ):
+        robot_simulation.play()
+        yield server
+        robot_simulation.pause()
+
+
+@pytest.fixture
+def robot_client(robot_simulation: Simulation, robot_server: RosbridgeServer) -> Iterator[RobotClient]:
+    """A client of the robot as it was added."""
+    robot_simulation.reset()
+    client = RobotClient(robot_server.port)
+    yield client
+    client.close()

@@ -1,5 +1,6 @@
 """Imagination: plans are tried in copies of a running world, many times, with a verdict and its reason."""
 
+from mindstage.imagination.acting import TryFirstResult, act, try_first
 from mindstage.imagination.execution import PlanRunner, is_uncertain, run_plan, validate_plan
 from mindstage.imagination.executors import Executor, InProcessExecutor, Job, WorkerPoolExecutor
 from mindstage.imagination.plan_files import PlanBuilder, PlanFile, dump_plan, load_plan, plan_schema
@@ -11,6 +12,7 @@ from mindstage.imagination.plans import (
     Detach,
     Move,
     Open,
+    Perform,
     Place,
     Plan,
     PlanStep,
@@ -37,6 +39,7 @@ __all__ = [
     "Move",
     "Open",
     "Outcome",
+    "Perform",
     "Place",
     "Plan",
     "PlanBuilder",
@@ -49,16 +52,19 @@ __all__ = [
     "Replay",
     "ReplayFrame",
     "SampleResult",
+    "TryFirstResult",
     "Uncertainty",
     "Verdict",
     "Wait",
     "WorkerPoolExecutor",
+    "act",
     "dump_plan",
     "imagine",
     "is_uncertain",
     "load_plan",
     "plan_schema",
     "run_plan",
+    "try_first",
     "validate_plan",
     "wilson_interval",
 ]

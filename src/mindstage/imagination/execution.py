@@ -6,11 +6,11 @@ any process. They are drawn in the order of the bodies for the start, and then i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from math import cos, sin
-from typing import Any, Protocol, TypeAlias, TypeVar, cast
+from typing import Any, NoReturn, Protocol, TypeAlias, TypeVar, cast
 
 import msgspec
 import numpy as np
@@ -18,9 +18,11 @@ import numpy as np
 from mindstage.engines.base import Capability, DynamicsScale, Engine, PoseArray
 from mindstage.errors import (
     EngineError,
+    InvalidArgumentError,
     KnowledgeError,
     MindstageError,
     PlanError,
+    RobotError,
     SimulationError,
     WorldError,
     suggestion,
@@ -33,6 +35,7 @@ from mindstage.imagination.plans import (
     Detach,
     Move,
     Open,
+    Perform,
     Place,
     Plan,
     PlanStep,
@@ -45,6 +48,7 @@ from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, Sam
 from mindstage.imagination.watch import EventWatch, WatchBasis
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.rdf import local_name
+from mindstage.robots.skills.declaration import ParameterType, SkillOutcome, SkillResult, SkillStep
 from mindstage.scene import BodyId, Iri, Pose, Vector
 from mindstage.scene.transforms import Array, normalize, pose_from_array, quat_multiply, quat_rotate
 from mindstage.simulation import Simulation
@@ -211,6 +215,7 @@ class PlanRunner:
         index: int,
         *,
         on_poses: Callable[[float, tuple[BodyId, ...], PoseArray], None] | None = None,
+        on_step: Callable[[SkillStep], object] | None = None,
     ) -> RunningSample:
         """Begins one sample in a world that is in the initial state, and that the caller steps.
 
@@ -218,6 +223,7 @@ class PlanRunner:
             world: the world.
             index: the number of the sample.
             on_poses: see `run_plan`.
+            on_step: called when a step of a skill begins, and when it ends.
 
         Returns:
             A generator of the times by which the caller has to step the world [s], at most 0.1 s each. It returns the
@@ -225,6 +231,7 @@ class PlanRunner:
         """
         rng = np.random.default_rng([self._seed, index])
         sample = _Sample(world, self._plan, self._basis, self._uncertainty, self._free, rng, on_poses)
+        sample.on_step = on_step
         return sample.run(index)
 
 
@@ -243,9 +250,11 @@ def resume(sample: RunningSample, reason: Exception | None = None) -> float | Sa
 class _StepFailedError(Exception):
     """A step, or the plan, failed for the reason in an event."""
 
-    def __init__(self, event: ImaginedEvent) -> None:
+    def __init__(self, event: ImaginedEvent, *, is_known: bool = True) -> None:
         super().__init__(event.text)
         self.event = event
+        self.is_known = is_known
+        """Whether it certainly failed."""
 
 
 class _Sample:
@@ -264,8 +273,10 @@ class _Sample:
         self.on_poses = on_poses
         self.watch = EventWatch(simulation, basis)
         self.named: set[BodyId] = set(uncertainty)
-        self.limit_s = plan.deadline_s
+        self.limit_s = plan.time_limit_s
         self.answers: tuple[dict[str, object], ...] = ()
+        self.skills: list[SkillResult] = []
+        self.on_step: Callable[[SkillStep], object] | None = None
 
     def run(self, index: int) -> RunningSample:
         outcome, cause, is_interrupted = Outcome.SUCCEEDED, None, False
@@ -274,11 +285,13 @@ class _Sample:
             for number, step in enumerate(self.plan.steps):
                 self.watch.step = number
                 yield from self._execute(step)
-            self.watch.step, self.limit_s = None, self.plan.deadline_s
+            self.watch.step, self.limit_s = None, self.plan.time_limit_s
             yield from self._finish()
             self._ask_check()
         except _StepFailedError as failed:
             self.watch.add(failed.event)
+            if not failed.is_known:
+                outcome, cause = Outcome.UNKNOWN, failed.event
         except SampleStoppedError:
             outcome, cause = Outcome.UNKNOWN, self._event(EventKind.LOST, "it was stopped before its end")
             is_interrupted = True
@@ -297,6 +310,7 @@ class _Sample:
             end_poses=self._end_poses(),
             is_interrupted=is_interrupted,
             answers=self.answers,
+            skills=tuple(self.skills),
         )
 
     # -- uncertainty -------------------------------------------------------------------------------------------------
@@ -370,10 +384,10 @@ class _Sample:
     # -- steps -------------------------------------------------------------------------------------------------------
 
     def _execute(self, step: PlanStep) -> _Passage:
-        self.limit_s = min(self.plan.deadline_s, self.watch.time_s + step.deadline_s)
+        self.limit_s = min(self.plan.time_limit_s, self.watch.time_s + step.deadline_s)
         try:
             yield from self._do(step)
-        except (WorldError, KnowledgeError) as error:
+        except (WorldError, KnowledgeError, RobotError) as error:
             raise _StepFailedError(self._event(EventKind.REFUSED, f"{type(step).__name__.lower()}: {error}")) from error
 
     def _do(self, step: PlanStep) -> _Passage:
@@ -399,6 +413,8 @@ class _Sample:
                 self._edit(lambda engine: engine.detach(detached), "detach")
             case ChangePhysics():
                 self._change_physics(step)
+            case Perform():
+                yield from self._perform(step)
 
     def _target(self, id: BodyId, step: Move) -> Pose:
         if step.to is not None:
@@ -478,6 +494,39 @@ class _Sample:
             raise _StepFailedError(self._jam(joint.body, where, amount=joint.openness))
         if moved.duration_s == 0.0:
             self.watch.set_reference([joint.body])
+
+    def _perform(self, step: Perform) -> _Passage:
+        from mindstage.robots.skills.catalog import start_skill  # takes a second, and few plans have skills
+
+        if not isinstance(self.simulation, Simulation):
+            raise _StepFailedError(self._event(EventKind.REFUSED, "perform: there are no robots in this world"))
+        robot = self.simulation.robot(step.robot)
+        self.named.update(id for value in step.args.values() if (id := self._find(str(value))) is not None)
+        motion = start_skill(
+            robot,
+            step.skill,
+            step.args,
+            deadline_s=max(0.0, self.limit_s - self.watch.time_s - 1e-3),
+            seed=int(self.rng.integers(2**31)),
+            on_step=self.on_step,
+        )
+
+        def held() -> Collection[BodyId]:
+            return robot.held.values()
+
+        self.watch.carried = held
+        try:
+            done = yield from self._watched(motion)
+        finally:
+            self.watch.carried = tuple
+            self.watch.refresh()  # what is held by a weld is attached
+        self.skills.append(done)
+        self.named.update(done.state.held.values(), done.state.supports, done.state.openness)
+        if not done:
+            text = f"{robot.name} {_failed_to(done)}: {done.reason}; {done.state.text}"
+            thing = self._find(str(step.args.get("thing", "")))
+            event = msgspec.structs.replace(self._event(EventKind.SKILL, text), thing=thing)
+            raise _StepFailedError(event, is_known=done.outcome is SkillOutcome.FAILED)
 
     def _watched(self, motion: Generator[float, None, T]) -> Generator[float, None, T]:
         """Lets the times pass that a motion yields; returns what it returns."""
@@ -572,7 +621,7 @@ class _Sample:
         return any(_matches(row, check.expect) for row in plain), plain
 
     def _is_failure(self, event: ImaginedEvent) -> bool:
-        always = {EventKind.JAMMED, EventKind.LATE, EventKind.REFUSED, EventKind.CHECK}
+        always = {EventKind.JAMMED, EventKind.LATE, EventKind.REFUSED, EventKind.SKILL, EventKind.CHECK}
         return event.kind in always or event.kind in self.plan.forbid
 
     def _event(self, kind: EventKind, text: str) -> ImaginedEvent:
@@ -581,6 +630,12 @@ class _Sample:
 
 def _apply_force(id: BodyId, force: Vector, point: Vector | None, engine: Engine) -> None:
     engine.apply_force(id, force, point)
+
+
+def _failed_to(done: SkillResult) -> str:
+    """Which skill failed, with its arguments, or is not known to have succeeded."""
+    what = " ".join([done.skill, *map(str, done.args.values())])
+    return f"failed to {what}" if done.outcome is SkillOutcome.FAILED else f"may not have done {what}"
 
 
 def _matches(row: Mapping[str, object], expected: Mapping[str, str | float | bool]) -> bool:
@@ -707,8 +762,37 @@ class _Validator:
                 self._check_body(f"{path}.child", step.child)
             case Detach():
                 self._check_body(f"{path}.child", step.child)
-            case Wait():
-                pass
+            case Perform():
+                self._check_skill(path, step)
+
+    def _check_skill(self, path: str, step: Perform) -> None:
+        from mindstage.robots.skills.catalog import SKILLS  # as above
+
+        spec = SKILLS.get(step.skill)
+        if spec is None:
+            self._fail(f"{path}.skill", f"there is no skill {step.skill!r}; {suggestion(step.skill, SKILLS)}")
+        try:
+            args = spec.check(step.args)
+        except InvalidArgumentError as error:
+            self._fail(f"{path}.args", str(error), error)
+        try:
+            self.simulation.robot(step.robot)
+        except RobotError as error:
+            self._fail(f"{path}.robot", str(error), error)
+        for name, value in args.items():
+            if not spec.parameter(name).type.is_number:
+                self._check_named(f"{path}.args.{name}", str(value), spec.parameter(name).type)
+
+    def _check_named(self, path: str, name: str, type: ParameterType) -> None:
+        """Checks a name that a skill resolves: of a body, or of a class or individual of the knowledge base."""
+        if type is not ParameterType.CLASS and self._exists(name):
+            return
+        kind = EntityType.CLASS if type is ParameterType.CLASS else EntityType.INDIVIDUAL
+        try:
+            self.simulation.knowledge.names.find_thing(name, kind)
+        except KnowledgeError as error:
+            near = suggestion(name, self.simulation.state.ids)
+            self._fail(path, f"{error}; {near}" if kind is EntityType.INDIVIDUAL else str(error), error)
 
     def _check_new(self, path: str, cls: str) -> None:
         try:
@@ -760,5 +844,5 @@ class _Validator:
             known = [*self.simulation.state.ids, *self.new_ids]
             self._fail(path, f"there is no body {name!r}; {suggestion(name, known)}")
 
-    def _fail(self, path: str, cause: str, error: Exception | None = None) -> None:
+    def _fail(self, path: str, cause: str, error: Exception | None = None) -> NoReturn:
         raise PlanError(self.place(path), cause=cause) from error

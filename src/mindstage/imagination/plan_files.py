@@ -28,6 +28,7 @@ from mindstage.imagination.plans import (
     Detach,
     Move,
     Open,
+    Perform,
     Place,
     Plan,
     PlanStep,
@@ -180,6 +181,10 @@ class PlanBuilder:
     ) -> Self:
         """Adds a `ChangePhysics`."""
         return self.add(ChangePhysics(thing=thing, mass_kg=mass_kg, mobility=mobility, gravity=gravity, **options))
+
+    def perform(self, skill: str, *, robot: str = "", deadline_s: float = 300.0, **args: str | float) -> Self:
+        """Adds a `Perform`; `args` are the arguments of the skill."""
+        return self.add(Perform(skill=skill, args=args, robot=robot, deadline_s=deadline_s))
 
     def add(self, step: PlanStep) -> Self:
         """Adds a step."""

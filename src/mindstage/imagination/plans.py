@@ -21,6 +21,7 @@ __all__ = [
     "Detach",
     "Move",
     "Open",
+    "Perform",
     "Place",
     "Plan",
     "PlanStep",
@@ -32,6 +33,10 @@ __all__ = [
 
 Positive: TypeAlias = Annotated[float, Meta(gt=0)]
 NonNegative: TypeAlias = Annotated[float, Meta(ge=0)]
+
+
+_DEADLINE_S = 30.0
+"""Of a plan that states none and has no skills [s]."""
 
 
 class _Step(msgspec.Struct, frozen=True, kw_only=True, tag_field="do", forbid_unknown_fields=True):
@@ -121,7 +126,19 @@ class ChangePhysics(_Step, frozen=True, kw_only=True, tag="set_physics"):
     gravity: bool | None = None
 
 
-PlanStep: TypeAlias = Place | Move | Pull | Push | Open | Close | Wait | Attach | Detach | ChangePhysics
+class Perform(_Step, frozen=True, kw_only=True, tag="perform"):
+    """Lets a robot perform a skill; the step fails if the skill does, and is unknown if the skill is."""
+
+    skill: str
+    """The name of a skill, such as "pick"."""
+    args: dict[str, str | float] = msgspec.field(default_factory=dict)
+    """The arguments of the skill by name."""
+    robot: str = ""
+    """The name of the robot; empty for the only one."""
+    deadline_s: Positive = 300.0
+
+
+PlanStep: TypeAlias = Place | Move | Pull | Push | Open | Close | Wait | Attach | Detach | ChangePhysics | Perform
 
 
 class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -163,8 +180,16 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """None if it is enough that each step ends in time and that no forbidden event occurs."""
     until: Check | None = None
     """After the last step, time passes until this holds, or else until everything is at rest."""
-    deadline_s: Positive = 30.0
-    """The sample fails if the plan has not ended after this simulated time [s]."""
+    deadline_s: Positive | None = None
+    """The sample fails if the plan has not ended after this simulated time [s]; None for 30 s, and in addition the
+    deadlines of all skills."""
     forbid: tuple[str, ...] = ("fell", "tipped", "left")
     """Kinds of events (`EventKind`) with which a sample fails. Setting a pose is no event, what follows from it is."""
     format_version: Literal[1] = 1
+
+    @property
+    def time_limit_s(self) -> float:
+        """The simulated time after which a sample fails [s]."""
+        if self.deadline_s is not None:
+            return self.deadline_s
+        return _DEADLINE_S + sum(step.deadline_s for step in self.steps if isinstance(step, Perform))

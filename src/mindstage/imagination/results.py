@@ -6,6 +6,7 @@ from enum import StrEnum
 
 import msgspec
 
+from mindstage.robots.skills.declaration import SkillResult
 from mindstage.scene import BodyId, Pose
 
 __all__ = ["EventKind", "ImaginedEvent", "Outcome", "SampleResult"]
@@ -35,6 +36,8 @@ class EventKind(StrEnum):
     """A step or the plan did not end before its deadline."""
     REFUSED = "refused"
     """The world does not allow a step, such as placing a thing where no place is free."""
+    SKILL = "skill"
+    """A robot failed to perform a skill, or it is not known whether it did."""
     CHECK = "check"
     """The question at the end had another answer."""
     LOST = "lost"
@@ -76,3 +79,5 @@ class SampleResult(msgspec.Struct, frozen=True, kw_only=True):
     """Whether it was ended by the deadline or by who asked for it."""
     answers: tuple[dict[str, object], ...] = ()
     """The answers to the plan's check, as rows."""
+    skills: tuple[SkillResult, ...] = ()
+    """The results of the skills that robots have performed, in their order."""

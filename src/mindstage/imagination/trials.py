@@ -431,7 +431,7 @@ def parse_edit(kb: QuestionContext, scene: ImaginedScene, text: str, *, wait_s: 
     if not steps:
         raise InvalidArgumentError("edit", cause="it has no step", remedy="as in 'open the fridge then wait 2 s'")
     waits = (Wait(duration_s=wait_s, deadline_s=wait_s + 10.0),) if wait_s > 0 else ()
-    deadline_s = max(plan.deadline_s, sum(each.deadline_s for each in (*steps, *waits)))
+    deadline_s = max(plan.time_limit_s, sum(each.deadline_s for each in (*steps, *waits)))
     return msgspec.structs.replace(plan, steps=(*steps, *waits), forbid=(), check=None, deadline_s=deadline_s)
 
 

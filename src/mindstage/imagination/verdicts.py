@@ -15,7 +15,7 @@ import json
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import sqrt
 from typing import Any
@@ -407,6 +407,7 @@ def _verdict(
     else:
         interval = (float(succeeded), float(succeeded)) if known else (0.0, 1.0)
         rests_on.append("no uncertainty is stated: everything is exactly as in the world, and one sample suffices")
+    rests_on += _skill_assumptions(results)
     outcome = Outcome.UNKNOWN
     if results and interval[0] >= threshold:
         outcome = Outcome.SUCCEEDED
@@ -434,6 +435,15 @@ def _verdict(
         results=tuple(results[:_MAX_KEPT]),
         _image=image,
     )
+
+
+def _skill_assumptions(results: Sequence[SampleResult]) -> Iterator[str]:
+    """What the skills in samples assumed, with the number of samples."""
+    counts = Counter(
+        text for result in results for text in {text for each in result.skills for text in each.assumptions}
+    )
+    for text, count in sorted(counts.items(), key=lambda item: (-item[1], item[0])):
+        yield text if count == len(results) else f"in {counted(count, 'sample')} of {len(results)}: {text}"
 
 
 def _cause_key(cause: ImaginedEvent) -> tuple[EventKind, BodyId | None, BodyId | None]:

@@ -22,7 +22,7 @@ from mindstage.engines.mujoco import CompiledState, MujocoEngine, whole_steps
 from mindstage.errors import EngineError, ImaginationError, PlanError, SimulationDivergedError, WorldError
 from mindstage.imagination.execution import PlanRunner, RunningSample, SampleStoppedError, find_body, never, resume
 from mindstage.imagination.executors import Job
-from mindstage.imagination.plans import Attach, ChangePhysics, Close, Detach, Move, Open, Place, Plan, PlanStep
+from mindstage.imagination.plans import Attach, ChangePhysics, Close, Detach, Move, Open, Perform, Place, Plan, PlanStep
 from mindstage.imagination.results import SampleResult
 from mindstage.imagination.warp_batch import BatchLimits, StepEnd, WarpBatch, load_warp, varied_fields
 from mindstage.scene import BodyId, BodyPhysics, Pose, Vector, World
@@ -492,15 +492,16 @@ class _Template:
                 return "attachments are part of the model"
             case Place() | Move():
                 id = find_body(self.simulation, step.thing)
-                if id is None:
-                    return "a new body changes the model"
-                return "" if self._is_movable(id) else f"moving {id!r} changes the model"
+                what = "a new body" if id is None else f"moving {id!r}"
+                return "" if id is not None and self._is_movable(id) else f"{what} changes the model"
             case Open() | Close():
                 body = find_joint(self.simulation, step.thing).body
                 is_pulled = self.simulation.snapshot().body(body).physics.is_dynamic
                 return "" if is_pulled or self._is_movable(body) else f"moving {body!r} changes the model"
             case ChangePhysics() if step.mobility is not None:
                 return "the mobility of a body is part of the model"
+            case Perform():
+                return "a robot's controllers command the engine"
         return ""
 
     def _is_movable(self, id: BodyId) -> bool:

@@ -9,7 +9,7 @@ Thresholds: a body fell if it is `FALL_M` lower than its reference, and tipped i
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
 from math import acos, cos, pi
 from typing import NamedTuple
@@ -64,6 +64,8 @@ class WatchBasis:
     bounds: PlaceBounds | None
     enclosing: frozenset[str]
     """Bodies that enclose the place, from which nothing falls."""
+    robots: frozenset[BodyId] = frozenset()
+    """The links of robots, which move as their drives do: they neither fall nor tip."""
 
     @classmethod
     def of(cls, simulation: Simulation) -> WatchBasis:
@@ -72,7 +74,9 @@ class WatchBasis:
         sizes = {body.id: body.size for body in world.bodies}
         extents = np.array([sizes.get(id) or (0.0, 0.0, 0.0) for id in state.ids], dtype=float).reshape(-1, 3)
         bounds = PlaceBounds.from_boxes(OrientedBoxes.from_poses(state.poses, extents))
-        return cls(world, _lay_out(world, state.ids), state.poses.copy(), bounds, enclosing_body_ids(simulation))
+        robots = frozenset(id for robot in simulation.robots.values() for id in robot.body_ids)
+        layout = _lay_out(world, state.ids, robots)
+        return cls(world, layout, state.poses.copy(), bounds, enclosing_body_ids(simulation), robots)
 
 
 class EventWatch:
@@ -83,7 +87,7 @@ class EventWatch:
         self._simulation = simulation
         self._start_s = simulation.state.time_s
         self._world, self._layout, self._bounds = basis.world, basis.layout, basis.bounds
-        self._enclosing = basis.enclosing
+        self._enclosing, self._robots = basis.enclosing, basis.robots
         self._reports_contacts = Capability.CONTACTS in simulation.capabilities
         self._first_ids, self._first = basis.layout, basis.poses
         self._reference = basis.poses.copy()
@@ -96,6 +100,8 @@ class EventWatch:
         """All events so far, in the order of time."""
         self.step: int | None = None
         """Index of the step that is executed."""
+        self.carried: Callable[[], Iterable[BodyId]] = tuple
+        """Returns what robots hold: it neither falls nor tips before they let it go."""
 
     @property
     def time_s(self) -> float:
@@ -107,6 +113,8 @@ class EventWatch:
         state = self._simulation.state
         if state.ids != self._layout.ids:
             self._follow_bodies(state.poses)
+        if carried := [id for id in self.carried() if id in self._layout.row_of]:
+            self.set_reference(carried)
         layout = self._layout
         rows = layout.free_rows
         poses = state.poses[rows]
@@ -159,7 +167,7 @@ class EventWatch:
     def refresh(self) -> None:
         """Reads attachments and joints again, after they were changed."""
         self._world = self._simulation.snapshot()
-        self._layout = _lay_out(self._world, self._simulation.state.ids)
+        self._layout = _lay_out(self._world, self._simulation.state.ids, self._robots)
         if len(self._reference) == len(self._layout.ids):
             self._body_ups = _body_ups(self._reference[self._layout.free_rows])
 
@@ -308,7 +316,7 @@ def _upright_cosines(ups: Array, quaternions: Array) -> Array:
     )
 
 
-def _lay_out(world: World, ids: tuple[BodyId, ...]) -> _Layout:
+def _lay_out(world: World, ids: tuple[BodyId, ...], robots: Container[BodyId]) -> _Layout:
     bodies = {body.id: row for row, body in enumerate(world.bodies)}
     groups = RigidGroups.from_world(world)
     rows = np.array([bodies[id] for id in ids], dtype=np.intp)
@@ -316,5 +324,6 @@ def _lay_out(world: World, ids: tuple[BodyId, ...]) -> _Layout:
     row_of_body[rows] = np.arange(len(rows))
     group = row_of_body[groups.root_row[rows]] if len(rows) else rows
     is_root = group == np.arange(len(rows))
-    free_rows = np.flatnonzero(groups.is_dynamic[rows] & ~groups.is_jointed[rows] & is_root)
+    is_driven = np.array([id in robots for id in ids], dtype=bool)
+    free_rows = np.flatnonzero(groups.is_dynamic[rows] & ~groups.is_jointed[rows] & is_root & ~is_driven)
     return _Layout(ids, {id: row for row, id in enumerate(ids)}, free_rows, group)

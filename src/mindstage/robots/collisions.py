@@ -1,8 +1,8 @@
 """Collisions of a robot in states in which it is not: with the place, with itself, and of what it holds.
 
-The world is that of the moment at which a `CollisionChecker` is made: a copy in which only the robot moves. Contacts are
-MuJoCo's, between the same convex shapes that the simulation has; those of an engine other than MuJoCo are computed in a
-copy of its world.
+The world is that of the moment at which a `CollisionChecker` is made: a copy in which only the robot moves. Contacts
+are MuJoCo's, between the same convex shapes that the simulation has; those of an engine other than MuJoCo are computed
+in a copy of its world.
 """
 
 from __future__ import annotations
@@ -15,13 +15,15 @@ import numpy as np
 
 from mindstage.engines.base import Engine, SpawnOptions
 from mindstage.engines.mujoco.kinematics import ContactModel
+from mindstage.robots.drives import links_moved_by, planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.model import RobotJoint, RobotModel
+from mindstage.robots.world import RobotWorld
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array
 from mindstage.simulation.imagined import copied_engine
 from mindstage.simulation.state import EngineSession
 
-__all__ = ["Collision", "CollisionChecker", "MotionRobot", "links_moved_by"]
+__all__ = ["Collision", "CollisionChecker", "MotionRobot"]
 
 CLEARANCE_M = 0.005
 """Distance that planned motions keep from the place [m]."""
@@ -29,7 +31,6 @@ _SELF_CLEARANCE_M = -0.001
 """A robot's own links may come so near: neighbors nearly touch."""
 _START_SLACK_M = 0.001
 """A pair that is too near at the start may come nearer by this [m]."""
-_STATE_TRIALS = 5
 
 
 class MotionRobot(Protocol):
@@ -48,12 +49,8 @@ class MotionRobot(Protocol):
         """The simulation that it is in."""
 
     @property
-    def link_ids(self) -> Mapping[str, BodyId]:
-        """The body of each link."""
-
-    @property
-    def joint_ids(self) -> Mapping[str, BodyId]:
-        """The joint of the world for each movable joint."""
+    def placed(self) -> RobotWorld:
+        """Its bodies and joints as they were spawned."""
 
     @property
     def held(self) -> Mapping[str, BodyId]:
@@ -81,19 +78,33 @@ class Collision(msgspec.Struct, frozen=True, kw_only=True):
 
     def __str__(self) -> str:
         other = "the ground" if self.obstacle is None else self.obstacle
-        if self.distance_m < 0.0:
-            return f"{self.part} is {-self.distance_m * 1000:.2g} mm inside {other}"
-        return f"{self.part} is {self.distance_m * 1000:.2g} mm from {other}"
+        distance = abs(self.distance_m) * 1000
+        text = f"{distance:.0f}" if distance >= 10.0 else f"{distance:.2g}"
+        return f"{self.part} is {text} mm {'inside' if self.distance_m < 0.0 else 'from'} {other}"
 
 
-def links_moved_by(model: RobotModel, joints: Iterable[str]) -> frozenset[str]:
+def _in_mujoco(engine: Engine, session: EngineSession) -> Engine:
+    """A copy of the world of another engine in MuJoCo."""
+    options = SpawnOptions(immovable=session.immovable)
+    return copied_engine(engine, worlds=session.worlds, geometry=session.geometry, options=options, physics=True)[0]
+
+
+def _moved_links(model: RobotModel, joints: Iterable[str]) -> frozenset[str]:
     """The links that some joints move, with those of joints that mimic them."""
-    driving, links = set(joints), set()
-    driving |= {joint.name for joint in model.joints if joint.mimic is not None and joint.mimic.joint in driving}
+    names = set(joints)
+    drives = [
+        each for each in model.joints if each.name in names or (each.mimic is not None and each.mimic.joint in names)
+    ]
+    return frozenset(link for each in drives for link in links_moved_by(model, each))
+
+
+def _hand_links(model: RobotModel) -> frozenset[str]:
+    """The links of the grippers: those that carry the fingers, and all behind them."""
+    hands = {each.link for each in model.grippers}
     for joint in model.joints:  # parents come first
-        if joint.name in driving or joint.parent in links:
-            links.add(joint.child)
-    return frozenset(links)
+        if joint.parent in hands:
+            hands.add(joint.child)
+    return frozenset(hands)
 
 
 class CollisionChecker:
@@ -125,89 +136,84 @@ class CollisionChecker:
         Raises:
             KeyError: there is no such joint.
         """
-        model = robot.model
-        names = tuple(joint.name for joint in model.actuated_joints) if joints is None else tuple(joints)
-        self.joints = names
-        links = {link.name for link in model.links} if base_moves else links_moved_by(model, names)
-        self._robot = robot
-        self._held = tuple(robot.held.values())
-        moving = {robot.link_ids[link] for link in links if link in robot.link_ids}
+        model, link_ids = robot.model, robot.placed.link_ids
+        self.joints = tuple(each.name for each in model.actuated_joints) if joints is None else tuple(joints)
+        self._robot, self._clearance_m = robot, clearance_m
+        links = {link.name for link in model.links} if base_moves else _moved_links(model, self.joints)
+        held = robot.held
         carried = {
-            id: robot.link_ids[gripper.link]
-            for gripper in model.grippers
-            if (id := robot.held.get(gripper.name)) is not None and gripper.link in links
+            held[each.name]: link_ids[each.link] for each in model.grippers if each.name in held and each.link in links
         }
-        moving |= carried.keys()
-        self._clearance_m = clearance_m
+        moving = {link_ids[link] for link in links if link in link_ids}
 
         def copy(engine: Engine) -> ContactModel:
-            options = SpawnOptions(immovable=robot.session.immovable)
-            session = robot.session
-            source: Any = engine
-            if engine.name != "mujoco":
-                source, _ = copied_engine(
-                    engine, worlds=session.worlds, geometry=session.geometry, options=options, physics=True
-                )
+            source: Any = engine if engine.name == "mujoco" else _in_mujoco(engine, robot.session)
             return ContactModel(
                 source.compiled(), moving=moving, ignored=ignore, carried=carried, clearance_m=max(clearance_m, 0.0)
             )
 
-        for _ in range(_STATE_TRIALS):  # until the positions are of the same time as the copy
-            before = robot.joint_positions()
-            self._contacts = robot.session.run_on_engine(copy, label="copy for collisions")
-            if before == robot.joint_positions():
-                break
-        self.start = tuple(before[name] for name in names)
-        """The positions of `joints` when the world was copied [m or rad]."""
-        self._set_joints(before)
-        self._base_joint = self._contacts.joint_of(robot.link_ids[model.root]) if base_moves else None
-        own = {*robot.link_ids.values(), *self._held}
-        ids = self._contacts.ids
-        self._is_own = np.array([id in own for id in ids])
-        grippers = links_moved_by(model, [name for each in model.grippers for name in each.joints])
-        hands = {robot.link_ids[link] for link in {*grippers, *(each.link for each in model.grippers)}}
-        self._is_hand = np.array([id in hands or id in self._held for id in ids])
-        self._may_be_touched = np.array([id in touch for id in ids])
-        self._allowed: dict[tuple[int, int], float] = {}
-        for row, other, distance in self._too_near():
+        self._contacts = robot.session.run_on_engine(copy, label="copy for collisions")
+        self._set_joints()
+        self._base_joint = robot.placed.base_joint_id if base_moves else None
+        root = robot.link_pose(model.root)
+        at = (float(root[0]), float(root[1]), yaw_of(root[3:]))
+        self._root_in_base = planar_multiply(planar_inverse(robot.base_pose()), at)
+        self._classify(touch)
+        nearest: dict[tuple[int, int], float] = {}
+        for row, other, distance in self._too_near({}):
             key = (min(row, other), max(row, other))
-            self._allowed[key] = min(distance, self._allowed.get(key, distance)) - _START_SLACK_M
+            nearest[key] = min(distance, nearest.get(key, distance))
+        self._allowed = {key: distance - _START_SLACK_M for key, distance in nearest.items()}
+        """The distances of the pairs that are too near in the present state."""
 
-    def _set_joints(self, positions: Mapping[str, float]) -> None:
+    def _classify(self, touch: Collection[BodyId]) -> None:
+        """Finds out which bodies are parts of the robot, of its hands, or may be touched by them."""
+        link_ids, ids = self._robot.placed.link_ids, self._contacts.ids
+        links = set(link_ids.values())
+        held = self._contacts.moving - links
+        hands = {link_ids[link] for link in _hand_links(self._robot.model)} | held
+        self._is_own = np.array([id in links or id in held for id in ids])
+        self._is_hand = np.array([id in hands for id in ids])
+        self._may_be_touched = np.array([id in touch for id in ids])
+
+    def _set_joints(self) -> None:
         """Computes the map from values of `joints` to coordinates."""
+        placed = self._robot.placed
         by_name = {joint.name: joint for joint in self._robot.model.joints}
         column = {name: number for number, name in enumerate(self.joints)}
-        addresses, signs, columns, factors, zeros = [], [], [], [], []
+        addresses, columns, factors, offsets, start = [], [], [], [], []
 
         def add(joint: RobotJoint, source: str, factor: float, offset: float) -> None:
-            address, sign = self._contacts.address(self._robot.joint_ids[joint.name])
-            spawned = positions[joint.name] - sign * float(self._contacts.data.qpos[address])
+            address, sign = self._contacts.address(placed.joint_ids[joint.name])
+            zero = placed.zero[joint.name]
             addresses.append(address)
-            signs.append(sign)
             columns.append(column[source])
-            factors.append(factor)
-            zeros.append(offset - spawned)
+            factors.append(sign * factor)
+            offsets.append(sign * (offset - zero))
+            start.append(zero + sign * float(self._contacts.data.qpos[address]))
 
         for name in self.joints:
             add(by_name[name], name, 1.0, 0.0)
+        self.start = tuple(start)
+        """The positions of `joints` when the world was copied [m or rad]."""
         for joint in self._robot.model.joints:
-            if joint.mimic is not None and joint.mimic.joint in column and joint.name in positions:
+            if joint.mimic is not None and joint.mimic.joint in column and joint.name in placed.joint_ids:
                 add(joint, joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)
         self._addresses = np.array(addresses, dtype=np.intp)
         self._columns = np.array(columns, dtype=np.intp)
-        self._factors = np.array(signs) * np.array(factors)
-        self._offsets = np.array(signs) * np.array(zeros)
+        self._factors, self._offsets = np.array(factors), np.array(offsets)
 
     def find(self, values: Array | Sequence[float], base: tuple[float, float, float] | None = None) -> Collision | None:
         """The worst collision in a state; None if it is free.
 
         Args:
             values: positions of `joints`, in their order [m or rad].
-            base: x, y [m] and yaw [rad] of the root link, if the base is moved; None for where it was last.
+            base: x, y [m] and yaw [rad] of the base, as `MotionRobot.base_pose`, if it is moved; None for where it
+                was last.
         """
         contacts = self._contacts
         if base is not None and self._base_joint is not None:
-            contacts.set_planar_pose(self._base_joint, *base)
+            contacts.set_planar_pose(self._base_joint, *planar_multiply(base, self._root_in_base))
         contacts.data.qpos[self._addresses] = self._factors * np.asarray(values)[self._columns] + self._offsets
         contacts.update()
         contacts.carry()
@@ -221,6 +227,19 @@ class CollisionChecker:
         assert part is not None  # the ground is not a part of a robot
         return Collision(part=part, obstacle=obstacle, distance_m=distance)
 
+    def set_joint(self, joint: BodyId, position: float) -> None:
+        """Moves a joint of the place, such as that of a door, for all states that are tested from now on.
+
+        Args:
+            joint: the joint; it has one axis.
+            position: relative to its spawned position [m or rad].
+
+        Raises:
+            KeyError: the joint is not simulated.
+        """
+        address, sign = self._contacts.address(joint)
+        self._contacts.data.qpos[address] = sign * position
+
     def find_at(
         self, positions: Mapping[str, float], base: tuple[float, float, float] | None = None
     ) -> Collision | None:
@@ -231,7 +250,7 @@ class CollisionChecker:
         """Whether a state is free of collisions; see `find`."""
         return self.find(values) is None
 
-    def _too_near(self, allowed: Mapping[tuple[int, int], float] | None = None) -> list[tuple[int, int, float]]:
+    def _too_near(self, allowed: Mapping[tuple[int, int], float]) -> list[tuple[int, int, float]]:
         """Rows and distances of the pairs that are nearer than they may be."""
         geoms, distances = self._contacts.near_geoms()
         if not len(distances):
@@ -244,7 +263,7 @@ class CollisionChecker:
         for number in np.flatnonzero(near & ~touching).tolist():
             row, other = rows[number].tolist()
             distance = float(distances[number])
-            limit = (allowed or {}).get((min(row, other), max(row, other)))
+            limit = allowed.get((min(row, other), max(row, other)))
             if limit is None or distance < limit:
                 found.append((row, other, distance))
         return found

@@ -33,7 +33,7 @@ __all__ = [
     "held_bodies",
 ]
 
-PERIOD_S = 0.01
+PERIOD_S = 0.004
 """The period of control in simulated time [s]."""
 _BRAKE_S = 0.1
 """The time in which a canceled motion stops [s]."""

@@ -33,7 +33,7 @@ from mindstage.robots.robot import Robot
 from mindstage.robots.skills.catalog import start_skill
 from mindstage.robots.skills.declaration import SkillResult
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
-from mindstage.scene import Body, BodyId, Pose
+from mindstage.scene import Body, BodyId, Iri, Pose
 from mindstage.scene.transforms import Array, pose_from_array, pose_inverse, pose_multiply
 from mindstage.simulation.simulation import Simulation
 from mindstage.simulation.state import poses_in
@@ -64,8 +64,10 @@ _GRIPPER_STEP_M = 1e-3
 _SETTLE_S = 0.5
 _FLOOR_RADIUS_M = 0.3
 _ROBOT_HEIGHT_M = 1.6
-_AWAY_M = 0.6
-"""Distance from a handle at which a place for the robot is looked for first [m]."""
+_STAND_DISTANCES = (0.6, 0.8, 1.0, 1.4)
+"""Distances from what is handled at which a place for the robot is looked for [m]."""
+_STAND_TURNS = tuple(math.radians(angle) for angle in (0, 45, -45, 90, -90, 135, -135, 180))
+"""Directions in which it is looked for, relative to the front [rad]."""
 _LOWEST_M, _HIGHEST_M = 0.1, 1.9
 """Heights of handles that a robot may reach [m]."""
 _GRASPABLE_M = 0.09
@@ -194,8 +196,8 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         return False
 
     def away(self, thing: BodyId) -> tuple[float, float]:
-        """Where the robot is looked a place for, relative to the goal, along x and y of the map [m]."""
-        return 0.0, 0.0
+        """The horizontal direction from the goal in which the robot rather stands."""
+        return 1.0, 0.0
 
     # -- Gymnasium -----------------------------------------------------------------------------------------------------
 
@@ -210,11 +212,14 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         """
         super().reset(seed=seed)
         chosen = (options or {}).get("thing") or self._thing
-        self.thing = self._checked(chosen) if chosen else self._candidates[self.np_random.integers(len(self._candidates))]
+        self.thing = (
+            self._checked(chosen) if chosen else self._candidates[self.np_random.integers(len(self._candidates))]
+        )
         """What the current episode is about."""
         self._restore_start(self.thing)
         noise = self.np_random.normal(size=3) * self._noise
-        self._put_robot(self._stand(self.thing) + noise)
+        if self.robot.model.base.type is not BaseType.FIXED:
+            self.robot.set_base_pose(*(self._stand(self.thing) + noise).tolist())
         self._openings = {each.name: self.robot.opening(each.name) for each in self.robot.model.grippers}
         self._start_s = self.simulation.state.time_s
         self._progress = self.progress()
@@ -266,7 +271,9 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         self.robot: Robot = self.simulation.add_robot(robot, _planar_pose(self._stand(self.thing)))
         model = self.robot.model
         if not model.arms or not model.grippers:
-            raise InvalidArgumentError(self.robot.name, cause="it has no arm with a gripper", remedy="use another robot")
+            raise InvalidArgumentError(
+                self.robot.name, cause="it has no arm with a gripper", remedy="use another robot"
+            )
         self._arm = next((arm for arm in model.arms if arm.gripper is not None), model.arms[0])
         self._gripper = next(each for each in model.grippers if each.name == (self._arm.gripper or each.name))
         names = dict.fromkeys(name for arm in model.arms for name in arm.joints)
@@ -303,10 +310,6 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         elif (state := self._starts[thing]) is not None:
             self.simulation.run_on_engine(lambda engine: engine.restore_state(state), edits=True)
 
-    def _put_robot(self, pose: Array) -> None:
-        if self.robot.model.base.type is not BaseType.FIXED:
-            self.robot.set_base_pose(*pose.tolist())
-
     def _command(self, action: dict[str, float]) -> None:
         robot, model, now = self.robot, self.robot.model, self.robot.joint_positions()
         moved: dict[str, float] = {}
@@ -318,15 +321,16 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
                 moved[joint.name] = min(max(now[joint.name] + step, low), high)
         if moved:
             point = TrajectoryPoint(positions=tuple(moved.values()), time_s=self._period_s)
-            robot.controller.start_trajectory(JointTrajectory(tuple(moved), (point,)))
+            robot.start_trajectory(JointTrajectory(tuple(moved), (point,)))
         for gripper in model.grippers:
             opening = (action[gripper.name] + 1.0) / 2.0 * gripper.max_opening_m
             if abs(opening - self._openings[gripper.name]) > _GRIPPER_STEP_M:
                 self._openings[gripper.name] = opening
-                robot.controller.start_gripper(gripper.name, opening)
+                robot.start_gripping(gripper.name, opening)
         if model.base.type is not BaseType.FIXED:
-            forward, turn = action["base.forward"] * model.base.velocity, action["base.turn"] * model.base.turn_velocity
-            robot.drive(forward, action.get("base.left", 0.0) * model.base.velocity, turn)
+            direction = np.array([action["base.forward"], action.get("base.left", 0.0)])
+            vx, vy = (model.base.velocity * direction / max(1.0, float(np.linalg.norm(direction)))).tolist()
+            robot.drive(vx, vy, action["base.turn"] * model.base.turn_velocity)
 
     # -- spaces --------------------------------------------------------------------------------------------------------
 
@@ -395,7 +399,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
 
     def _body(self, iri: str) -> BodyId:
         """The body of an answer."""
-        return self._ids[iri]
+        return self._ids[Iri(iri)]
 
     def _poses(self, ids: Sequence[BodyId]) -> list[Array]:
         found = poses_in(self.simulation.state, set(ids))
@@ -452,8 +456,7 @@ class OpenEnv(RobotTaskEnv):
     def away(self, thing: BodyId) -> tuple[float, float]:
         """In front of what it closes."""
         handle, holder = self._poses((self._handles[thing], self._holders[thing]))
-        direction = handle[:2] - holder[:2]
-        x, y = (_AWAY_M * direction / max(float(np.linalg.norm(direction)), 1e-6)).tolist()
+        x, y = (handle[:2] - holder[:2]).tolist()
         return x, y
 
     def progress(self) -> TaskProgress:
@@ -603,9 +606,7 @@ def play_randomly(env: gymnasium.Env[Observation, Action], *, seed: int) -> Epis
     while not ended:
         _, reward, terminated, truncated, info = env.step(env.action_space.sample())
         total, ended = total + float(reward), terminated or truncated
-    return EpisodeScore(
-        success=info["is_success"], reward=total, duration_s=info["time_s"], reason=info["reason"]
-    )
+    return EpisodeScore(success=info["is_success"], reward=total, duration_s=info["time_s"], reason=info["reason"])
 
 
 def play_skill(env: gymnasium.Env[Observation, Action], *, seed: int) -> EpisodeScore:
@@ -678,21 +679,34 @@ def _best_support(simulation: Simulation, rows: Sequence[tuple[BodyId, BodyId]])
 
 
 def _free_stand(simulation: Simulation, goal: BodyId, away: Array) -> Array:
-    """The free place on the floor nearest to a body: x, y [m] and the yaw towards the body, by the question `path`.
+    """A free place on the floor near a body: x, y [m] and the yaw towards the body, by the question `path`.
+
+    Places are tried around the body, those in the direction `away` first.
 
     Raises:
         InvalidArgumentError: there is none.
     """
-    x, y = (poses_in(simulation.state, {goal})[goal][:2] + away).tolist()
-    rows = simulation.ask(
-        "path", start_position=f"{x:.3f} {y:.3f}", goal=goal, radius=_FLOOR_RADIUS_M, height=_ROBOT_HEIGHT_M
-    )
-    if not rows:
-        raise InvalidArgumentError(goal, cause="no robot gets near it on the floor", remedy="give the pose of the robot")
-    stand = np.array(rows[0].points[-1])
     center = poses_in(simulation.state, {goal})[goal][:2]
-    return np.array([*stand, math.atan2(*(center - stand)[::-1])])
+    front = math.atan2(away[1], away[0])
+    for distance in _STAND_DISTANCES:
+        for turn in _STAND_TURNS:
+            direction = np.array([math.cos(front + turn), math.sin(front + turn)])
+            x, y = (center + distance * direction).tolist()
+            where = f"{x:.3f} {y:.3f}"
+            rows = simulation.ask(
+                "path", start_position=where, goal=goal, radius=_FLOOR_RADIUS_M, height=_ROBOT_HEIGHT_M
+            )
+            if rows:
+                stand = np.array(rows[0].points[-1])
+                return np.array([*stand, math.atan2(*(center - stand)[::-1])])
+    raise InvalidArgumentError(goal, cause="no robot gets near it on the floor", remedy="give the pose of the robot")
 
 
-for _name, _class, _steps in (("Open", OpenEnv, 300), ("Pick", PickEnv, 300), ("Place", PlaceEnv, 500), ("PutAway", PutAwayEnv, 1000)):
-    gymnasium.register(f"mindstage/{_name}-v0", entry_point=f"{__name__}:{_class.__name__}", max_episode_steps=_steps)
+_STEPS = {OpenEnv: 300, PickEnv: 300, PlaceEnv: 500, PutAwayEnv: 1000}
+"""The number of actions after which an episode is truncated."""
+for _class, _steps in _STEPS.items():
+    gymnasium.register(
+        f"mindstage/{_class.__name__.removesuffix('Env')}-v0",
+        entry_point=f"{__name__}:{_class.__name__}",
+        max_episode_steps=_steps,
+    )

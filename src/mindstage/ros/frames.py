@@ -5,6 +5,10 @@ that a joint moves is a child of the frame of the joint, which has the id of the
 holds it. All other bodies are children of the root. Composing the transforms from the root gives the poses of the
 bodies.
 
+The links of a robot have the names of its description, and are children of one another without frames of joints, as a
+`robot_state_publisher` makes them; the root link of a robot that drives is a child of `odom`. The frames of further
+robots begin with their name: `NAME/base_link`.
+
 Transforms that change by motion only are those of joints and of loose bodies; all others are static.
 """
 
@@ -23,7 +27,16 @@ from mindstage.scene import Body, BodyId, Joint, Mobility, World
 from mindstage.scene.kinematics import joint_reach, moving_body
 from mindstage.scene.transforms import Array, normalize, normalized_pose_array, pose_inverse, pose_multiply
 
-__all__ = ["ROOT_FRAME", "WORLD_FRAMES", "FrameNames", "FrameTransforms", "FrameTree", "JointFrame", "joint_frames"]
+__all__ = [
+    "ROOT_FRAME",
+    "WORLD_FRAMES",
+    "FrameNames",
+    "FrameTransforms",
+    "FrameTree",
+    "JointFrame",
+    "RobotFrames",
+    "joint_frames",
+]
 
 ROOT_FRAME = "map"
 """Frame id of the root."""
@@ -56,6 +69,14 @@ class FrameNames:
                 frame = self._free(_valid_frame(id))
                 self._frame_by_id[id], self._id_by_frame[frame] = frame, id
             return [self._frame_by_id[id] for id in given]
+
+    def prefer(self, frame_by_id: Mapping[str, str]) -> None:
+        """Gives bodies certain frame ids, where these are free; a body that has another one loses it."""
+        with self._lock:
+            for id, frame in frame_by_id.items():
+                if self._frame_by_id.get(id) != frame and frame not in self._id_by_frame:
+                    self._id_by_frame.pop(self._frame_by_id.pop(id, ""), None)
+                    self._frame_by_id[id], self._id_by_frame[frame] = frame, id
 
     def id_of(self, frame: str) -> str | None:
         """Returns the id with a frame id; None for an unknown one."""
@@ -109,6 +130,19 @@ def joint_frames(world: World, spawned: Iterable[World]) -> Iterator[JointFrame]
             yield JointFrame(joint, moving.id, holder.id, moving_from_joint, holder_from_joint)
 
 
+class RobotFrames(NamedTuple):
+    """The frames of the links of a robot."""
+
+    frames: Mapping[BodyId, str]
+    """The frame id of each link."""
+    parents: Mapping[BodyId, BodyId]
+    """The parent of each link but the root."""
+    moving: frozenset[BodyId]
+    """The links that move relative to their parent."""
+    joints: frozenset[BodyId]
+    """The joints of the robot, which have no frames."""
+
+
 class FrameTransforms(NamedTuple):
     """Transforms from parent to child frames."""
 
@@ -127,17 +161,27 @@ class FrameTransforms(NamedTuple):
 class FrameTree:
     """The tree of the frames of a world, for all of its states."""
 
-    def __init__(self, world: World, spawned: Iterable[World], names: FrameNames) -> None:
+    def __init__(
+        self, world: World, spawned: Iterable[World], names: FrameNames, robots: Iterable[RobotFrames] = ()
+    ) -> None:
         """Computes the tree.
 
         Args:
             world: the world.
             spawned: the worlds as they were spawned.
             names: the frame ids.
+            robots: the frames of the robots in the world.
         """
         bodies = {body.id: body for body in world.bodies}
-        joints = {each.moving: each for each in joint_frames(world, spawned)}
+        robots = tuple(robots)
+        of_robots = frozenset[BodyId]().union(*(robot.joints for robot in robots))
+        joints = {each.moving: each for each in joint_frames(world, spawned) if each.joint.id not in of_robots}
         parents = _parents(world, bodies, joints)
+        moving_links: set[BodyId] = set()
+        for robot in robots:
+            names.prefer(robot.frames)
+            parents |= {child: parent for child, parent in robot.parents.items() if {child, parent} <= bodies.keys()}
+            moving_links |= robot.moving
         used = [each for id, each in joints.items() if parents.get(id) == _node_id(each.joint, bodies)]
         self.ids: tuple[BodyId, ...] = tuple(bodies)
         """The bodies in the tree."""
@@ -151,7 +195,9 @@ class FrameTree:
         self._offsets = np.array([each.moving_from_joint for each in used], dtype=np.float64).reshape(-1, 7)
         parent_rows = [rows.get(parents.get(id, ""), -1) for id in bodies] + [rows[each.holder] for each in used]
         self._parent_rows = np.array(parent_rows, dtype=np.intp)
-        is_loose = [id not in parents and body.physics.mobility in _LOOSE for id, body in bodies.items()]
+        is_loose = [
+            id in moving_links or (id not in parents and body.physics.mobility in _LOOSE) for id, body in bodies.items()
+        ]
         self._moves = np.array(is_loose + [True] * len(used), dtype=bool)
 
     def transforms(self, ids: Sequence[BodyId], poses: PoseArray) -> tuple[FrameTransforms, FrameTransforms]:

@@ -26,6 +26,8 @@ from mindstage.ros.plan_actions import PlanActions
 from mindstage.ros.publishers import HighlightSubscriber, PublishRates, StatePublisher
 from mindstage.ros.queries import QueryServices, parse_arguments
 from mindstage.ros.robot_description import DescriptionPublisher
+from mindstage.ros.robot_interface import RobotInterfaces
+from mindstage.ros.robot_skills import ROBOT_SUFFIXES, RobotSkills
 from mindstage.ros.rosapi import ParameterServer, RosapiServices
 from mindstage.ros.service import ServiceSpec, names_elsewhere
 from mindstage.ros.simulation_interfaces import EntityServices, ResourceLoader, SpawnServices
@@ -173,19 +175,33 @@ class RosInterface:
         self._endpoints = Endpoints(
             node, namespace=namespace, ros=ros, diagnostics=diagnostics, goal_timeout_s=goal_timeout_s
         )
-        self._state_reader = state_reader = StateReader(simulation)
+        self._state_reader = state_reader = StateReader(simulation, has_root=bool(namespace.strip("/")))
         self._engine_services = EngineServices(state_reader, diagnostics)
         self._control_services = SimulationControlServices(simulation, step_s=step_s, on_quit=on_quit)
         self._unreal_vis = UnrealVisServices(state_reader, diagnostics)
         self._recordings = RecordingServices(simulation, episodes)
-        self._service_groups = self._make_service_groups(ResourceLoader(simulation.knowledge, folder), step_s=step_s)
+        resources = ResourceLoader(simulation.knowledge, folder)
+        self._skills = RobotSkills(
+            simulation, lambda name: resources.find_file(name, ROBOT_SUFFIXES), on_added=self._update_robots
+        )
+        self._service_groups = self._make_service_groups(resources, step_s=step_s)
         self._state_publisher: StatePublisher | None = None
         self._descriptions: DescriptionPublisher | None = None
+        self._robots: RobotInterfaces | None = None
         try:
             self._open()
+            self._robots = RobotInterfaces(
+                node, state_reader, self.parameters, diagnostics=diagnostics, ros=ros, goal_timeout_s=goal_timeout_s
+            )
             self._descriptions = DescriptionPublisher(node, state_reader, self.parameters, namespace=namespace, ros=ros)
             self._state_publisher = StatePublisher(
-                node, state_reader, namespace=namespace, ros=ros, rates=rates or PublishRates(), extra_tick=self._tick
+                node,
+                state_reader,
+                namespace=namespace,
+                ros=ros,
+                rates=rates or PublishRates(),
+                publish_robots=self._robots.publish,
+                extra_tick=self._tick,
             )
         except BaseException:
             self.close()
@@ -208,6 +224,8 @@ class RosInterface:
             self._state_publisher.close()
         if self._descriptions is not None:
             self._descriptions.close()
+        if self._robots is not None:
+            self._robots.close()
         self._endpoints.close()
         self._diagnostics_publisher.close()
 
@@ -233,6 +251,7 @@ class RosInterface:
             self._control_services,
             self._engine_services,
             self._recordings,
+            self._skills,
             QuestionServices(simulation),
             QueryServices(simulation),
             *rosapi,
@@ -250,7 +269,12 @@ class RosInterface:
             if service.full_name(self.namespace) not in elsewhere:
                 self._endpoints.create_service(service)
         plans = PlanActions(self.simulation)
-        for action in (*self._engine_services.actions(), *self._control_services.actions(), *plans.actions()):
+        for action in (
+            *self._engine_services.actions(),
+            *self._control_services.actions(),
+            *plans.actions(),
+            *self._skills.actions(),
+        ):
             self._endpoints.create_action(action)
         highlights = HighlightSubscriber(self.simulation, self._diagnostics)
         self._endpoints.subscribe("highlight", mindstage_msgs.LitBodies, highlights.on_highlight)
@@ -259,3 +283,10 @@ class RosInterface:
 
     def _tick(self) -> None:
         self._endpoints.publish_status()
+        self._update_robots()
+        if self._robots is not None:
+            self._robots.publish_status()
+
+    def _update_robots(self) -> None:
+        if self._robots is not None:
+            self._robots.update()

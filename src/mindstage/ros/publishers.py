@@ -207,6 +207,8 @@ class PublishRates(msgspec.Struct, frozen=True, kw_only=True):
     clock: float = 30.0
     tf: float = 30.0
     joint_states: float = 30.0
+    robots: float = 50.0
+    """Joint states, odometry and the states of controllers of robots."""
     markers: float = 5.0
     health: float = 1.0
 
@@ -233,6 +235,7 @@ class StatePublisher:
         namespace: str,
         ros: RosVersion,
         rates: PublishRates,
+        publish_robots: Callable[[StateSnapshot], None],
         extra_tick: Callable[[], None],
     ) -> None:
         """Starts to publish.
@@ -243,6 +246,7 @@ class StatePublisher:
             namespace: namespace of the topics of this simulation.
             ros: version of ROS for names and formats.
             rates: rates of the topics.
+            publish_robots: publishes the states of robots.
             extra_tick: called regularly.
         """
         self._state_reader = state_reader
@@ -264,6 +268,7 @@ class StatePublisher:
             (rates.clock, self._publish_clock),
             (rates.tf, self._publish_tf),
             (rates.joint_states, self._publish_joint_states),
+            (rates.robots, publish_robots),
             (rates.markers, self._publish_markers),
         )
         self._tasks = [_PeriodicTask(1.0 / rate, publish) for rate, publish in topics if rate > 0.0]
@@ -364,7 +369,9 @@ class StatePublisher:
     def _publish_joint_states(self, snapshot: StateSnapshot) -> None:
         if self._joints.has_subscribers and Capability.JOINTS in self._simulation.capabilities:
             positions = self._simulation.run_on_engine(lambda engine: engine.joint_positions(), label="joint positions")
-            self._joints.publish(joint_state_message(snapshot, self._state_reader.world().joints, positions))
+            of_robots = frozenset[str]().union(*self._state_reader.robot_joints().values())
+            joints = [joint for joint in self._state_reader.world().joints if joint.id not in of_robots]
+            self._joints.publish(joint_state_message(snapshot, joints, positions))
 
     def _publish_markers(self, snapshot: StateSnapshot) -> None:
         if self._markers.has_subscribers:

@@ -1,4 +1,4 @@
-"""`robot_description`: the bodies of a simulation, or of a spawned robot, as URDF.
+"""`robot_description`: the bodies of a simulation, of a spawned robot without drives, or a robot's own, as URDF.
 
 Links and their frames are those of tf; the links of joints have no geometry. A joint with one degree of freedom is
 `prismatic`, `revolute` or `continuous`, with the name and the positions of `joint_states`; one with several, and a
@@ -19,6 +19,8 @@ from mindstage.bridge import Node
 from mindstage.errors import MindstageError
 from mindstage.knowledge.vocabulary import URDF_TEXT
 from mindstage.msgs import RosVersion, std_msgs
+from mindstage.robots.model import RobotJoint, RobotModel
+from mindstage.robots.robot import Robot
 from mindstage.ros.diagnostics import Publisher
 from mindstage.ros.frames import ROOT_FRAME, FrameTransforms, JointFrame
 from mindstage.ros.rosapi import ParameterServer
@@ -40,7 +42,7 @@ from mindstage.scene.kinematics import axis_ranges
 from mindstage.scene.transforms import Array, pose_from_array
 from mindstage.simulation import Simulation
 
-__all__ = ["DescriptionPublisher", "entity_description", "place_description", "robot_entities"]
+__all__ = ["DescriptionPublisher", "entity_description", "place_description", "robot_description", "robot_entities"]
 
 _DEFAULT_SIZE_M: Vector = (0.05, 0.05, 0.05)
 _GRAY: Color = (0.7, 0.7, 0.7)
@@ -62,9 +64,14 @@ _PRIMITIVES = {
 
 
 def place_description(state_reader: StateReader) -> str:
-    """Returns the URDF of all bodies, with the root link `map`."""
+    """Returns the URDF of all bodies but those of robots, with the root link `map`."""
     worlds = state_reader.simulation.worlds
     return _Writer(state_reader).write(worlds[0].name or "place" if worlds else "place", None)
+
+
+def robot_description(robot: Robot) -> str:
+    """Returns the URDF of a robot: its own, or one with its collision shapes if it was described otherwise."""
+    return robot.model.urdf or _model_description(robot.model)
 
 
 def entity_description(state_reader: StateReader, entity: World) -> str:
@@ -73,12 +80,15 @@ def entity_description(state_reader: StateReader, entity: World) -> str:
 
 
 def robot_entities(simulation: Simulation) -> dict[str, World]:
-    """Returns the robots that were spawned after the start and exist, by the id of their root body."""
+    """Returns the robots without drives that were spawned after the start and exist, by the id of their root body."""
     start, present = simulation.start_ids, frozenset(simulation.state.ids)
+    driven = frozenset(id for robot in simulation.robots.values() for id in robot.link_ids.values())
     return {
         world.bodies[0].id: world
         for world in simulation.worlds
-        if _is_urdf(world) and world.bodies[0].id not in start and all(body.id in present for body in world.bodies)
+        if _is_urdf(world)
+        and world.bodies[0].id not in start | driven
+        and all(body.id in present for body in world.bodies)
     }
 
 
@@ -108,7 +118,7 @@ class DescriptionPublisher:
         """Revision of the last description of each topic, and its text."""
         self._revision = -1
         self._add(self._place)
-        self._parameters.set_computed(f"/{_TOPIC}", lambda: place_description(state_reader))
+        self._parameters.set_computed(f"/{_TOPIC}", self._default_description)
         self._closing = threading.Event()
         # A thread of its own, since a large description would delay the other topics.
         self._thread = threading.Thread(target=self._run, name="mindstage-ros-descriptions", daemon=True)
@@ -152,6 +162,14 @@ class DescriptionPublisher:
             self._add(topic)
         self._entities = found
 
+    def _default_description(self) -> str:
+        """Returns the description of the robot without a namespace, or that of the place if there is none."""
+        robots = self._state_reader.simulation.robots
+        for name, namespace in self._state_reader.robot_namespaces().items():
+            if not namespace and name in robots:
+                return robot_description(robots[name])
+        return place_description(self._state_reader)
+
     def _add(self, topic: str) -> None:
         name = f"{topic}/{_TOPIC}"
         self._publishers[topic] = Publisher(self._node, name, std_msgs.String, ros=self._ros, latch=True)
@@ -185,6 +203,9 @@ class _Writer:
             world.bodies, state_reader.frame_names.assign(body.id for body in world.bodies), strict=True
         ):
             self._bodies[frame] = body
+        robots = state_reader.simulation.robots.values()
+        parts = {body.id for robot in robots for body in robot.placed.world.bodies}
+        self._of_robots = {frame for frame, body in self._bodies.items() if body.id in parts}
         self._geometry: GeometryMap = state_reader.simulation.geometry
         self._joints: Mapping[str, JointFrame] = tree.joints
         moving, static = tree.transforms(state.ids, state.poses)
@@ -193,6 +214,7 @@ class _Writer:
     def write(self, name: str, ids: set[str] | None) -> str:
         """Returns the URDF of some bodies and the joints between them, or of all."""
         frames = {frame for frame, body in self._bodies.items() if ids is None or body.id in ids}
+        frames -= self._of_robots
         if ids is None:
             frames.add(ROOT_FRAME)
         frames |= {
@@ -243,6 +265,48 @@ class _Writer:
         if limit is not None:
             ends = {"lower": _number(limit[0]), "upper": _number(limit[1])}
             ElementTree.SubElement(joint, "limit", ends, effort=_number(_UNLIMITED), velocity=_number(_UNLIMITED))
+
+
+def _model_description(model: RobotModel) -> str:
+    robot = ElementTree.Element("robot", name=model.name)
+    for link in model.links:
+        element = ElementTree.SubElement(robot, "link", name=link.name)
+        if link.inertia is not None:
+            inertial = ElementTree.SubElement(element, "inertial")
+            _add_origin(inertial, Pose(link.inertia.center))
+            ElementTree.SubElement(inertial, "mass", value=_number(link.inertia.mass_kg))
+            names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+            moments = {name: _number(value) for name, value in zip(names, link.inertia.tensor, strict=True)}
+            ElementTree.SubElement(inertial, "inertia", moments)
+        for tag in ("visual", "collision"):
+            for shape in () if link.geometry is None else link.geometry.collision_shapes:
+                part = ElementTree.SubElement(element, tag)
+                _add_origin(part, shape.pose)
+                _add_geometry(part, shape)
+    for joint in model.joints:
+        element = ElementTree.SubElement(robot, "joint", name=joint.name, type=joint.type.value)
+        _add_origin(element, joint.origin)
+        ElementTree.SubElement(element, "parent", link=joint.parent)
+        ElementTree.SubElement(element, "child", link=joint.child)
+        if joint.is_movable:
+            _add_model_motion(element, joint)
+    ElementTree.indent(robot)
+    return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode")
+
+
+def _add_model_motion(element: ElementTree.Element, joint: RobotJoint) -> None:
+    ElementTree.SubElement(element, "axis", xyz=_numbers(joint.axis))
+    ends = {
+        name: _number(value) for name, value in (("lower", joint.lower), ("upper", joint.upper)) if value is not None
+    }
+    velocity = _UNLIMITED if joint.velocity is None else joint.velocity
+    effort = _UNLIMITED if joint.effort is None else joint.effort
+    ElementTree.SubElement(element, "limit", ends, effort=_number(effort), velocity=_number(velocity))
+    if joint.damping or joint.friction:
+        ElementTree.SubElement(element, "dynamics", damping=_number(joint.damping), friction=_number(joint.friction))
+    if joint.mimic is not None:
+        numbers = {"multiplier": _number(joint.mimic.multiplier), "offset": _number(joint.mimic.offset)}
+        ElementTree.SubElement(element, "mimic", joint=joint.mimic.joint, **numbers)
 
 
 def _edges(transforms: FrameTransforms) -> Iterator[tuple[str, str, Array]]:

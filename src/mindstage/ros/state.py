@@ -6,18 +6,20 @@ requests a second do not slow the simulation down.
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Container, Iterable
 from itertools import count
 
 from mindstage.engines import PoseArray
 from mindstage.errors import BodyNotFoundError
-from mindstage.ros.frames import WORLD_FRAMES, FrameNames, FrameTree
+from mindstage.robots.robot import Robot
+from mindstage.ros.frames import WORLD_FRAMES, FrameNames, FrameTree, RobotFrames
 from mindstage.scene import Body, BodyId, Iri, Pose, World
 from mindstage.scene.transforms import normalized_pose_array, pose_from_array, pose_multiply
 from mindstage.simulation import Simulation, StateSnapshot
 
-__all__ = ["StateReader", "free_id", "map_iri"]
+__all__ = ["StateReader", "frame_in_namespace", "free_id", "map_iri", "name_in_ros", "odom_id", "robot_frames"]
 
 _TREE_INTERVAL_S = 0.25
 """Least time between two computations of the frame tree, which reads the world from the engine [s]."""
@@ -34,17 +36,62 @@ def free_id(stem: str, *taken: Container[str]) -> BodyId:
     return next(BodyId(id) for id in ids if not any(id in each for each in taken))
 
 
+def name_in_ros(name: str) -> str:
+    """Returns a name in the characters of names in ROS, of which the first is a letter."""
+    valid = re.sub(r"[^A-Za-z0-9_]", "_", name) or "_"
+    return valid if valid[0].isalpha() else f"robot_{valid}"
+
+
+def frame_in_namespace(namespace: str, frame: str) -> str:
+    """Returns the frame id of a link, or of `odom`, of the robot with a namespace."""
+    return f"{namespace}/{frame}" if namespace else frame
+
+
+def odom_id(robot: Robot) -> BodyId | None:
+    """Returns the body at the place where a robot was added, which is its frame `odom`; None for a fixed robot."""
+    base = robot.placed.base_joint_id
+    return next((joint.parent for joint in robot.placed.world.joints if joint.id == base), None)
+
+
+def robot_frames(robot: Robot, namespace: str) -> RobotFrames:
+    """Returns the frames of the links of a robot.
+
+    Args:
+        robot: the robot.
+        namespace: the namespace of its names in ROS; empty for none.
+    """
+    model, ids = robot.model, robot.link_ids
+    frames = {id: frame_in_namespace(namespace, link) for link, id in ids.items()}
+    parents = {ids[joint.child]: ids[joint.parent] for joint in model.joints}
+    moving = {ids[joint.child] for joint in model.joints if joint.is_movable}
+    joints = set(robot.joint_ids.values())
+    if (odom := odom_id(robot)) is not None:
+        frames[odom] = frame_in_namespace(namespace, "odom")
+        parents[ids[model.root]] = odom
+        moving.add(ids[model.root])
+        joints |= {joint.id for joint in robot.placed.world.joints if joint.parent == odom}
+    return RobotFrames(frames, parents, frozenset(moving), frozenset(joints))
+
+
 class StateReader:
     """Reads the state of a simulation, from any thread."""
 
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: Simulation, *, has_root: bool = True) -> None:
+        """Reads nothing yet.
+
+        Args:
+            simulation: the simulation.
+            has_root: whether one robot may have names without a namespace; the place itself has such names otherwise.
+        """
         self.simulation = simulation
+        self._has_root = has_root
         self._rows: tuple[tuple[BodyId, ...], dict[BodyId, int]] = ((), {})
         self._world: tuple[int, World | None, dict[BodyId, Body]] = (-1, None, {})
         self._lock = threading.Lock()
         self.frame_names = FrameNames()
         """The frame ids of bodies and joints."""
         self._tree: tuple[int, float, FrameTree] | None = None
+        self._namespaces: dict[str, str] = {}
 
     def state(self) -> StateSnapshot:
         """Returns the last snapshot of the state.
@@ -124,6 +171,25 @@ class StateReader:
         world_from_frame = normalized_pose_array(pose_from_array(self.pose(name)))
         return pose_from_array(pose_multiply(world_from_frame, normalized_pose_array(pose)))
 
+    def robot_namespaces(self) -> dict[str, str]:
+        """Returns the namespace of each robot: none for the first one, so that its names are those of a real robot.
+
+        A further robot has its name as its namespace, and keeps it when others are removed.
+        """
+        robots = self.simulation.robots
+        with self._lock:
+            kept = {name: namespace for name, namespace in self._namespaces.items() if name in robots}
+            for name in robots:
+                if name not in kept:
+                    kept[name] = "" if self._has_root and "" not in kept.values() else name_in_ros(name)
+            self._namespaces = kept
+            return dict(kept)
+
+    def robot_joints(self) -> dict[str, frozenset[BodyId]]:
+        """Returns the joints of each robot, which have topics of their own."""
+        robots = self.simulation.robots.items()
+        return {name: frozenset(joint.id for joint in robot.placed.world.joints) for name, robot in robots}
+
     def frame_tree(self, *, now_s: float | None = None) -> FrameTree:
         """Returns the tree of the frames; after an edit it is up to 0.25 s old.
 
@@ -132,7 +198,9 @@ class StateReader:
         """
         revision, tree = self.state().revision, self._tree
         if tree is None or (tree[0] != revision and (now_s is None or now_s - tree[1] >= _TREE_INTERVAL_S)):
-            computed = FrameTree(self.world(), self.simulation.worlds, self.frame_names)
+            namespaces, robots = self.robot_namespaces(), self.simulation.robots
+            frames = [robot_frames(robots[name], space) for name, space in namespaces.items() if name in robots]
+            computed = FrameTree(self.world(), self.simulation.worlds, self.frame_names, frames)
             self._tree = tree = (revision, now_s or 0.0, computed)
         return tree[2]
 

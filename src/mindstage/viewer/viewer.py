@@ -112,9 +112,7 @@ class Viewer:
         self._handlers = Handlers(simulation, self.channel, self.views, self._server, prolog=prolog)
         ghosts = GhostNodes(self._server)
         self._imagine = ImagineHandler(simulation, self.channel, ghosts)
-        self._robots = RobotHandler(
-            simulation, self.channel, self._server, view_center=self._handlers.view_center
-        )
+        self._robots = RobotHandler(simulation, self.channel, self._server, view_center=self._handlers.view_center)
         self._recording = RecordingHandler(simulation, self.channel)
         self._timeline: TimelineHandler | None = None
         if isinstance(simulation, EpisodeReplay):

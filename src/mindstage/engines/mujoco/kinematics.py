@@ -90,9 +90,10 @@ class ContactModel:
 
         Args:
             compiled: the model.
-            moving: the bodies of which contacts are computed, with one another and with all others.
+            moving: the bodies of which contacts are computed, with one another and with all others; bodies that are
+                attached to them are included.
             ignored: bodies whose contacts are left out.
-            carried: loose bodies that move with another one, by which they are held.
+            carried: loose bodies, each with the one by which it is held and with which it moves.
             clearance_m: pairs that are nearer than this are reported [m].
         """
         self._compiled = compiled
@@ -102,23 +103,33 @@ class ContactModel:
         self.data.mocap_pos[:], self.data.mocap_quat[:] = compiled.data.mocap_pos, compiled.data.mocap_quat
         self.ids: tuple[BodyId | None, ...] = (*compiled.rows, None)
         """The bodies; the last one, also at row -1, is a ground plane that the engine has added."""
-        self._clearance_m = clearance_m
-        self._set_contact_bits(moving, ignored)
-        self.update()
         self._carried: list[tuple[int, int, Array]] = []
+        self.update()
+        roots = {compiled.body_ids[id]: address for id, (address, _) in compiled.free_joint_addresses.items()}
+        welds = {self._weld(id) for id in moving} - {0}
         for id, holder in (carried or {}).items():
-            if id in compiled.free_joint_addresses:
-                pose = pose_multiply(pose_inverse(self.pose(holder)), self.pose(id))
-                self._carried.append((compiled.free_joint_addresses[id][0], compiled.body_ids[holder], pose))
+            if (root := self._weld(id)) in roots:
+                pose = pose_multiply(pose_inverse(self.pose(holder)), self._pose_of(root))
+                self._carried.append((roots[root], compiled.body_ids[holder], pose))
+                welds.add(root)
+        is_moving = np.isin(self.model.body_weldid[self.model.geom_bodyid], list(welds))
+        self._set_contacts(is_moving, ignored, clearance_m)
+        rows = set(compiled.geom_rows[is_moving].tolist())
+        self.moving = frozenset(id for id, row in compiled.rows.items() if row in rows or id in moving)
+        """The bodies of which contacts are computed."""
 
-    def _set_contact_bits(self, moving: Collection[BodyId], ignored: Collection[BodyId]) -> None:
+    def _weld(self, id: BodyId) -> int:
+        """The MuJoCo body that is the root of the rigid group of a body; 0 for those that are fixed."""
+        return int(self.model.body_weldid[self._compiled.body_ids.get(id, 0)])
+
+    def _set_contacts(self, is_moving: NDArray[np.bool_], ignored: Collection[BodyId], clearance_m: float) -> None:
+        """Leaves only the contacts of the geoms that move."""
         model, rows = self.model, self._compiled.rows
-        is_moving = np.isin(self._compiled.geom_rows, [rows[id] for id in moving if id in rows])
         is_ignored = np.isin(self._compiled.geom_rows, [rows[id] for id in ignored if id in rows])
         collides = ((model.geom_contype != 0) | (model.geom_conaffinity != 0)) & ~is_ignored
         model.geom_contype[:] = np.where(collides & is_moving, _MOVING_BIT, 0)
         model.geom_conaffinity[:] = np.where(collides, _MOVING_BIT, 0)
-        model.geom_margin[is_moving] = self._clearance_m
+        model.geom_margin[is_moving] = clearance_m
 
     def address(self, joint: BodyId) -> tuple[int, float]:
         """Where the position of a joint with one axis is in `data.qpos`, and its sign there.
@@ -130,11 +141,6 @@ class ContactModel:
         """
         each = self._compiled.joints[joint]
         return each.qpos_address, -1.0 if each.tree_joint.is_reversed else 1.0
-
-    def joint_of(self, body: BodyId) -> BodyId | None:
-        """The joint that moves a body; None if there is none."""
-        body_id = self._compiled.body_ids.get(body, -1)
-        return next((id for id, joint in self._compiled.joints.items() if joint.body_id == body_id), None)
 
     def set_planar_pose(self, joint: BodyId, x: float, y: float, yaw: float) -> None:
         """Puts the body on a joint with two horizontal slides and a vertical hinge somewhere on the floor.
@@ -170,8 +176,7 @@ class ContactModel:
         if not self._carried:
             return
         for address, holder, relative in self._carried:
-            pose = np.concatenate([self.data.xpos[holder], self.data.xquat[holder]])
-            self.data.qpos[address : address + 7] = pose_multiply(pose, relative)
+            self.data.qpos[address : address + 7] = pose_multiply(self._pose_of(holder), relative)
         self.update()
 
     def pose(self, id: BodyId) -> Array:
@@ -179,6 +184,9 @@ class ContactModel:
         if (body_id := self._compiled.body_ids.get(id)) is None:
             row = self._compiled.rows[id]
             return np.array(self._compiled.scenery_poses[self._compiled.scenery == row][0])
+        return self._pose_of(body_id)
+
+    def _pose_of(self, body_id: int) -> Array:
         return np.concatenate([self.data.xpos[body_id], self.data.xquat[body_id]])
 
     def near_geoms(self) -> tuple[NDArray[np.intp], Array]:

@@ -312,7 +312,8 @@ class _UrdfParser:
         axis_of = element.find("axis")
         axis = (1.0, 0.0, 0.0) if axis_of is None else self._vector(axis_of, "xyz", (1.0, 0.0, 0.0))
         if not any(axis):
-            self._add_issue("its axis is 0 0 0", "1 0 0 is used")
+            if type is not UrdfJointType.FIXED:  # exporters write it for these
+                self._add_issue("its axis is 0 0 0", "1 0 0 is used")
             axis = (1.0, 0.0, 0.0)
         dynamics, limit = element.find("dynamics"), element.find("limit")
         return UrdfJoint(

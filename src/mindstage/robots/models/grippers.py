@@ -31,7 +31,10 @@ _TIP_MARGIN_M = 0.02
 _MAX_TOOL_OFFSET_M = 0.04
 """Distance from the plane between the fingers up to which a named frame is taken as the grasp frame."""
 _DEFAULT_FORCE_N = 40.0
-_FORCE_RANGE_N = (5.0, 200.0)
+_FORCE_RANGE_N = (5.0, 80.0)
+"""Some descriptions state the effort of a motor before its gear, or an arbitrary large number."""
+_SNAP_COSINE = 0.995
+"""Directions that are nearer to an axis of the palm than this angle are along it."""
 _MIN_TRAVEL_M = 0.01
 
 
@@ -105,14 +108,17 @@ def _other(
 
 
 def _finger_links(tree: LinkTree, joints: Sequence[RobotJoint]) -> list[str]:
-    """The last moved links with collision shapes, one for each branch."""
+    """The last moved links with collision shapes: of several that are fixed to each other, the farthest one."""
     moved = {joint.child for joint in joints}
+    poses = tree.poses(rest_positions(tree.joints.values()))
     found: dict[str, None] = {}
     for joint in joints:
         solid = [each for each in tree.rigid_links(joint.child) if _is_solid(tree, each)]
         below = {each for each in tree.subtree(joint.child) if each in moved and each != joint.child}
         if solid and not any(_is_solid(tree, each) for link in below for each in tree.rigid_links(link)):
-            found.update(dict.fromkeys(solid))
+            hinge = poses[joint.parent][:3]
+            reach = {each: float(np.linalg.norm(tree.points([each], poses) - hinge, axis=1).max()) for each in solid}
+            found[max(reach, key=lambda each: reach[each])] = None
     return list(found)
 
 
@@ -171,7 +177,9 @@ class _Positions:
         between = centers[0][0] - centers[0][1:].mean(axis=0)
         # Fingers on hinges move on arcs: the line between them is a better direction than their displacement.
         direction = between if float(np.linalg.norm(between)) > 0.01 else relative
-        return np.asarray(direction / np.linalg.norm(direction))
+        direction = np.asarray(direction / np.linalg.norm(direction))
+        largest = int(np.argmax(np.abs(direction)))
+        return np.eye(3)[largest] * np.sign(direction[largest]) if abs(direction[largest]) > _SNAP_COSINE else direction
 
 
 def _grasp_frame(

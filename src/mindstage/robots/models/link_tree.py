@@ -113,6 +113,26 @@ class LinkTree:
             found += (joint.child for joint in self.child_joints.get(each, ()) if not joint.is_movable)
         return found
 
+    def neighbors(self) -> set[tuple[str, str]]:
+        """Pairs of links that one movable joint, and any number of fixed ones, connect; they cannot collide."""
+        cluster: dict[str, str] = {}
+        members: dict[str, list[str]] = {}
+        for name in self.links:  # parents come first
+            joint = self.parent_joint.get(name)
+            root = cluster[name] = name if joint is None or joint.is_movable else cluster[joint.parent]
+            members.setdefault(root, []).append(name)
+        found = set()
+        for joint in self.joints.values():
+            if joint.is_movable:
+                above = filter(self._is_solid, members[cluster[joint.parent]])
+                below = list(filter(self._is_solid, members[joint.child]))
+                found |= {(min(a, b), max(a, b)) for a in above for b in below}
+        return found
+
+    def _is_solid(self, link: str) -> bool:
+        geometry = self.links[link].geometry
+        return geometry is not None and bool(geometry.collision_shapes)
+
     def depth(self, link: str) -> int:
         """The number of joints above a link."""
         return sum(1 for _ in self.ancestors(link))

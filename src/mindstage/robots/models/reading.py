@@ -1,18 +1,22 @@
-"""Reading of robot descriptions to a `RobotModel`: URDF and xacro, with SRDF beside them."""
+"""Reading of robot descriptions to a `RobotModel`: URDF, xacro and MJCF, with SRDF beside them."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from mindstage.errors import RobotModelError, SourceParseError
 from mindstage.knowledge.io.ros_packages import RosPackagePath
+from mindstage.knowledge.io.xml import first_tag
 from mindstage.knowledge.urdf.model import UrdfInertial, UrdfJoint, UrdfJointType, UrdfRobot
 from mindstage.knowledge.urdf.parse import read_urdf
 from mindstage.robots.model import (
+    BaseType,
     ModelNote,
     RobotJoint,
     RobotJointType,
@@ -20,18 +24,18 @@ from mindstage.robots.model import (
     RobotMimic,
     RobotModel,
 )
+from mindstage.robots.models.catalog import ModelSource, find_model
 from mindstage.robots.models.link_geometry import read_link_geometries
 from mindstage.robots.models.link_tree import LinkTree, sorted_tree
+from mindstage.robots.models.mjcf import read_mjcf_robot
 from mindstage.robots.models.srdf import Srdf, read_srdf
-from mindstage.robots.models.structure import find_structure
+from mindstage.robots.models.structure import base_type, find_structure, wheel_joints
 from mindstage.scene import Vector
 from mindstage.scene.geometry import Inertia
 from mindstage.scene.transforms import normalized_pose_array, rotation_matrix
 
-__all__ = ["BUNDLED_FOLDER", "load_model"]
+__all__ = ["load_model"]
 
-BUNDLED_FOLDER = Path(__file__).resolve().parent.parent / "bundled"
-"""The folder of the bundled models."""
 _JOINT_TYPES = {
     UrdfJointType.FIXED: RobotJointType.FIXED,
     UrdfJointType.REVOLUTE: RobotJointType.REVOLUTE,
@@ -39,6 +43,7 @@ _JOINT_TYPES = {
     UrdfJointType.PRISMATIC: RobotJointType.PRISMATIC,
 }
 _PACKAGE_NAME = re.compile(r"package://([^/\"'<>\s]+)|\$\(find\s+([^)\s]+)\)")
+_HEAD_BYTES = 64 * 1024
 _MIN_INERTIA = 1e-9
 _MIN_GYRATION_M = 1e-3
 """Least radius of gyration of a link; some descriptions have moments of 0."""
@@ -58,22 +63,78 @@ def load_model(
     """Reads a robot description.
 
     Args:
-        source: the path of a URDF or xacro file, or the name of a bundled model, "mobile_manipulator".
+        source: the path of a URDF, xacro or MJCF file, or a name of `list_models`, such as "mobile_manipulator".
         name: the name of the robot; by default that in the description.
         srdf: its SRDF; by default one of the same name beside the description, or in a folder `srdf` near it.
         folders: where `package://` meshes are searched.
         cache: directory for imported meshes; by default in the user's cache.
 
     Raises:
-        RobotModelError: it cannot be read.
+        RobotNotFoundError: no model has that name.
+        RobotModelError: the description cannot be read.
     """
-    path = _path(source)
+    folders = tuple(folders)
+    found = ModelSource(path=source) if isinstance(source, Path) else find_model(source, folders=folders)
+    path, name = found.path, name or found.name
+    srdf = srdf or found.srdf or _srdf_beside(path)
+    semantic = Srdf() if srdf is None else read_srdf(srdf)
+    if _is_mjcf(path):
+        return _assemble(_from_mjcf(path, found.mimics), semantic, path, name)
+    return _assemble(_from_urdf(path, found.mimics, folders, cache), semantic, path, name)
+
+
+class _Description(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What a URDF or MJCF file says about a robot."""
+
+    name: str
+    links: Sequence[RobotLink]
+    joints: Sequence[RobotJoint]
+    notes: Sequence[ModelNote]
+    base: BaseType | None = None
+    states: tuple[tuple[str, str, tuple[tuple[str, float], ...]], ...] = ()
+    disabled_collisions: frozenset[tuple[str, str]] = frozenset()
+    urdf: str = ""
+
+
+def _is_mjcf(path: Path) -> bool:
+    """Whether the root element of a file is <mujoco>."""
+    try:
+        with path.open("rb") as file:
+            tag = first_tag(re.sub(rb"<!--.*?-->", b"", file.read(_HEAD_BYTES), flags=re.DOTALL))
+    except OSError as error:
+        remedy = "give the path of a URDF, xacro or MJCF file"
+        raise RobotModelError(str(path), cause=error.strerror or str(error), remedy=remedy) from error
+    return tag is not None and tag[1] == b"mujoco"
+
+
+def _from_mjcf(path: Path, mimics: Iterable[tuple[str, str]]) -> _Description:
+    robot = read_mjcf_robot(path)
+    joints, notes = _with_mimics(robot.joints, mimics)
+    return _Description(
+        name=robot.name,
+        links=robot.links,
+        joints=joints,
+        notes=(*robot.notes, *notes),
+        base=robot.base,
+        states=robot.states,
+        disabled_collisions=robot.disabled_collisions,
+    )
+
+
+def _from_urdf(
+    path: Path, mimics: Iterable[tuple[str, str]], folders: Sequence[Path], cache: Path | None
+) -> _Description:
     packages = RosPackagePath((*folders, *_package_folders(path)))
     try:
         urdf = read_urdf(path, packages, measure_meshes=False)
     except SourceParseError as error:
-        raise RobotModelError(error.place, cause=error.cause, remedy="give a URDF or xacro file") from error
-    geometries, notes = read_link_geometries(urdf, path, packages, cache=cache)
+        remedy = "give a URDF, xacro or MJCF file"
+        raise RobotModelError(error.place, cause=error.cause, remedy=remedy) from error
+    notes = [
+        ModelNote(subject=issue.subject, text=f"{issue.problem}: {issue.action}", is_guess=not issue.is_missing)
+        for issue in urdf.issues
+    ]
+    geometries, geometry_notes = read_link_geometries(urdf, path, packages, cache=cache)
     links = []
     for link in urdf.links:
         inertia, change = (None, "") if link.inertial is None else _inertia(link.inertial)
@@ -81,37 +142,55 @@ def load_model(
         if change:
             notes.append(ModelNote(subject=link.name, text=change))
     joints, joint_notes = _joints(urdf)
-    ordered_links, ordered_joints, tree_notes = sorted_tree(links, joints)
-    found = srdf or _srdf_beside(path)
-    semantic = Srdf() if found is None else read_srdf(found)
-    tree = LinkTree(ordered_links, ordered_joints)
-    structure = find_structure(tree, semantic, name=name or urdf.name)
-    names = {link.name for link in ordered_links}
-    issues = [
-        ModelNote(subject=issue.subject, text=f"{issue.problem}: {issue.action}", is_guess=not issue.is_missing)
-        for issue in urdf.issues
-    ]
+    joints, mimic_notes = _with_mimics(joints, mimics)
+    return _Description(
+        name=urdf.name,
+        links=links,
+        joints=joints,
+        notes=(*notes, *geometry_notes, *joint_notes, *mimic_notes),
+        urdf=urdf.source_xml,
+    )
+
+
+def _assemble(description: _Description, srdf: Srdf, path: Path, name: str | None) -> RobotModel:
+    """The model of a description: the tree in order, without the joints of wheels, and its parts."""
+    links, joints, tree_notes = sorted_tree(description.links, description.joints)
+    base_notes: list[ModelNote] = []
+    base = base_type(joints, srdf, base_notes)
+    if base is BaseType.FIXED and description.base is not None:
+        base = description.base
+    if base is not BaseType.FIXED and (wheels := wheel_joints(joints)):
+        text = "it is fixed, as the wheels and casters of the base are: the base is moved as a whole"
+        base_notes += (ModelNote(subject=joint.name, text=text) for joint in wheels)
+        fixed = {joint.name for joint in wheels}
+        joints = tuple(_fixed(joint) if joint.name in fixed else joint for joint in joints)
+    states = (*srdf.states, *description.states)
+    tree = LinkTree(links, joints)
+    structure = find_structure(tree, replace(srdf, states=states), base=base)
+    names = {link.name for link in links}
+    disabled = {pair for pair in srdf.disabled_collisions | description.disabled_collisions if names.issuperset(pair)}
     return RobotModel(
-        name=name or urdf.name,
-        links=ordered_links,
-        joints=ordered_joints,
+        name=name or description.name,
+        links=links,
+        joints=joints,
         base=structure.base,
         arms=structure.arms,
         grippers=structure.grippers,
         head=structure.head,
         sensors=structure.sensors,
-        group_states=semantic.states,
-        disabled_collisions=frozenset(pair for pair in semantic.disabled_collisions if names.issuperset(pair)),
+        group_states=states,
+        disabled_collisions=frozenset(disabled | tree.neighbors()),
         home_positions=structure.home_positions,
         source=str(path),
-        urdf=urdf.source_xml,
-        notes=(*issues, *joint_notes, *tree_notes, *notes, *structure.notes),
+        urdf=description.urdf,
+        notes=(*description.notes, *tree_notes, *base_notes, *structure.notes),
     )
 
 
-def _path(source: str | Path) -> Path:
-    bundled = BUNDLED_FOLDER / f"{source}.urdf"
-    return bundled if bundled.is_file() else Path(source)
+def _fixed(joint: RobotJoint) -> RobotJoint:
+    return RobotJoint(
+        name=joint.name, type=RobotJointType.FIXED, parent=joint.parent, child=joint.child, origin=joint.origin
+    )
 
 
 def _package_folders(path: Path) -> list[Path]:
@@ -175,6 +254,20 @@ def _joints(urdf: UrdfRobot) -> tuple[list[RobotJoint], list[ModelNote]]:
             notes.append(ModelNote(subject=joint.name, text=text, is_guess=False))
         joints.append(_joint(joint, type))
     return joints, notes
+
+
+def _with_mimics(
+    joints: Iterable[RobotJoint], mimics: Iterable[tuple[str, str]]
+) -> tuple[list[RobotJoint], list[ModelNote]]:
+    """The joints, of which some follow others although the description does not say so, and notes."""
+    masters, found, notes = dict(mimics), [], []
+    for joint in joints:
+        if joint.name in masters and joint.is_actuated:
+            master = masters[joint.name]
+            joint = replace(joint, mimic=RobotMimic(joint=master))
+            notes.append(ModelNote(subject=joint.name, text=f"it moves with {master}, as on the real robot"))
+        found.append(joint)
+    return found, notes
 
 
 def _type(joint: UrdfJoint) -> tuple[RobotJointType, str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -29,21 +30,31 @@ from mindstage.robots.models.grippers import analyze_gripper
 from mindstage.robots.models.link_tree import LinkTree
 from mindstage.robots.models.srdf import Srdf, SrdfGroup
 
-__all__ = ["RobotStructure", "find_structure"]
+__all__ = ["RobotStructure", "base_type", "find_structure", "wheel_joints"]
 
-_REST_STATES = ("rest", "tuck", "tucked", "fold", "folded", "travel", "transport", "stow", "home", "park", "ready")
-"""Names of positions in which an arm is out of the way, the best first."""
+_REST_STATES = ("rest", "tuck", "fold", "travel", "transport", "stow", "home", "park", "ready")
+"""Words in the names of positions in which an arm is out of the way, the best first."""
 _MIN_ARM_JOINTS = 4
-_WHEEL = re.compile(r"wheel|caster|roller", re.IGNORECASE)
+_MIN_GUESSED_ARM_JOINTS = 5
+_WHEEL = re.compile(r"wheel|caster|roller|suspension", re.IGNORECASE)
 _CASTER = re.compile(r"caster", re.IGNORECASE)
+_ARM = re.compile(r"arm|manipulator", re.IGNORECASE)
+_LEG = re.compile(r"leg|hip|knee|ankle|foot|feet|thigh|calf|shank|toe|rotor|propeller", re.IGNORECASE)
+_FINGER = re.compile(r"finger|gripper|jaw|thumb|knuckle|claw|(^|_)(index|middle|ring|little|pinky)(_|$)", re.IGNORECASE)
+_NO_FINGER = re.compile(r"roll|yaw|wrist|camera", re.IGNORECASE)
+_HEAD = re.compile(r"head|neck", re.IGNORECASE)
+_SIDES = (("left", re.compile(r"left|(^|_)l(_|$)|^L[A-Z]")), ("right", re.compile(r"right|(^|_)r(_|$)|^R[A-Z]")))
 _SENSORS = (
     (re.compile(r"depth.*(link|frame)$", re.IGNORECASE), SensorType.DEPTH_CAMERA),
     (re.compile(r"(camera|rgb|kinect|xtion|realsense|d435|stereo).*(link|frame)$", re.IGNORECASE), SensorType.CAMERA),
-    (re.compile(r"(laser|lidar|scan|hokuyo|sick)", re.IGNORECASE), SensorType.LASER_SCANNER),
+    (re.compile(r"laser|lidar|scan|hokuyo|sick", re.IGNORECASE), SensorType.LASER_SCANNER),
     (re.compile(r"(^|_)(ft|force_torque)(_|$)", re.IGNORECASE), SensorType.FORCE_TORQUE),
     (re.compile(r"(^|_)imu(_|$)", re.IGNORECASE), SensorType.IMU),
 )
-_MIN_CLEARANCE_M = 0.02
+_FLOOR_TOLERANCE_M = 0.03
+"""A root whose geometry reaches less far below its origin stands on the floor with its origin."""
+_LOW_M = 0.5
+"""Height below which links count for the radius of a base that drives."""
 
 
 class RobotStructure(msgspec.Struct, frozen=True, kw_only=True):
@@ -58,43 +69,65 @@ class RobotStructure(msgspec.Struct, frozen=True, kw_only=True):
     notes: tuple[ModelNote, ...]
 
 
-def find_structure(tree: LinkTree, srdf: Srdf, *, name: str) -> RobotStructure:
+def find_structure(tree: LinkTree, srdf: Srdf, *, base: BaseType) -> RobotStructure:
     """Finds the parts of a robot.
 
     Args:
         tree: the robot.
         srdf: its SRDF; empty if there is none.
-        name: its name.
+        base: the result of `base_type`.
     """
-    return _StructureFinder(tree, srdf, name).find()
+    return _StructureFinder(tree, srdf, base).find()
+
+
+def wheel_joints(joints: Iterable[RobotJoint]) -> list[RobotJoint]:
+    """The movable joints of wheels, casters and their suspensions, by their names."""
+    return [joint for joint in joints if joint.is_movable and _WHEEL.search(joint.name)]
+
+
+def base_type(joints: Iterable[RobotJoint], srdf: Srdf, notes: list[ModelNote]) -> BaseType:
+    """Returns how a robot moves over the floor: by its SRDF, otherwise by its wheels, which is noted."""
+    virtual = next(iter(srdf.virtual_joints), None)
+    if virtual is not None and virtual.type == "planar":
+        return BaseType.DIFFERENTIAL if "diff" in virtual.motion_model else BaseType.PLANAR
+    turning = [joint for joint in wheel_joints(joints) if joint.type is RobotJointType.CONTINUOUS]
+    driven = [joint for joint in turning if not _CASTER.search(joint.name)]
+    if len(turning) >= 4 and len(driven) != 2:
+        text = f"it moves in every direction, since it has {len(turning)} wheels that turn"
+        notes.append(ModelNote(subject="base", text=text))
+        return BaseType.PLANAR
+    if len(driven) >= 2:
+        text = f"it is driven by {driven[0].name} and {driven[1].name}, so it cannot move sideways"
+        notes.append(ModelNote(subject="base", text=text))
+        return BaseType.DIFFERENTIAL
+    return BaseType.FIXED
+
+
+class _ArmPart(NamedTuple):
+    """The joints of an arm from the base to the tip, without a lift below them."""
+
+    name: str
+    joints: Sequence[RobotJoint]
+    tip: str
 
 
 class _StructureFinder:
     """The parts of one robot."""
 
-    def __init__(self, tree: LinkTree, srdf: Srdf, name: str) -> None:
-        self.tree, self.srdf, self.name = tree, srdf, name
+    def __init__(self, tree: LinkTree, srdf: Srdf, base: BaseType) -> None:
+        self.tree, self.srdf, self.base_type = tree, srdf, base
         self.notes: list[ModelNote] = []
 
     def find(self) -> RobotStructure:
-        grippers, arms = [], []
-        for effector, arm_joints, tip in self._effectors():
-            gripper = self._gripper(*effector)
-            if gripper is not None:
-                grippers.append(gripper)
-            if arm_joints:
-                arms.append((arm_joints, tip, None if gripper is None else gripper.name))
-        arms = [*arms, *self._arms_without_effector([joints for joints, _, _ in arms])]
-        base = self._base()
-        named = [self._arm(joints, tip, gripper, count=len(arms), base=base) for joints, tip, gripper in arms]
-        home = self._home_positions(named)
+        grippers = self._stated_grippers() or self._guessed_grippers()
+        arms = self._arms(self._stated_arms() or self._guessed_arms(grippers), grippers)
         return RobotStructure(
-            base=base,
-            arms=tuple(named),
+            base=self._base(),
+            arms=arms,
             grippers=tuple(grippers),
             head=self._head(),
             sensors=self._sensors(),
-            home_positions=home,
+            home_positions=self._home_positions(arms),
             notes=tuple(self.notes),
         )
 
@@ -118,71 +151,143 @@ class _StructureFinder:
                 found |= {joint.name: joint for joint in self._group_joints(inner, visited | {group.name})}
         return sorted(found.values(), key=lambda joint: self.tree.depth(joint.child))
 
-    def _effectors(self) -> list[tuple[tuple[str, str, list[RobotJoint]], list[RobotJoint], str]]:
-        """For each end effector: its name, link and finger joints; the joints of the arm; the last link of the arm."""
-        found = []
+    def _stated_grippers(self) -> list[Gripper]:
+        """The end effectors of SRDF that have fingers; in some files their group is that of the arm."""
+        found: dict[str, Gripper] = {}
         for effector in self.srdf.end_effectors:
             group = self.srdf.group(effector.group)
-            if group is None or effector.parent_link not in self.tree.links:
+            if group is None or effector.parent_link not in self.tree.links or group.name in found:
                 continue
-            joints = self._group_joints(group)
-            arm = self._arm_of_effector(effector.parent_group, effector.parent_link)
             inside = set(self.tree.subtree(effector.parent_link))
-            fingers = [joint for joint in joints if joint.is_movable and joint.child in inside]
+            fingers = [joint for joint in self._group_joints(group) if joint.is_movable and joint.child in inside]
             fingers += self._followers_of(fingers)
-            link = self._palm(effector.parent_link, fingers)
-            found.append(((effector.group, link, fingers), arm, effector.parent_link))
-        return found
+            gripper = self._gripper(group.name, self._palm(effector.parent_link, fingers), fingers)
+            if gripper is not None:
+                found[group.name] = gripper
+        return list(found.values())
 
     def _followers_of(self, joints: Sequence[RobotJoint]) -> list[RobotJoint]:
         """Joints that mimic some of these and are not among them."""
         names = {joint.name for joint in joints}
-        return [each for name in list(names) for each in self.tree.followers.get(name, ()) if each.name not in names]
+        return [each for name in names for each in self.tree.followers.get(name, ()) if each.name not in names]
 
-    def _palm(self, parent_link: str, fingers: Sequence[RobotJoint]) -> str:
+    def _palm(self, default: str, fingers: Sequence[RobotJoint]) -> str:
         """The link that carries all fingers."""
-        if not fingers:
-            return parent_link
-        common = self._line(fingers[0].parent)
-        for joint in fingers[1:]:
-            line = set(self._line(joint.parent))
-            common = [link for link in common if link in line]
+        lines = [self._line(joint.parent) for joint in fingers]
         moved = {joint.child for joint in fingers}
-        return next((link for link in common if link not in moved), parent_link)
+        common = (link for link in lines[0] if all(link in line for line in lines)) if lines else iter(())
+        return next((link for link in common if link not in moved), default)
 
     def _line(self, link: str) -> list[str]:
         """A link and its ancestors."""
         return [link, *(joint.parent for joint in self.tree.ancestors(link))]
 
-    def _arm_of_effector(self, group_name: str, parent_link: str) -> list[RobotJoint]:
-        """The actuated joints of the arm that carries an end effector."""
+    def _stated_arms(self) -> list[_ArmPart]:
+        """The arms of SRDF: groups that carry end effectors, and groups that are chains named as arms."""
+        found: dict[str, _ArmPart] = {}
+        for effector in self.srdf.end_effectors:
+            if effector.parent_link in self.tree.links:
+                part = self._arm_of_effector(effector.parent_group, effector.parent_link)
+                if part is not None:
+                    found.setdefault(part.name, part)
+        taken = {joint.name for part in found.values() for joint in part.joints}
+        for group in sorted(self.srdf.groups, key=lambda each: len(self._group_joints(each))):
+            joints = [joint for joint in self._group_joints(group) if joint.is_actuated]
+            is_chain = all(self.tree.chain(a.child, b.parent) is not None for a, b in pairwise(joints))
+            is_free = taken.isdisjoint(joint.name for joint in joints)
+            if _ARM.search(group.name) and len(joints) >= _MIN_ARM_JOINTS and is_chain and is_free:
+                taken |= {joint.name for joint in joints}
+                tip = next((tip for _, tip in group.chains if tip in self.tree.links), joints[-1].child)
+                found[group.name] = _ArmPart(group.name, joints, tip)
+        return list(found.values())
+
+    def _arm_of_effector(self, group_name: str, parent_link: str) -> _ArmPart | None:
+        """The group that carries an end effector: the stated one, or the smallest with enough joints."""
         above = {joint.name for joint in self.tree.ancestors(parent_link)}
         candidates = []
         for group in self.srdf.groups:
-            joints = [joint for joint in self._group_joints(group) if joint.is_actuated]
-            if joints and all(joint.name in above for joint in joints):
-                candidates.append((group, joints))
-        stated = next((joints for group, joints in candidates if group.name == group_name), None)
+            actuated = [joint for joint in self._group_joints(group) if joint.is_actuated]
+            joints = [joint for joint in actuated if joint.name in above]
+            is_pure = all(_FINGER.search(joint.name) for joint in actuated if joint.name not in above)
+            if joints and is_pure and not any(_LEG.search(joint.name) for joint in joints):
+                candidates.append(_ArmPart(group.name, joints, parent_link))
+        stated = next((part for part in candidates if part.name == group_name), None)
         if stated is not None:
             return stated
-        long = [(group, joints) for group, joints in candidates if len(joints) >= _MIN_ARM_JOINTS]
-        return min(long, key=lambda each: (len(each[1]), each[0].name))[1] if long else []
+        long = [part for part in candidates if len(part.joints) >= _MIN_ARM_JOINTS]
+        return min(long, key=lambda part: (len(part.joints), part.name)) if long else None
 
-    def _arms_without_effector(
-        self, known: Sequence[Sequence[RobotJoint]]
-    ) -> list[tuple[list[RobotJoint], str, str | None]]:
-        """Groups of SRDF that are chains named as arms, and have no end effector."""
-        taken = {joint.name for joints in known for joint in joints}
-        found: list[tuple[list[RobotJoint], str, str | None]] = []
-        for group in sorted(self.srdf.groups, key=lambda each: len(self._group_joints(each))):
-            if not re.search(r"arm|manipulator", group.name, re.IGNORECASE):
-                continue
-            joints = [joint for joint in self._group_joints(group) if joint.is_actuated]
-            is_chain = all(self.tree.chain(a.child, b.parent) is not None for a, b in pairwise(joints))
-            if len(joints) >= _MIN_ARM_JOINTS and is_chain and taken.isdisjoint(joint.name for joint in joints):
-                taken |= {joint.name for joint in joints}
-                found.append((joints, joints[-1].child, None))
+    # -- guesses -------------------------------------------------------------------------------------------------------
+
+    def _guessed_grippers(self) -> list[Gripper]:
+        """Groups of joints that are named as fingers, and have no other joint below them."""
+        clusters: dict[str, list[RobotJoint]] = {}
+        for joint in self.tree.joints.values():
+            if joint.is_movable and self._is_finger(joint):
+                above = [
+                    each for each in self.tree.ancestors(joint.parent) if each.is_movable and self._is_finger(each)
+                ]
+                top = above[-1] if above else joint
+                clusters.setdefault(self._rigid_root(top.parent), []).append(joint)
+        found: list[Gripper] = []
+        for root, joints in clusters.items():
+            moving = [joint for joint in joints if self._moves_something(joint, joints)]
+            side = _side([root]) or _side(joint.name for joint in moving)
+            name = f"{side}_gripper" if side and len(clusters) > 1 else "gripper"
+            name = name if all(each.name != name for each in found) else f"{root}_gripper"
+            gripper = self._gripper(name, self._palm(root, moving), moving) if moving else None
+            if gripper is not None:
+                self._guess(name, f"{', '.join(gripper.joints)} move its fingers, by their names")
+                found.append(gripper)
         return found
+
+    def _is_finger(self, joint: RobotJoint) -> bool:
+        if not (_FINGER.search(joint.name) or _FINGER.search(joint.child)):
+            return False
+        names = f"{joint.name} {joint.child}"
+        if _NO_FINGER.search(names) and joint.mimic is None and "finger" not in names.lower():
+            return False
+        below = (self.tree.parent_joint[link] for link in self.tree.subtree(joint.child)[1:])
+        return all(_FINGER.search(each.name) or _FINGER.search(each.child) for each in below if each.is_movable)
+
+    def _moves_something(self, joint: RobotJoint, cluster: Sequence[RobotJoint]) -> bool:
+        """Whether a joint, or one that follows it, moves a link with a collision shape."""
+        names = {joint.name, *(each.name for each in self.tree.followers.get(joint.name, ()))}
+        moved = [each.child for each in cluster if each.name in names]
+        geometries = (self.tree.links[link].geometry for top in moved for link in self.tree.subtree(top))
+        return any(geometry is not None and geometry.collision_shapes for geometry in geometries)
+
+    def _rigid_root(self, link: str) -> str:
+        """The uppermost link to which a link is fixed."""
+        while (joint := self.tree.parent_joint.get(link)) is not None and not joint.is_movable:
+            link = joint.parent
+        return link
+
+    def _guessed_arms(self, grippers: Sequence[Gripper]) -> list[_ArmPart]:
+        """The chains to the grippers; without these, long chains at the end of the tree that are no legs."""
+        tips, least = [gripper.link for gripper in grippers], _MIN_ARM_JOINTS
+        if not tips:
+            moved = [joint for joint in self.tree.joints.values() if joint.is_actuated]
+            tips = [joint.child for joint in moved if not self._has_joint_below(joint.child)]
+            least = _MIN_GUESSED_ARM_JOINTS
+        found: list[_ArmPart] = []
+        for tip in tips:
+            others = [each for each in tips if each != tip]
+            chain = [joint for joint in self.tree.ancestors(tip) if joint.is_actuated]
+            own = [joint for joint in chain if not set(self.tree.subtree(joint.child)).intersection(others)]
+            own.reverse()
+            names = [f"{joint.name} {joint.child}" for joint in own]
+            if len(own) < least or any(_LEG.search(each) or _WHEEL.search(each) for each in names):
+                continue
+            side = _side(joint.name for joint in own)
+            name = f"{side}_arm" if side else "arm"
+            name = name if all(each.name != name for each in found) else f"{tip}_arm"
+            self._guess(name, f"it has the joints {', '.join(joint.name for joint in own)}, by the tree")
+            found.append(_ArmPart(name, own, own[-1].child))
+        return found
+
+    def _has_joint_below(self, link: str) -> bool:
+        return any(self.tree.parent_joint[each].is_movable for each in self.tree.subtree(link)[1:])
 
     # -- arms and grippers ---------------------------------------------------------------------------------------------
 
@@ -198,45 +303,43 @@ class _StructureFinder:
             gripper = msgspec.structs.replace(gripper, open_positions=opened, closed_positions=closed)
         return gripper
 
-    def _arm(self, joints: Sequence[RobotJoint], tip: str, gripper: str | None, *, count: int, base: RobotBase) -> Arm:
-        """An arm, with the lift or torso below it if no other arm uses that."""
-        first = joints[0]
-        if count == 1:
-            below = [joint for joint in self.tree.ancestors(first.parent) if joint.is_actuated]
-            wheels = {joint.name for joint in below if _WHEEL.search(joint.name)}
-            if below and not wheels:
-                joints = [*reversed(below), *joints]
-                names = ", ".join(joint.name for joint in reversed(below))
-                self._guess(first.name, f"the arm includes {names}, since there is no other arm")
-        names = tuple(joint.name for joint in joints)
-        group = self._group_of(set(names))
-        rest, state = self._rest(joints)
-        if state:
-            self._guess(group, f"its rest position is the group state {state!r}")
-        return Arm(
-            name=group,
-            joints=names,
-            base_link=joints[0].parent,
-            tip_link=tip,
-            gripper=gripper,
-            rest_positions=rest,
-        )
+    def _arms(self, parts: Sequence[_ArmPart], grippers: Sequence[Gripper]) -> tuple[Arm, ...]:
+        """The arms with their grippers, and with the lift or torso below if there is only one."""
+        found = []
+        for part in parts:
+            joints = [*self._lift_below(part), *part.joints] if len(parts) == 1 else list(part.joints)
+            inside = set(self.tree.subtree(joints[-1].child))
+            rest, state = self._rest(joints)
+            if state:
+                self._guess(part.name, f"its rest position is the group state {state!r}")
+            found.append(
+                Arm(
+                    name="arm" if len(parts) == 1 and not _ARM.search(part.name) else part.name,
+                    joints=tuple(joint.name for joint in joints),
+                    base_link=joints[0].parent,
+                    tip_link=part.tip,
+                    gripper=next((each.name for each in grippers if each.link in inside), None),
+                    rest_positions=rest,
+                )
+            )
+        return tuple(found)
 
-    def _group_of(self, names: set[str]) -> str:
-        """The name of the group of SRDF with these joints, or with the most of them."""
-        best, best_count = "arm", 0
-        for group in self.srdf.groups:
-            own = {joint.name for joint in self._group_joints(group) if joint.is_actuated}
-            if own and own <= names and len(own) > best_count:
-                best, best_count = group.name, len(own)
-        return best
+    def _lift_below(self, part: _ArmPart) -> list[RobotJoint]:
+        """The joints between the root and the only arm; none for a robot on legs or wheels of its own."""
+        below = [joint for joint in self.tree.ancestors(part.joints[0].parent) if joint.is_actuated]
+        if not below or any(_WHEEL.search(joint.name) or _LEG.search(joint.name) for joint in below):
+            return []
+        below.reverse()
+        names = ", ".join(joint.name for joint in below)
+        self._guess(part.name, f"it includes {names}, since there is no other arm")
+        return below
 
     def _rest(self, joints: Sequence[RobotJoint]) -> tuple[tuple[float, ...], str]:
         """The positions of a named state in which the arm is out of the way, and its name; empty without one."""
-        positions_at_zero = rest_positions(joints)
+        at_zero = rest_positions(joints)
         for word in _REST_STATES:
             for _, state, positions in self.srdf.states:
-                given = {name: position for name, position in positions if name in positions_at_zero}
+                given = {name: position for name, position in positions if name in at_zero}
                 if word in state.lower() and 2 * len(given) > len(joints):
                     merged = rest_positions(joints, given)
                     return tuple(merged[joint.name] for joint in joints), "" if word == "rest" else state
@@ -249,19 +352,15 @@ class _StructureFinder:
                 home |= dict(zip(arm.joints, arm.rest_positions, strict=True))
         return tuple(home.items())
 
-    # -- head and sensors ----------------------------------------------------------------------------------------------
+    # -- head, sensors, base -------------------------------------------------------------------------------------------
 
     def _head(self) -> Head | None:
         group = self.srdf.group("head")
         joints = [] if group is None else [joint for joint in self._group_joints(group) if joint.is_actuated]
         if not joints:
-            joints = [
-                joint
-                for joint in self.tree.joints.values()
-                if joint.is_actuated and re.search(r"head|neck", joint.name, re.IGNORECASE)
-            ]
+            joints = [joint for joint in self.tree.joints.values() if joint.is_actuated and _HEAD.search(joint.name)]
             if joints:
-                self._guess("head", f"{', '.join(joint.name for joint in joints)} turn the head, by their names")
+                self._guess("head", f"{', '.join(joint.name for joint in joints)} turn it, by their names")
         if not joints:
             return None
         return Head(joints=tuple(joint.name for joint in joints), link=joints[-1].child)
@@ -269,44 +368,31 @@ class _StructureFinder:
     def _sensors(self) -> tuple[RobotSensor, ...]:
         found = []
         for name in self.tree.links:
-            for pattern, type in _SENSORS:
-                if pattern.search(name):
-                    found.append(RobotSensor(name=name, type=type, link=name, is_optical="optical" in name.lower()))
-                    break
+            type = next((type for pattern, type in _SENSORS if pattern.search(name)), None)
+            if type is not None:
+                found.append(RobotSensor(name=name, type=type, link=name, is_optical="optical" in name.lower()))
         if found:
             self._guess("", f"{len(found)} links are the frames of sensors, by their names")
         return tuple(found)
 
-    # -- the base ------------------------------------------------------------------------------------------------------
-
     def _base(self) -> RobotBase:
-        positions = rest_positions(self.tree.joints.values())
-        poses = self.tree.poses(positions)
-        rigid = self.tree.rigid_links(self.tree.root)
-        wheels = [joint for joint in self.tree.joints.values() if joint.is_movable and _WHEEL.search(joint.name)]
-        type = self._base_type(wheels)
-        moved = [link for joint in wheels for link in self.tree.subtree(joint.child)]
-        points = self.tree.points([*rigid, *moved], poses)
-        height = max(0.0, -float(points[:, 2].min())) if len(points) else 0.0
-        if height < _MIN_CLEARANCE_M:
+        poses = self.tree.poses(rest_positions(self.tree.joints.values()))
+        points = self.tree.points(self.tree.rigid_links(self.tree.root), poses)
+        is_fixed = self.base_type is BaseType.FIXED
+        is_legged = is_fixed and any(_LEG.search(name) for name in self.tree.links)
+        standing = self.tree.points(self.tree.links, poses) if is_legged else points
+        height = -float(standing[:, 2].min()) if len(standing) else 0.0
+        if height < _FLOOR_TOLERANCE_M:
             height = 0.0
-        low = points[points[:, 2] + height < 0.5] if type is not BaseType.FIXED else points
+        low = points if is_fixed else points[points[:, 2] + height < _LOW_M]
         radius = float(np.linalg.norm(low[:, :2], axis=1).max()) if len(low) else 0.0
-        return RobotBase(type=type, link=self.tree.root, height_m=round(height, 4), radius_m=round(radius, 4))
+        return RobotBase(type=self.base_type, link=self.tree.root, height_m=round(height, 4), radius_m=round(radius, 4))
 
-    def _base_type(self, wheels: Sequence[RobotJoint]) -> BaseType:
-        virtual = next(iter(self.srdf.virtual_joints), None)
-        if virtual is not None and virtual.type == "planar":
-            return BaseType.DIFFERENTIAL if "diff" in virtual.motion_model else BaseType.PLANAR
-        turning = [joint for joint in wheels if joint.type is RobotJointType.CONTINUOUS]
-        driven = [joint for joint in turning if not _CASTER.search(joint.name)]
-        if len(turning) >= 4 and len(driven) != 2:
-            self._guess("base", f"it moves in every direction, since it has {len(turning)} wheels that turn")
-            return BaseType.PLANAR
-        if len(driven) >= 2:
-            self._guess("base", f"it is driven by {driven[0].name} and {driven[1].name}, so it cannot move sideways")
-            return BaseType.DIFFERENTIAL
-        return BaseType.FIXED
+
+def _side(names: Iterable[str]) -> str:
+    """The side that all of some names contain; empty if they do not."""
+    names = list(names)
+    return next((side for side, pattern in _SIDES if names and all(map(pattern.search, names))), "")
 
 
 def _state_named(

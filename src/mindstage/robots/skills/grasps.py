@@ -7,7 +7,7 @@ around one of its collision shapes, such as the bar of a handle or the wall of a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +35,10 @@ _CLEARANCE_M = 0.006
 _SHIFTS = (0.0, 0.25, -0.25)
 """Grasped places along a long box, as fractions of its length."""
 _LONG_M = 0.09
+_TIP_GAP_M = 0.004
+"""Least distance of the finger tips from what is behind a thing, such as the front behind a handle."""
+_MIN_OVERLAP_M = 0.008
+"""Least length of the fingers beside what is grasped."""
 _PALM_GAP_M = 0.012
 """Least distance of the palm from what is grasped."""
 _ANGLES = 12
@@ -103,6 +107,14 @@ class _Box(NamedTuple):
     pose: Array
     size: Array
 
+    def extent(self, direction: Array) -> float:
+        """Its extent along a unit vector [m]."""
+        return float(np.abs(rotation_matrix(self.pose[3:]).T @ direction) @ self.size)
+
+    def end(self, direction: Array) -> float:
+        """The coordinate of its last point along a unit vector [m]."""
+        return float(self.pose[:3] @ direction) + self.extent(direction) / 2
+
 
 def grasps_of(
     body: Body, geometry: BodyGeometry | None, body_pose: Array, gripper: Gripper, shape: GripperShape
@@ -121,10 +133,11 @@ def grasps_of(
     shapes = _shapes_of(body, geometry)
     low, high = compile_geometry(shapes).bounds
     whole = _Box(np.array([*(low + high) / 2, 1.0, 0.0, 0.0, 0.0]), high - low)
-    yield from _box_grasps(whole, body_pose, shape, is_whole=True)
+    yield from _box_grasps(whole, whole, body_pose, shape, is_whole=True)
     if len(shapes) > 1:
         for each in shapes:
-            yield from _box_grasps(_Box(normalized_pose_array(each.pose), np.asarray(each.size)), body_pose, shape)
+            part = _Box(normalized_pose_array(each.pose), np.asarray(each.size))
+            yield from _box_grasps(part, whole, body_pose, shape)
 
 
 def weld_grasps_of(body: Body, geometry: BodyGeometry | None, body_pose: Array, shape: GripperShape) -> Iterator[Grasp]:
@@ -150,7 +163,9 @@ def _shapes_of(body: Body, geometry: BodyGeometry | None) -> tuple[CollisionShap
     return (fallback_collision_shape(body, body.size or (0.1, 0.1, 0.1)),)
 
 
-def _box_grasps(box: _Box, body_pose: Array, shape: GripperShape, *, is_whole: bool = False) -> Iterator[Grasp]:
+def _box_grasps(
+    box: _Box, whole: _Box, body_pose: Array, shape: GripperShape, *, is_whole: bool = False
+) -> Iterator[Grasp]:
     axes = rotation_matrix(box.pose[3:]).T
     for closing in range(3):
         width = float(box.size[closing])
@@ -162,22 +177,23 @@ def _box_grasps(box: _Box, body_pose: Array, shape: GripperShape, *, is_whole: b
             inward = np.cos(angle) * axes[others[0]] + np.sin(angle) * axes[others[1]]
             if quat_rotate(body_pose[3:], inward)[2] > _MAX_UP:
                 continue
-            yield from _grasps_from(box, closing, inward, body_pose, shape, is_whole=is_whole)
+            yield from _grasps_from(box, whole, closing, inward, shape, is_whole=is_whole)
 
 
 def _grasps_from(
-    box: _Box, closing: int, inward: Array, body_pose: Array, shape: GripperShape, *, is_whole: bool
+    box: _Box, whole: _Box, closing: int, inward: Array, shape: GripperShape, *, is_whole: bool
 ) -> Iterator[Grasp]:
     """The grasps with one direction of approach, at places along the box."""
     axes = rotation_matrix(box.pose[3:]).T
-    half = float(np.abs(axes @ inward) @ box.size) / 2
-    depth = min(half, max(shape.palm - _PALM_GAP_M, 0.0))
-    if depth <= 0.0:
+    half = box.extent(inward) / 2
+    behind = whole.end(inward) - (box.end(inward) - 2 * half)  # from the near side to the far one of the whole body
+    depth = min(half, shape.palm - _PALM_GAP_M, behind - shape.tip - _TIP_GAP_M)
+    if depth + shape.tip < min(_MIN_OVERLAP_M, half) or shape.palm < _PALM_GAP_M:
         return
     along = np.cross(inward, axes[closing])
-    length = float(np.abs(axes @ along) @ box.size)
-    aligned = max(np.abs(axes @ inward)) > 0.99  # else a shift along the box would leave it
-    for shift in _SHIFTS if length > _LONG_M and aligned else (0.0,):
+    length = box.extent(along)
+    is_aligned = max(np.abs(axes @ inward)) > 0.99  # else a shift along the box would leave it
+    for shift in _SHIFTS if length > _LONG_M and is_aligned else (0.0,):
         origin = box.pose[:3] - inward * (half - depth) + along * shift * length
         for sign in (1.0, -1.0):
             pose = np.concatenate([origin, _rotation(inward, sign * axes[closing])])
@@ -187,12 +203,3 @@ def _grasps_from(
 def _rotation(x: Array, y: Array) -> Array:
     """The quaternion of the frame with these axes."""
     return normalize(quaternion_from_matrix(np.column_stack([x, y, np.cross(x, y)])))
-
-
-def spread_by_direction(grasps: Sequence[Grasp], body_pose: Array) -> dict[tuple[float, ...], list[Grasp]]:
-    """Grasps by the direction of approach in the world frame, rounded."""
-    found: dict[tuple[float, ...], list[Grasp]] = {}
-    for grasp in grasps:
-        direction = quat_rotate(grasp.in_world(body_pose)[3:], (1.0, 0.0, 0.0))
-        found.setdefault(tuple(np.round(direction, 2).tolist()), []).append(grasp)
-    return found

@@ -1,0 +1,275 @@
+"""Reading of MJCF files as plain records, by MuJoCo's own parser and compiler.
+
+The compiler resolves defaults, includes, Euler angles, meshes and inertias; what is read here is the compiled model.
+The frames are those of the bodies in the file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mindstage.errors import RobotModelError
+from mindstage.scene import Color
+from mindstage.scene.transforms import Array
+
+__all__ = ["MjcfBody", "MjcfGeom", "MjcfGeomType", "MjcfJoint", "MjcfJointType", "MjcfModel", "read_mjcf"]
+
+_MAX_BYTES = 64 * 1024 * 1024
+
+
+class MjcfJointType(StrEnum):
+    """The types of joints."""
+
+    FREE = "free"
+    BALL = "ball"
+    SLIDE = "slide"
+    HINGE = "hinge"
+
+
+class MjcfGeomType(StrEnum):
+    """The types of geoms that have a convex shape."""
+
+    SPHERE = "sphere"
+    CAPSULE = "capsule"
+    ELLIPSOID = "ellipsoid"
+    CYLINDER = "cylinder"
+    BOX = "box"
+    MESH = "mesh"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MjcfJoint:
+    """A joint of a body."""
+
+    name: str
+    type: MjcfJointType
+    position: Array
+    """A point on its axis, in the frame of the body [m]."""
+    axis: Array
+    """Unit vector in the frame of the body."""
+    reference: float
+    """Its position at which the body is at its given pose [m or rad]."""
+    range: tuple[float, float] | None
+    effort: float | None
+    """The largest force or moment of its actuators; None if they have no limit, or there are none."""
+    damping: float
+    friction: float
+    armature: float
+    mimic: tuple[str, float, float] | None
+    """The joint that it follows by an equality constraint, the factor, and the offset."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MjcfGeom:
+    """A geom of a body."""
+
+    type: MjcfGeomType
+    pose: Array
+    """Seven numbers, in the frame of the body."""
+    size: Array
+    """Extents along its axes [m]; those of a capsule include its caps."""
+    points: Array
+    """The vertices of a mesh, n x 3, in the frame of `pose`; empty for other types."""
+    faces: NDArray[np.uint32]
+    color: Color
+    collides: bool
+    """Whether it is in contact with anything; others are visual."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MjcfBody:
+    """A body; its joints are between it and its parent, the first one nearest to the parent."""
+
+    name: str
+    parent: str
+    """Empty for a child of the world."""
+    pose: Array
+    """Seven numbers, in the frame of the parent, with its joints at their references."""
+    joints: tuple[MjcfJoint, ...]
+    geoms: tuple[MjcfGeom, ...]
+    mass_kg: float
+    center: Array
+    """Center of mass in the frame of the body [m]."""
+    inertia_rotation: Array
+    """The axes of `moments` in the frame of the body, as a quaternion."""
+    moments: Array
+    is_mocap: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MjcfModel:
+    """The contents of an MJCF file."""
+
+    name: str
+    bodies: tuple[MjcfBody, ...]
+    """Parents before children, without the world."""
+    keyframes: tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
+    """Name, and the positions of joints with one axis."""
+    excluded_pairs: frozenset[tuple[str, str]]
+    """Pairs of bodies that do not collide, the lower name first."""
+
+
+def read_mjcf(path: Path) -> MjcfModel:
+    """Reads an MJCF file.
+
+    Raises:
+        RobotModelError: MuJoCo cannot read or compile it.
+    """
+    remedy = "correct the file, or give the files that it includes"
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise RobotModelError(str(path), cause=f"it has more than {_MAX_BYTES // 1024**2} MB", remedy=remedy)
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except OSError as error:
+        raise RobotModelError(str(path), cause=error.strerror or str(error), remedy=remedy) from error
+    except ValueError as error:
+        raise RobotModelError(str(path), cause=" ".join(str(error).split()), remedy=remedy) from error
+    return _MjcfReader(model, path.stem).read()
+
+
+class _MjcfReader:
+    """The conversion of one compiled model."""
+
+    def __init__(self, model: Any, name: str) -> None:
+        self.model, self.name = model, name
+        self.body_names = [self._name(mujoco.mjtObj.mjOBJ_BODY, row) or f"body{row}" for row in range(model.nbody)]
+        self.joint_names = [self._name(mujoco.mjtObj.mjOBJ_JOINT, row) or f"joint{row}" for row in range(model.njnt)]
+
+    def _name(self, type: Any, row: int) -> str:
+        return mujoco.mj_id2name(self.model, type, row) or ""
+
+    def read(self) -> MjcfModel:
+        model = self.model
+        keyframes = []
+        for row in range(model.nkey):
+            one_axis = [joint for joint in range(model.njnt) if model.jnt_type[joint] in _ONE_AXIS]
+            positions = (
+                (self.joint_names[each], float(model.key_qpos[row, model.jnt_qposadr[each]])) for each in one_axis
+            )
+            keyframes.append((self._name(mujoco.mjtObj.mjOBJ_KEY, row), tuple(positions)))
+        signatures = [divmod(int(signature), 1 << 16) for signature in model.exclude_signature]
+        pairs = [(self.body_names[first], self.body_names[second]) for first, second in signatures]
+        name = model.names[: model.names.index(b"\0")].decode() or self.name
+        return MjcfModel(
+            name=name,
+            bodies=tuple(self._body(row) for row in range(1, model.nbody)),
+            keyframes=tuple(keyframes),
+            excluded_pairs=frozenset((min(pair), max(pair)) for pair in pairs),
+        )
+
+    def _body(self, row: int) -> MjcfBody:
+        model = self.model
+        first, count = int(model.body_jntadr[row]), int(model.body_jntnum[row])
+        geoms = range(int(model.body_geomadr[row]), int(model.body_geomadr[row]) + int(model.body_geomnum[row]))
+        parent = int(model.body_parentid[row])
+        return MjcfBody(
+            name=self.body_names[row],
+            parent=self.body_names[parent] if parent else "",
+            pose=np.concatenate([model.body_pos[row], model.body_quat[row]]),
+            joints=tuple(self._joint(first + number) for number in range(count)),
+            geoms=tuple(geom for each in geoms if (geom := self._geom(each)) is not None),
+            mass_kg=float(model.body_mass[row]),
+            center=model.body_ipos[row].copy(),
+            inertia_rotation=model.body_iquat[row].copy(),
+            moments=model.body_inertia[row].copy(),
+            is_mocap=int(model.body_mocapid[row]) >= 0,
+        )
+
+    def _joint(self, row: int) -> MjcfJoint:
+        model = self.model
+        dof = int(model.jnt_dofadr[row])
+        lower, upper = model.jnt_range[row].tolist()
+        return MjcfJoint(
+            name=self.joint_names[row],
+            type=_JOINT_TYPES[int(model.jnt_type[row])],
+            position=model.jnt_pos[row].copy(),
+            axis=model.jnt_axis[row].copy(),
+            reference=float(model.qpos0[model.jnt_qposadr[row]]) if model.jnt_type[row] in _ONE_AXIS else 0.0,
+            range=(lower, upper) if model.jnt_limited[row] else None,
+            effort=self._effort(row),
+            damping=float(np.ravel(model.dof_damping[dof])[0]),
+            friction=float(model.dof_frictionloss[dof]),
+            armature=float(model.dof_armature[dof]),
+            mimic=self._mimic(row),
+        )
+
+    def _effort(self, joint: int) -> float | None:
+        """The limit of the joint, or the sum of the limits of its actuators."""
+        model = self.model
+        if model.jnt_actfrclimited[joint]:
+            return float(np.abs(model.jnt_actfrcrange[joint]).max())
+        total = 0.0
+        for row in range(model.nu):
+            if model.actuator_trntype[row] != mujoco.mjtTrn.mjTRN_JOINT or model.actuator_trnid[row, 0] != joint:
+                continue
+            gear = abs(float(model.actuator_gear[row, 0]))
+            is_motor = model.actuator_biastype[row] == mujoco.mjtBias.mjBIAS_NONE
+            if model.actuator_forcelimited[row]:
+                total += gear * float(np.abs(model.actuator_forcerange[row]).max())
+            elif is_motor and model.actuator_ctrllimited[row]:
+                gain = abs(float(model.actuator_gainprm[row, 0]))
+                total += gear * gain * float(np.abs(model.actuator_ctrlrange[row]).max())
+        return total or None
+
+    def _mimic(self, joint: int) -> tuple[str, float, float] | None:
+        model = self.model
+        for row in range(model.neq):
+            is_joint = model.eq_type[row] == mujoco.mjtEq.mjEQ_JOINT
+            if is_joint and model.eq_obj1id[row] == joint and model.eq_obj2id[row] >= 0:
+                offset, factor = (float(number) for number in model.eq_data[row, :2])
+                return self.joint_names[int(model.eq_obj2id[row])], factor, offset
+        return None
+
+    def _geom(self, row: int) -> MjcfGeom | None:
+        model = self.model
+        type = _GEOM_TYPES.get(int(model.geom_type[row]))
+        if type is None:  # planes, height fields, signed distance fields
+            return None
+        radius, half, other = model.geom_size[row].tolist()
+        size = {
+            MjcfGeomType.SPHERE: (2 * radius,) * 3,
+            MjcfGeomType.CAPSULE: (2 * radius, 2 * radius, 2 * (half + radius)),
+            MjcfGeomType.CYLINDER: (2 * radius, 2 * radius, 2 * half),
+        }.get(type, (2 * radius, 2 * half, 2 * other))
+        points, faces = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint32)
+        if type is MjcfGeomType.MESH:
+            mesh = int(model.geom_dataid[row])
+            start, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+            points = np.asarray(model.mesh_vert[start : start + count], dtype=np.float64)
+            start, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+            faces = np.asarray(model.mesh_face[start : start + count], dtype=np.uint32)
+        material = int(model.geom_matid[row])
+        red, green, blue, _ = (model.mat_rgba[material] if material >= 0 else model.geom_rgba[row]).tolist()
+        return MjcfGeom(
+            type=type,
+            pose=np.concatenate([model.geom_pos[row], model.geom_quat[row]]),
+            size=np.array(size),
+            points=points,
+            faces=faces,
+            color=(red, green, blue),
+            collides=bool(model.geom_contype[row] or model.geom_conaffinity[row]),
+        )
+
+
+_JOINT_TYPES = {
+    int(mujoco.mjtJoint.mjJNT_FREE): MjcfJointType.FREE,
+    int(mujoco.mjtJoint.mjJNT_BALL): MjcfJointType.BALL,
+    int(mujoco.mjtJoint.mjJNT_SLIDE): MjcfJointType.SLIDE,
+    int(mujoco.mjtJoint.mjJNT_HINGE): MjcfJointType.HINGE,
+}
+_ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
+_GEOM_TYPES = {
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): MjcfGeomType.SPHERE,
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): MjcfGeomType.CAPSULE,
+    int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): MjcfGeomType.ELLIPSOID,
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): MjcfGeomType.CYLINDER,
+    int(mujoco.mjtGeom.mjGEOM_BOX): MjcfGeomType.BOX,
+    int(mujoco.mjtGeom.mjGEOM_MESH): MjcfGeomType.MESH,
+}

@@ -1,0 +1,326 @@
+"""Where a robot stands so that an arm reaches poses, and which points an arm reaches from where it stands.
+
+Places around the targets are sampled. Those that the base can drive to are tested: inverse kinematics for each target,
+and collisions of the whole robot in the positions found, and with the arm at rest.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from math import atan2, ceil, cos, hypot, inf, pi, sin
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from mindstage.errors import InvalidArgumentError, UnreachableError
+from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker, MotionRobot
+from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
+from mindstage.robots.kinematics import RobotKinematics
+from mindstage.robots.model import Arm, BaseType
+from mindstage.robots.navigation import FloorMap
+from mindstage.robots.planning import find_arm
+from mindstage.scene import BodyId, Pose
+from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
+
+__all__ = ["BasePlacement", "find_base_poses", "reachable_region"]
+
+_DISTANCE_STEP_M = 0.1
+_BEARINGS = 16
+_HEADINGS_RAD = (0.0, 0.4, -0.4, 0.9, -0.9)
+"""Headings relative to that towards the targets, the preferred first."""
+_IK_ATTEMPTS = 4
+_DRIVE_WEIGHT = 0.05
+"""Loss of score for a way of 1 m; the score is at most 1."""
+_HEADING_WEIGHT = 0.1
+_TRIALS_PER_ANSWER = 12
+_REGION_ATTEMPTS = 3
+
+
+class BasePlacement(msgspec.Struct, frozen=True, kw_only=True):
+    """A place of the base from which an arm reaches all targets."""
+
+    base: tuple[float, float, float]
+    """x, y [m] and yaw [rad] of the base in the world frame."""
+    positions: tuple[Mapping[str, float], ...]
+    """Positions of the arm's joints for each target [m or rad]."""
+    score: float
+    """Higher is better: the smallest distance of a joint from its limits as part of half its range, less what a long
+    way there costs."""
+    drive_m: float
+    """Length of the way there [m]; 0 if the base is there."""
+
+
+class _Reason(NamedTuple):
+    text: str
+    obstacle: BodyId | None = None
+
+
+class _Placing:
+    """The task of finding a place."""
+
+    def __init__(
+        self,
+        robot: MotionRobot,
+        arm: Arm | str,
+        targets: Sequence[Pose | Array],
+        *,
+        free: str,
+        ignore: Collection[BodyId],
+        touch: Collection[BodyId],
+        clearance_m: float,
+    ) -> None:
+        if not targets:
+            raise InvalidArgumentError("targets", cause="there are none", remedy="give at least one pose")
+        self.robot, self.arm, self.free = robot, find_arm(robot, arm), free
+        self.targets = np.array(
+            [normalized_pose_array(each) if isinstance(each, Pose) else each for each in targets], dtype=float
+        )
+        self.kinematics = RobotKinematics(robot.model)
+        self.frame = self.kinematics.frame_of(self.arm)
+        self.positions = robot.joint_positions()
+        self.rest = dict(zip(self.arm.joints, self.arm.rest_positions, strict=False))
+        self.here = robot.base_pose()
+        self.root = robot.link_pose(robot.model.root)
+        at = (float(self.root[0]), float(self.root[1]), yaw_of(self.root[3:]))
+        self.root_in_base = planar_multiply(planar_inverse(self.here), at)
+        self.checker = CollisionChecker(
+            robot, joints=self.arm.joints, base_moves=True, ignore=ignore, touch=touch, clearance_m=clearance_m
+        )
+        self.floor = FloorMap(robot, ignore=ignore)
+        self.reasons: Counter[_Reason] = Counter()
+        limits = np.array([self.kinematics.limits(joint) for joint in self.arm.joints])
+        self.is_limited = np.isfinite(limits).all(axis=1)
+        self.middle = np.where(self.is_limited, limits.mean(axis=1), 0.0)
+        self.half = np.where(self.is_limited, (limits[:, 1] - limits[:, 0]) / 2, 1.0)
+
+    def root_at(self, base: tuple[float, float, float]) -> Array:
+        """The pose of the root link for a pose of the base."""
+        x, y, yaw = planar_multiply(base, self.root_in_base)
+        turned = yaw_of(self.root[3:])
+        upright = pose_multiply(np.array([0.0, 0.0, 0.0, cos(turned / 2), 0.0, 0.0, -sin(turned / 2)]), self.root)
+        upright[:2] = 0.0
+        return pose_multiply(np.array([x, y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)]), upright)
+
+    def candidates(self, max_distance_m: float) -> Iterator[tuple[tuple[float, float, float], float]]:
+        """Places that the base can drive to with a part of their score, in an order that covers all sides early."""
+        middle = self.targets[:, :2].mean(axis=0)
+        x, y, yaw = self.here
+        yield (x, y, yaw), 0.0
+        away = atan2(y - middle[1], x - middle[0])
+        distances = np.arange(0.3, max_distance_m + 1e-9, _DISTANCE_STEP_M).tolist()
+        order = sorted(distances, key=lambda each: abs(each - 0.6 * max_distance_m))
+        found: list[tuple[float, tuple[float, float, float], float]] = []
+        for ring, distance in enumerate(order):
+            for number in range(_BEARINGS):
+                bearing = away + 2 * pi * (number + 0.5 * (ring % 2)) / _BEARINGS
+                px, py = float(middle[0] + distance * cos(bearing)), float(middle[1] + distance * sin(bearing))
+                length = self.floor.length_to(px, py)
+                if length is None:
+                    continue
+                for offset in _HEADINGS_RAD:
+                    cost = _DRIVE_WEIGHT * length + _HEADING_WEIGHT * abs(offset)
+                    found.append((cost + 0.02 * ring, (px, py, _wrapped(bearing + pi + offset)), length))
+        for _, base, length in sorted(found, key=lambda each: each[0]):
+            yield base, length
+
+    def placement(self, base: tuple[float, float, float], drive_m: float) -> BasePlacement | None:
+        """A place with positions for all targets; None if one is not reached, or there is a collision."""
+        root, found = self.root_at(base), []
+        parked = self.checker.find_at({**self.positions, **self.rest}, base)
+        if parked is not None:
+            self.reasons[_Reason(f"the base has no room: {parked}", parked.obstacle)] += 1
+            return None
+        seed, margin = self.positions, 1.0
+        for target in self.targets:
+            values = self._reaching(target, root, seed, base)
+            if values is None:
+                return None
+            positions = dict(zip(self.arm.joints, values.tolist(), strict=True))
+            seed = {**self.positions, **positions}
+            found.append(positions)
+            away = 1.0 - np.abs(values - self.middle) / self.half
+            margin = min(margin, float(np.where(self.is_limited, away, 1.0).min()))
+        heading = abs(_wrapped(base[2] - self._facing(base)))
+        score = margin - _DRIVE_WEIGHT * drive_m - _HEADING_WEIGHT * heading
+        return BasePlacement(base=base, positions=tuple(found), score=score, drive_m=drive_m)
+
+    def _facing(self, base: tuple[float, float, float]) -> float:
+        middle = self.targets[:, :2].mean(axis=0)
+        return atan2(middle[1] - base[1], middle[0] - base[0])
+
+    def _reaching(
+        self, target: Array, root: Array, seed: Mapping[str, float], base: tuple[float, float, float]
+    ) -> Array | None:
+        """Positions of the arm without collisions for a target."""
+        solutions = self.kinematics.solutions(
+            self.frame,
+            target,
+            joints=self.arm.joints,
+            seed=seed,
+            root_pose=root,
+            free=self.free,
+            attempts=_IK_ATTEMPTS,
+        )
+        blocked: _Reason | None = None
+        for each in solutions:
+            values = np.array([each.positions[joint] for joint in self.arm.joints])
+            if (collision := self.checker.find(values, base)) is None:
+                return values
+            blocked = blocked or _Reason(f"there {collision}", collision.obstacle)
+        if blocked is None:
+            result = self.kinematics.solve_ik(
+                self.frame, target, joints=self.arm.joints, seed=seed, root_pose=root, free=self.free, attempts=1
+            )
+            limit = f"limits of {', '.join(result.limits)}" if result.limits else "it is out of reach of the arm"
+            blocked = _Reason(f"{limit} at most places")
+        self.reasons[blocked] += 1
+        return None
+
+
+def find_base_poses(
+    robot: MotionRobot,
+    arm: Arm | str,
+    targets: Sequence[Pose | Array],
+    *,
+    free: str = "",
+    ignore: Collection[BodyId] = (),
+    touch: Collection[BodyId] = (),
+    clearance_m: float = CLEARANCE_M,
+    max_distance_m: float | None = None,
+    count: int = 5,
+    budget_s: float = 5.0,
+) -> tuple[BasePlacement, ...]:
+    """Finds places of the base from which an arm reaches all of some poses, the best first.
+
+    Args:
+        robot: the robot.
+        arm: its arm, or the name; empty for the first one.
+        targets: poses of the grasp frame of the gripper (of the last link of an arm without one) in the world frame.
+        free: the axes of the grasp frame about which it may turn; see `RobotKinematics.solve_ik`.
+        ignore: bodies that are no obstacles.
+        touch: bodies that the gripper may touch.
+        clearance_m: the distance that the robot keeps from obstacles [m].
+        max_distance_m: the largest horizontal distance between base and targets [m]; by default the arm's reach.
+        count: the largest number of places.
+        budget_s: wall time after which the search ends [s].
+
+    Raises:
+        InvalidArgumentError: there is no such arm, or no target, or the base is fixed.
+        UnreachableError: no place was found; with the most frequent reason.
+    """
+    if robot.model.base.type is BaseType.FIXED:
+        cause, remedy = f"the base of {robot.name} is fixed", "use a robot that drives"
+        raise InvalidArgumentError("robot", cause=cause, remedy=remedy)
+    end_s = time.monotonic() + budget_s
+    placing = _Placing(robot, arm, targets, free=free, ignore=ignore, touch=touch, clearance_m=clearance_m)
+    reach = _arm_reach(placing) if max_distance_m is None else max_distance_m
+    found: list[BasePlacement] = []
+    trials = 0
+    for base, length in placing.candidates(reach):
+        placement = placing.placement(base, length)
+        trials += 1
+        if placement is not None:
+            found.append(placement)
+        if time.monotonic() > end_s or (len(found) >= count and trials > _TRIALS_PER_ANSWER * count):
+            break
+    if not found:
+        reason, _ = placing.reasons.most_common(1)[0]
+        x, y, z = placing.targets[:, :3].mean(axis=0).tolist()
+        where = f"none of {trials} places" if trials > 1 else "the base can drive to no place near it"
+        text = f"{where}; mostly, {reason.text}"
+        raise UnreachableError(robot.name, target=f"({x:.2f}, {y:.2f}, {z:.2f})", reason=text, obstacle=reason.obstacle)
+    return tuple(sorted(found, key=lambda each: -each.score)[:count])
+
+
+def _arm_reach(placing: _Placing) -> float:
+    """The largest horizontal distance between the base and the grasp frame in random positions of the arm [m]."""
+    generator = np.random.default_rng(0)
+    joints = placing.arm.joints
+    values = placing.middle + placing.half * generator.uniform(-1.0, 1.0, (400, len(joints)))
+    poses = [placing.kinematics.pose(placing.frame, dict(zip(joints, row, strict=True))) for row in values.tolist()]
+    return max(0.5, *(hypot(pose[0], pose[1]) for pose in poses))
+
+
+def reachable_region(
+    robot: MotionRobot,
+    arm: Arm | str = "",
+    height_m: float = 1.0,
+    *,
+    step_m: float = 0.08,
+    collisions: bool = True,
+    budget_s: float = 5.0,
+) -> Array:
+    """The points of a horizontal grid that the gripper of an arm reaches from where the robot stands.
+
+    Args:
+        robot: the robot.
+        arm: its arm, or the name; empty for the first one.
+        height_m: height of the grid in the world frame [m].
+        step_m: distance of two points [m].
+        collisions: whether points are left out that are only reached with collisions.
+        budget_s: wall time after which the search ends [s].
+
+    Returns:
+        n x 3 in the world frame [m].
+
+    Raises:
+        InvalidArgumentError: there is no such arm, or the step is not positive.
+    """
+    if not 0.0 < step_m < inf:
+        raise InvalidArgumentError("step_m", cause=f"{step_m:g} is no distance", remedy="give above 0")
+    end_s = time.monotonic() + budget_s
+    used, kinematics = find_arm(robot, arm), RobotKinematics(robot.model)
+    frame, root = kinematics.frame_of(used), robot.link_pose(robot.model.root)
+    now = robot.joint_positions()
+    checker = CollisionChecker(robot, joints=used.joints, clearance_m=0.0) if collisions else None
+    here = kinematics.pose(frame, now, root_pose=root)
+    low, high = _extent(kinematics, used, root)
+    shape = [max(1, ceil((b - a) / step_m)) for a, b in zip(low.tolist(), high.tolist(), strict=True)]
+    tried: dict[tuple[int, int], Mapping[str, float] | None] = {}
+    x, y = ((here[:2] - low) / step_m).tolist()
+    cells = [(column, row) for column in range(shape[0]) for row in range(shape[1])]
+    for cell in sorted(cells, key=lambda each: hypot(each[0] - x, each[1] - y)):
+        if time.monotonic() > end_s:
+            break
+        target = np.array([low[0] + cell[0] * step_m, low[1] + cell[1] * step_m, height_m, *here[3:]])
+        near = [(cell[0] + dx, cell[1] + dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
+        seeds = [seed for each in near if (seed := tried.get(each)) is not None]
+        solutions = kinematics.solutions(
+            frame,
+            target,
+            joints=used.joints,
+            seed={**now, **(seeds[0] if seeds else {})},
+            root_pose=root,
+            free="xyz",
+            attempts=_REGION_ATTEMPTS,
+        )
+        tried[cell] = next(
+            (
+                each.positions
+                for each in solutions
+                if checker is None or checker.is_free([each.positions[joint] for joint in used.joints])
+            ),
+            None,
+        )
+    reached = np.array([cell for cell, found in tried.items() if found is not None], dtype=float).reshape(-1, 2)
+    return np.column_stack([low + reached * step_m, np.full(len(reached), height_m)])
+
+
+def _extent(kinematics: RobotKinematics, arm: Arm, root: Array) -> tuple[Array, Array]:
+    """The horizontal bounds of the grasp frame in random positions of the arm, lower and upper corner [m]."""
+    limits = np.array([kinematics.limits(joint) for joint in arm.joints])
+    limits = np.where(np.isfinite(limits), limits, [-pi, pi])
+    rows = np.random.default_rng(0).uniform(limits[:, 0], limits[:, 1], (600, len(limits)))
+    frame = kinematics.frame_of(arm)
+    places = np.array(
+        [kinematics.pose(frame, dict(zip(arm.joints, row, strict=True)), root_pose=root)[:2] for row in rows.tolist()]
+    )
+    return places.min(axis=0) - 0.1, places.max(axis=0) + 0.1
+
+
+def _wrapped(angle: float) -> float:
+    """The same angle within -pi and pi."""
+    return (angle + pi) % (2 * pi) - pi

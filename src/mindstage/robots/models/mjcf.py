@@ -1,0 +1,283 @@
+"""Robots described as MJCF: bodies become links, and joints of one axis joints.
+
+A body of MJCF may have several joints, at any point of it; a link has one, at its origin. Links without geometry are
+added between, so that the frames of all bodies stay as they are. Joints of the root body move the base: they are left
+out, since the base of a robot is moved by its planar joint.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from mindstage.engines.mujoco.mjcf_reading import (
+    MjcfBody,
+    MjcfGeom,
+    MjcfGeomType,
+    MjcfJoint,
+    MjcfJointType,
+    MjcfModel,
+    read_mjcf,
+)
+from mindstage.errors import RobotModelError
+from mindstage.robots.forward_kinematics import joint_motion
+from mindstage.robots.model import BaseType, ModelNote, RobotJoint, RobotJointType, RobotLink, RobotMimic
+from mindstage.robots.models.link_geometry import PrimitivePart, hull_shape, primitive_mesh
+from mindstage.scene import (
+    BodyGeometry,
+    CollisionShape,
+    CollisionShapeType,
+    GeometrySource,
+    PbrMaterial,
+    VisualMesh,
+)
+from mindstage.scene.geometry import Inertia
+from mindstage.scene.transforms import (
+    Array,
+    pose_from_array,
+    pose_inverse,
+    pose_multiply,
+    quat_rotate,
+    rotation_matrix,
+)
+
+__all__ = ["MjcfRobot", "read_mjcf_robot"]
+
+_SHAPES = {
+    MjcfGeomType.BOX: CollisionShapeType.BOX,
+    MjcfGeomType.SPHERE: CollisionShapeType.SPHERE,
+    MjcfGeomType.ELLIPSOID: CollisionShapeType.SPHERE,
+    MjcfGeomType.CYLINDER: CollisionShapeType.CYLINDER,
+}
+_HORIZONTAL = 0.1
+"""Largest vertical component of the axis of a joint that moves a base sideways."""
+
+
+class MjcfRobot(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The links and joints of a robot described as MJCF."""
+
+    name: str
+    links: tuple[RobotLink, ...]
+    joints: tuple[RobotJoint, ...]
+    base: BaseType
+    disabled_collisions: frozenset[tuple[str, str]]
+    states: tuple[tuple[str, str, tuple[tuple[str, float], ...]], ...]
+    """As `RobotModel.group_states`, with an empty group."""
+    notes: tuple[ModelNote, ...]
+
+
+def read_mjcf_robot(path: Path) -> MjcfRobot:
+    """Reads a robot from an MJCF file, which may have other things in it.
+
+    Raises:
+        RobotModelError: MuJoCo cannot read it, or it has no body.
+    """
+    return _MjcfRobotReader(read_mjcf(path), path).read()
+
+
+class _MjcfRobotReader:
+    """The conversion of one file."""
+
+    def __init__(self, model: MjcfModel, path: Path) -> None:
+        self.model, self.path = model, path
+        self.notes: list[ModelNote] = []
+        self.links: list[RobotLink] = []
+        self.joints: list[RobotJoint] = []
+
+    def read(self) -> MjcfRobot:
+        trees = self._trees()
+        if not trees:
+            raise RobotModelError(str(self.path), cause="it has no body", remedy="give the file of a robot")
+        chosen = max(trees, key=lambda name: (sum(len(body.joints) for body in trees[name]), len(trees[name])))
+        for name in trees:
+            if name != chosen:
+                text = f"it is left out, since it is not part of {chosen}"
+                self.notes.append(ModelNote(subject=name, text=text, is_guess=False))
+        prefix = _common_prefix(trees[chosen])
+        root, *others = [_without_prefix(body, prefix) for body in trees[chosen]]
+        self.links.append(self._link(root))
+        for body in others:
+            self._add(body)
+        names = {link.name for link in self.links}
+        pairs = ((a.removeprefix(prefix), b.removeprefix(prefix)) for a, b in self.model.excluded_pairs)
+        return MjcfRobot(
+            name=self.model.name,
+            links=tuple(self.links),
+            joints=tuple(self.joints),
+            base=self._base(root),
+            disabled_collisions=frozenset(pair for pair in pairs if names.issuperset(pair)),
+            states=tuple(
+                ("", name, tuple((joint.removeprefix(prefix), position) for joint, position in positions))
+                for name, positions in self.model.keyframes
+            ),
+            notes=tuple(self.notes),
+        )
+
+    def _trees(self) -> dict[str, list[MjcfBody]]:
+        """The bodies below each child of the world, by its name."""
+        root_of: dict[str, str] = {}
+        trees: dict[str, list[MjcfBody]] = {}
+        for body in self.model.bodies:
+            root = root_of[body.name] = root_of[body.parent] if body.parent else body.name
+            trees.setdefault(root, []).append(body)
+        return {name: tree for name, tree in trees.items() if not tree[0].is_mocap}
+
+    def _base(self, root: MjcfBody) -> BaseType:
+        sliding = [
+            joint
+            for joint in root.joints
+            if joint.type is MjcfJointType.SLIDE and abs(float(joint.axis[2])) < _HORIZONTAL
+        ]
+        if root.joints:
+            names = ", ".join(joint.name for joint in root.joints)
+            text = f"{names} move the whole robot and are left out"
+            self.notes.append(ModelNote(subject=root.name, text=text))
+        return BaseType.PLANAR if len(sliding) >= 2 else BaseType.FIXED
+
+    def _add(self, body: MjcfBody) -> None:
+        """Adds the link of a body, and the joints to its parent."""
+        joints = [joint for joint in body.joints if self._has_one_axis(joint)]
+        parent, frame = body.parent, body.pose
+        if not joints:
+            self._add_joint(f"{body.name}_fixed", parent, body.name, frame)
+        for number, joint in enumerate(joints):
+            anchor = np.array([*joint.position, 1.0, 0.0, 0.0, 0.0])
+            origin = pose_multiply(frame, anchor)
+            is_last = number == len(joints) - 1
+            is_at_origin = not joint.position.any()
+            child = body.name if is_last and is_at_origin else f"{body.name}.{joint.name}"
+            self._add_joint(joint.name, parent, child, origin, joint)
+            if child != body.name:
+                self.links.append(RobotLink(name=child))
+            parent, frame = child, pose_inverse(anchor)
+            if is_last and not is_at_origin:
+                self._add_joint(f"{body.name}_fixed", parent, body.name, frame)
+        self.links.append(self._link(body))
+
+    def _has_one_axis(self, joint: MjcfJoint) -> bool:
+        if joint.type in (MjcfJointType.SLIDE, MjcfJointType.HINGE):
+            return True
+        text = f"a {joint.type.value} joint has several axes; its links are connected rigidly"
+        self.notes.append(ModelNote(subject=joint.name, text=text, is_guess=False))
+        return False
+
+    def _add_joint(self, name: str, parent: str, child: str, frame: Array, joint: MjcfJoint | None = None) -> None:
+        if joint is None:
+            origin = pose_from_array(frame)
+            self.joints.append(
+                RobotJoint(name=name, type=RobotJointType.FIXED, parent=parent, child=child, origin=origin)
+            )
+            return
+        lower, upper = joint.range or (None, None)
+        type = RobotJointType.PRISMATIC
+        if joint.type is MjcfJointType.HINGE:
+            type = RobotJointType.CONTINUOUS if joint.range is None else RobotJointType.REVOLUTE
+        x, y, z = joint.axis.tolist()
+        made = RobotJoint(
+            name=name,
+            type=type,
+            parent=parent,
+            child=child,
+            axis=(x, y, z),
+            lower=lower,
+            upper=upper,
+            effort=joint.effort,
+            damping=joint.damping,
+            friction=joint.friction,
+            armature=joint.armature,
+            mimic=None
+            if joint.mimic is None
+            else RobotMimic(joint=joint.mimic[0], multiplier=joint.mimic[1], offset=joint.mimic[2]),
+        )
+        # A body is at its given pose when the joint is at its reference, not at 0.
+        origin = pose_from_array(pose_multiply(frame, joint_motion(made, -joint.reference)))
+        self.joints.append(msgspec.structs.replace(made, origin=origin))
+
+    def _link(self, body: MjcfBody) -> RobotLink:
+        inertia = None
+        if body.mass_kg > 0.0:
+            rotation = rotation_matrix(body.inertia_rotation)
+            (xx, xy, xz), (_, yy, yz), (_, _, zz) = (rotation @ np.diag(body.moments) @ rotation.T).tolist()
+            a, b, c = body.center.tolist()
+            inertia = Inertia(mass_kg=body.mass_kg, center=(a, b, c), tensor=(xx, yy, zz, xy, xz, yz))
+        return RobotLink(name=body.name, geometry=_geometry(body.geoms, self.path.name), inertia=inertia)
+
+
+def _common_prefix(bodies: Iterable[MjcfBody]) -> str:
+    """What all names begin with, up to the first ":" or "/", by which files with several robots tell them apart."""
+    names = [name for body in bodies for name in (body.name, *(joint.name for joint in body.joints))]
+    ends = [position for sign in ":/" if (position := names[0].find(sign)) > 0]
+    prefix = names[0][: min(ends) + 1] if ends else ""
+    return prefix if all(name.startswith(prefix) for name in names) else ""
+
+
+def _without_prefix(body: MjcfBody, prefix: str) -> MjcfBody:
+    joints = []
+    for joint in body.joints:
+        mimic = joint.mimic
+        if mimic is not None:
+            mimic = (mimic[0].removeprefix(prefix), *mimic[1:])
+        joints.append(dataclasses.replace(joint, name=joint.name.removeprefix(prefix), mimic=mimic))
+    name, parent = body.name.removeprefix(prefix), body.parent.removeprefix(prefix)
+    return dataclasses.replace(body, name=name, parent=parent, joints=tuple(joints))
+
+
+def _geometry(geoms: Iterable[MjcfGeom], reason: str) -> BodyGeometry | None:
+    """The geometry of a body; None if it has no geom."""
+    geoms = tuple(geoms)
+    if not geoms:
+        return None
+    solid = [geom for geom in geoms if geom.collides]
+    visual = [geom for geom in geoms if not geom.collides] or solid
+    shapes = tuple(shape for shape in map(_collision_shape, solid) if shape is not None)
+    meshes = tuple(map(_visual_mesh, visual))
+    digest = hashlib.sha256(repr(shapes).encode())
+    for mesh in meshes:
+        digest.update(mesh.points.tobytes() + mesh.faces.tobytes() + repr(mesh.material).encode())
+    return BodyGeometry(
+        key=digest.hexdigest()[:32],
+        visuals=meshes,
+        collision_shapes=shapes,
+        source=GeometrySource.MESH,
+        reason=reason,
+        shape_name="mesh",
+    )
+
+
+def _collision_shape(geom: MjcfGeom) -> CollisionShape | None:
+    if geom.type is MjcfGeomType.MESH:
+        return hull_shape(quat_rotate(geom.pose[3:], geom.points) + geom.pose[:3])
+    return _primitive(geom)
+
+
+def _primitive(geom: MjcfGeom) -> CollisionShape:
+    x, y, z = geom.size.tolist()
+    if geom.type is MjcfGeomType.CAPSULE:
+        hull = hull_shape(quat_rotate(geom.pose[3:], _capsule_points(x / 2, z / 2)) + geom.pose[:3])
+        assert hull is not None
+        return hull
+    return CollisionShape(type=_SHAPES[geom.type], size=(x, y, z), pose=pose_from_array(geom.pose))
+
+
+def _capsule_points(radius: float, half: float) -> Array:
+    """Points on a capsule along z; `half` includes the cap."""
+    around = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    points = []
+    for up in np.linspace(-np.pi / 2, np.pi / 2, 8):
+        offset = (half - radius) * np.sign(up)
+        for angle in around:
+            ring = radius * np.cos(up)
+            points.append([ring * np.cos(angle), ring * np.sin(angle), radius * np.sin(up) + offset])
+    return np.array(points)
+
+
+def _visual_mesh(geom: MjcfGeom) -> VisualMesh:
+    if geom.type is MjcfGeomType.MESH:
+        points = quat_rotate(geom.pose[3:], geom.points) + geom.pose[:3]
+        return VisualMesh(points, geom.faces, PbrMaterial(color=geom.color, roughness=0.6))
+    return primitive_mesh(PrimitivePart(_primitive(geom), geom.color))

@@ -1,0 +1,381 @@
+"""Ways of a robot's base on the floor.
+
+The way is found on the grid of `scene.floor_plan`, for a disc that contains the base. Then the whole robot, with its
+arms and what it holds, is tested along the way. Where the disc has no way, or the rest of the robot would touch
+something, OMPL searches in positions and headings of the whole robot.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Iterator, Sequence
+from functools import cached_property
+from itertools import pairwise
+from math import atan2, ceil, hypot, pi
+from typing import Any
+
+import numpy as np
+import ompl.base
+import ompl.geometric
+import ompl.util
+
+from mindstage.errors import InvalidArgumentError, UnreachableError
+from mindstage.robots.collisions import CollisionChecker, MotionRobot
+from mindstage.robots.model import BaseType
+from mindstage.scene import BodyId
+from mindstage.scene.bounding_boxes import Indices
+from mindstage.scene.floor_plan import FloorPlan, find_floor
+from mindstage.scene.proximity import BodyBoxes
+from mindstage.scene.ray_casting import ShapeScene
+from mindstage.scene.spatial import SpatialRelations
+from mindstage.scene.transforms import Array
+
+__all__ = ["BasePath", "FloorMap", "plan_base"]
+
+BasePath = tuple[tuple[float, float, float], ...]
+"""Poses of the base in the world frame: x, y [m], yaw [rad]."""
+
+_MARGIN_M = 0.01
+"""Added to the radius of the base."""
+_CLEARANCE_M = 0.01
+"""Distance that the whole robot keeps from the place while it drives [m]."""
+_STEP_M, _STEP_RAD = 0.04, 0.1
+"""Distance between two poses that are tested."""
+_CORNER_M = 0.3
+"""Largest distance from a corner at which its rounding begins [m]."""
+_CORNER_POINTS = 7
+_NEAR_CELLS = 1.6
+"""A place is reachable if a free cell is so near, in cells."""
+_TURN_M = 0.15
+"""Length of an arc by which OMPL turns a differential base [m]."""
+_NO_WAY_S = 2.0
+"""Wall time of the search where the disc has no way at all [s]."""
+_SLICE_S = 0.25
+_SHORTCUT_S = 0.5
+
+
+class FloorMap:
+    """Where the base of a robot can stand, and which way leads there; a copy of the present state."""
+
+    def __init__(self, robot: MotionRobot, *, ignore: Collection[BodyId] = ()) -> None:
+        """Computes the free floor for a disc around the base.
+
+        Args:
+            robot: the robot.
+            ignore: bodies that are no obstacles.
+        """
+        self.robot = robot
+        session, base = robot.session, robot.model.base
+        world, geometry = session.snapshot(), session.geometry
+        own = {*robot.placed.link_ids.values(), *robot.held.values(), *(body.id for body in robot.placed.world.bodies)}
+        bottom = float(robot.link_pose(base.link)[2]) - base.height_m
+        bodies = world.bodies
+        scene = ShapeScene(bodies, geometry)
+        owned = np.isin(scene.owner, [row for row, body in enumerate(bodies) if body.id in own])
+        low, high = scene.shape_boxes.bounds()
+        self.height_m = float(high[owned, 2].max(initial=bottom + 0.3)) - bottom
+        self.radius_m = base.radius_m or _radius(low[owned], high[owned], robot.base_pose())
+        others = BodyBoxes.from_bodies([body for body in bodies if body.id not in own])
+        level, floor = find_floor(others, below=bottom)
+        slabs = {others.bodies[row].id for row in floor}
+        left_out = own | set(ignore) | set(SpatialRelations(world).enclosing_bodies)
+        self._ids = tuple(body.id for body in bodies)
+        self.plan = FloorPlan(
+            world,
+            scene,
+            radius=self.radius_m + _MARGIN_M,
+            height=self.height_m,
+            level=level,
+            floor=[row for row, body in enumerate(bodies) if body.id in slabs],
+            ignored=[row for row, body in enumerate(bodies) if body.id in left_out],
+        )
+        self.start = robot.base_pose()
+        self._has_floor = bool(slabs)
+
+    def is_floor(self, x: float, y: float) -> bool:
+        """Whether there is floor at a place [m]; everywhere, if the world has no body that is the floor."""
+        if not self._has_floor:
+            return True
+        cell = self.plan.nearest_cell(np.array([x, y]), free=False)
+        return cell is not None and bool(self.plan.is_floor.reshape(-1)[cell])
+
+    @cached_property
+    def lengths(self) -> Array:
+        """The length of the shortest way from the base to each cell of the grid, flat [m]; infinite without one."""
+        return self.plan.lengths(self._cells(self.start[0], self.start[1]))
+
+    def is_reachable(self, x: float, y: float) -> bool:
+        """Whether the base can drive to a place [m], or to one that is nearer to it than a cell of the grid."""
+        return self.length_to(x, y) is not None
+
+    def length_to(self, x: float, y: float) -> float | None:
+        """The length of the shortest way to a place [m]; None without one."""
+        lengths = self.lengths[self._near(x, y)]
+        best = float(lengths.min(initial=np.inf))
+        return best if np.isfinite(best) else None
+
+    def corners(self, x: float, y: float) -> Array | None:
+        """The corners of the shortest way from the base to a place, n x 2 [m]; None without one."""
+        goals = self._near(x, y)
+        goals = goals[np.isfinite(self.lengths[goals])]
+        if not len(goals):
+            return None
+        centers = self.plan.centers(goals)
+        nearest = goals[np.argmin(np.hypot(*(centers - (x, y)).T))]
+        found = self.plan.path(self._cells(self.start[0], self.start[1]), np.array([nearest]))
+        if found is None:
+            return None
+        return np.vstack([self.start[:2], found.points, (x, y)])
+
+    def blockers(self, x: float, y: float) -> tuple[BodyId, ...]:
+        """The bodies on the easiest way to a place, if there is no free one; movable ones are easier than others."""
+        ends = [self.plan.nearest_cell(np.array(point), free=False) for point in (self.start[:2], (x, y))]
+        cells = [np.array([] if cell is None else [cell], dtype=np.intp) for cell in ends]
+        return tuple(self._ids[row] for row in self.plan.blockers(cells[0], cells[1]))
+
+    def _cells(self, x: float, y: float) -> Indices:
+        cell = self.plan.nearest_cell(np.array([x, y]), free=True)
+        return np.array([] if cell is None else [cell], dtype=np.intp)
+
+    def _near(self, x: float, y: float) -> Indices:
+        """The free cells whose centers are near a point."""
+        point = np.tile(np.array([x, y]), (1, 6, 1))
+        return self.plan.cells_near(point, _NEAR_CELLS * self.plan.cell)
+
+
+def _radius(low: Array, high: Array, base: tuple[float, float, float]) -> float:
+    """The radius about the base that contains some boxes [m]."""
+    far = np.maximum(np.abs(low[:, :2] - base[:2]), np.abs(high[:, :2] - base[:2]))
+    return float(np.hypot(far[:, 0], far[:, 1]).max(initial=0.3))
+
+
+def plan_base(
+    robot: MotionRobot,
+    goal: tuple[float, float, float],
+    *,
+    ignore: Collection[BodyId] = (),
+    clearance_m: float = _CLEARANCE_M,
+    budget_s: float = 6.0,
+    seed: int = 1,
+) -> BasePath:
+    """Plans a way of the base around all obstacles.
+
+    Args:
+        robot: the robot; its arms stay as they are, so that it is best to fold them before.
+        goal: x, y [m] and yaw [rad] of the base in the world frame.
+        ignore: bodies that are no obstacles.
+        clearance_m: the distance that the whole robot keeps from the place [m].
+        budget_s: wall time after which the search ends [s].
+        seed: of the random numbers.
+
+    Returns:
+        The poses after the present one, the goal last; between them a planar base moves straight while it turns evenly,
+        and a differential one turns, drives and turns.
+
+    Raises:
+        InvalidArgumentError: the base is fixed.
+        UnreachableError: there is no way, or not room enough at the goal; with what is in the way.
+    """
+    if robot.model.base.type is BaseType.FIXED:
+        cause, remedy = f"the base of {robot.name} is fixed", "use a robot that drives"
+        raise InvalidArgumentError("goal", cause=cause, remedy=remedy)
+    end_s = time.monotonic() + budget_s
+    way = _Way(robot, goal, ignore, clearance_m)
+    way.check_goal()
+    if way.first_obstacle([way.goal]) is None:
+        return (way.goal,)
+    corners = way.floor.corners(goal[0], goal[1])
+    blocked: tuple[str, BodyId | None] | None = None
+    if corners is not None:
+        for path in way.candidates(corners):
+            found = way.first_obstacle(path)
+            if found is None:
+                return tuple(path)
+            blocked = blocked or found
+    else:
+        end_s = min(end_s, time.monotonic() + _NO_WAY_S)
+    if (searched := _search(way, end_s, seed)) is not None:
+        return searched
+    names = way.floor.blockers(goal[0], goal[1]) if corners is None else ()
+    if names:
+        raise way.unreachable(f"{', '.join(names)} in the way of its base", names[0])
+    if blocked is not None:
+        raise way.unreachable(f"on the way {blocked[0]}", blocked[1])
+    raise way.unreachable("no part of the floor leads there")
+
+
+class _Way:
+    """The task of driving to a goal."""
+
+    def __init__(
+        self, robot: MotionRobot, goal: tuple[float, float, float], ignore: Collection[BodyId], clearance_m: float
+    ) -> None:
+        self.robot = robot
+        self.start = robot.base_pose()
+        self.goal = (float(goal[0]), float(goal[1]), self.start[2] + _wrapped(goal[2] - self.start[2]))
+        self.is_differential = robot.model.base.type is BaseType.DIFFERENTIAL
+        self.checker = CollisionChecker(robot, joints=(), base_moves=True, ignore=ignore, clearance_m=clearance_m)
+        self.floor = FloorMap(robot, ignore=ignore)
+
+    def check_goal(self) -> None:
+        """Checks that the base can stand at the goal.
+
+        Raises:
+            UnreachableError: it cannot; with what is there.
+        """
+        if (found := self.obstacle_at(self.goal)) is not None:
+            raise self.unreachable(f"there {found[0]}", found[1])
+
+    def obstacle_at(self, pose: tuple[float, float, float]) -> tuple[str, BodyId | None] | None:
+        """Why the robot cannot be at a pose, and the body that is there; None if it can."""
+        if not self.floor.is_floor(pose[0], pose[1]):
+            return "is no floor", None
+        collision = self.checker.find((), pose)
+        return None if collision is None else (str(collision), collision.obstacle)
+
+    def unreachable(self, reason: str, obstacle: BodyId | None = None) -> UnreachableError:
+        x, y, yaw = self.goal
+        return UnreachableError(
+            self.robot.name, target=f"({x:.2f}, {y:.2f}, {yaw:.2f})", reason=reason, obstacle=obstacle
+        )
+
+    def first_obstacle(self, path: Sequence[tuple[float, float, float]]) -> tuple[str, BodyId | None] | None:
+        """The first obstacle on a path from the start; see `obstacle_at`."""
+        for a, b in pairwise([self.start, *path]):
+            for pose in self._between(a, b):
+                if (found := self.obstacle_at(pose)) is not None:
+                    return found
+        return None
+
+    def _between(
+        self, a: tuple[float, float, float], b: tuple[float, float, float]
+    ) -> Iterator[tuple[float, float, float]]:
+        """The poses between two poses of a path, without the first one."""
+        legs = [(a, b)]
+        length = hypot(b[0] - a[0], b[1] - a[1])
+        if self.is_differential and length > 1e-3:
+            forward = a[2] + _wrapped(atan2(b[1] - a[1], b[0] - a[0]) - a[2])
+            backward = a[2] + _wrapped(forward + pi - a[2])
+            # As the drive does: backward if both headings are nearer to that.
+            is_backward = abs(_wrapped(b[2] - backward)) < pi / 4 and abs(backward - a[2]) < pi / 4
+            heading = backward if is_backward else forward
+            turned, there = (a[0], a[1], heading), (b[0], b[1], heading)
+            legs = [(a, turned), (turned, there), (there, (b[0], b[1], heading + _wrapped(b[2] - heading)))]
+        for start, end in legs:
+            count = max(
+                1, ceil(max(hypot(end[0] - start[0], end[1] - start[1]) / _STEP_M, abs(end[2] - start[2]) / _STEP_RAD))
+            )
+            if start == end:
+                continue
+            for share in np.linspace(0.0, 1.0, count + 1)[1:].tolist():
+                x, y, yaw = (p + share * (q - p) for p, q in zip(start, end, strict=True))
+                yield x, y, yaw
+
+    def candidates(self, corners: Array) -> Iterator[list[tuple[float, float, float]]]:
+        """Paths along corners, with different headings."""
+        kept = [corners[0], *(b for a, b in pairwise(corners) if np.hypot(*(b - a)) > 1e-6)]
+        if len(kept) < 2:
+            yield [self.goal]
+            return
+        for points in (self._rounded(np.array(kept)), np.array(kept)):
+            steps = np.diff(points, axis=0)
+            lengths = np.hypot(steps[:, 0], steps[:, 1])
+            headings = np.arctan2(steps[:, 1], steps[:, 0])
+            if self.is_differential:
+                yield self._path(points, headings)
+                continue
+            share = np.cumsum(lengths) / lengths.sum()
+            turn = _wrapped(self.goal[2] - self.start[2])
+            yield self._path(points, self.start[2] + share * turn)
+            yield self._path(points, headings)
+            yield self._path(points, np.full(len(steps), self.start[2]))
+            yield self._path(points, np.full(len(steps), self.goal[2]), turn_first=True)
+
+    def _path(self, points: Array, yaws: Array, *, turn_first: bool = False) -> list[tuple[float, float, float]]:
+        path = [(self.start[0], self.start[1], float(yaws[0]))] if turn_first else []
+        before = self.start[2]
+        for (x, y), yaw in zip(points[1:].tolist(), yaws.tolist(), strict=True):
+            before += _wrapped(yaw - before)
+            path.append((x, y, before))
+        last = before + _wrapped(self.goal[2] - before)
+        if abs(last - before) > 1e-6:
+            path.append((self.goal[0], self.goal[1], last))
+        return path
+
+    def _rounded(self, corners: Array) -> Array:
+        """The corners replaced by parabolas, as far as the base has room on them."""
+        steps = np.diff(corners, axis=0)
+        lengths = np.hypot(steps[:, 0], steps[:, 1])
+        points = [corners[:1]]
+        for number in range(1, len(corners) - 1):
+            corner, radius = corners[number], min(_CORNER_M, 0.45 * float(lengths[number - 1 : number + 1].min()))
+            before, after = steps[number - 1] / lengths[number - 1], steps[number] / lengths[number]
+            if before @ after > 0.999:
+                points.append(corner[None])
+                continue
+            share = np.linspace(0.0, 1.0, _CORNER_POINTS)[:, None]
+            while True:
+                arc = corner - radius * before * (1 - share) ** 2 + radius * after * share**2
+                if radius < 0.02:
+                    arc = corner[None]
+                    break
+                yaw = atan2(before[1], before[0]) if self.is_differential else self.start[2]
+                if all(self.obstacle_at((x, y, yaw)) is None for x, y in arc.tolist()):
+                    break
+                radius /= 2
+            points.append(arc)
+        points.append(corners[-1:])
+        return np.vstack(points)
+
+
+def _search(way: _Way, end_s: float, seed: int) -> BasePath | None:
+    """A path of the whole robot in positions and headings, by RRT-Connect; None if none was found in time."""
+    if (left_s := end_s - time.monotonic()) <= 0.0:
+        return None
+    ompl.util.setLogLevel(ompl.util.LOG_NONE)
+    ompl.util.RNG.setSeed(seed)
+    space: Any = ompl.base.ReedsSheppStateSpace(_TURN_M) if way.is_differential else ompl.base.SE2StateSpace()
+    bounds = ompl.base.RealVectorBounds(2)
+    floor = np.array([way.start[:2], way.goal[:2]])
+    for row in range(2):
+        bounds.setLow(row, float(floor[:, row].min()) - 3.0)
+        bounds.setHigh(row, float(floor[:, row].max()) + 3.0)
+    space.setBounds(bounds)
+    setup = ompl.geometric.SimpleSetup(space)
+
+    def pose_of(state: Any) -> tuple[float, float, float]:
+        return state.getX(), state.getY(), state.getYaw()
+
+    setup.setStateValidityChecker(lambda state: way.obstacle_at(pose_of(state)) is None)
+    setup.getSpaceInformation().setStateValidityCheckingResolution(_STEP_M / space.getMaximumExtent())
+    ends = []
+    for pose in (way.start, way.goal):
+        state = space.allocState()
+        state.setX(pose[0])
+        state.setY(pose[1])
+        state.setYaw(_wrapped(pose[2]))
+        ends.append(state)
+    setup.setStartAndGoalStates(*ends)
+    planner = ompl.geometric.RRTConnect(setup.getSpaceInformation())
+    planner.setRange(0.7)
+    setup.setPlanner(planner)
+    while not setup.haveExactSolutionPath():
+        if (left_s := end_s - time.monotonic()) <= 0.0:
+            return None
+        setup.solve(min(left_s, _SLICE_S))
+    setup.simplifySolution(_SHORTCUT_S)
+    path = setup.getSolutionPath()
+    if way.is_differential:
+        path.interpolate(max(2, ceil(path.length() / _STEP_M)))
+    found, before = [], way.start[2]
+    for row in range(1, path.getStateCount()):
+        x, y, yaw = pose_of(path.getState(row))
+        before += _wrapped(yaw - before)
+        found.append((x, y, before))
+    found[-1] = (way.goal[0], way.goal[1], before + _wrapped(way.goal[2] - before))
+    return tuple(found) if way.first_obstacle(found) is None else None
+
+
+def _wrapped(angle: float) -> float:
+    """The same angle within -pi and pi."""
+    return (angle + pi) % (2 * pi) - pi

@@ -1,0 +1,447 @@
+"""Motions of an arm that avoid collisions, as joint trajectories within the limits of velocity and acceleration.
+
+`plan_arm` finds a path with OMPL (RRT-Connect, then shortcuts), `plan_line` moves the gripper along a straight line,
+and `plan_path` through given poses, such as the arc of a door's handle. All begin where the robot is, unless a start is
+given, and see the world as it is when they are called.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from math import acos, ceil, pi, radians
+from typing import Any
+
+import numpy as np
+import ompl.base
+import ompl.geometric
+import ompl.util
+
+from mindstage.errors import InvalidArgumentError, UnreachableError
+from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker, MotionRobot
+from mindstage.robots.kinematics import IkResult, IkTolerance, RobotKinematics
+from mindstage.robots.model import Arm, RobotJointType
+from mindstage.robots.retiming import MotionLimits, resting_path, retimed, rounded_polyline, spline_path
+from mindstage.robots.trajectories import JointTrajectory
+from mindstage.scene import BodyId, Pose
+from mindstage.scene.transforms import Array, normalized_pose_array, quat_angle
+
+__all__ = ["find_arm", "interpolated", "plan_arm", "plan_line", "plan_path"]
+
+_STEP = 0.05
+"""Distance between two states that are checked [rad]."""
+_SLIDE_SCALE = 0.4
+"""Displacement of a prismatic joint that counts as much as one radian [m]."""
+_MAX_GOALS = 6
+_SHORTCUT_S = 0.4
+"""Wall time for shortcuts after a path was found [s]."""
+_SLICE_S = 0.25
+_RANGE = 0.8
+"""Length of a step of the tree [rad]."""
+_LINE_STEP_M, _LINE_STEP_RAD = 0.01, radians(3.0)
+_JUMP = 0.35
+"""A joint that changes by more between two poses of a line has changed to another solution [rad, or scaled m]."""
+_LINE_TOLERANCE = IkTolerance(position_m=0.002, rotation_rad=radians(1.0))
+
+
+def find_arm(robot: MotionRobot, arm: Arm | str = "") -> Arm:
+    """The arm of a name; the first one if the name is empty.
+
+    Raises:
+        InvalidArgumentError: there is no such arm.
+    """
+    if isinstance(arm, Arm):
+        return arm
+    arms = {each.name: each for each in robot.model.arms}
+    if not arms or (arm and arm not in arms):
+        remedy = f"give one of {', '.join(arms)}" if arms else "use a robot with an arm"
+        raise InvalidArgumentError(arm or "arm", cause=f"{robot.name} has no such arm", remedy=remedy)
+    return arms[arm] if arm else next(iter(arms.values()))
+
+
+class _ArmTask:
+    """One arm, where it is, and what is in its way."""
+
+    def __init__(
+        self,
+        robot: MotionRobot,
+        arm: Arm | str,
+        *,
+        start: Mapping[str, float] | None,
+        ignore: Collection[BodyId],
+        touch: Collection[BodyId],
+        clearance_m: float,
+        speed: float,
+    ) -> None:
+        self.robot, self.arm = robot, find_arm(robot, arm)
+        self.kinematics = RobotKinematics(robot.model)
+        self.frame = self.kinematics.frame_of(self.arm)
+        by_name = {joint.name: joint for joint in robot.model.joints}
+        self.joints = [by_name[name] for name in self.arm.joints]
+        self.limits = MotionLimits.of(self.joints, speed=speed)
+        self.positions = {**robot.joint_positions(), **(start or {})}
+        self.scale = np.array([_SLIDE_SCALE if j.type is RobotJointType.PRISMATIC else 1.0 for j in self.joints])
+        bounds = np.array([self.kinematics.limits(joint.name) for joint in self.joints])
+        self.lower, self.upper = bounds[:, 0], bounds[:, 1]
+        self.start = np.array([self.positions[joint.name] for joint in self.joints])
+        self.start = np.clip(self.start, self.lower, self.upper)  # limits are soft in simulations
+        self.root_pose = robot.link_pose(robot.model.root)
+        self.checker = CollisionChecker(
+            robot, joints=self.arm.joints, ignore=ignore, touch=touch, clearance_m=clearance_m
+        )
+        self.hits: Counter[BodyId | None] = Counter()
+        """How often each obstacle was met."""
+
+    def collision(self, values: Array) -> Collision | None:
+        """See `CollisionChecker.find`; obstacles are counted."""
+        found = self.checker.find(values)
+        if found is not None:
+            self.hits[found.obstacle] += 1
+        return found
+
+    def is_free(self, values: Array) -> bool:
+        return self.collision(values) is None
+
+    def first_collision(self, a: Array, b: Array) -> Collision | None:
+        """The first collision on the straight line between two states in joint space."""
+        count = max(1, ceil(float(np.linalg.norm((b - a) / self.scale)) / _STEP))
+        for share in np.linspace(0.0, 1.0, count + 1)[1:]:
+            if (found := self.collision(a + share * (b - a))) is not None:
+                return found
+        return None
+
+    def unreachable(self, target: str, reason: str, obstacle: BodyId | None = None) -> UnreachableError:
+        return UnreachableError(self.robot.name, target=target, reason=reason, obstacle=obstacle)
+
+    def nearest_turn(self, values: Array) -> Array:
+        """The same state, with continuous joints turned at most half a turn from the start."""
+        turns = np.array([joint.type is RobotJointType.CONTINUOUS for joint in self.joints])
+        away = (values - self.start + pi) % (2 * pi) - pi
+        return np.where(turns, self.start + away, values)
+
+
+def plan_arm(
+    robot: MotionRobot,
+    arm: Arm | str,
+    target: Mapping[str, float] | Pose | Array,
+    *,
+    free: str = "",
+    start: Mapping[str, float] | None = None,
+    ignore: Collection[BodyId] = (),
+    touch: Collection[BodyId] = (),
+    clearance_m: float = CLEARANCE_M,
+    speed: float = 0.6,
+    budget_s: float = 5.0,
+    seed: int = 1,
+) -> JointTrajectory:
+    """Plans a motion of an arm to positions of its joints, or to a pose of its gripper, around all obstacles.
+
+    Args:
+        robot: the robot.
+        arm: its arm, or the name; empty for the first one.
+        target: positions by joint [m or rad], of which those that are left out do not change; or the pose of the grasp
+            frame of the gripper (of the last link of an arm without one) in the world frame.
+        free: the axes of the grasp frame about which it may turn at the target; see `RobotKinematics.solve_ik`.
+        start: positions of joints from which the motion starts; by default where they are.
+        ignore: bodies that are no obstacles.
+        touch: bodies that the gripper may touch.
+        clearance_m: the distance to keep from obstacles [m].
+        speed: the part of the velocity limits that is used.
+        budget_s: wall time after which the search ends [s].
+        seed: of the random numbers.
+
+    Raises:
+        InvalidArgumentError: there is no such arm or joint, or the speed is out of range.
+        UnreachableError: the target is beyond a limit or in a collision, or no path was found in time; with the limit,
+            or the obstacle that was met most often.
+    """
+    end_s = time.monotonic() + budget_s
+    task = _ArmTask(robot, arm, start=start, ignore=ignore, touch=touch, clearance_m=clearance_m, speed=speed)
+    goals = _goals(task, target, free, end_s)
+    for goal in goals[:2]:  # often nothing is in the way
+        if task.first_collision(task.start, goal) is None:
+            return _timed(task, np.array([task.start, goal]))
+    return _timed(task, _search(task, goals, _target_text(target), end_s, seed))
+
+
+def plan_line(
+    robot: MotionRobot,
+    arm: Arm | str,
+    target: Pose | Array,
+    *,
+    start: Mapping[str, float] | None = None,
+    ignore: Collection[BodyId] = (),
+    touch: Collection[BodyId] = (),
+    clearance_m: float = CLEARANCE_M,
+    speed: float = 0.6,
+    max_velocity: float = 0.15,
+) -> JointTrajectory:
+    """Plans a straight motion of a gripper to a pose, with an even rotation.
+
+    Args:
+        robot: the robot.
+        arm: its arm, or the name; empty for the first one.
+        target: the pose of the grasp frame at the end, in the world frame.
+        start: positions of joints from which the motion starts; by default where they are.
+        ignore: bodies that are no obstacles.
+        touch: bodies that the gripper may touch.
+        clearance_m: the distance to keep from obstacles [m].
+        speed: the part of the velocity limits of the joints that is used.
+        max_velocity: of the grasp frame [m/s].
+
+    Raises:
+        InvalidArgumentError: there is no such arm.
+        UnreachableError: a pose on the way is beyond a limit or in a collision.
+    """
+    task = _ArmTask(robot, arm, start=start, ignore=ignore, touch=touch, clearance_m=clearance_m, speed=speed)
+    return _follow(task, [_pose_array(target)], "", max_velocity)
+
+
+def plan_path(
+    robot: MotionRobot,
+    arm: Arm | str,
+    poses: Sequence[Pose | Array],
+    *,
+    free: str = "",
+    start: Mapping[str, float] | None = None,
+    ignore: Collection[BodyId] = (),
+    touch: Collection[BodyId] = (),
+    clearance_m: float = CLEARANCE_M,
+    speed: float = 0.6,
+    max_velocity: float = 0.15,
+) -> JointTrajectory:
+    """Plans a motion of a gripper through poses, such as those of a handle while its door opens.
+
+    Args:
+        robot: the robot.
+        arm: its arm, or the name; empty for the first one.
+        poses: poses of the grasp frame in the world frame; between two of them it moves straight.
+        free: the axes of the grasp frame about which it may turn, such as that of a bar that it holds loosely.
+        start: positions of joints from which the motion starts; by default where they are.
+        ignore: bodies that are no obstacles, such as the door.
+        touch: bodies that the gripper may touch.
+        clearance_m: the distance to keep from obstacles [m].
+        speed: the part of the velocity limits of the joints that is used.
+        max_velocity: of the grasp frame [m/s].
+
+    Raises:
+        InvalidArgumentError: there is no such arm, or there are no poses.
+        UnreachableError: a pose on the way is beyond a limit or in a collision.
+    """
+    if not poses:
+        raise InvalidArgumentError("poses", cause="there are none", remedy="give at least one")
+    task = _ArmTask(robot, arm, start=start, ignore=ignore, touch=touch, clearance_m=clearance_m, speed=speed)
+    return _follow(task, [_pose_array(each) for each in poses], free, max_velocity)
+
+
+def interpolated(a: Array, b: Array, share: float) -> Array:
+    """A pose between two others: the position on the line, the rotation on the shorter arc (slerp)."""
+    result = a + share * (b - a)
+    first, second = a[3:], b[3:] if a[3:] @ b[3:] >= 0.0 else -b[3:]
+    angle = acos(min(1.0, float(first @ second)))
+    if angle > 1e-6:
+        weights = np.sin([(1.0 - share) * angle, share * angle]) / np.sin(angle)
+        result[3:] = weights[0] * first + weights[1] * second
+    else:
+        result[3:] = second
+    return np.asarray(result)
+
+
+# -- parts -------------------------------------------------------------------------------------------------------------
+
+
+def _pose_array(pose: Pose | Array) -> Array:
+    return normalized_pose_array(pose) if isinstance(pose, Pose) else np.asarray(pose, dtype=float)
+
+
+def _target_text(target: Mapping[str, float] | Pose | Array) -> str:
+    if isinstance(target, Mapping):
+        return ", ".join(f"{joint} = {value:.3g}" for joint, value in target.items())
+    x, y, z = _pose_array(target)[:3].tolist()
+    return f"({x:.3g}, {y:.3g}, {z:.3g})"
+
+
+def _goals(task: _ArmTask, target: Mapping[str, float] | Pose | Array, free: str, end_s: float) -> list[Array]:
+    """States without collisions that reach a target, the nearest one first."""
+    text = _target_text(target)
+    if isinstance(target, Mapping):
+        return [_joint_goal(task, target, text)]
+    pose = _pose_array(target)
+    goals: list[Array] = []
+    blocked: Collision | None = None
+    solutions = task.kinematics.solutions(
+        task.frame, pose, joints=task.arm.joints, seed=task.positions, root_pose=task.root_pose, free=free, attempts=32
+    )
+    found = 0
+    for each in solutions:
+        found += 1
+        values = task.nearest_turn(np.array([each.positions[name] for name in task.arm.joints]))
+        if (collision := task.checker.find(values)) is None:
+            goals.append(values)
+        elif blocked is None or collision.distance_m > blocked.distance_m:
+            blocked = collision
+        if len(goals) >= _MAX_GOALS or (goals and time.monotonic() > end_s):
+            break
+    if not found:
+        result = task.kinematics.solve_ik(
+            task.frame, pose, joints=task.arm.joints, seed=task.positions, root_pose=task.root_pose, free=free
+        )
+        raise task.unreachable(text, result.reason)
+    if not goals:
+        assert blocked is not None
+        raise task.unreachable(text, f"there {blocked}, in all of {found} configurations", blocked.obstacle)
+    return sorted(goals, key=lambda values: float(np.linalg.norm((values - task.start) / task.scale)))
+
+
+def _joint_goal(task: _ArmTask, target: Mapping[str, float], text: str) -> Array:
+    """The state with some joints at given positions.
+
+    Raises:
+        InvalidArgumentError: a joint is not one of the arm.
+        UnreachableError: a position is beyond a limit, or the state is in a collision.
+    """
+    names = list(task.arm.joints)
+    goal = task.start.copy()
+    for name, value in target.items():
+        if name not in names:
+            cause = f"the arm {task.arm.name!r} of {task.robot.name} has no such joint"
+            raise InvalidArgumentError(name, cause=cause, remedy=f"give some of {', '.join(names)}")
+        row = names.index(name)
+        low, high = float(task.lower[row]), float(task.upper[row])
+        if not low - 1e-4 <= value <= high + 1e-4:
+            unit = "m" if task.joints[row].type is RobotJointType.PRISMATIC else "rad"
+            side = "lower" if value < low else "upper"
+            limit = low if value < low else high
+            raise task.unreachable(text, f"the {side} limit of {name} is {limit:.4g} {unit}")
+        goal[row] = np.clip(value, low, high)
+    if (collision := task.checker.find(task.nearest_turn(goal))) is not None:
+        raise task.unreachable(text, f"there {collision}", collision.obstacle)
+    return task.nearest_turn(goal)
+
+
+def _search(task: _ArmTask, goals: Sequence[Array], text: str, end_s: float, seed: int) -> Array:
+    """A path of straight segments in joint space, found by RRT-Connect and shortened.
+
+    Raises:
+        UnreachableError: none was found in time.
+    """
+    ompl.util.setLogLevel(ompl.util.LOG_NONE)
+    ompl.util.RNG.setSeed(seed)
+    count = len(task.joints)
+    space = ompl.base.RealVectorStateSpace(count)
+    bounds = ompl.base.RealVectorBounds(count)
+    for row in range(count):
+        low, high = task.lower[row], task.upper[row]
+        bounds.setLow(row, float(max(low, task.start[row] - pi) if np.isinf(low) else low) / task.scale[row])
+        bounds.setHigh(row, float(min(high, task.start[row] + pi) if np.isinf(high) else high) / task.scale[row])
+    space.setBounds(bounds)
+    setup = ompl.geometric.SimpleSetup(space)
+
+    def values_of(state: Any) -> Array:
+        return np.array([state[row] for row in range(count)]) * task.scale
+
+    setup.setStateValidityChecker(lambda state: task.is_free(values_of(state)))
+    information = setup.getSpaceInformation()
+    information.setStateValidityCheckingResolution(_STEP / space.getMaximumExtent())
+    setup.setStartState(_state(space, task.start / task.scale))
+    goal_states = ompl.base.GoalStates(information)
+    for goal in goals:
+        goal_states.addState(_state(space, goal / task.scale))
+    setup.setGoal(goal_states)
+    planner = ompl.geometric.RRTConnect(information)
+    planner.setRange(_RANGE)
+    setup.setPlanner(planner)
+    while not setup.haveExactSolutionPath():
+        left_s = end_s - time.monotonic()
+        if left_s <= 0.0:
+            raise _not_found(task, text, len(goals))
+        setup.solve(min(left_s, _SLICE_S))
+    setup.simplifySolution(_SHORTCUT_S)
+    path = setup.getSolutionPath()
+    return np.array([values_of(path.getState(row)) for row in range(path.getStateCount())])
+
+
+def _state(space: Any, values: Array) -> Any:
+    state = space.allocState()
+    for row, value in enumerate(values.tolist()):
+        state[row] = value
+    return state
+
+
+def _not_found(task: _ArmTask, text: str, goals: int) -> UnreachableError:
+    hits = [(obstacle, count) for obstacle, count in task.hits.most_common() if obstacle is not None]
+    own = set(task.robot.placed.link_ids.values())
+    others = [obstacle for obstacle, _ in hits if obstacle not in own] or [obstacle for obstacle, _ in hits]
+    where = f" to any of {goals} configurations there" if goals > 1 else ""
+    blocked = f"; {', '.join(others[:3])} in the way" if others else ""
+    return task.unreachable(text, f"no way was found in time{where}{blocked}", others[0] if others else None)
+
+
+def _timed(task: _ArmTask, points: Array) -> JointTrajectory:
+    """A trajectory along straight segments in joint space, with rounded corners."""
+    pieces = rounded_polyline(points, task.scale, task.is_free) or [resting_path(points[0])]
+    return retimed(task.arm.joints, pieces, task.limits)
+
+
+def _follow(task: _ArmTask, poses: Sequence[Array], free: str, max_velocity: float) -> JointTrajectory:
+    """A trajectory along which the grasp frame moves straight from pose to pose.
+
+    Raises:
+        UnreachableError: a pose on the way is beyond a limit or in a collision.
+    """
+    now = dict(task.positions)
+    here = task.kinematics.pose(task.frame, now, root_pose=task.root_pose)
+    states, places = [task.start], [here[:3]]
+    for target in poses:
+        distance = float(np.linalg.norm(target[:3] - here[:3]))
+        angle = float(quat_angle(here[3:], target[3:]))
+        count = max(1, ceil(max(distance / _LINE_STEP_M, angle / _LINE_STEP_RAD)))
+        for share in np.linspace(0.0, 1.0, count + 1)[1:]:
+            pose = interpolated(here, target, float(share))
+            values = _next_state(task, pose, states[-1], now, free)
+            states.append(values)
+            places.append(pose[:3])
+            now.update(zip(task.arm.joints, values.tolist(), strict=True))
+        here = target
+    path = spline_path(np.array(states), task.scale)
+    speeds = _speed_limits(task, path.positions, path.parameter, max_velocity)
+    return retimed(task.arm.joints, [path], task.limits, speed_limits=[speeds])
+
+
+def _next_state(task: _ArmTask, pose: Array, before: Array, now: Mapping[str, float], free: str) -> Array:
+    """The state in which the grasp frame has a pose, near the state before."""
+    text = _target_text(pose)
+    result: IkResult = task.kinematics.solve_ik(
+        task.frame,
+        pose,
+        joints=task.arm.joints,
+        seed=now,
+        root_pose=task.root_pose,
+        free=free,
+        tolerance=_LINE_TOLERANCE,
+        attempts=1,
+    )
+    if not result.reached:
+        raise task.unreachable(text, f"on the line there, {result.reason}")
+    values = np.array([result.positions[name] for name in task.arm.joints])
+    jump = np.abs(values - before) / task.scale
+    if jump.max() > _JUMP:
+        joint = task.arm.joints[int(jump.argmax())]
+        raise task.unreachable(text, f"{joint} would have to jump by {np.abs(values - before)[jump.argmax()]:.2g}")
+    if (collision := task.collision(values)) is not None:
+        raise task.unreachable(text, f"on the line there, {collision}", collision.obstacle)
+    return values
+
+
+def _speed_limits(task: _ArmTask, positions: Array, parameter: Array, max_velocity: float) -> Array:
+    """For each sample of a path, how quickly its parameter may change so that the grasp frame is not too quick."""
+    places = np.array(
+        [
+            task.kinematics.pose(task.frame, {**task.positions, **dict(zip(task.arm.joints, row, strict=True))})[:3]
+            for row in positions.tolist()
+        ]
+    )
+    slopes = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(parameter)
+    steepest = np.maximum(np.concatenate([slopes[:1], slopes]), np.concatenate([slopes, slopes[-1:]]))
+    return np.asarray(max_velocity / np.maximum(steepest, 1e-9), dtype=np.float64)
