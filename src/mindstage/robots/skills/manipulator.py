@@ -7,7 +7,7 @@ try.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Generator, Mapping
-from math import cos, hypot, sin
+from math import cos, hypot, pi, sin
 
 import numpy as np
 
@@ -34,8 +34,12 @@ _TICK_S = 0.04
 """The interval at which the base is commanded while it moves with the arm [s]."""
 _PLANNING_S = 10.0
 """Limit of the wall time of one plan of an arm [s]."""
-_ROOM_M = 0.3
-"""How far the base drives back to give an arm room."""
+_PARKING_S = 4.0
+"""Limit of the wall time in which a way of the arm to its rest position is looked for, before the base moves [s]."""
+_ROOMS_M = (0.35, 0.2)
+"""How far the base drives away to give an arm room."""
+_ROOM_S = 1.0
+"""Limit of the wall time for each direction [s]."""
 _NEAR_M, _NEAR_RAD = 0.02, 0.04
 """A base that is nearer to where it is to stand does not drive."""
 
@@ -120,7 +124,13 @@ class Manipulator:
     # -- arm ---------------------------------------------------------------------------------------------------------
 
     def moving_to(
-        self, target: Mapping[str, float] | Array, *, why: str, touch: Collection[BodyId] = (), free: str = ""
+        self,
+        target: Mapping[str, float] | Array,
+        *,
+        why: str,
+        touch: Collection[BodyId] = (),
+        free: str = "",
+        budget_s: float = _PLANNING_S,
     ) -> SkillMotion:
         """Moves the arm on a collision-free path to positions of its joints, or to a pose of the grasp frame.
 
@@ -129,6 +139,7 @@ class Manipulator:
             why: what for, for the report.
             touch: bodies that the gripper, or what it holds, may touch.
             free: axes of the grasp frame about which it may turn at the end.
+            budget_s: limit of the wall time of the search [s].
         """
         with self.task.step("move", f"move the arm {why}"):
             trajectory = plan_arm(
@@ -137,7 +148,7 @@ class Manipulator:
                 target,
                 free=free,
                 touch=touch,
-                budget_s=_PLANNING_S,
+                budget_s=budget_s,
                 seed=self.task.seed + 1,
             )
             result = yield from self.robot.following(trajectory)
@@ -276,18 +287,34 @@ class Manipulator:
         if all(abs(now[name] - position) < 0.02 for name, position in rest.items()):
             return
         try:
-            yield from self.moving_to(rest, why="to its rest position", touch=touch)
+            yield from self.moving_to(rest, why="to its rest position", touch=touch, budget_s=_PARKING_S)
         except UnreachableError:
             if not self.is_mobile:
                 raise
-            yield from self._backing_off()
+            yield from self._making_room()
             yield from self.moving_to(rest, why="to its rest position", touch=touch)
 
-    def _backing_off(self) -> SkillMotion:
-        """Drives straight back, so that the arm gets room."""
+    def _making_room(self) -> SkillMotion:
+        """Drives a little away from what is in front of the robot, so that the arm gets room.
+
+        Raises:
+            UnreachableError: there is no room.
+        """
         x, y, yaw = self.robot.base_pose()
-        away = (x - _ROOM_M * cos(yaw), y - _ROOM_M * sin(yaw), yaw)
-        yield from self.driving_to(away, why="to give the arm room")
+        error: UnreachableError | None = None
+        for distance in _ROOMS_M:
+            for turn in (pi, 0.75 * pi, -0.75 * pi, pi / 2, -pi / 2):
+                away = (x + distance * cos(yaw + turn), y + distance * sin(yaw + turn), yaw)
+                try:
+                    path = plan_base(self.robot, away, budget_s=_ROOM_S)
+                except UnreachableError as found:
+                    error = found
+                    continue
+                with self.task.step("drive", f"drive {distance:g} m away to give the arm room"):
+                    self._require((yield from self.robot.driving(path)), "move what is in its way")
+                return
+        assert error is not None
+        raise error
 
     def _require(self, result: MotionResult, suggestion: str) -> None:
         """Raises if a motion did not succeed."""
