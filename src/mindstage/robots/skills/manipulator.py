@@ -12,6 +12,7 @@ from math import cos, hypot, pi, sin
 import numpy as np
 
 from mindstage.errors import UnreachableError
+from mindstage.robots.collisions import CLEARANCE_M
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.model import Arm, BaseType, Gripper
@@ -21,6 +22,7 @@ from mindstage.robots.skills.arm_paths import ArmPath, follow_poses, interpolate
 from mindstage.robots.skills.declaration import SkillMotion
 from mindstage.robots.skills.grasps import GripperShape
 from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.trajectories import JointTrajectory
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_inverse, pose_multiply
 
@@ -34,6 +36,10 @@ _TICK_S = 0.04
 """The interval at which the base is commanded while it moves with the arm [s]."""
 _PLANNING_S = 10.0
 """Limit of the wall time of one plan of an arm [s]."""
+_SPEED, _HELD_SPEED = 0.6, 0.3
+"""Fractions of the velocity limits of the joints, without and with a thing in the hand."""
+_HELD_DRIVE_SPEED = 0.5
+_HELD_CLEARANCE_M = 0.015
 _PARKING_S = 4.0
 """Limit of the wall time in which a way of the arm to its rest position is looked for, before the base moves [s]."""
 _ROOMS_M = (0.35, 0.2)
@@ -118,7 +124,7 @@ class Manipulator:
             return
         with self.task.step("drive", f"drive to ({base[0]:.2f}, {base[1]:.2f}) {why}"):
             path = plan_base(self.robot, base, ignore=ignore)
-            result = yield from self.robot.driving(path)
+            result = yield from self.robot.driving(path, speed=1.0 if self.held is None else _HELD_DRIVE_SPEED)
             self._require(result, "let the robot start from somewhere else, or move what is in its way")
 
     # -- arm ---------------------------------------------------------------------------------------------------------
@@ -142,17 +148,32 @@ class Manipulator:
             budget_s: limit of the wall time of the search [s].
         """
         with self.task.step("move", f"move the arm {why}"):
-            trajectory = plan_arm(
-                self.robot,
-                self.arm,
-                target,
-                free=free,
-                touch=touch,
-                budget_s=budget_s,
-                seed=self.task.seed + 1,
-            )
+            trajectory = self._plan(target, touch, free, budget_s)
             result = yield from self.robot.following(trajectory)
             self._require(result, "move what is in the way of the arm")
+
+    def _plan(
+        self, target: Mapping[str, float] | Array, touch: Collection[BodyId], free: str, budget_s: float
+    ) -> JointTrajectory:
+        """A way of the arm; with a thing in the hand, which may swing, slowly and with more clearance if possible."""
+        holds = self.held is not None
+        for clearance_m in (_HELD_CLEARANCE_M, CLEARANCE_M) if holds else (CLEARANCE_M,):
+            try:
+                return plan_arm(
+                    self.robot,
+                    self.arm,
+                    target,
+                    free=free,
+                    touch=touch,
+                    clearance_m=clearance_m,
+                    speed=_HELD_SPEED if holds else _SPEED,
+                    budget_s=budget_s,
+                    seed=self.task.seed + 1,
+                )
+            except UnreachableError:
+                if clearance_m == CLEARANCE_M:
+                    raise
+        raise AssertionError("the last attempt returns or raises")
 
     def moving_straight(self, target: Array, *, why: str, speed: float = 0.3, may_touch: bool = False) -> SkillMotion:
         """Moves the grasp frame on a straight line, without a test for collisions.
