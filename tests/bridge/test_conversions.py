@@ -39,6 +39,7 @@ from mindstage.errors import (
     PoseUnreachableError,
     RestoreError,
     SimulationDivergedError,
+    UnreachableError,
     UnsupportedByEngineError,
     WorldError,
 )
@@ -156,7 +157,8 @@ def test_every_method_of_an_engine_has_a_service() -> None:
         "set_pose": "SetPose", "set_physics": "SetPhysics", "set_materials": "SetMaterials", "highlight": "Highlight",
         "highlights": "GetHighlights", "apply_force": "Push", "step": "Step", "poses": "GetPoses",
         "joint_positions": "GetJointPositions", "snapshot": "LogWorld", "save_state": "SaveState",
-        "restore_state": "RestoreState",
+        "restore_state": "RestoreState", "set_actuators": "SetActuators", "set_commands": "SetCommands",
+        "actuator_states": "GetActuatorStates",
         "name": "Describe", "capabilities": "Describe", "time_s": "Describe",
     }  # fmt: skip
     contract = {name for name, _ in inspect.getmembers(Engine) if not name.startswith("_")}
@@ -166,7 +168,7 @@ def test_every_method_of_an_engine_has_a_service() -> None:
     for name in services.values():
         assert name in mindstage_msgs.__all__
     local = {"statistics", "fork", "contacts", "scale dynamics"}
-    assert {ability.value for ability in Capability} - local == {"save", "joints"}
+    assert {ability.value for ability in Capability} - local == {"save", "joints", "actuators"}
 
 
 # -- errors ------------------------------------------------------------------------------------------------------------
@@ -194,6 +196,7 @@ SIMULATION_ERRORS = [
     NoFreePlacementError("cup", "on table", reason="it is full"),
     RestoreError("cup", reason="its id is taken"),
     NothingToUndoError(),
+    UnreachableError("robot", target="the handle", reason="it is 0.3 m beyond its reach"),
 ]
 """Errors of the simulation, which no engine raises; the message has no fields for them."""
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from mindstage.engines import GodotEngine
+from tests.engines.actuator_contract import ActuatorContract
 from tests.engines.contract import PhysicsContract
 from tests.engines.geometry_contract import GeometryContract
 
@@ -23,7 +24,7 @@ def running(godot: Path) -> Iterator[GodotEngine]:
         yield engine
 
 
-class TestGodotEngine(PhysicsContract, GeometryContract):
+class TestGodotEngine(PhysicsContract, ActuatorContract, GeometryContract):
     placement_tolerance = 1e-5
     attachment_tolerance = 1e-5
     limit_tolerance_m = 0.002

@@ -15,6 +15,7 @@ from mindstage.errors import EngineUnavailableError
 from mindstage.msgs import mindstage_msgs as wire
 from mindstage.ros.engine_services import EngineServices
 from mindstage.scene import BodyId, Mobility, Pose
+from tests.engines.actuator_contract import ActuatorContract
 from tests.engines.contract import PhysicsContract, apply_force_for, current_pose
 from tests.engines.geometry_contract import GeometryContract
 from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, room, world
@@ -42,7 +43,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[ServedSimulation]:
         yield served
 
 
-class TestCompiledRemoteEngine(PhysicsContract, GeometryContract):
+class TestCompiledRemoteEngine(PhysicsContract, ActuatorContract, GeometryContract):
     @pytest.fixture
     def engine(self, served: ServedSimulation) -> Iterator[RemoteEngine]:
         with closing(connect(served.address)) as engine:
@@ -58,6 +59,14 @@ class TestCompiledRemoteEngine(PhysicsContract, GeometryContract):
         assert (model.mobility, model.mass_kg) == (Mobility.STATIC, 500.0)
         assert engine._sent_state.ground_height_m is None
         assert engine.snapshot().body("wall").physics.mobility is Mobility.DYNAMIC
+
+    def test_excluded_pairs_do_not_collide(self, engine: RemoteEngine) -> None:
+        """Unlike in the contract, only the sent model is tested: the MuJoCo at the other end makes its own."""
+        pair = (BodyId("box"), BodyId("floor"))
+        options = SpawnOptions(excluded_pairs=frozenset({pair[::-1]}))
+        engine.spawn(world(FLOOR, body("box", (0, 0, 0.2), (0.2, 0.2, 0.2), "dynamic", 1.0)), options=options)
+        assert isinstance(engine, CompiledRemoteEngine)
+        assert engine._sent_state.excluded_pairs == {pair}
 
     def test_a_body_that_falls_out_of_the_place_is_stopped_and_reported_once(self, engine: RemoteEngine) -> None:
         """Unlike in the contract, the MuJoCo at the other end has a ground; only the sent model is tested."""

@@ -83,6 +83,12 @@ func transform_in_group() -> Transform3D:
 	)
 
 
+## Its center of mass and its moments of inertia, if they are not those of its collision shapes.
+func inertia() -> Dictionary:
+	var given: Variant = physics_model.get("inertia")
+	return given if given is Dictionary else {}
+
+
 ## Its collision shapes in its own frame.
 func collision_shapes() -> Array:
 	return physics_model.get("solids", [])

@@ -33,6 +33,11 @@ const MIMIC_FORCE: float = 1000.0
 @export var mimic_multiplier: float = 1.0
 @export var mimic_offset: float = 0.0
 
+## The actuators of its axes.
+var drives: Array[MindstageDrive] = []
+## Whether it has actuators, or follows a joint that has some: then it has no friction of its own.
+var is_driven: bool = false
+
 var group_a: MindstageRigidGroup
 var group_b: MindstageRigidGroup
 
@@ -83,7 +88,7 @@ func create() -> void:
 	var joint: RID = get_rid()
 	PhysicsServer3D.joint_make_generic_6dof(joint, group_a.node.get_rid(), frame_a, group_b.node.get_rid(), frame_b)
 	PhysicsServer3D.joint_disable_collisions_between_bodies(joint, not collide_connected)
-	var frictions: PackedFloat64Array = _frictions()
+	var frictions: PackedFloat64Array = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0] if is_driven else _frictions()
 	for axis: int in 3:
 		_limit_on_server(joint, axis, axes[axis], axes[3 + axis])
 		_resist(joint, axis, frictions)
@@ -115,18 +120,60 @@ func follow(master: MindstageJoint) -> void:
 		return
 	var target: float = mimic_multiplier * master.joint_position()[master.first_axis()] + mimic_offset
 	var error: float = target - joint_position()[axis]
-	var velocity: float = MIMIC_GAIN * error / MindstageClock.TICK_S
+	_set_motor(axis, MIMIC_GAIN * error / MindstageClock.TICK_S, MIMIC_FORCE)
+	if absf(error) > 1e-5:
+		wake()
+
+
+## Wakes both ends from sleep.
+func wake() -> void:
+	for end: MindstageRigidGroup in [group_a, group_b]:
+		end.wake()
+
+
+## Exerts the effort of an actuator for one tick.
+func exert(drive: MindstageDrive, command: float) -> void:
+	if not get_rid().is_valid():
+		return
+	drive.last_position = drive_position(drive)
+	var motor: Vector2 = drive.motor(command, drive.last_position, velocity_along(drive.axis))
+	_set_motor(drive.axis, motor.x, motor.y)
+
+
+## The position of an actuator, in which full turns are counted [m or rad].
+func drive_position(drive: MindstageDrive) -> float:
+	var now: float = joint_position()[drive.axis]
+	if drive.axis < 3 or is_nan(drive.last_position):
+		return now
+	return drive.last_position + wrapf(now - drive.last_position, -PI, PI)
+
+
+## Takes over the full turns that the actuators of an earlier node of this joint have counted.
+func keep_turns(earlier: MindstageJoint) -> void:
+	for drive: MindstageDrive in drives:
+		for other: MindstageDrive in earlier.drives:
+			if other.axis == drive.axis:
+				drive.last_position = other.last_position
+
+
+## The velocity along or about an axis [m/s or rad/s].
+func velocity_along(axis: int) -> float:
+	var direction: Vector3 = (group_a.current_transform() * frame_a).basis[axis % 3]
+	if axis >= 3:
+		return direction.dot(group_b.angular_velocity() - group_a.angular_velocity())
+	var point: Vector3 = group_b.current_transform() * frame_b.origin
+	return direction.dot(group_b.velocity_at(point) - group_a.velocity_at(point))
+
+
+func _set_motor(axis: int, velocity: float, force: float) -> void:
 	var param: Callable = PhysicsServer3D.generic_6dof_joint_set_param
 	if axis < 3:
 		param.call(get_rid(), axis, PhysicsServer3D.G6DOF_JOINT_LINEAR_MOTOR_TARGET_VELOCITY, velocity)
-		param.call(get_rid(), axis, PhysicsServer3D.G6DOF_JOINT_LINEAR_MOTOR_FORCE_LIMIT, MIMIC_FORCE)
+		param.call(get_rid(), axis, PhysicsServer3D.G6DOF_JOINT_LINEAR_MOTOR_FORCE_LIMIT, force)
 	else:
 		# Godot's angles are of the first body relative to the second.
 		param.call(get_rid(), axis - 3, PhysicsServer3D.G6DOF_JOINT_ANGULAR_MOTOR_TARGET_VELOCITY, -velocity)
-		param.call(get_rid(), axis - 3, PhysicsServer3D.G6DOF_JOINT_ANGULAR_MOTOR_FORCE_LIMIT, MIMIC_FORCE)
-	for end: MindstageRigidGroup in [group_a, group_b]:
-		if end.is_dynamic() and absf(error) > 1e-5:
-			(end.node as RigidBody3D).sleeping = false
+		param.call(get_rid(), axis - 3, PhysicsServer3D.G6DOF_JOINT_ANGULAR_MOTOR_FORCE_LIMIT, force)
 
 
 ## Applies the spring and damping forces of exceeded soft limits for one tick.

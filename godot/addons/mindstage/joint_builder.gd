@@ -75,12 +75,14 @@ func _build(id: String) -> void:
 	child.joints[id] = true
 	if parent.group == child.group or not (parent.group.is_dynamic() or child.group.is_dynamic()):
 		return
-	physics_scene.joints[id] = _new_joint(id, frames, parent, child)
+	physics_scene.joints[id] = _new_joint(id, frames, parent, child, old)
 	_update_fixed_joint(parent.group)
 	_update_fixed_joint(child.group)
 
 
-func _new_joint(id: String, frames: Dictionary, parent: MindstageBody, child: MindstageBody) -> MindstageJoint:
+func _new_joint(
+	id: String, frames: Dictionary, parent: MindstageBody, child: MindstageBody, old: MindstageJoint
+) -> MindstageJoint:
 	var joint_data: Dictionary = MindstageJsonText.read(physics_scene.simulation.world_model.joints[id])
 	var joint: MindstageJoint = MindstageJoint.new()
 	joint.name = id.validate_node_name()
@@ -96,6 +98,10 @@ func _new_joint(id: String, frames: Dictionary, parent: MindstageBody, child: Mi
 		joint.mimics = follows.get("joint", "")
 		joint.mimic_multiplier = follows.get("multiplier", 1.0)
 		joint.mimic_offset = follows.get("offset", 0.0)
+	joint.drives = MindstageDrive.from_frames(frames)
+	joint.is_driven = frames.get("is_driven", false)
+	if old != null:
+		joint.keep_turns(old)
 	joint.collide_connected = joint_data.get("disable_collision") == false
 	joint.transform = child.last_transform * child.transform_in_group().affine_inverse() * joint.frame_b
 	physics_scene.simulation.add_child(joint)
@@ -123,8 +129,10 @@ func _disconnect_ends(joint: MindstageJoint, id: String) -> void:
 ## Updates whether a group is connected to a fixed body by a joint.
 func _update_fixed_joint(group: MindstageRigidGroup) -> void:
 	var fixed: bool = false
+	var driven: bool = false
 	for id: String in _joints_of(group.id):
 		var joint: MindstageJoint = physics_scene.joints.get(id)
 		if joint != null:
 			fixed = fixed or not (joint.group_a.is_dynamic() and joint.group_b.is_dynamic())
-	group.set_fixed_joint(fixed)
+			driven = driven or joint.is_driven
+	group.set_fixed_joint(fixed and not driven)

@@ -34,6 +34,16 @@ static func inertia_about(group: MindstageRigidGroup, point: Vector3, axis: Vect
 	return sum
 
 
+## The moments of inertia about the axes of the group's frame through the center of mass [kg m²].
+static func moments(group: MindstageRigidGroup) -> Vector3:
+	var center: Vector3 = center_of_mass(group)
+	return Vector3(
+		inertia_about(group, center, Vector3.RIGHT),
+		inertia_about(group, center, Vector3.UP),
+		inertia_about(group, center, Vector3.BACK)
+	)
+
+
 ## A collision shape with its share of the body's mass.
 class Part:
 	var xform: Transform3D
@@ -44,6 +54,9 @@ class Part:
 static func _parts(group: MindstageRigidGroup) -> Array[Part]:
 	var found: Array[Part] = []
 	for body: MindstageBody in group.members:
+		if not body.inertia().is_empty():
+			found.append(_part_of_inertia(body))
+			continue
 		var shapes: Array = body.collision_shapes()
 		var volumes: PackedFloat64Array = []
 		var volume: float = 0.0
@@ -59,3 +72,20 @@ static func _parts(group: MindstageRigidGroup) -> Array[Part]:
 			part.mass = float(body.physics_model.get("mass_kg", 0.0)) * volumes[index] / volume
 			found.append(part)
 	return found
+
+
+## A box with the center of mass and the moments of inertia of a body, without those that are not along its axes.
+static func _part_of_inertia(body: MindstageBody) -> Part:
+	var given: Dictionary = body.inertia()
+	var tensor: Array = given.get("tensor", [0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+	var scale: float = 6.0 / maxf(float(given["mass_kg"]), 1e-9)
+	var squares: PackedFloat64Array = []
+	for index: int in 3:
+		var own: float = tensor[index]
+		squares.append(scale * maxf(float(tensor[0]) + float(tensor[1]) + float(tensor[2]) - 2.0 * own, 0.0))
+	var part: Part = Part.new()
+	part.size = MindstageFrames.extents([sqrt(squares[0]), sqrt(squares[1]), sqrt(squares[2])])
+	var center: Vector3 = MindstageFrames.vector_from(given.get("center", [0.0, 0.0, 0.0]))
+	part.xform = body.transform_in_group() * Transform3D(Basis(), center)
+	part.mass = body.physics_model.get("mass_kg", 0.0)
+	return part

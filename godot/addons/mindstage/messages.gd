@@ -28,6 +28,7 @@ const REPORT: Dictionary = {
 	"notes": [NOTE],
 }
 const JOINT: Dictionary = {"id": "", "x": 0.0, "y": 0.0, "z": 0.0, "twist": 0.0, "swing2": 0.0, "swing1": 0.0}
+const ACTUATOR: Dictionary = {"name": "", "position": 0.0, "velocity": 0.0, "effort": 0.0, "command": 0.0}
 const RESULT: Dictionary = {"success": false, "refusal": REFUSAL}
 
 ## Type, request and response of each service.
@@ -113,6 +114,24 @@ const SERVICES: Dictionary = {
 		"type": "mindstage_msgs/GetJointPositions",
 		"request": {},
 		"response": {"success": false, "refusal": REFUSAL, "joints": [JOINT]},
+	},
+	"set_actuators":
+	{
+		"type": "mindstage_msgs/SetActuators",
+		"request": {"actuators": "", "without_weight": [""], "plan": ""},
+		"response": RESULT,
+	},
+	"set_commands":
+	{
+		"type": "mindstage_msgs/SetCommands",
+		"request": {"names": [""], "commands": [0.0]},
+		"response": RESULT,
+	},
+	"get_actuator_states":
+	{
+		"type": "mindstage_msgs/GetActuatorStates",
+		"request": {},
+		"response": {"success": false, "refusal": REFUSAL, "actuators": [ACTUATOR]},
 	},
 	"save_scene": {"type": "mindstage_msgs/SaveScene", "request": {"path": ""}, "response": RESULT},
 	"photograph":

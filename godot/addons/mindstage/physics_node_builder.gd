@@ -9,6 +9,9 @@ extends RefCounted
 ## Default friction coefficient; a contact uses the smaller one of both bodies.
 const FRICTION: float = 0.7
 
+## Smallest given moment of inertia [kg m²].
+const MIN_INERTIA: float = 1e-5
+
 static var _physics_materials: Dictionary[String, PhysicsMaterial] = {}
 
 
@@ -115,7 +118,9 @@ static func _set_mass(group: MindstageRigidGroup, node: RigidBody3D) -> void:
 	group.gravity_factor = falling_mass / mass if mass > 0.0 else 1.0
 	if node.gravity_scale != group.gravity_factor:
 		node.gravity_scale = group.gravity_factor
-	if group.members.size() > 1:
+	var has_inertia: bool = group.members.any(func(each: MindstageBody) -> bool: return not each.inertia().is_empty())
+	node.inertia = MindstageMassProperties.moments(group).maxf(MIN_INERTIA) if has_inertia else Vector3.ZERO
+	if group.members.size() > 1 or has_inertia:
 		node.center_of_mass_mode = RigidBody3D.CENTER_OF_MASS_MODE_CUSTOM
 		node.center_of_mass = MindstageMassProperties.center_of_mass(group)
 	elif node.center_of_mass_mode != RigidBody3D.CENTER_OF_MASS_MODE_AUTO:

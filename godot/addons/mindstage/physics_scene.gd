@@ -8,7 +8,17 @@ extends RefCounted
 const _MAX_REGIONS: int = 16
 ## The fields of a body's model that the physics depends on.
 const _PHYSICS_KEYS: Array[String] = [
-	"top", "hold", "mobility", "gravity", "mass_kg", "ghost", "solids", "friction", "restitution", "on_ground"
+	"top",
+	"hold",
+	"mobility",
+	"gravity",
+	"mass_kg",
+	"ghost",
+	"solids",
+	"friction",
+	"restitution",
+	"on_ground",
+	"inertia"
 ]
 
 var simulation: MindstageSimulation

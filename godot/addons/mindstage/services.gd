@@ -52,7 +52,11 @@ func _describe(_request: Dictionary) -> Response:
 		{
 			"engine": ENGINE,
 			"abilities":
-			["joints", "scenes", "pictures"] if MindstageScreenshot.is_available() else ["joints", "scenes"],
+			(
+				["actuators", "joints", "scenes", "pictures"]
+				if MindstageScreenshot.is_available()
+				else ["actuators", "joints", "scenes"]
+			),
 			"time_s": simulation.clock.time_s(),
 			"format_version": MindstageWorldModel.FORMAT_VERSION,
 			"session": session,
@@ -188,6 +192,25 @@ func _get_joint_positions(_request: Dictionary) -> Response:
 			{"id": id, "x": at[0], "y": at[1], "z": at[2], "twist": at[3], "swing2": at[4], "swing1": at[5]}
 		)
 	return _respond_with({"success": true, "joints": response})
+
+
+# -- actuators -------------------------------------------------------------------------------------------------------
+
+
+func _set_actuators(request: Dictionary) -> Response:
+	var actuators: Variant = MindstageJsonText.read(request["actuators"])
+	if not actuators is Array:
+		return _failed("mindstage_msgs/SetActuators: actuators: it is not a JSON array")
+	var names: Array = actuators.map(func(each: Dictionary) -> String: return each.get("name", ""))
+	return _result(simulation.set_actuators(names, request["plan"]))
+
+
+func _set_commands(request: Dictionary) -> Response:
+	return _world_error(simulation.drives.set_commands(request["names"], request["commands"]))
+
+
+func _get_actuator_states(_request: Dictionary) -> Response:
+	return _respond_with({"success": true, "actuators": simulation.drives.states()})
 
 
 # -- pictures and scenes ---------------------------------------------------------------------------------------------

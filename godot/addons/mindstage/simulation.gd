@@ -17,6 +17,7 @@ signal edited(what: String, before: MindstageUndoSnapshot)
 var world_model: MindstageWorldModel = MindstageWorldModel.new()
 var clock: MindstageClock = MindstageClock.new()
 var physics_scene: MindstagePhysicsScene = MindstagePhysicsScene.new(self)
+var drives: MindstageDrives = MindstageDrives.new(physics_scene)
 ## The lights of the map by id.
 var lights: Dictionary[String, Node3D] = {}
 
@@ -31,6 +32,7 @@ func _init() -> void:
 	add_child(clock, false, INTERNAL_MODE_BACK)
 	clock.ticking.connect(_apply_soft_limits)
 	clock.ticking.connect(_move_coupled_joints)
+	clock.ticking.connect(_drive_joints)
 
 
 func _ready() -> void:
@@ -205,6 +207,16 @@ func apply_force(id: String, force: Vector3, at: Variant) -> Dictionary:
 	return {}
 
 
+## Adds actuators, which the plan has with their joints; those of the same names get their first command again.
+func set_actuators(names: Array, plan: String) -> Dictionary:
+	var before: MindstageUndoSnapshot = _snapshot()
+	update_poses()
+	physics_scene.apply(_model_change(plan))
+	drives.forget(names)
+	edited.emit("Add %d actuators" % names.size(), before)
+	return {}
+
+
 # -- time and poses --------------------------------------------------------------------------------------------------
 
 
@@ -343,6 +355,10 @@ func _move_coupled_joints() -> void:
 		var joint: MindstageJoint = physics_scene.joints[id]
 		if joint.mimics != "":
 			joint.follow(physics_scene.joints.get(joint.mimics))
+
+
+func _drive_joints() -> void:
+	drives.apply()
 
 
 func _apply_soft_limits() -> void:

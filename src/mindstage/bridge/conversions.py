@@ -351,6 +351,8 @@ class BodyModelDelta(FrozenStruct, frozen=True, kw_only=True):
     restitution: float | None = None
     on_ground: bool = False
     """Whether the body collides with the ground plane."""
+    inertia: Inertia | None = None
+    """Mass distribution; None for that of the collision shapes."""
 
 
 class GroundDelta(FrozenStruct, frozen=True, kw_only=True):
@@ -358,6 +360,19 @@ class GroundDelta(FrozenStruct, frozen=True, kw_only=True):
 
     height_m: float | None
     """Its height [m]; None if it is removed."""
+
+
+class DriveModelDelta(FrozenStruct, frozen=True, kw_only=True):
+    """An actuator of a joint; see `mindstage.engines.Actuator`."""
+
+    name: str
+    axis: int
+    """0 to 5: x, y, z, twist, swing2, swing1."""
+    mode: str
+    effort_limit: float
+    stiffness: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
 
 
 class JointModelDelta(FrozenStruct, frozen=True, kw_only=True):
@@ -370,6 +385,10 @@ class JointModelDelta(FrozenStruct, frozen=True, kw_only=True):
     linear: LinearLimits | None = None
     """Limits to simulate instead of those of the world; None for the latter."""
     angular: AngularLimits | None = None
+    drives: tuple[DriveModelDelta, ...] = ()
+    """Its actuators."""
+    is_driven: bool = False
+    """Whether it has actuators, or follows a joint that has some: then it has no other friction."""
 
 
 class PhysicsModelDelta(FrozenStruct, frozen=True, kw_only=True):

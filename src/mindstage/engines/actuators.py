@@ -16,7 +16,7 @@ from mindstage.engines.registry import EntityRegistry
 from mindstage.errors import BodyNotFoundError, closest_names
 from mindstage.scene import BodyId, Joint
 
-__all__ = ["ActuatorSet", "driven_axis"]
+__all__ = ["ActuatorSet", "check_numbers", "driven_axis"]
 
 
 @dataclass(slots=True)
@@ -73,7 +73,7 @@ class ActuatorSet:
         for name, command in commands.items():
             if name not in self.actuators:
                 near = closest_names(name, self.actuators)
-                raise KeyError(f"no actuator {name!r}; near: {', '.join(near) or 'none, there are no actuators'}")
+                raise KeyError(f"no actuator {name!r}; near: {', '.join(near) or 'none'}")
             if not isfinite(command):
                 raise ValueError(f"the command of {name!r} must be finite, not {command}")
         self.commands |= commands
@@ -112,10 +112,7 @@ def driven_axis(actuator: Actuator, registry: EntityRegistry, joints: Mapping[Bo
     joint = joints.get(id) or registry.joints.get(id)
     if joint is None:
         raise BodyNotFoundError(id, known=registry.joints)
-    for key in ("effort_limit", "stiffness", "damping", "armature", "friction"):
-        number = getattr(actuator, key)
-        if not 0.0 <= number < inf:
-            raise ValueError(f"{key} of the actuator {name!r} must be finite and not negative, not {number}")
+    check_numbers(actuator)
     if actuator.axis and actuator.axis not in AXIS_NAMES:
         raise ValueError(f"{name!r} has the axis {actuator.axis!r}; it is one of {', '.join(AXIS_NAMES)}")
     axes = movable_axes(joint)
@@ -127,6 +124,18 @@ def driven_axis(actuator: Actuator, registry: EntityRegistry, joints: Mapping[Bo
     if wanted >= _FIRST_HINGE and is_ball(axes):
         raise ValueError(f"{name!r} cannot drive {id!r}, whose three rotations are free")
     return wanted
+
+
+def check_numbers(actuator: Actuator) -> None:
+    """Checks the numbers of an actuator.
+
+    Raises:
+        ValueError: one is not finite or negative.
+    """
+    for key in ("effort_limit", "stiffness", "damping", "armature", "friction"):
+        number = getattr(actuator, key)
+        if not 0.0 <= number < inf:
+            raise ValueError(f"{key} of the actuator {actuator.name!r} must be finite and not negative, not {number}")
 
 
 _FIRST_HINGE = 3

@@ -61,6 +61,7 @@ from mindstage.scene.collision_shapes import (
     fallback_collision_shape,
     wall_collision_shapes,
 )
+from mindstage.scene.geometry import Inertia
 from mindstage.scene.kinematics import handles_by_body, outward_joints
 from mindstage.scene.transforms import (
     Array,
@@ -107,6 +108,8 @@ class BodyModel:
     """Whether it collides with the ground plane."""
     friction: float | None = None
     restitution: float | None = None
+    inertia: Inertia | None = None
+    """Mass distribution; None for that of the collision shapes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +127,10 @@ class JointModel:
     """Whether it closes a kinematic loop."""
     is_limited: bool = False
     """Whether its limits are narrower than those of the world."""
+    drives: tuple[tuple[int, Actuator], ...] = ()
+    """Its actuators, each with its axis as an index into `AXIS_NAMES`."""
+    is_driven: bool = False
+    """Whether it has actuators, or follows a joint that has some."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,26 +179,30 @@ def _body_model(
         root=group.root,
         pose_in_root=pose_in_root,
         mobility=group.mobility,
-        gravity=builder.registry.bodies[id].physics.gravity is not False,
+        gravity=builder.registry.bodies[id].physics.gravity is not False and id not in builder.actuators.weightless,
         mass_kg=mass_kg,
         non_colliding=id in builder.collision_filter.non_colliding,
         collision_shapes=builder.collision_shapes(id)[0],
         on_ground=builder.collides_with_ground(id),
         friction=geometry.friction if geometry else None,
         restitution=geometry.restitution if geometry else None,
+        inertia=geometry.inertia if geometry else None,
     )
 
 
 def _joint_model(builder: PhysicsModelBuilder, tree_joint: TreeJoint, closes_loop: bool) -> JointModel:
     parent_from_joint, child_from_joint = tree_joint.order_ends(builder.joint_frames[tree_joint.joint.id])
     frames = pose_from_array(parent_from_joint), pose_from_array(child_from_joint)
+    id, mimic, table = tree_joint.joint.id, tree_joint.joint.mimic, builder.actuators
     return JointModel(
         tree_joint.joint,
         tree_joint.parent,
         tree_joint.child,
         *frames,
         closes_loop=closes_loop,
-        is_limited=tree_joint.joint.id in builder.simulated_joints,
+        is_limited=id in builder.simulated_joints,
+        drives=tuple((table.axes[name], each) for name, each in table.actuators.items() if each.joint == id),
+        is_driven=not table.driven_joints.isdisjoint((id, mimic.joint if mimic else id)),
     )
 
 

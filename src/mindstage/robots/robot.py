@@ -22,7 +22,8 @@ import numpy as np
 from mindstage.engines.base import Capability, Engine, SpawnReport
 from mindstage.engines.kinematic_tree import movable_axes
 from mindstage.errors import BodyNotFoundError, CommandRefusedError, RobotModelError, RobotNotFoundError
-from mindstage.robots.control import MotionGoal, MotionResult, RobotController, gripper_opening, held_bodies
+from mindstage.robots.control import MotionGoal, MotionResult, gripper_opening, held_bodies
+from mindstage.robots.controller import RobotController
 from mindstage.robots.drives import drives_of, planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.model import Gripper, RobotModel
 from mindstage.robots.models.reading import load_model
@@ -241,6 +242,8 @@ class Robot:
             return Odometry(x=0.0, y=0.0, yaw=0.0, vx=0.0, vy=0.0, wz=0.0)
 
         def read(engine: Engine) -> tuple[Array, Array]:
+            if Capability.ACTUATORS not in engine.capabilities:
+                return base.joint_from_world(self.base_pose()), np.zeros(3)
             states = engine.actuator_states()
             rows = [states[name] for name in base.actuators]
             return np.array([each.position for each in rows]), np.array([each.velocity for each in rows])
@@ -492,6 +495,8 @@ class Robot:
         """
         controller = controllers.controllers[self.controller_name]
         assert isinstance(controller, RobotController)
+        if Capability.ACTUATORS in session.capabilities:  # an engine that was not forked has no actuators yet
+            session.run_on_engine(controller.connect, label="connect robot")
         return Robot(self.name, self.model, self._placed, session=session, controller=controller, report=self.report)
 
     def __repr__(self) -> str:

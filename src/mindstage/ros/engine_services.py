@@ -28,7 +28,7 @@ from mindstage.bridge.conversions import (
     world_from_json,
     world_to_json,
 )
-from mindstage.engines import Capability, Engine, SavedState, SpawnReport
+from mindstage.engines import Actuator, Capability, Engine, SavedState, SpawnReport
 from mindstage.errors import EngineError, EpisodeError, MessageValidationError
 from mindstage.msgs import Action, Service, snake_case
 from mindstage.msgs import mindstage_msgs as wire
@@ -50,7 +50,7 @@ _SPAWN_TIMEOUT_S = 300.0
 _RECORDING_RATE_HZ = 30.0
 _STEP_CHUNK_S = 0.1
 """Length of the steps into which a goal is divided, so that other calls run in between [s]."""
-_REMOTE_CAPABILITIES = frozenset({Capability.JOINTS, Capability.SAVE})
+_REMOTE_CAPABILITIES = frozenset({Capability.JOINTS, Capability.SAVE, Capability.ACTUATORS})
 """Capabilities of the engine that clients can use."""
 
 
@@ -180,6 +180,9 @@ class EngineServices:
         yield _service_spec(wire.SetSpeed, self.set_speed)
         yield _service_spec(wire.GetPoses, self.poses, quick=True)
         yield _service_spec(wire.GetJointPositions, self.joint_positions)
+        yield _service_spec(wire.SetActuators, self.set_actuators)
+        yield _service_spec(wire.SetCommands, self.set_commands)
+        yield _service_spec(wire.GetActuatorStates, self.actuator_states)
         yield _service_spec(wire.SaveState, self.save_state)
         yield _service_spec(wire.RestoreState, self.restore_state)
         yield _service_spec(wire.ForgetState, self.discard_state)
@@ -325,6 +328,38 @@ class EngineServices:
         positions = self._simulation.run_on_engine(lambda engine: engine.joint_positions(), label="joint positions")
         return wire.GetJointPositions.Response(
             success=True, joints=tuple(_joint_message(id, numbers) for id, numbers in positions.items())
+        )
+
+    def set_actuators(self, request: wire.SetActuators.Request) -> wire.SetActuators.Response:
+        """Adds actuators."""
+        actuators = from_json(request.actuators, tuple[Actuator, ...])
+        bodies = tuple(map(BodyId, request.without_weight))
+        try:
+            self._edit("set actuators", lambda engine: engine.set_actuators(actuators, without_weight=bodies))
+        except ValueError as error:
+            return wire.SetActuators.Response(success=False, refusal=wire.Refusal(text=str(error)))
+        return wire.SetActuators.Response(success=True)
+
+    def set_commands(self, request: wire.SetCommands.Request) -> wire.SetCommands.Response:
+        """Sets the commands of actuators."""
+        try:
+            commands = dict(zip(request.names, request.commands, strict=True))
+            self._simulation.run_on_engine(lambda engine: engine.set_commands(commands), label="set commands")
+        except (KeyError, ValueError) as error:
+            return wire.SetCommands.Response(success=False, refusal=wire.Refusal(text=str(error.args[0])))
+        return wire.SetCommands.Response(success=True)
+
+    def actuator_states(self, _: wire.GetActuatorStates.Request) -> wire.GetActuatorStates.Response:
+        """Returns the state of each actuator."""
+        states = self._simulation.run_on_engine(lambda engine: engine.actuator_states(), label="actuator states")
+        return wire.GetActuatorStates.Response(
+            success=True,
+            actuators=tuple(
+                wire.ActuatorState(
+                    name=name, position=each.position, velocity=each.velocity, effort=each.effort, command=each.command
+                )
+                for name, each in states.items()
+            ),
         )
 
     def save_state(self, _: wire.SaveState.Request) -> wire.SaveState.Response:

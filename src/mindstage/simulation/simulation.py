@@ -801,7 +801,7 @@ class Simulation:
         robot = place_robot(self, source, pose, name=name, names=self.robots)
 
         def connect(engine: Engine) -> None:
-            robot.controller.reset(engine)
+            robot.controller.connect(engine, is_new=True)
             self._controllers.add(robot.controller_name, robot.controller)
             self._robots = {**self._robots, robot.name: robot}
             self._initial_state_is_due = True  # with the actuators

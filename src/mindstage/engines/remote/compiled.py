@@ -17,6 +17,7 @@ import numpy as np
 
 from mindstage.bridge.conversions import (
     BodyModelDelta,
+    DriveModelDelta,
     GroundDelta,
     JointModelDelta,
     PhysicsModelDelta,
@@ -27,8 +28,10 @@ from mindstage.bridge.conversions import (
     to_json,
     vector_message,
 )
+from mindstage.engines.actuators import check_numbers
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
+    Actuator,
     Capability,
     PoseArray,
     SpawnNote,
@@ -133,6 +136,7 @@ def _body_change(model: BodyModel) -> BodyModelDelta:
         friction=model.friction,
         restitution=model.restitution,
         on_ground=model.on_ground,
+        inertia=model.inertia,
     )
 
 
@@ -148,6 +152,20 @@ def _joint_change(model: JointModel) -> JointModelDelta:
         of_child=of_child,
         linear=model.joint.linear if model.is_limited else None,
         angular=model.joint.angular if model.is_limited else None,
+        drives=tuple(_drive_change(axis, each) for axis, each in model.drives),
+        is_driven=model.is_driven,
+    )
+
+
+def _drive_change(axis: int, actuator: Actuator) -> DriveModelDelta:
+    return DriveModelDelta(
+        name=actuator.name,
+        axis=axis,
+        mode=actuator.mode.value,
+        effort_limit=actuator.effort_limit,
+        stiffness=actuator.stiffness,
+        damping=actuator.damping,
+        friction=actuator.friction,
     )
 
 
@@ -299,6 +317,25 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
         if point is not None:
             applied_force = msgspec.structs.replace(applied_force, at_point=True, point=point_message(point))
         self._forces.append(applied_force)
+
+    # -- actuators -----------------------------------------------------------------------------------------------------
+
+    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
+        self._require_actuators()
+        added, bodies = tuple(actuators), tuple(without_weight)
+        for each in added:
+            check_numbers(each)  # JSON has no such numbers
+
+        def apply(builder: PhysicsModelBuilder, poses: Array) -> None:
+            builder.set_actuators(added, without_weight=bodies)
+
+        text = to_json(added, tuple[Actuator, ...])
+        self._apply_edit(wire.SetActuators, wire.SetActuators.Request(actuators=text, without_weight=bodies), apply)
+
+    def set_commands(self, commands: Mapping[str, float]) -> None:
+        self._require_actuators()
+        self._builder.actuators.set_commands(commands)
+        super().set_commands(commands)
 
     # -- time ----------------------------------------------------------------------------------------------------------
 

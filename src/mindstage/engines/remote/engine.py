@@ -74,32 +74,24 @@ class RemoteEngine(Engine):
         raise UnsupportedByEngineError(self.name, what="scale masses and frictions", remedy="fork its simulation")
 
     def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
-        """Only Godot has the capability.
+        """See `Engine`.
 
         Raises:
-            UnsupportedByEngineError: always.
+            UnsupportedByEngineError: the engine has no such capability.
         """
         raise self._unsupported_actuators()
 
     def set_commands(self, commands: Mapping[str, float]) -> None:
-        """Only Godot has the capability.
-
-        Raises:
-            UnsupportedByEngineError: always.
-        """
+        """See `set_actuators`."""
         raise self._unsupported_actuators()
 
     def actuator_states(self) -> Mapping[str, ActuatorState]:
-        """Only Godot has the capability.
-
-        Raises:
-            UnsupportedByEngineError: always.
-        """
+        """See `set_actuators`."""
         raise self._unsupported_actuators()
 
     def _unsupported_actuators(self) -> UnsupportedByEngineError:
         self._require_open()
-        remedy = "use its ROS interface, or fork its simulation"
+        remedy = "use mujoco, or godot"
         return UnsupportedByEngineError(self.name, what="drive joints", remedy=remedy)
 
     def contacts(self) -> tuple[Contact, ...]:

@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from math import isfinite
 from typing import Any, NamedTuple, TypeVar
 from weakref import finalize
 
@@ -29,8 +30,11 @@ from mindstage.bridge.conversions import (
     world_from_json,
     world_to_json,
 )
+from mindstage.engines.actuators import check_numbers
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
+    Actuator,
+    ActuatorState,
     Capability,
     PoseArray,
     SavedState,
@@ -183,8 +187,8 @@ class MindstageRemoteEngine(RemoteEngine):
 
     @property
     def capabilities(self) -> frozenset[Capability]:
-        known = {Capability.SAVE.value, Capability.JOINTS.value}  # the wire has no messages for others
-        return frozenset(Capability(each) for each in self._remote_info.abilities if each in known)
+        sent = (Capability.SAVE, Capability.JOINTS, Capability.ACTUATORS)  # the wire has no messages for others
+        return frozenset(each for each in sent if each.value in self._remote_info.abilities)
 
     @property
     def remote_engine_name(self) -> str:
@@ -325,6 +329,40 @@ class MindstageRemoteEngine(RemoteEngine):
             raise EngineUnavailableError(self.name, cause="it was restarted, and its saved states are lost")
         self._call(wire.RestoreState, wire.RestoreState.Request(handle=state.location.handle))
 
+    # -- actuators -----------------------------------------------------------------------------------------------------
+
+    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
+        self._require_actuators()
+        added = tuple(actuators)
+        for each in added:
+            check_numbers(each)  # JSON has no such numbers
+        text = to_json(added, tuple[Actuator, ...])
+        request = wire.SetActuators.Request(actuators=text, without_weight=tuple(without_weight))
+        self._call(wire.SetActuators, request, refusal=ValueError)
+
+    def set_commands(self, commands: Mapping[str, float]) -> None:
+        self._require_actuators()
+        for name, command in commands.items():
+            if not isfinite(command):
+                raise ValueError(f"the command of {name!r} must be finite, not {command}")
+        request = wire.SetCommands.Request(names=tuple(commands), commands=tuple(commands.values()))
+        self._call(wire.SetCommands, request, refusal=KeyError)
+
+    def actuator_states(self) -> Mapping[str, ActuatorState]:
+        self._require_actuators()
+        reply: wire.GetActuatorStates.Response = self._call(wire.GetActuatorStates, wire.GetActuatorStates.Request())
+        return {
+            each.name: ActuatorState(
+                position=each.position, velocity=each.velocity, effort=each.effort, command=each.command
+            )
+            for each in reply.actuators
+        }
+
+    def _require_actuators(self) -> None:
+        self._require_open()
+        if Capability.ACTUATORS not in self.capabilities:
+            raise self._unsupported_actuators()
+
     # -- calls ---------------------------------------------------------------------------------------------------------
 
     @property
@@ -339,6 +377,7 @@ class MindstageRemoteEngine(RemoteEngine):
         *,
         timeout_s: float | None = None,
         even_if_restarted: bool = False,
+        refusal: type[Exception] = WorldError,
     ) -> Any:
         """Calls a service; raises the error of a refused request.
 
@@ -347,6 +386,7 @@ class MindstageRemoteEngine(RemoteEngine):
             request: the request message.
             timeout_s: timeout [s]; by default `_timeout_s`.
             even_if_restarted: whether the call is also valid after a restart of the remote process.
+            refusal: the error of a refused request that is about no body.
         """
         client = self._require_open()
         client.wait_ready()
@@ -357,7 +397,7 @@ class MindstageRemoteEngine(RemoteEngine):
             raise EngineUnavailableError(self.name, cause=cause, remedy="spawn the world again, or clear the engine")
         timeout_s = self._timeout_s if timeout_s is None else timeout_s
         reply = client.call(_service_name(client, service), service, request, timeout_s=timeout_s)
-        _raise_world_error(reply)
+        _raise_refusal(reply, refusal)
         if isinstance(reply, wire.SpawnWorld.Response | wire.Clear.Response):
             self._world_lost = False
         return reply
@@ -433,15 +473,15 @@ def _service_name(client: ServiceClient, service: type[Service]) -> str:
     return engine_service(service, client.address.namespace)
 
 
-def _raise_world_error(reply: Any) -> None:
+def _raise_refusal(reply: Any, error: type[Exception]) -> None:
     """Raises the error of a refused request.
 
     Raises:
-        WorldError: the request was refused.
+        WorldError: the request was refused, because of a body; otherwise the given error.
     """
     if getattr(reply, "success", True):
         return
     if reply.refusal.kind:
         raise message_to_error(reply.refusal)
     if not isinstance(reply, wire.SpawnWorld.Response):  # its report lists the failures
-        raise WorldError(reply.refusal.text or "the remote engine refused the request without a reason")
+        raise error(reply.refusal.text or "the remote engine refused the request without a reason")

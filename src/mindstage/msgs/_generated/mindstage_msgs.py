@@ -16,6 +16,7 @@ from mindstage.msgs import base
 from mindstage.msgs._generated import builtin_interfaces, geometry_msgs, std_msgs
 
 __all__ = [
+    "ActuatorState",
     "AddRobot",
     "Ask",
     "Attach",
@@ -32,6 +33,7 @@ __all__ = [
     "Failure",
     "Force",
     "ForgetState",
+    "GetActuatorStates",
     "GetHighlights",
     "GetJointPositions",
     "GetPoses",
@@ -51,6 +53,8 @@ __all__ = [
     "RestoreState",
     "SaveScene",
     "SaveState",
+    "SetActuators",
+    "SetCommands",
     "SetMaterials",
     "SetPhysics",
     "SetPose",
@@ -62,6 +66,19 @@ __all__ = [
     "Step",
     "TryPlan",
 ]
+
+
+class ActuatorState(base.Message, frozen=True):
+    """State of an actuator and its joint."""
+
+    name: base.String = ""
+    position: base.Float64 = 0.0
+    """[m] or [rad], from where the joint was spawned."""
+    velocity: base.Float64 = 0.0
+    """[m/s] or [rad/s]."""
+    effort: base.Float64 = 0.0
+    """[N] or [Nm], without what compensates gravity."""
+    command: base.Float64 = 0.0
 
 
 class EpisodeChunk(base.Message, frozen=True):
@@ -359,6 +376,18 @@ class ForgetState(base.Service):
         refusal: Refusal = Refusal()
 
 
+class GetActuatorStates(base.Service):
+    """Returns the state of each actuator (ability `actuators`)."""
+
+    class Request(base.Message, frozen=True):
+        pass
+
+    class Response(base.Message, frozen=True):
+        success: base.Bool = False
+        refusal: Refusal = Refusal()
+        actuators: tuple[ActuatorState, ...] = ()
+
+
 class GetHighlights(base.Service):
     """Returns the highlighted bodies; `ids` and `colors` are parallel."""
 
@@ -561,6 +590,35 @@ class SaveState(base.Service):
         success: base.Bool = False
         refusal: Refusal = Refusal()
         handle: base.String = ""
+
+
+class SetActuators(base.Service):
+    """Adds actuators, and replaces those of the same names (ability `actuators`)."""
+
+    class Request(base.Message, frozen=True):
+        actuators: base.String = ""
+        """JSON: a list of the fields of `mindstage.engines.Actuator`."""
+        without_weight: tuple[base.String, ...] = ()
+        """Ids of bodies whose weight the drives compensate."""
+        plan: base.String = ""
+        """See `SpawnWorld`."""
+
+    class Response(base.Message, frozen=True):
+        success: base.Bool = False
+        refusal: Refusal = Refusal()
+
+
+class SetCommands(base.Service):
+    """Sets the commands of actuators (ability `actuators`)."""
+
+    class Request(base.Message, frozen=True):
+        names: tuple[base.String, ...] = ()
+        commands: tuple[base.Float64, ...] = ()
+        """[m], [rad], [m/s], [rad/s], [N] or [Nm], by the mode of the actuator."""
+
+    class Response(base.Message, frozen=True):
+        success: base.Bool = False
+        refusal: Refusal = Refusal()
 
 
 class SetMaterials(base.Service):

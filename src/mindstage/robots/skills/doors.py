@@ -22,8 +22,10 @@ from mindstage.scene.transforms import (
     quat_rotate,
 )
 
-__all__ = ["close_thing", "moving_front", "open_thing"]
+__all__ = ["ACCESS", "close_thing", "moving_front", "open_thing"]
 
+ACCESS = {True: 1.0, False: 0.7}
+"""How far drawers and doors are opened to get at what is in them; a door that is fully open is hard to close again."""
 _NEEDS = (SkillNeed.ARM, SkillNeed.GRIPPER)
 _STEP_M = 0.02
 """Distance of the handle between neighboring poses of its path."""
@@ -117,8 +119,8 @@ def _moving_once(task: SkillTask, opening: Opening, fraction: float, *, is_first
     surroundings = task.surroundings()
     handle = opening.handle or opening.front
     path = _front_path(opening, surroundings, handle, opening.joint.position_at(fraction))
-    stance = _find_stance(task, hand, opening, handle, path, surroundings)
-    yield from hand.parking()
+    yield from hand.parking(touch=(handle, opening.front))
+    stance = _find_stance(hand, opening, handle, path, surroundings)
     yield from hand.driving_to(stance.base, why=f"to reach {handle}")
     yield from hand.opening()
     yield from hand.moving_to(stance.start, why=f"in front of {handle}")
@@ -179,7 +181,8 @@ def _letting_go(hand: Manipulator, handle: BodyId) -> SkillMotion:
     """Opens the gripper and withdraws it."""
     yield from hand.opening()
     back = pose_multiply(hand.grasp_pose, np.array([-_BACK_M, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
-    yield from hand.moving_straight(back, why=f"away from {handle}")
+    with hand.task.step("move", f"move the gripper away from {handle}"):
+        yield from hand.withdrawing(back)
 
 
 def _front_path(opening: Opening, surroundings: Surroundings, handle: BodyId, target: float) -> _FrontPath:
@@ -205,7 +208,6 @@ def _front_path(opening: Opening, surroundings: Surroundings, handle: BodyId, ta
 
 
 def _find_stance(
-    task: SkillTask,
     hand: Manipulator,
     opening: Opening,
     handle: BodyId,

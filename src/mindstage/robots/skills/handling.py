@@ -2,34 +2,87 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator, Iterator, Sequence
+from math import cos, pi, sin
+from typing import NamedTuple
+
+import numpy as np
+
+from mindstage.errors import NoFreePlacementError, SkillFailedError, UnreachableError
+from mindstage.robots.navigation import FloorMap
 from mindstage.robots.skills.declaration import SkillMotion, SkillNeed, SupportName, ThingName, skill
+from mindstage.robots.skills.doors import ACCESS, moving_front
+from mindstage.robots.skills.grasps import Grasp, grasps_of, weld_grasps_of
+from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, planar_pose
+from mindstage.robots.skills.stances import Stance, StanceRequest, find_stance
+from mindstage.robots.skills.surroundings import Opening, Surroundings
 from mindstage.robots.skills.task import SkillTask
+from mindstage.scene import BodyId, Pose
+from mindstage.scene.transforms import (
+    Array,
+    normalized_pose_array,
+    pose_inverse,
+    pose_multiply,
+    quat_multiply,
+    quat_rotate,
+)
 
-__all__ = ["grasp", "pick", "place", "pour", "release"]
+__all__ = ["grasp", "pick", "pick_up", "place", "pour", "put_down", "release"]
 
-_NOT_YET = "it is not built yet"
+_NEEDS = (SkillNeed.ARM, SkillNeed.GRIPPER)
+_BACK_M = 0.12
+"""Length of the straight line on which the hand comes to a thing, and withdraws from it."""
+_LIFT_M = 0.04
+"""Height to which a thing is lifted before it is moved away, and from which it is put down."""
+_GAP_M = 0.006
+"""Height above a surface at which what is put down still counts as free of collisions."""
+_DRIFT_M = 0.025
+"""A thing that has moved farther in the gripper while it was lifted is not held."""
+_MAX_GRASPS = 24
+_FREE_PLACES = 60
+"""Number of free places that are looked for."""
+_PLACES = 8
+"""Number of free places that are tried."""
+_PLACE_BUDGET_S = 6.0
+"""Limit of the wall time for each [s]."""
+_CLOSE_M = 0.5
+"""Places that are nearer than this to where the base can stand are equally good."""
+_CARRY_DISTANCES_M, _CARRY_HEIGHTS_M = (0.35, 0.42, 0.5), (0.9, 1.05, 0.75)
+"""Where in front of the base things are carried."""
+_ROOM_M = 0.03
+"""By how much the gripper opens beyond what it held."""
+_POUR_ANGLE_RAD, _POUR_STEPS, _POUR_GAP_M, _POUR_S = 1.9, 20, 0.06, 2.0
 
 
-@skill(needs=(SkillNeed.ARM, SkillNeed.GRIPPER))
+@skill(needs=_NEEDS)
 def grasp(task: SkillTask, thing: ThingName) -> SkillMotion:
-    """Grasps a thing where it is; the base stays where it is if the thing is in reach.
+    """Grasps a thing where it is, from where the robot stands.
 
     Args:
         task: this performance of the skill.
         thing: what to grasp.
     """
-    raise task.failure(_NOT_YET, "wait")
-    yield 0.0
+    surroundings = task.surroundings()
+    id = surroundings.find(thing)
+    if hand_with(task, id) is None:
+        hand = free_hand(task, f"to grasp {id}")
+        yield from _grasping(task, hand, surroundings, id, upright=None, stays=True)
 
 
-@skill(needs=(SkillNeed.ARM, SkillNeed.GRIPPER))
+@skill(needs=_NEEDS)
 def release(task: SkillTask) -> SkillMotion:
     """Opens the gripper and moves it away from what it held."""
-    raise task.failure(_NOT_YET, "wait")
-    yield 0.0
+    hand = hand_with(task)
+    if hand is None:
+        yield from free_hand(task, "").opening()
+        return
+    held = hand.held
+    yield from _letting_go(task, hand)
+    if held is not None:
+        task.moved[held] = None
 
 
-@skill(needs=(SkillNeed.ARM, SkillNeed.GRIPPER))
+@skill(needs=_NEEDS)
 def pick(task: SkillTask, thing: ThingName) -> SkillMotion:
     """Drives to a thing, grasps it and lifts it; opens what it is in.
 
@@ -37,11 +90,10 @@ def pick(task: SkillTask, thing: ThingName) -> SkillMotion:
         task: this performance of the skill.
         thing: what to pick up.
     """
-    raise task.failure(_NOT_YET, "wait")
-    yield 0.0
+    yield from pick_up(task, task.surroundings().find(thing))
 
 
-@skill(needs=(SkillNeed.ARM, SkillNeed.GRIPPER), alternatives=(("on",), ("into",)))
+@skill(needs=_NEEDS, alternatives=(("on",), ("into",)))
 def place(
     task: SkillTask, thing: ThingName, on: SupportName | None = None, into: SupportName | None = None
 ) -> SkillMotion:
@@ -53,11 +105,12 @@ def place(
         on: what to put it on.
         into: what to put it into; opened first if it is closed.
     """
-    raise task.failure(_NOT_YET, "wait")
-    yield 0.0
+    surroundings = task.surroundings()
+    id, holder = surroundings.find(thing), surroundings.find(on or into or "")
+    yield from put_down(task, id, holder, inside=on is None)
 
 
-@skill(needs=(SkillNeed.ARM, SkillNeed.GRIPPER))
+@skill(needs=_NEEDS)
 def pour(task: SkillTask, thing: ThingName, into: SupportName) -> SkillMotion:
     """Tilts a thing over a container so that what is in it falls out; picks it up first if it is not held.
 
@@ -66,5 +119,398 @@ def pour(task: SkillTask, thing: ThingName, into: SupportName) -> SkillMotion:
         thing: the container to pour from.
         into: the container to pour into.
     """
-    raise task.failure(_NOT_YET, "wait")
-    yield 0.0
+    surroundings = task.surroundings()
+    id, target = surroundings.find(thing), surroundings.find(into)
+    contents = [each for each in surroundings.bodies() if id in surroundings.containers_of(each)]
+    yield from pick_up(task, id)
+    hand = hand_with(task, id)
+    if hand is None:
+        raise task.failure(f"{id} is not held any more", "pick it up again")
+    yield from _tilting(task, hand, id, target)
+    if not contents:
+        text = f"liquids are not simulated: {id} was tilted over {target}, and whether it was full is not known"
+        raise task.failure(text, f"put bodies into {id}, if it is to be seen what falls out", is_known=False)
+    later = task.surroundings()
+    spilled = [each for each in contents if target not in later.containers_of(each)]
+    task.moved.update(dict.fromkeys(contents))
+    if spilled:
+        raise task.failure(f"{', '.join(spilled)} did not fall into {target}", f"pour closer to {target}")
+
+
+# -- picking up --------------------------------------------------------------------------------------------------------
+
+
+def pick_up(task: SkillTask, id: BodyId, *, upright: bool | None = None) -> SkillMotion:
+    """Drives to a thing, opens what it is in, grasps it, lifts it and takes it in front of the robot.
+
+    Args:
+        task: the skill.
+        id: the thing.
+        upright: whether the hand comes from the side rather than from above, as where the thing is put down later; None
+            if either will do.
+    """
+    if hand_with(task, id) is not None:
+        return
+    hand = free_hand(task, f"to pick up {id}")
+    surroundings = task.surroundings()
+    for opening in surroundings.closed_in_front_of(id):
+        yield from moving_front(task, opening, ACCESS[opening.joint.is_prismatic])
+    yield from hand.parking()
+    stance = yield from _grasping(task, hand, task.surroundings(), id, upright=upright)
+    yield from carrying(task, hand, stance.back_m)
+
+
+def _grasping(
+    task: SkillTask,
+    hand: Manipulator,
+    surroundings: Surroundings,
+    id: BodyId,
+    *,
+    upright: bool | None,
+    stays: bool = False,
+) -> Generator[float, None, Stance]:
+    """Grasps a thing and lifts it; by friction if that is possible, otherwise it is fixed to the gripper."""
+    with task.step("grasp", f"grasp {id}"):
+        request = _grasp_request(hand, surroundings, id, upright=upright, stays=stays)
+        try:
+            stance = find_stance(hand, request)
+        except UnreachableError as error:
+            stance, request = _weld_stance(task, hand, surroundings, id, error, stays=stays)
+        task.moved[id] = None
+        if not stays:
+            yield from hand.driving_to(stance.base, why=f"to reach {id}")
+        yield from hand.opening(min(stance.grasp.width_m + 2 * _ROOM_M, hand.gripper.max_opening_m))
+        yield from hand.moving_to(stance.start, why=f"in front of {id}", touch=(id,))
+        yield from hand.moving_straight(stance.grasp.in_world(surroundings.pose(id)), why=f"to {id}", may_touch=True)
+        held_by_friction = False
+        if stance.grasp.is_by_friction:
+            result = yield from hand.closing()
+            held_by_friction = result.stalled
+        if not held_by_friction:
+            _fix(task, hand, id, "the fingers do not hold it by friction")
+        relative = pose_multiply(pose_inverse(hand.grasp_pose), surroundings.pose(id))
+        yield from _lifting(hand, id)
+        drift = pose_multiply(pose_inverse(hand.grasp_pose), surroundings.pose(id))[:3] - relative[:3]
+        if np.linalg.norm(drift) > _DRIFT_M:
+            raise task.failure(f"{id} slipped out of the gripper while it was lifted", "grasp it again")
+    return stance
+
+
+def _lifting(hand: Manipulator, id: BodyId) -> SkillMotion:
+    up = hand.grasp_pose + np.array([0.0, 0.0, _LIFT_M, 0.0, 0.0, 0.0, 0.0])
+    yield from hand.moving_straight(up, why=f"up with {id}", speed=0.2, may_touch=True)
+
+
+def _grasp_request(
+    hand: Manipulator, surroundings: Surroundings, id: BodyId, *, upright: bool | None, stays: bool
+) -> StanceRequest:
+    body, pose = surroundings.body(id), surroundings.pose(id)
+    found = list(grasps_of(body, surroundings.geometry(id), pose, hand.gripper, hand.shape))
+    is_tall = (body.size or (0.0, 0.0, 0.0))[2] > 0.09
+    from_side = is_tall if upright is None else upright
+    level = surroundings.box(id)[0][2]
+
+    def cost(each: Grasp) -> tuple[float, ...]:
+        at = each.in_world(pose)
+        x = quat_rotate(at[3:], (1.0, 0.0, 0.0))
+        steep = abs(x[2]) if from_side else 1.0 + x[2]
+        low = max(0.0, level + 0.05 - at[2]) if from_side else 0.0
+        return (not each.is_whole, round(float(steep), 1), round(float(low), 2), not each.is_central)
+
+    found.sort(key=cost)
+    chosen = _in_many_directions(found, pose)
+    up = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+    lifted = np.array([pose + height * up for height in np.linspace(0.0, _LIFT_M, 3)])
+    inside = surroundings.containers_of(id)
+    container = surroundings.box(inside[0]) if inside else None
+    return StanceRequest(id, chosen, lifted, _BACK_M, container=container, least=0.9, stays=stays)
+
+
+def _in_many_directions(grasps: Sequence[Grasp], pose: Array) -> list[Grasp]:
+    """The best grasps, at most three of each direction of approach, in turns."""
+    groups: dict[tuple[float, ...], list[Grasp]] = {}
+    for each in grasps:
+        x = quat_rotate(each.in_world(pose)[3:], (1.0, 0.0, 0.0))
+        groups.setdefault(tuple(np.round(x, 1).tolist()), []).append(each)
+    found = [group[turn] for turn in range(2) for group in groups.values() if turn < len(group)]
+    order = {id(each): number for number, each in enumerate(grasps)}
+    return sorted(found[:_MAX_GRASPS], key=lambda each: order[id(each)])
+
+
+def _weld_stance(
+    task: SkillTask,
+    hand: Manipulator,
+    surroundings: Surroundings,
+    id: BodyId,
+    error: UnreachableError,
+    *,
+    stays: bool,
+) -> tuple[Stance, StanceRequest]:
+    """A stance from which the finger tips reach a side of a thing, which is then fixed to them."""
+    pose = surroundings.pose(id)
+    grasps = list(weld_grasps_of(surroundings.body(id), surroundings.geometry(id), pose, hand.shape))
+    request = StanceRequest(id, grasps, pose[None], _BACK_M, stays=stays)
+    try:
+        return find_stance(hand, request), request
+    except UnreachableError:
+        raise error from None
+
+
+def _fix(task: SkillTask, hand: Manipulator, id: BodyId, why: str) -> None:
+    """Fixes a thing to the gripper."""
+    link = hand.robot.link_ids[hand.gripper.link]
+    task.session.run_on_engine(lambda engine: engine.attach(link, id), label="attach", edits=True)
+    task.assume(f"{id} was fixed to the {hand.gripper.name}: {why}")
+
+
+def carrying(task: SkillTask, hand: Manipulator, back_m: float) -> SkillMotion:
+    """Takes what is held close in front of the robot, with the inclination that it has; the arm stays if it cannot."""
+    held = hand.held
+    if held is None:
+        raise task.failure("nothing is held after the grasp", "grasp it again")
+    yield from hand.withdrawing(pose_multiply(hand.grasp_pose, np.array([-back_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])))
+    for target in _carry_poses(hand):
+        try:
+            yield from hand.moving_to(target, why=f"to carry {held}")
+        except (UnreachableError, SkillFailedError):
+            continue
+        break
+    if hand.held is None:
+        raise task.failure(f"{held} slipped out of the gripper while it was carried", "pick it up again")
+
+
+def _carry_poses(hand: Manipulator) -> Iterator[dict[str, float]]:
+    """Positions of the arm in which the hand is near to the base, with its present inclination."""
+    root, here = hand.root_pose, hand.grasp_pose
+    base = planar_pose(hand.robot.base_pose())
+    x = quat_rotate(here[3:], (1.0, 0.0, 0.0))
+    heading = float(np.arctan2(x[1], x[0])) if np.hypot(x[0], x[1]) > 0.3 else 0.0
+    yaw = hand.robot.base_pose()[2]
+    for height in _CARRY_HEIGHTS_M:
+        for distance in _CARRY_DISTANCES_M:
+            for turn in (0.0, 0.5, -0.5, 1.0, -1.0, pi / 2, -pi / 2):
+                angle = yaw + turn - heading
+                spin = np.array([cos(angle / 2), 0.0, 0.0, sin(angle / 2)])
+                point = pose_multiply(base, np.array([distance, 0.0, height, 1.0, 0.0, 0.0, 0.0]))[:3]
+                target = np.concatenate([point, quat_multiply(spin, here[3:])])
+                found = hand.kinematics.solve_ik(
+                    hand.kinematics.frame_of(hand.arm),
+                    target,
+                    joints=hand.arm.joints,
+                    seed=hand.robot.joint_positions(),
+                    root_pose=root,
+                    attempts=3,
+                )
+                if found:
+                    yield dict(found.positions)
+                    break
+
+
+# -- putting down ------------------------------------------------------------------------------------------------------
+
+
+class _Place(NamedTuple):
+    """A free pose of a thing."""
+
+    pose: Array
+    support: BodyId
+
+
+def put_down(task: SkillTask, id: BodyId, holder: BodyId, *, inside: bool) -> SkillMotion:
+    """Puts a thing on or into a holder; picks it up first if it is not held, after it opened the holder.
+
+    Raises:
+        NoFreePlacementError: there is no free place.
+        SkillFailedError: it did not get there.
+    """
+    surroundings = task.surroundings()
+    support, doors = _support(surroundings, id, holder, inside=inside)
+    if doors:
+        if hand_with(task, id) is not None and len(task.robot.model.arms) == 1:
+            raise task.failure(
+                f"{doors[0].front} is closed, and the only gripper holds {id}",
+                f"place {id} somewhere else first, or open {doors[0].front} before it is picked up",
+            )
+        for door in doors:
+            yield from moving_front(task, door, ACCESS[door.joint.is_prismatic])
+    is_drawer = any(each.front == support for each in surroundings.openings())
+    yield from pick_up(task, id, upright=None if not inside else not is_drawer)
+    hand = hand_with(task, id)
+    if hand is None:
+        raise task.failure(f"{id} is not held any more", "pick it up again")
+    word = "into" if inside else "on"
+    with task.step("place", f"place {id} {word} {support}"):
+        yield from _placing(task, hand, id, support, inside=inside)
+
+
+def _support(surroundings: Surroundings, id: BodyId, holder: BodyId, *, inside: bool) -> tuple[BodyId, list[Opening]]:
+    """The body with the surfaces, which may be a drawer of the holder, and what has to be opened to get there."""
+    if not inside:
+        return holder, []
+    candidates = [holder]
+    candidates += [each.front for each in surroundings.openings_of(holder) if each.joint.is_prismatic]
+    for support in dict.fromkeys(candidates):
+        places = surroundings.free_places(id, support, inside=True, count=1)
+        if places:
+            return support, surroundings.closed_on(support, np.asarray(places[0].position))
+    raise NoFreePlacementError(id, f"into {holder}", reason=surroundings.why_no_place(id, holder, inside=True))
+
+
+def _placing(task: SkillTask, hand: Manipulator, id: BodyId, support: BodyId, *, inside: bool) -> SkillMotion:
+    """Takes what is held to a free place, releases it and withdraws."""
+    surroundings = task.surroundings()
+    places = surroundings.free_places(id, support, inside=inside, count=_FREE_PLACES)
+    if not places:
+        reason = surroundings.why_no_place(id, support, inside=inside)
+        raise NoFreePlacementError(id, f"{'into' if inside else 'on'} {support}", reason=reason)
+    in_hand = pose_multiply(pose_inverse(surroundings.pose(id)), hand.grasp_pose)
+    stance = yield from _standing_for(
+        task, hand, id, support, places, in_hand, surroundings.box(support) if inside else None
+    )
+    at = stance.grasp.pose - np.array([0.0, 0.0, _GAP_M, 0.0, 0.0, 0.0, 0.0])
+    above = at + np.array([0.0, 0.0, _LIFT_M + _GAP_M, 0.0, 0.0, 0.0, 0.0])
+    yield from hand.moving_straight(above, why=f"over {support}", speed=0.25)
+    yield from hand.moving_straight(at, why=f"down on {support}", speed=0.15, may_touch=True)
+    yield from _letting_go(task, hand, back_m=stance.back_m)
+    yield from hand.parking(touch=(id,))
+    yield 0.3
+    where = task.surroundings()
+    expected = where.containers_of(id) if inside else where.supports_of(id)
+    if support not in expected:
+        reason = f"{id} is {where.support_of(id)} instead of {'in' if inside else 'on'} {support}"
+        raise task.failure(reason, "pick it up and try again")
+
+
+def _standing_for(
+    task: SkillTask,
+    hand: Manipulator,
+    id: BodyId,
+    support: BodyId,
+    places: Sequence[Pose],
+    in_hand: Array,
+    container: tuple[Array, Array] | None,
+) -> Generator[float, None, Stance]:
+    """Drives to where one of the places is in reach, the most accessible first, and takes what is held in front of it."""
+    lifts = np.array([[0.0, 0.0, height, 1.0, 0.0, 0.0, 0.0] for height in np.linspace(0.0, _LIFT_M, 3)])
+    raised = np.array([0.0, 0.0, _GAP_M, 0.0, 0.0, 0.0, 0.0])
+    floor = FloorMap(hand.robot) if hand.is_mobile else None
+    error: UnreachableError | None = None
+    for pose in _nearest_to_floor([normalized_pose_array(each) for each in places], floor)[:_PLACES]:
+        options = [
+            Grasp(
+                pose_multiply(_spun(pose, turn) + raised, in_hand),
+                0.0,
+                is_by_friction=True,
+                is_whole=True,
+                is_central=True,
+            )
+            for turn in (0.0, pi)
+        ]
+        request = StanceRequest(
+            id,
+            options,
+            lifts,
+            _BACK_M,
+            container=container,
+            lift_m=_LIFT_M,
+            least=0.9,
+            budget_s=_PLACE_BUDGET_S,
+        )
+        try:
+            stance = find_stance(hand, request, floor)
+            yield from hand.driving_to(stance.base, why=f"to reach {support}")
+            yield from hand.moving_to(stance.start, why=f"in front of {support}")
+        except UnreachableError as found:
+            error = found
+            continue
+        return stance
+    raise UnreachableError(
+        hand.robot.name,
+        target=f"a free place at {support} with {id}",
+        reason=error.reason if error else "there is none",
+        obstacle=error.obstacle if error else None,
+    )
+
+
+def _nearest_to_floor(poses: Sequence[Array], floor: FloorMap | None) -> list[Array]:
+    """Poses by their distance from where the base can stand, in steps of 0.1 m; the order is kept within a step."""
+    if floor is None:
+        return list(poses)
+    lengths = floor.lengths
+    standing = floor.plan.centers(np.flatnonzero(np.isfinite(lengths)))
+
+    def distance(pose: Array) -> float:
+        return float(np.hypot(*(standing - pose[:2]).T).min(initial=np.inf))
+
+    return sorted(poses, key=lambda pose: max(round(distance(pose), 1), _CLOSE_M))
+
+
+def _spun(pose: Array, turn: float) -> Array:
+    """A pose that is turned about the vertical axis through its origin."""
+    spin = np.array([cos(turn / 2), 0.0, 0.0, sin(turn / 2)])
+    return np.concatenate([pose[:3], quat_multiply(spin, pose[3:])])
+
+
+def _letting_go(task: SkillTask, hand: Manipulator, *, back_m: float = _BACK_M) -> SkillMotion:
+    """Releases what is held, and withdraws the hand."""
+    held = hand.held
+    opening = hand.robot.opening(hand.gripper.name)
+    if held is not None and _is_fixed(task, hand, held):
+        task.session.run_on_engine(lambda engine: engine.detach(held), label="detach", edits=True)
+    yield from hand.opening(min(opening + 2 * _ROOM_M, hand.gripper.max_opening_m))
+    yield from hand.withdrawing(pose_multiply(hand.grasp_pose, np.array([-back_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])))
+
+
+def _is_fixed(task: SkillTask, hand: Manipulator, id: BodyId) -> bool:
+    own = task.robot_bodies()
+    return any(each.child == id and each.parent in own for each in task.session.snapshot().attachments)
+
+
+# -- pouring -----------------------------------------------------------------------------------------------------------
+
+
+def _tilting(task: SkillTask, hand: Manipulator, id: BodyId, target: BodyId) -> SkillMotion:
+    """Holds a thing over a container and tilts it about the axis along which the hand points."""
+    surroundings = task.surroundings()
+    low, high = surroundings.box(target)
+    own_low, own_high = surroundings.box(id)
+    now = surroundings.pose(id)
+    half_height, half_width = (own_high - own_low)[2] / 2, max((own_high - own_low)[:2]) / 2
+    x = quat_rotate(hand.grasp_pose[3:], (1.0, 0.0, 0.0))
+    axis = np.array([x[0], x[1], 0.0]) / max(float(np.hypot(x[0], x[1])), 1e-6)
+    side = np.cross(axis, (0.0, 0.0, 1.0))
+    in_hand = pose_multiply(pose_inverse(now), hand.grasp_pose)
+    options = []
+    for sign in (1.0, -1.0):
+        rim = np.array([*((low + high) / 2)[:2], high[2] + _POUR_GAP_M])
+        poses = []
+        for angle in np.linspace(0.0, sign * _POUR_ANGLE_RAD, _POUR_STEPS):
+            spin = np.array([cos(angle / 2), *(sin(angle / 2) * axis)])
+            corner = quat_rotate(spin, -sign * side * half_width + np.array([0.0, 0.0, half_height]))
+            poses.append(np.concatenate([rim - corner, quat_multiply(spin, now[3:])]))
+        options.append(np.array(poses))
+    stance, poses = _pour_stance(hand, id, target, options, in_hand)
+    with task.step("pour", f"pour {id} into {target}"):
+        yield from hand.driving_to(stance.base, why=f"to reach {target}")
+        yield from hand.moving_to(stance.start, why=f"beside {target}")
+        yield from hand.moving_straight(pose_multiply(poses[0], in_hand), why=f"over {target}", speed=0.2)
+        motion = hand.path(pose_multiply(poses, in_hand))
+        if not motion.is_complete:
+            raise task.failure(f"{id} cannot be tilted over {target}: {motion.reason}", "stand elsewhere")
+        yield from hand.following(motion, speed=0.4)
+        yield _POUR_S
+        yield from hand.following(hand.path(pose_multiply(poses[::-1], in_hand)), speed=0.4)
+
+
+def _pour_stance(
+    hand: Manipulator, id: BodyId, target: BodyId, options: Sequence[Array], in_hand: Array
+) -> tuple[Stance, Array]:
+    error: UnreachableError | None = None
+    for poses in options:
+        grasp = Grasp(in_hand, 0.0, is_by_friction=True, is_whole=True, is_central=True)
+        try:
+            return find_stance(hand, StanceRequest(id, [grasp], poses, _BACK_M, least=0.95)), poses
+        except UnreachableError as found:
+            error = found
+    assert error is not None
+    raise error

@@ -11,6 +11,7 @@ from math import cos, hypot, sin
 
 import numpy as np
 
+from mindstage.errors import UnreachableError
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.model import Arm, BaseType, Gripper
@@ -23,7 +24,7 @@ from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_inverse, pose_multiply
 
-__all__ = ["BasePose", "Manipulator", "free_hand", "hand_with", "planar_pose"]
+__all__ = ["BasePose", "Manipulator", "free_hand", "hand_with", "hands_of", "planar_pose"]
 
 BasePose = tuple[float, float, float]
 """x, y [m] and yaw [rad] in the world frame."""
@@ -31,8 +32,10 @@ _BASE_GAIN = 3.0
 """Velocity of the base by its error [1/s]."""
 _TICK_S = 0.04
 """The interval at which the base is commanded while it moves with the arm [s]."""
-_PLANNING_S = 3.0
+_PLANNING_S = 10.0
 """Limit of the wall time of one plan of an arm [s]."""
+_ROOM_M = 0.3
+"""How far the base drives back to give an arm room."""
 _NEAR_M, _NEAR_RAD = 0.02, 0.04
 """A base that is nearer to where it is to stand does not drive."""
 
@@ -157,6 +160,12 @@ class Manipulator:
             if not (may_touch and result.failure is MotionFailure.BLOCKED):
                 self._require(result, "approach it from another side")
 
+    def withdrawing(self, target: Array) -> SkillMotion:
+        """Moves the grasp frame straight towards a pose, as far as the arm and the base follow, or until a contact."""
+        path = self.path(interpolated_poses(self.grasp_pose, target), may_drive=self.is_mobile)
+        if path.reached >= 2:
+            yield from self.following(path, speed=0.3)
+
     def path(self, poses: Array, *, free: str = "", may_drive: bool = False) -> ArmPath:
         """The motion of the arm from its present state along poses of the grasp frame, n x 7."""
         return follow_poses(
@@ -215,10 +224,7 @@ class Manipulator:
     def _least_durations(self, path: ArmPath, cartesian_speed: float) -> Array:
         frame = self.kinematics.frame_of(self.arm)
         tips = np.array(
-            [
-                self.kinematics.pose(frame, path.at(row), root_pose=root)[:3]
-                for row, root in enumerate(path.roots)
-            ]
+            [self.kinematics.pose(frame, path.at(row), root_pose=root)[:3] for row, root in enumerate(path.roots)]
         )
         least = np.linalg.norm(np.diff(tips, axis=0), axis=1) / cartesian_speed
         if path.moves_base:
@@ -269,7 +275,19 @@ class Manipulator:
         now = self.robot.joint_positions()
         if all(abs(now[name] - position) < 0.02 for name, position in rest.items()):
             return
-        yield from self.moving_to(rest, why="to its rest position", touch=touch)
+        try:
+            yield from self.moving_to(rest, why="to its rest position", touch=touch)
+        except UnreachableError:
+            if not self.is_mobile:
+                raise
+            yield from self._backing_off()
+            yield from self.moving_to(rest, why="to its rest position", touch=touch)
+
+    def _backing_off(self) -> SkillMotion:
+        """Drives straight back, so that the arm gets room."""
+        x, y, yaw = self.robot.base_pose()
+        away = (x - _ROOM_M * cos(yaw), y - _ROOM_M * sin(yaw), yaw)
+        yield from self.driving_to(away, why="to give the arm room")
 
     def _require(self, result: MotionResult, suggestion: str) -> None:
         """Raises if a motion did not succeed."""
@@ -277,7 +295,8 @@ class Manipulator:
             raise self.task.failure(result.reason or str(result.outcome), suggestion)
 
 
-def _hands(task: SkillTask) -> list[Manipulator]:
+def hands_of(task: SkillTask) -> list[Manipulator]:
+    """The arms with grippers."""
     model = task.robot.model
     return [Manipulator(task, arm, task.kinematics) for arm in model.arms if arm.gripper is not None]
 
@@ -288,7 +307,7 @@ def free_hand(task: SkillTask, why: str) -> Manipulator:
     Raises:
         SkillFailedError: all grippers hold something.
     """
-    hands = _hands(task)
+    hands = hands_of(task)
     for hand in hands:
         if hand.held is None:
             return hand
@@ -298,4 +317,4 @@ def free_hand(task: SkillTask, why: str) -> Manipulator:
 
 def hand_with(task: SkillTask, thing: BodyId | None = None) -> Manipulator | None:
     """The arm whose gripper holds a thing, or anything; None if none does."""
-    return next((hand for hand in _hands(task) if hand.held is not None and thing in {None, hand.held}), None)
+    return next((hand for hand in hands_of(task) if hand.held is not None and thing in {None, hand.held}), None)

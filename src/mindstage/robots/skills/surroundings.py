@@ -15,7 +15,7 @@ import numpy as np
 from mindstage.errors import AmbiguousNameError, BodyNotFoundError, NameNotFoundError, closest_names
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.rdf import local_name
-from mindstage.scene import Body, BodyId, Iri, World
+from mindstage.scene import Body, BodyId, Iri, Pose, World
 from mindstage.scene.geometry import BodyGeometry
 from mindstage.scene.transforms import Array, normalize, pose_inverse, pose_multiply, quat_rotate
 from mindstage.simulation.joint_motion import SimulationJoint, find_joint
@@ -23,6 +23,7 @@ from mindstage.simulation.state import EngineSession
 
 __all__ = ["Opening", "SkillSession", "Surroundings"]
 
+_RELATIONS = {True: "into", False: "onto"}
 _CLOSED_SHARE = 0.05
 """A door or drawer that is open by less counts as closed."""
 
@@ -86,6 +87,10 @@ class Surroundings:
     def exists(self, id: BodyId) -> bool:
         """Whether there is a body of that id."""
         return id in self._bodies
+
+    def bodies(self) -> tuple[BodyId, ...]:
+        """The ids of all things."""
+        return tuple(self._bodies)
 
     def geometry(self, id: BodyId) -> BodyGeometry | None:
         """The geometry of a body; None if it is its primitive shape."""
@@ -254,11 +259,34 @@ class Surroundings:
         rows = self._session.ask("storage_place_in_environment", item=self.body(thing).cls)
         return list(dict.fromkeys(self._by_iri[row.individual] for row in rows if row.individual in self._by_iri))
 
+    def supports_of(self, thing: BodyId) -> list[BodyId]:
+        """The bodies that a thing is on."""
+        rows = self._session.ask("where_is", thing=self.body(thing).iri, relation="on")
+        return [self._by_iri[row.other] for row in rows if row.other in self._by_iri]
+
     def support_of(self, thing: BodyId) -> str:
-        """Where a thing is, in words: "in fridge", "on table" or "nowhere"."""
+        """Where a thing is, in words, such as "in fridge" or "on table"."""
         inside = self.containers_of(thing)
         if inside:
             return f"in {inside[0]}"
-        rows = self._session.ask("where_is", thing=self.body(thing).iri, relation="on")
-        names = [self._by_iri[row.other] for row in rows if row.other in self._by_iri]
-        return f"on {names[0]}" if names else "on nothing known"
+        supports = self.supports_of(thing)
+        return f"on {supports[0]}" if supports else "on nothing that is known"
+
+    def free_places(self, thing: BodyId, support: BodyId, *, inside: bool, count: int) -> list[Pose]:
+        """Free poses of a thing in or on a body, the one with the largest margin first."""
+        rows = self._session.ask(
+            "free_place",
+            thing=self.body(thing).iri,
+            relation=_RELATIONS[inside],
+            support=self.body(support).iri,
+            count=count,
+        )
+        return [row.pose for row in rows]
+
+    def why_no_place(self, thing: BodyId, support: BodyId, *, inside: bool) -> str:
+        """Why there is no free place."""
+        answers = self._session.ask(
+            "free_place", thing=self.body(thing).iri, relation=_RELATIONS[inside], support=self.body(support).iri
+        )
+        missing = getattr(answers, "missing", ())
+        return missing[0].reason if missing else "no place is free"

@@ -1,0 +1,170 @@
+"""Collisions in states that are not simulated, compared with distances that are known, and with the simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mindstage.robots.collisions import CollisionChecker
+from mindstage.robots.kinematics import RobotKinematics
+from mindstage.robots.planning import plan_line
+from mindstage.scene import BodyId, Mobility, Pose
+from tests.kitchenette import kitchenette
+from tests.robots.rooms import box, contacts_with, joint_array, reaching, robot_in
+
+HAND = (0.7, 0.0, 0.9)
+"""Where the hand is when the arm reaches out."""
+
+
+def test_a_state_that_is_free_has_no_collision() -> None:
+    with robot_in(box("wall", (2.0, 0.0, 1.0), (0.1, 3.0, 2.0))) as robot:
+        checker = CollisionChecker(robot, joints=robot.model.arms[0].joints)
+        assert checker.find(checker.start) is None
+        assert checker.find_at(reaching(robot, *HAND)) is None
+
+
+def test_the_deepest_collision_names_both_bodies_and_the_distance() -> None:
+    with robot_in(box("wall", (0.95, 0.0, 1.0), (0.5, 3.0, 2.0))) as robot:  # its front is at the grasp frame
+        found = CollisionChecker(robot, joints=robot.model.arms[0].joints).find_at(reaching(robot, *HAND))
+        assert found is not None
+        assert found.obstacle == "wall"
+        assert found.part in {robot.link_ids["left_finger_link"], robot.link_ids["right_finger_link"]}
+        assert -0.1 < found.distance_m < 0.0
+        assert str(found) == f"{found.part} is {-1000 * found.distance_m:.0f} mm inside wall"
+
+
+@pytest.mark.parametrize("gap", [0.004, 0.006])
+def test_the_clearance_is_kept_exactly(gap: float) -> None:
+    with robot_in(box("wall", (2.0, 0.0, 1.0), (0.1, 3.0, 2.0))) as robot:
+        checker = CollisionChecker(robot, joints=(), base_moves=True, clearance_m=0.005)
+        near = [x for x in np.arange(1.0, 1.95, 0.001) if checker.find((), (float(x), 0.0, 0.0)) is not None]
+        first = checker.find((), (near[0], 0.0, 0.0))
+        assert first is not None
+        touching = near[0] + first.distance_m  # the x at which it touches
+        found = checker.find((), (touching - gap, 0.0, 0.0))
+        assert (found is not None) == (gap < 0.005)
+
+
+def test_states_are_those_of_the_simulation() -> None:
+    with robot_in(box("wall", (1.0, 0.0, 1.0), (0.1, 3.0, 2.0))) as robot:
+        joints = robot.model.arms[0].joints
+        before = CollisionChecker(robot, joints=joints, base_moves=True, clearance_m=0.5, ignore={BodyId("floor")})
+        assert robot.run(robot.moving_to(reaching(robot, *HAND)))
+        assert robot.run(robot.driving([(-0.1, 0.2, 0.3)]))
+        after = CollisionChecker(robot, joints=joints, base_moves=True, clearance_m=0.5, ignore={BodyId("floor")})
+        now, base = robot.joint_positions(), robot.base_pose()
+        predicted = before.find(joint_array(robot, now), base)
+        after._allowed = {}
+        measured = after.find(after.start)
+        assert predicted is not None
+        assert measured is not None
+        assert (predicted.part, predicted.obstacle) == (measured.part, measured.obstacle)
+        assert predicted.distance_m == pytest.approx(measured.distance_m, abs=1e-5)
+
+
+def test_contacts_of_the_simulation_are_predicted() -> None:
+    with robot_in(box("wall", (1.2, 0.0, 1.0), (0.1, 3.0, 2.0))) as robot:
+        checker = CollisionChecker(robot, joints=(), base_moves=True, clearance_m=0.0)
+        result = robot.run(robot.driving([(1.2, 0.0, 0.0)]))
+        assert not result
+        x, y, yaw = robot.base_pose()
+        deepest = min(contacts_with(robot, {"wall"}), key=lambda each: -each.depth_m)
+        found = checker.find((), (x, y, yaw))
+        assert found is not None
+        assert found.obstacle == "wall"
+        assert found.distance_m == pytest.approx(-deepest.depth_m, abs=1e-3)
+        assert checker.find((), (x - 0.01, y, yaw)) is None
+
+
+def test_links_that_collide_with_each_other_are_found() -> None:
+    with robot_in() as robot:
+        checker = CollisionChecker(robot, joints=robot.model.arms[0].joints)
+        limits = np.array([RobotKinematics(robot.model).limits(joint) for joint in checker.joints])
+        own, others = set(robot.link_ids.values()), {"floor"}
+        generator = np.random.default_rng(2)
+        found = [checker.find(generator.uniform(limits[:, 0], limits[:, 1])) for _ in range(100)]
+        pairs = {(each.part, each.obstacle) for each in found if each is not None}
+        assert {a for a, _ in pairs} <= own
+        assert {b for _, b in pairs} <= own | others
+        assert any(b in own for _, b in pairs)
+        assert None in found
+
+
+def test_bodies_that_are_ignored_are_no_obstacles() -> None:
+    with robot_in(box("wall", (0.9, 0.0, 1.0), (0.5, 3.0, 2.0))) as robot:
+        joints, state = robot.model.arms[0].joints, reaching(robot, *HAND)
+        assert CollisionChecker(robot, joints=joints).find_at(state) is not None
+        assert CollisionChecker(robot, joints=joints, ignore={BodyId("wall")}).find_at(state) is None
+
+
+def test_only_the_hand_may_touch_what_it_grasps() -> None:
+    with robot_in() as free:
+        now = {**free.joint_positions(), **reaching(free, *HAND)}
+        forearm = RobotKinematics(free.model).pose("forearm_roll_link", now)[:3].tolist()
+    for position, is_allowed in ((HAND, True), (tuple(forearm), False)):
+        with robot_in(box("handle", position, (0.04, 0.04, 0.04))) as robot:
+            checker = CollisionChecker(robot, joints=robot.model.arms[0].joints, touch={BodyId("handle")})
+            found = checker.find_at(reaching(robot, *HAND))
+            assert (found is None) == is_allowed, found
+
+
+def test_what_is_attached_to_the_hand_collides_too() -> None:
+    x, y, z = HAND
+    rod = box("rod", (x + 0.1, 2.0, z), (0.3, 0.02, 0.02), Mobility.DYNAMIC, 0.1, floats=True)
+    with robot_in(box("wall", (x + 0.55, 0.0, 1.0), (0.5, 3.0, 2.0)), rod) as robot:  # 0.05 m in front of the rod
+        assert robot.run(robot.moving_to(reaching(robot, x, y, z)))
+        joints, state = robot.model.arms[0].joints, reaching(robot, x + 0.1, y, z)
+        assert CollisionChecker(robot, joints=joints, ignore={BodyId("rod")}).find_at(state) is None
+        grip = robot.link_ids["gripper_link"]
+        robot.session.run_on_engine(lambda engine: engine.set_pose(BodyId("rod"), Pose((x + 0.1, y, z))), edits=True)
+        robot.session.run_on_engine(lambda engine: engine.attach(grip, BodyId("rod")), edits=True)
+        holding = CollisionChecker(robot, joints=joints)
+        assert holding.find_at(reaching(robot, x, y, z + 0.05)) is None
+        found = holding.find_at(state)
+        assert found is not None
+        assert (found.part, found.obstacle) == ("rod", "wall")
+        assert found.distance_m == pytest.approx(-0.05, abs=0.003)
+
+
+def test_a_thing_held_by_friction_moves_with_the_hand() -> None:
+    x, y, z = HAND
+    carton = box("carton", (x, y, z), (0.06, 0.06, 0.2), Mobility.DYNAMIC, 0.3)
+    table = box("table", (x + 0.1, y, (z - 0.1) / 2), (0.3, 1.0, z - 0.1))
+    with robot_in(carton, table) as robot:
+        assert robot.run(robot.gripping("gripper", 0.12))
+        assert robot.run(robot.moving_to(reaching(robot, x - 0.25, y, z)))
+        assert robot.run(robot.following(plan_line(robot, "", Pose(HAND), touch={BodyId("carton")})))
+        assert robot.run(robot.gripping("gripper", 0.0))
+        assert robot.held == {"gripper": "carton"}
+        checker = CollisionChecker(robot, joints=robot.model.arms[0].joints)
+        now = robot.joint_positions()
+        assert checker.find_at({**now, "lift_joint": now["lift_joint"] + 0.1}) is None
+        found = checker.find_at({**now, "lift_joint": now["lift_joint"] - 0.05})
+        assert found is not None
+        assert (found.part, found.obstacle) == ("carton", "table")
+        assert found.distance_m == pytest.approx(-0.05, abs=0.004)
+
+
+def test_a_pair_that_is_too_near_at_the_start_may_stay_so() -> None:
+    with robot_in(box("wall", (2.0, 0.0, 1.0), (0.1, 3.0, 2.0))) as far:
+        checker = CollisionChecker(far, joints=(), base_moves=True)
+        near = next(x for x in np.arange(1.0, 1.95, 0.001) if checker.find((), (float(x), 0.0, 0.0)) is not None)
+    with robot_in(box("wall", (2.0, 0.0, 1.0), (0.1, 3.0, 2.0)), at=(float(near), 0.0, 0.0)) as robot:
+        checker = CollisionChecker(robot, joints=(), base_moves=True)
+        assert checker.find((), (float(near), 0.0, 0.0)) is None
+        assert checker.find((), (float(near) - 0.1, 0.0, 0.0)) is None
+        assert checker.find((), (float(near) + 0.003, 0.0, 0.0)) is not None
+
+
+def test_a_joint_of_the_place_can_be_moved() -> None:
+    with robot_in(at=(0.4, 1.0, 0.0)) as robot:
+        assert not robot.session.spawn(kitchenette()).failed_joints
+        checker = CollisionChecker(robot, joints=(), base_moves=True)
+        place = (1.15, 0.75, 0.0)
+        assert checker.find((), place) is None
+        found = []
+        for position in (-0.7, 0.7):
+            checker.set_joint(BodyId("FridgeHinge"), position)
+            found.append(checker.find((), place))
+        towards = [each for each in found if each is not None]
+        assert [each.obstacle for each in towards] in (["FridgeDoor"], ["FridgeHandle"])
