@@ -111,7 +111,9 @@ def test_a_plan_that_does_not_fit_is_refused_before_it_is_tried(table: Simulatio
 
 def test_time_stands_still_during_the_trial_of_a_playing_simulation() -> None:
     with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
-        sim.spawn(world(body("floor", (0.0, 0.0, -0.05), (9.0, 9.0, 0.1)), body("box", (0.0, 0.0, 0.05), (0.1, 0.1, 0.1))))
+        sim.spawn(
+            world(body("floor", (0.0, 0.0, -0.05), (9.0, 9.0, 0.1)), body("box", (0.0, 0.0, 0.05), (0.1, 0.1, 0.1)))
+        )
         sim.play(speed=2.0)
         times: list[float] = []
 

@@ -25,16 +25,15 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from mindstage import api
-from mindstage.engines.base import Engine, SavedState
+from mindstage.engines.base import SavedState
 from mindstage.errors import InvalidArgumentError, SimulationDivergedError
 from mindstage.knowledge.rdf import local_name
-from mindstage.robots.drives import planar_multiply
 from mindstage.robots.model import BaseType, RobotJoint
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills.catalog import start_skill
 from mindstage.robots.skills.declaration import SkillResult
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
-from mindstage.scene import Body, BodyId, Pose
+from mindstage.scene import Body, BodyId, Iri, Pose
 from mindstage.scene.transforms import Array, pose_from_array, pose_inverse, pose_multiply
 from mindstage.simulation.simulation import Simulation
 from mindstage.simulation.state import poses_in
@@ -219,8 +218,9 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         """What the current episode is about."""
         self._restore_start(self.thing)
         noise = self.np_random.normal(size=3) * self._noise
-        self._put_robot(self._stand(self.thing) + noise)
-        self._openings = {each.name: self.robot.gripper_opening(each.name) for each in self.robot.model.grippers}
+        if self.robot.model.base.type is not BaseType.FIXED:
+            self.robot.set_base_pose(*(self._stand(self.thing) + noise).tolist())
+        self._openings = {each.name: self.robot.opening(each.name) for each in self.robot.model.grippers}
         self._start_s = self.simulation.state.time_s
         self._progress = self.progress()
         return self._observation(), self._info()
@@ -310,21 +310,6 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         elif (state := self._starts[thing]) is not None:
             self.simulation.run_on_engine(lambda engine: engine.restore_state(state), edits=True)
 
-    def _put_robot(self, pose: Array) -> None:
-        base = self.robot.controller.drives.base
-        if base is None:
-            return
-        x, y, yaw = pose.tolist()
-        root = self.robot.link_ids[self.robot.model.root]
-        commands = dict(zip(base.actuators, base.joint_from_world((x, y, yaw)).tolist(), strict=True))
-        z, placed = float(self._poses((root,))[0][2]), planar_multiply(base.odom, tuple(commands.values()))
-
-        def put(engine: Engine) -> None:
-            engine.set_pose(root, _planar_pose(placed, z))
-            engine.set_commands(commands)
-
-        self.simulation.run_on_engine(put, label="put robot", edits=True)
-
     def _command(self, action: dict[str, float]) -> None:
         robot, model, now = self.robot, self.robot.model, self.robot.joint_positions()
         moved: dict[str, float] = {}
@@ -391,7 +376,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         values = [
             *(positions[name] for name in names),
             *(velocities[name] for name in names),
-            *(robot.gripper_opening(each.name) for each in robot.model.grippers),
+            *(robot.opening(each.name) for each in robot.model.grippers),
             *(number for pose in relative for number in _upper_half(pose).tolist()),
             self._progress.share,
             self._progress.gap_m,
@@ -414,7 +399,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
 
     def _body(self, iri: str) -> BodyId:
         """The body of an answer."""
-        return self._ids[iri]
+        return self._ids[Iri(iri)]
 
     def _poses(self, ids: Sequence[BodyId]) -> list[Array]:
         found = poses_in(self.simulation.state, set(ids))
@@ -670,9 +655,9 @@ def _upper_half(pose: Array) -> Array:
     return np.concatenate([pose[:3], pose[3:] if pose[3] >= 0.0 else -pose[3:]])
 
 
-def _planar_pose(pose: Sequence[float] | Array, height: float = 0.0) -> Pose:
-    x, y, yaw = map(float, pose)
-    return Pose((x, y, height), (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)))
+def _planar_pose(pose: Array) -> Pose:
+    x, y, yaw = pose.tolist()
+    return Pose((x, y, 0.0), (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)))
 
 
 def _is_graspable(body: Body) -> bool:

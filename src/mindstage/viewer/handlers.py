@@ -787,6 +787,10 @@ class Handlers:
         """The session of the page that contains a view; None if the view was opened without the page."""
         return self._views.session_of_view(view)
 
+    def view_center(self, session: ClientSession) -> Vector | None:
+        """The point that the camera of a session looks at [m]; None if its view is not connected."""
+        return self._views.view_center(session)
+
     def toast(self, view: int, text: str, *, kind: str = "error") -> None:
         """Shows a message to the client of a view."""
         if (session := self.session_of_view(view)) is not None:

@@ -7,6 +7,8 @@ runs in one thread for all of them, which takes the latest pose and skips those 
 
 from __future__ import annotations
 
+import logging
+import math
 import threading
 from collections.abc import Callable, Generator, Mapping
 from typing import Annotated, Any
@@ -19,21 +21,26 @@ from msgspec import Meta
 
 from mindstage.errors import CommandRefusedError, InvalidArgumentError, MindstageError
 from mindstage.knowledge.names import EntityType
+from mindstage.robots.base_placement import reachable_region
 from mindstage.robots.kinematics import RobotKinematics
-from mindstage.robots.model import Arm, BaseType, RobotJoint, RobotJointType, RobotModel
+from mindstage.robots.model import Arm, RobotJointType, RobotModel
 from mindstage.robots.models.catalog import list_models
+from mindstage.robots.models.reading import load_model
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills.catalog import SKILLS, start_skill
 from mindstage.robots.skills.declaration import ParameterType, SkillParameter, SkillResult, SkillSpec, SkillStep
-from mindstage.scene import Pose, Vector
-from mindstage.scene.transforms import Array, normalize, pose_from_array
-from mindstage.simulation import Simulation, StateSnapshot
+from mindstage.scene import Pose, Quaternion, Vector
+from mindstage.scene.transforms import Array, normalize
+from mindstage.simulation import Simulation
 from mindstage.simulation.observation import as_client
 from mindstage.viewer.server import CLIENT, ClientSession, EmptyRequest, RpcChannel
 
 __all__ = ["RobotHandler", "skill_form"]
 
+_log = logging.getLogger(__name__)
 _QUEUE = "robots"
+_SLOW = frozenset({"add", "region"})
+"""Requests that take seconds; the others, such as `stop`, do not wait for them."""
 _Name = Annotated[str, Meta(min_length=1, max_length=300)]
 _Share = Annotated[float, Meta(ge=-1.0, le=1.0)]
 _DEADLINE_S = 600.0
@@ -47,6 +54,10 @@ _COMPLETIONS = {
     ParameterType.SUPPORT: EntityType.INDIVIDUAL,
     ParameterType.CLASS: EntityType.CLASS,
 }
+_MIN_RADIUS_M = 0.2
+_ROBOT_HEIGHT_M = 1.5
+_MAX_PLACE_DISTANCE_M = 3.0
+"""Distance from the center of the view up to which a free place is looked for [m]."""
 _HANDLE_SCALE = 0.25
 _REGION_COLOR = (34, 158, 84)
 _REGION_POINT_M = 0.012
@@ -168,7 +179,7 @@ class _SkillRun:
         self._step = ""
         self._result: SkillResult | None = None
         self._error = ""
-        self._name, self._args = name, dict(args)
+        self.name, self._args = name, dict(args)
         self._end_s: float | None = None
         motion = start_skill(robot, name, args, deadline_s=_DEADLINE_S, on_step=self._on_step)
         self._thread = threading.Thread(target=self._run, args=(motion,), name=f"mindstage-{name}", daemon=True)
@@ -189,7 +200,7 @@ class _SkillRun:
         end_s = self._simulation.state.time_s if self._end_s is None else self._end_s
         shown: dict[str, object] = {
             "state": "running" if self.is_running else "done",
-            "skill": self._name,
+            "skill": self.name,
             "args": self._args,
             "time_s": round(end_s - self._start_s, 1),
             "step": self._step,
@@ -342,7 +353,8 @@ class RobotHandler:
             ("stop", RobotRequest, self._stop),
         )
         for name, request_type, handler in requests:
-            channel.register(f"robots.{name}", request_type, handler, queue=_QUEUE)
+            queue = f"{_QUEUE}.{name}" if name in _SLOW else _QUEUE
+            channel.register(f"robots.{name}", request_type, handler, queue=queue)
         self._publish_robots()
 
     def close(self) -> None:
@@ -378,16 +390,17 @@ class RobotHandler:
             self._runs.pop(name).cancel()
 
     def _hide(self, key: tuple[str, str]) -> None:
-        for nodes in (self._handles, self._regions):
-            if (node := nodes.pop(key, None)) is not None:  # type: ignore[attr-defined]
-                node.remove()
+        if (handle := self._handles.pop(key, None)) is not None:
+            handle.remove()
+        if (region := self._regions.pop(key, None)) is not None:
+            region.remove()
 
     def _state(self, robot: Robot) -> dict[str, object]:
         model, run = robot.model, self._runs.get(robot.name)
         positions = robot.joint_positions()
         return {
             "positions": {name: round(position, 4) for name, position in positions.items()},
-            "openings": {each.name: round(robot.gripper_opening(each.name), 4) for each in model.grippers},
+            "openings": {each.name: round(robot.opening(each.name), 4) for each in model.grippers},
             "targets": {arm.name: self._target_state(robot, arm) for arm in model.arms},
             "held": dict(robot.held),
             "base": tuple(round(each, 3) for each in robot.base_pose()),
@@ -407,15 +420,35 @@ class RobotHandler:
 
     def _offer(self, _: ClientSession, __: EmptyRequest) -> dict[str, object]:
         """The models that can be added, and the skills."""
-        return {"models": list_models(), "skills": [skill_form(spec) for spec in SKILLS.values()]}
+        models = [{"name": each.name, "title": each.title} for each in list_models() if each.is_installed]
+        return {"models": models, "skills": [skill_form(spec) for spec in SKILLS.values()]}
 
     def _add(self, session: ClientSession, request: AddRobotRequest) -> str:
-        if request.model not in list_models():
-            remedy = f"choose one of {', '.join(list_models())}"
+        known = [each.name for each in list_models()]
+        if request.model not in known:
+            remedy = f"choose one of {', '.join(known)}"
             raise InvalidArgumentError(request.model, cause="there is no such model in the catalog", remedy=remedy)
-        robot = self._simulation.add_robot(request.model, self._place(session, request))
+        model = load_model(request.model)
+        robot = self._simulation.add_robot(model, self._free_place(session, model, request.at))
         self.publish()
         return robot.name
+
+    def _free_place(self, session: ClientSession, model: RobotModel, at: tuple[float, float, float] | None) -> Pose:
+        """The given place, or the free one on the floor nearest to the center of the view."""
+        if at is not None:
+            return Pose((at[0], at[1], 0.0), _yaw_quaternion(at[2]))
+        x, y, _ = self._view_center(session) or (0.0, 0.0, 0.0)
+        radius = max(model.base.radius_m, _MIN_RADIUS_M)
+        for distance in np.arange(0.0, _MAX_PLACE_DISTANCE_M, radius).tolist():
+            count = max(1, round(2 * math.pi * distance / radius / 2))
+            for angle in np.linspace(0.0, 2 * math.pi, count, endpoint=False).tolist():
+                place = f"{x + distance * math.cos(angle):.3f} {y + distance * math.sin(angle):.3f}"
+                rows = self._simulation.ask(
+                    "path", start_position=place, goal_position=place, radius=radius, height=_ROBOT_HEIGHT_M
+                )
+                for row in rows:
+                    return Pose((*row.points[-1], row.level))
+        return Pose((x, y, 0.0))  # there is no floor
 
     def _remove(self, _: ClientSession, request: RobotRequest) -> None:
         robot = self._robot(request.robot)
@@ -439,7 +472,8 @@ class RobotHandler:
     def _drive(self, _: ClientSession, request: DriveRequest) -> None:
         robot = self._free_robot(request.robot)
         base, (forward, left, turn) = robot.model.base, request.velocity
-        robot.drive(forward * base.velocity, left * base.velocity, turn * base.turn_velocity)
+        speed = base.velocity / max(1.0, math.hypot(forward, left))
+        robot.drive(forward * speed, left * speed, turn * base.turn_velocity)
 
     def _show_handle(self, _: ClientSession, request: GripperHandleRequest) -> None:
         robot, key = self._robot(request.robot), (request.robot, request.arm)
@@ -529,7 +563,9 @@ class RobotHandler:
         """
         robot, run = self._robot(name), self._runs.get(name)
         if run is not None and run.is_running:
-            raise CommandRefusedError(name, command="a command", cause=f"it performs {run.name}", remedy="stop it first")
+            raise CommandRefusedError(
+                name, command="a command", cause=f"it performs {run.name}", remedy="stop it first"
+            )
         return robot
 
 
@@ -559,6 +595,10 @@ def _described(robot: Robot) -> dict[str, object]:
         "notes": [f"{each.subject}: {each.text}" if each.subject else each.text for each in model.notes],
         "source": model.source,
     }
+
+
+def _yaw_quaternion(yaw: float) -> Quaternion:
+    return math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)
 
 
 def _arm(robot: Robot, name: str) -> Arm:

@@ -33,6 +33,7 @@ from mindstage.viewer.episodes import RecordingHandler, TimelineHandler
 from mindstage.viewer.ghosts import GhostNodes
 from mindstage.viewer.handlers import Handlers
 from mindstage.viewer.imagine import ImagineHandler
+from mindstage.viewer.robots import RobotHandler
 from mindstage.viewer.scene import Clickable, MarkerNodes, Pick, ViewerScene
 from mindstage.viewer.screenshot import Screenshot, ScreenshotTaker
 from mindstage.viewer.server import CLIENT, RpcChannel, address, serve, shut_down
@@ -111,6 +112,7 @@ class Viewer:
         self._handlers = Handlers(simulation, self.channel, self.views, self._server, prolog=prolog)
         ghosts = GhostNodes(self._server)
         self._imagine = ImagineHandler(simulation, self.channel, ghosts)
+        self._robots = RobotHandler(simulation, self.channel, self._server, view_center=self._handlers.view_center)
         self._recording = RecordingHandler(simulation, self.channel)
         self._timeline: TimelineHandler | None = None
         if isinstance(simulation, EpisodeReplay):
@@ -189,6 +191,7 @@ class Viewer:
         self._wakeup.set()
         self._thread.join()
         self._imagine.close()
+        self._robots.close()
         self._recording.close()
         self._drag_controller.release_all()
         shut_down(self._server)
@@ -238,6 +241,7 @@ class Viewer:
             self._markers.show(snapshot.markers, self._scene.appearances)
         self._snapshot = snapshot
         self._imagine.update(snapshot, self._scene.appearances)
+        self._robots.update()
         if self._timeline is not None:
             self._timeline.update(snapshot, self._scene.appearances)
         self._scene.hide(self.views.hidden)
@@ -246,6 +250,7 @@ class Viewer:
         if time.monotonic() >= self._text_due:
             self._text_due = time.monotonic() + _TEXT_INTERVAL_S
             self._handlers.publish(snapshot)
+            self._robots.publish()
             self._recording.publish()
             if self._timeline is not None:
                 self._timeline.publish(snapshot)

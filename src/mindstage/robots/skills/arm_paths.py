@@ -183,5 +183,3 @@ def _slopes(times: Array, positions: Array) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         found[1:-1] = np.where(same, 2 * before * after / (before + after), 0.0)
     return found
-
-

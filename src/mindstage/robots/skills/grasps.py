@@ -163,7 +163,9 @@ def _shapes_of(body: Body, geometry: BodyGeometry | None) -> tuple[CollisionShap
     return (fallback_collision_shape(body, body.size or (0.1, 0.1, 0.1)),)
 
 
-def _box_grasps(box: _Box, whole: _Box, body_pose: Array, shape: GripperShape, *, is_whole: bool = False) -> Iterator[Grasp]:
+def _box_grasps(
+    box: _Box, whole: _Box, body_pose: Array, shape: GripperShape, *, is_whole: bool = False
+) -> Iterator[Grasp]:
     axes = rotation_matrix(box.pose[3:]).T
     for closing in range(3):
         width = float(box.size[closing])

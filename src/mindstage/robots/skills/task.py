@@ -22,9 +22,7 @@ __all__ = ["SkillTask"]
 class SkillTask:
     """One performance of a skill; skills get it as their first argument."""
 
-    def __init__(
-        self, robot: Robot, *, seed: int = 0, on_step: Callable[[SkillStep], object] | None = None
-    ) -> None:
+    def __init__(self, robot: Robot, *, seed: int = 0, on_step: Callable[[SkillStep], object] | None = None) -> None:
         """Does nothing yet.
 
         Args:

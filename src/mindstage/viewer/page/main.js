@@ -12,6 +12,7 @@ import { detailsPanel } from "./detailsPanel.js";
 import "./addObjectPanel.js";
 import "./askPanel.js";
 import "./imaginePanel.js";
+import "./robotPanel.js";
 import "./statusPanel.js";
 import { timelinePanel } from "./timelinePanel.js";
 

@@ -93,7 +93,7 @@ class RobotPanel {
   // -- robots --------------------------------------------------------------------------------------------------------
 
   #showAdding(models) {
-    const menu = el("select", { "aria-label": "Model", "data-role": "robot-model" }, models.map((name) => el("option", { value: name }, name.replaceAll("_", " "))));
+    const menu = el("select", { "aria-label": "Model", "data-role": "robot-model" }, models.map(({ name, title }) => el("option", { value: name }, title)));
     const add = el("button", { type: "button", class: "primary", "data-action": "add-robot", onclick: async () => {
       add.disabled = true;
       const name = await callOrToast("robots.add", { model: menu.value });
@@ -131,21 +131,26 @@ class RobotPanel {
     return callOrToast(`robots.${method}`, { robot: this.#name, ...params });
   }
 
+  // Calls a method for a checkbox, which keeps its state until there is a response.
+  async #toggle(box, method, params) {
+    box.dataset.pending = String(Number(box.dataset.pending ?? 0) + 1);
+    await this.#call(method, params);
+    box.dataset.pending = String(Number(box.dataset.pending) - 1);
+  }
+
   // -- skills --------------------------------------------------------------------------------------------------------
 
   #showSkills() {
-    const chosen = this.#skillForm.querySelector("select")?.value ?? DEFAULT_SKILL;
-    if (this.#skillForm.children.length && this.#skillForm.dataset.count === String(this.#skills.length)) return;
-    this.#skillForm.dataset.count = String(this.#skills.length);
+    if (!this.#skills.length || this.#skillForm.children.length) return;
     const fields = el("div", { class: "ask-form" });
     const menu = el("select", { "aria-label": "Skill", "data-role": "skill", onchange: () => this.#showArguments(fields, menu.value) },
       this.#skills.map(({ name }) => el("option", { value: name }, name.replaceAll("_", " "))));
-    if (this.#skills.some(({ name }) => name === chosen)) menu.value = chosen;
+    if (this.#skills.some(({ name }) => name === DEFAULT_SKILL)) menu.value = DEFAULT_SKILL;
     const run = () => this.#call("skill", { skill: menu.value, args: this.#arguments() });
     replaceChildren(this.#skillForm, menu, fields, el("div", { class: "row" },
       el("button", { type: "button", class: "primary", "data-action": "run-skill", onclick: run }, "Run"),
       el("button", { type: "button", "data-action": "stop-robot", onclick: () => this.#call("stop") }, "Stop")));
-    if (menu.value) this.#showArguments(fields, menu.value);
+    this.#showArguments(fields, menu.value);
   }
 
   #showArguments(fields, name) {
@@ -188,15 +193,15 @@ class RobotPanel {
   // -- grippers ------------------------------------------------------------------------------------------------------
 
   #showArms({ arms, grippers }) {
-    const rows = arms.map(({ name, can_reach: reaches }) => {
-      const drag = el("input", { type: "checkbox", "data-action": "drag-gripper", "data-arm": name, onchange: () => this.#call("target", { arm: name, shown: drag.checked }) });
+    const rows = arms.map(({ name }) => {
+      const drag = el("input", { type: "checkbox", "data-action": "drag-gripper", "data-arm": name, onchange: () => this.#toggle(drag, "target", { arm: name, shown: drag.checked }) });
       const height = el("input", { type: "number", min: "0", max: "3", step: "0.1", value: "0.9", "aria-label": "Height of the region [m]", onchange: () => region.checked && show() });
       const region = el("input", { type: "checkbox", "data-action": "show-region", "data-arm": name, onchange: () => show() });
-      const show = () => this.#call("region", { arm: name, height_m: Number(height.value), shown: region.checked });
+      const show = () => this.#toggle(region, "region", { arm: name, height_m: Number(height.value), shown: region.checked });
       return el("div", { class: "arm", "data-arm-name": name },
         arms.length > 1 ? el("strong", {}, name) : null,
         el("label", { class: "row" }, drag, "drag the gripper in the view"),
-        reaches ? el("div", { class: "row" }, el("label", { class: "row" }, region, "show what it reaches at"), height, el("span", { class: "muted" }, "m")) : null,
+        el("div", { class: "row" }, el("label", { class: "row" }, region, "show what it reaches at"), height, el("span", { class: "muted" }, "m")),
         el("p", { class: "muted wrap", "aria-live": "polite", "data-role": "target-reason" }));
     });
     this.#sliders.clear();
@@ -261,9 +266,10 @@ class RobotPanel {
     for (const [arm, { shown, reason, region }] of Object.entries(state.targets)) {
       const row = this.#arms.querySelector(`[data-arm-name="${CSS.escape(arm)}"]`);
       if (!row) continue;
-      row.querySelector("[data-action=drag-gripper]").checked = shown;
-      const box = row.querySelector("[data-action=show-region]");
-      if (box) box.checked = region;
+      for (const [action, checked] of [["drag-gripper", shown], ["show-region", region]]) {
+        const box = row.querySelector(`[data-action=${action}]`);
+        if (!Number(box.dataset.pending ?? 0)) box.checked = checked;
+      }
       row.querySelector("[data-role=target-reason]").textContent = reason;
     }
     const held = this.#arms.querySelector("[data-role=held]");

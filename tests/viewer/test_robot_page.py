@@ -1,0 +1,231 @@
+"""Robots on the page, in a real browser: adding, sliders, handles at grippers, driving, skills, and what is reached."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mindstage import KnowledgeBase, MujocoEngine, Simulation
+from mindstage.robots.robot import Robot
+from mindstage.robots.skills.catalog import SKILLS
+from mindstage.scene import Pose
+from mindstage.scene.transforms import Array
+from mindstage.viewer import Viewer
+from tests.kitchenette import kitchenette
+from tests.viewer.fake_page import FakePage, RequestFailedError
+from tests.viewer.page_tab import PageTab
+from tests.viewer.waiting import wait_until
+
+START = (0.0, -1.2)
+NAME = "mobile_manipulator"
+
+
+@pytest.fixture(scope="module")
+def simulation() -> Iterator[Simulation]:
+    with Simulation(KnowledgeBase(), MujocoEngine()) as simulation:
+        simulation.spawn(kitchenette())
+        simulation.add_robot(NAME, Pose((*START, 0.0)))
+        simulation.mark_start()
+        yield simulation
+
+
+@pytest.fixture(scope="module")
+def viewer(simulation: Simulation) -> Iterator[Viewer]:
+    with Viewer(simulation, port=0) as viewer:
+        yield viewer
+
+
+@pytest.fixture
+def robot(simulation: Simulation) -> Iterator[Robot]:
+    simulation.reset()
+    simulation.play()
+    yield simulation.robot(NAME)
+    simulation.pause()
+
+
+@pytest.fixture
+def fake(viewer: Viewer, robot: Robot) -> Iterator[FakePage]:
+    page = FakePage(viewer.channel)
+    yield page
+    page.ask("robots.stop", robot=robot.name)
+    page.ask("robots.target", robot=robot.name, arm="arm", shown=False)
+    page.ask("robots.region", robot=robot.name, arm="arm", shown=False)
+
+
+@pytest.fixture
+def tab(viewer: Viewer, open_page: Callable[..., PageTab], fake: FakePage) -> PageTab:
+    tab = open_page(viewer, view=False)
+    tab.open_panel("robot")
+    return tab
+
+
+def shown(tab: PageTab, role: str) -> str:
+    return str(tab.page.locator(f"[data-role={role}]").inner_text())
+
+
+def set_slider(tab: PageTab, selector: str, value: float) -> None:
+    script = "(slider, value) => { slider.value = value; slider.dispatchEvent(new Event('change')); }"
+    tab.page.locator(selector).evaluate(script, str(value))
+
+
+def run_skill(tab: PageTab, name: str, **arguments: str) -> None:
+    tab.page.locator("[data-role=skill]").select_option(name)
+    for argument, value in arguments.items():
+        tab.page.locator(f"[data-role=skill-form] input[data-argument={argument}]").fill(value)
+    tab.click_button("run-skill")
+
+
+def drag_handle(viewer: Viewer, pose: Array, phase: str = "update") -> None:
+    (handle,) = viewer._robots._handles.values()
+    handle._drag(SimpleNamespace(phase=phase, target=SimpleNamespace(position=pose[:3], wxyz=pose[3:])))  # type: ignore[arg-type]
+
+
+def test_a_joint_moves_to_its_slider_and_the_slider_shows_where_it_is(tab: PageTab, robot: Robot) -> None:
+    slider, joint = tab.page.locator("[data-robot-joint=head_pan_joint]"), robot.model.joint("head_pan_joint")
+    assert [float(slider.get_attribute(name)) for name in ("min", "max")] == [joint.lower, joint.upper]
+    set_slider(tab, "[data-robot-joint=head_pan_joint]", 0.6)
+    wait_until(lambda: abs(robot.joint_positions()["head_pan_joint"] - 0.6) < 0.01, "the head turns")
+    wait_until(lambda: abs(float(slider.input_value()) - 0.6) < 0.02, "the slider shows it")
+    robot.start_trajectory(robot.trajectory_to({"head_pan_joint": -0.4}))
+    wait_until(lambda: abs(float(slider.input_value()) + 0.4) < 0.02, "the slider shows what others command")
+
+
+def test_every_joint_with_a_drive_has_a_slider(tab: PageTab, robot: Robot) -> None:
+    names = tab.page.locator("[data-robot-joint]").evaluate_all("all => all.map(each => each.dataset.robotJoint)")
+    assert sorted(names) == sorted(joint.name for joint in robot.model.actuated_joints)
+
+
+def test_a_gripper_opens_as_far_as_its_slider(tab: PageTab, robot: Robot) -> None:
+    set_slider(tab, "[data-gripper=gripper]", 0.08)
+    wait_until(lambda: abs(robot.opening() - 0.08) < 0.004, "it opens")
+
+
+def test_the_robot_drives_while_a_button_is_held(tab: PageTab, robot: Robot) -> None:
+    before = robot.base_pose()
+    tab.page.locator("[data-section=drive] summary").click()
+    button = tab.page.locator("[data-drive=Forward]")
+    button.dispatch_event("pointerdown")
+    wait_until(lambda: robot.base_pose()[0] > before[0] + 0.3, "it drives forward")
+    button.dispatch_event("pointerup")
+    wait_until(lambda: abs(robot.odometry().vx) < 0.01, "it stops")
+    assert abs(robot.base_pose()[1] - before[1]) < 0.05
+    wait_until(lambda: f"x {round(robot.base_pose()[0], 2):g} m" in shown(tab, "base-pose"), "its place is shown")
+
+
+def test_the_gripper_follows_its_handle(tab: PageTab, viewer: Viewer, robot: Robot) -> None:
+    tab.page.locator("[data-action=drag-gripper]").check()
+    wait_until(lambda: viewer._robots._handles, "the handle is shown")
+    (handle,) = viewer._robots._handles.values()
+    assert np.allclose(handle._node.position, robot.grasp_pose()[:3], atol=0.02)
+    wanted = np.array([START[0] + 0.55, START[1], 0.9, 1.0, 0.0, 0.0, 0.0])
+    drag_handle(viewer, wanted)
+    wait_until(lambda: np.linalg.norm(robot.grasp_pose()[:3] - wanted[:3]) < 0.01, "the gripper is there")
+    assert abs(robot.grasp_pose()[3:] @ wanted[3:]) > 0.999
+    far = np.array([START[0] + 4.0, START[1], 0.9, 1.0, 0.0, 0.0, 0.0])
+    drag_handle(viewer, far)
+    wait_until(lambda: "reach" in shown(tab, "target-reason"), "the reason is shown")
+    drag_handle(viewer, far, phase="end")
+    wait_until(lambda: np.allclose(handle._node.position, robot.grasp_pose()[:3], atol=0.05), "it is at the gripper")
+    tab.page.locator("[data-action=drag-gripper]").uncheck()
+    wait_until(lambda: not viewer._robots._handles, "the handle is removed")
+
+
+def test_a_skill_is_run_and_watched(tab: PageTab, robot: Robot) -> None:
+    run_skill(tab, "go_to", x="0.6", y="-1.4", yaw="1.57")
+    wait_until(lambda: "go to 0.6" in shown(tab, "skill-result"), "it is shown while it runs")
+    wait_until(lambda: "succeeded" in shown(tab, "skill-result"), "it has ended")
+    assert np.allclose(robot.base_pose(), (0.6, -1.4, 1.57), atol=0.03)
+
+
+def test_a_skill_that_fails_says_why_and_what_to_try(tab: PageTab) -> None:
+    run_skill(tab, "go_to", x="2.0", y="0.0", yaw="0")
+    wait_until(lambda: "failed" in shown(tab, "skill-result"), "it fails")
+    assert "Cupboard" in shown(tab, "skill-reason")
+    assert "To try" in shown(tab, "skill-result")
+
+
+def test_a_skill_is_stopped_and_the_robot_stands(tab: PageTab, robot: Robot) -> None:
+    run_skill(tab, "go_to", x="-0.6", y="1.8", yaw="3")
+    wait_until(lambda: abs(robot.odometry().vx) + abs(robot.odometry().vy) > 0.05, "it drives")
+    tab.click_button("stop-robot")
+    wait_until(lambda: "canceled" in shown(tab, "skill-result"), "it is canceled")
+    place = robot.base_pose()
+    assert np.linalg.norm(np.subtract(place[:2], (-0.6, 1.8))) > 0.3
+    wait_until(lambda: abs(robot.odometry().vx) + abs(robot.odometry().vy) < 0.005, "it stands")
+
+
+def test_the_forms_are_those_of_the_skills(tab: PageTab) -> None:
+    options = tab.page.locator("[data-role=skill] option").evaluate_all("all => all.map(each => each.value)")
+    assert options == list(SKILLS)
+    for name, spec in SKILLS.items():
+        tab.page.locator("[data-role=skill]").select_option(name)
+        fields = tab.page.locator("[data-role=skill-form] [data-argument]")
+        assert fields.evaluate_all("all => all.map(each => each.dataset.argument)") == [
+            each.name for each in spec.parameters
+        ]
+
+
+def test_what_an_arm_reaches_is_shown(tab: PageTab, viewer: Viewer, robot: Robot) -> None:
+    tab.page.locator("[data-action=show-region]").check()
+    wait_until(lambda: viewer._robots._regions, "it is shown")
+    (node,) = viewer._robots._regions.values()
+    points = np.array(node.points)
+    assert len(points) > 30
+    assert np.allclose(points[:, 2], 0.9)
+    assert 0.5 < np.linalg.norm(points[:, :2] - START, axis=1).max() < 1.5
+    tab.page.locator("[data-action=show-region]").uncheck()
+    wait_until(lambda: not viewer._robots._regions, "it is removed")
+
+
+def test_robots_are_added_on_the_free_floor_and_removed(tab: PageTab, simulation: Simulation) -> None:
+    tab.page.locator("[data-role=robot-model]").select_option(NAME)
+    tab.click_button("add-robot")
+    wait_until(lambda: len(simulation.robots) == 2, "there are two")
+    added = simulation.robot(f"{NAME}_2")
+    assert np.linalg.norm(np.subtract(added.base_pose()[:2], simulation.robot(NAME).base_pose()[:2])) > 0.5
+    simulation.step(0.2)
+    wait_until(lambda: added.name in tab.page.locator("[data-role=robot]").input_value(), "it is chosen")
+    assert not simulation.run_on_engine(
+        lambda engine: [
+            each for each in engine.contacts() if each.a in added.body_ids and each.b not in (*added.body_ids, "Floor")
+        ]
+    )
+    tab.click_button("remove-robot")
+    wait_until(lambda: list(simulation.robots) == [NAME], "it is removed")
+    wait_until(lambda: tab.page.locator("[data-role=robot]").input_value() == NAME, "the other one is chosen")
+
+
+@pytest.mark.parametrize(
+    ("method", "params", "message"),
+    [
+        ("move_joint", {"joint": "head_pan_joint", "position": 99.0}, "limit"),
+        ("move_joint", {"joint": "tail", "position": 0.0}, "tail"),
+        ("grip", {"gripper": "gripper", "opening_m": 0.9}, "opens from 0"),
+        ("skill", {"skill": "fly"}, "fly"),
+        ("skill", {"skill": "open", "args": {"thin": "Fridge"}}, "thin"),
+        ("target", {"arm": "leg", "shown": True}, "no such arm"),
+        ("stop", {"robot": "r2d2"}, "r2d2"),
+        ("drive", {"velocity": [2.0, 0.0, 0.0]}, "velocity"),
+    ],
+)
+def test_a_wrong_request_is_refused(fake: FakePage, method: str, params: dict[str, object], message: str) -> None:
+    with pytest.raises(RequestFailedError, match=message):
+        fake.ask(f"robots.{method}", **{"robot": NAME, **params})
+
+
+def test_files_of_the_machine_are_no_models(fake: FakePage) -> None:
+    with pytest.raises(RequestFailedError, match="catalog"):
+        fake.ask("robots.add", model="/etc/passwd")
+
+
+def test_a_robot_that_performs_a_skill_is_not_moved_by_hand(fake: FakePage, robot: Robot) -> None:
+    fake.ask("robots.skill", robot=NAME, skill="go_to", args={"x": "-0.6", "y": "1.8", "yaw": "3"})
+    with pytest.raises(RequestFailedError, match="performs go_to"):
+        fake.ask("robots.move_joint", robot=NAME, joint="head_pan_joint", position=0.1)
+    with pytest.raises(RequestFailedError, match="performs go_to"):
+        fake.ask("robots.skill", robot=NAME, skill="park", args={})
+    fake.ask("robots.stop", robot=NAME)
+    fake.ask("robots.move_joint", robot=NAME, joint="head_pan_joint", position=0.1)
