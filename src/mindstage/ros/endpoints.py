@@ -59,6 +59,12 @@ class Endpoints:
         """Absolute names of the actions."""
         return tuple(dict.fromkeys((*self._actions, *(server.name for server in self._action_servers))))
 
+    @property
+    def only_version(self) -> RosVersion | None:
+        """The version of ROS whose types the server has; None at a server that has those of both."""
+        is_suite = isinstance(self._node, RosbridgeClient) and self._node.is_rosbridge_suite
+        return self.ros if is_suite else None
+
     def full_name(self, name: str) -> str:
         """Returns an absolute name."""
         return name if name.startswith("/") else "/".join(("", *filter(None, self.namespace.split("/")), name))
@@ -89,7 +95,7 @@ class Endpoints:
         name = spec.full_name(self.namespace)
         handler = action_handler(name, spec, diagnostics=self.diagnostics, ros=self.ros, timeout_s=self._goal_timeout_s)
         # rosbridge_suite has only topics for actions in ROS 1, and no types for these topics in ROS 2.
-        has_both = not (isinstance(self._node, RosbridgeClient) and self._node.is_rosbridge_suite)
+        has_both = self.only_version is None
         if has_both or self.ros is RosVersion.TWO:
             self._node.create_action_server(name, type_name(spec.type, self.ros), handler)
             self._actions.append(name)
@@ -154,8 +160,7 @@ class Endpoints:
 
     def _has_type(self, spec: ServiceSpec) -> bool:
         """Whether the server can have the type; in ROS 1, catkin cannot build a service with the name of a message."""
-        needs_catkin = isinstance(self._node, RosbridgeClient) and self._node.is_rosbridge_suite
-        if self.ros is RosVersion.TWO or not needs_catkin or type_name(spec.type) not in message_types():
+        if self.only_version is not RosVersion.ONE or type_name(spec.type) not in message_types():
             return True
         _log.info("%s is not offered: ROS 1 has no service %s", spec.full_name(self.namespace), type_name(spec.type))
         return False
