@@ -70,7 +70,7 @@ class RobotController:
         for goal in self._goals:
             commands |= goal.update(view)
         engine.set_commands(commands)
-        self._goals = tuple(goal for goal in self._goals if goal.result is None)
+        self._goals = tuple(each for goal in self._goals if (each := _next(goal)) is not None)
 
     def copy(self) -> RobotController:
         """See `Controller`."""
@@ -266,3 +266,12 @@ class RobotController:
         for goal in self._goals:
             goal.end(MotionOutcome.CANCELED, reason, failure=MotionFailure.RESET)
         self._goals, self._time_s = (), -math.inf
+
+
+def _next(goal: MotionGoal) -> MotionGoal | None:
+    """The goal if it is active, otherwise the motion that follows it, if any."""
+    if goal.result is None:
+        return goal
+    failed = isinstance(goal, JointGoal) and goal.status is MotionOutcome.FAILED and goal.kind != "stop"
+    is_blocked = failed and goal.result.failure is not MotionFailure.GOAL_TOLERANCE
+    return goal.relaxation() if is_blocked and isinstance(goal, JointGoal) else None
