@@ -10,6 +10,8 @@ import logging
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+import msgspec
+
 from mindstage.bridge import LocalNode, Node, RosbridgeClient, Subscription
 from mindstage.errors import MindstageError
 from mindstage.msgs import Message, RosVersion, decode, message_types, type_name
@@ -19,6 +21,7 @@ from mindstage.ros.service import ActionSpec, ServiceSpec, action_handler, batch
 
 __all__ = ["Endpoints"]
 
+_PARAMETER_TIMEOUT_S = 10.0
 _log = logging.getLogger("mindstage.ros")
 M = TypeVar("M", bound=Message)
 
@@ -48,6 +51,16 @@ class Endpoints:
         self._action_servers: list[ActionlibServer] = []
         self._subscriptions: list[Subscription] = []
         self._publishers: list[Publisher[Any]] = []
+
+    def in_namespace(self, namespace: str) -> Endpoints:
+        """Returns endpoints at the same node in another namespace, which are withdrawn on their own."""
+        return Endpoints(
+            self._node,
+            namespace=namespace,
+            ros=self.ros,
+            diagnostics=self.diagnostics,
+            goal_timeout_s=self._goal_timeout_s,
+        )
 
     @property
     def service_names(self) -> tuple[str, ...]:
@@ -137,6 +150,12 @@ class Endpoints:
         publisher = Publisher(self._node, self.full_name(name), type, ros=self.ros, latch=latch)
         self._publishers.append(publisher)
         return publisher
+
+    def set_parameter(self, name: str, value: str) -> None:
+        """Sets a parameter at the master of ROS 1 behind another server, without waiting; elsewhere does nothing."""
+        if isinstance(self._node, RosbridgeClient) and self.only_version is RosVersion.ONE:
+            args = {"name": self.full_name(name), "value": msgspec.json.encode(value).decode()}
+            self._node.call_service_async("/rosapi/set_param", args, timeout_s=_PARAMETER_TIMEOUT_S)
 
     def publish_status(self) -> None:
         """Publishes the status of the goals in ROS 1; to be called regularly."""
