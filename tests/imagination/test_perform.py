@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-import mindstage.imagination.execution as execution
 import mindstage.robots.skills.catalog as catalog
 from mindstage.engines import MujocoEngine
 from mindstage.errors import PlanError
@@ -129,7 +128,6 @@ FAKES: Mapping[str, SkillSpec] = MappingProxyType(
 def fake_skills(monkeypatch: pytest.MonkeyPatch) -> None:
     """Skills of known behavior instead of the real ones; the robot is real."""
     monkeypatch.setattr(catalog, "SKILLS", FAKES)
-    monkeypatch.setattr(execution, "SKILLS", FAKES)
     closed.clear()
 
 

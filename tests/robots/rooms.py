@@ -11,6 +11,7 @@ from mindstage.engines.base import Contact
 from mindstage.engines.mujoco.engine import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots.kinematics import RobotKinematics
+from mindstage.robots.model import RobotModel
 from mindstage.robots.robot import Robot
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
 from mindstage.simulation.simulation import Simulation
@@ -42,7 +43,10 @@ def box(
 
 @contextmanager
 def robot_in(
-    *bodies: Body, at: Vector = (0.0, 0.0, 0.0), robot: str = "mobile_manipulator", floor: tuple[float, float] = FLOOR
+    *bodies: Body,
+    at: Vector = (0.0, 0.0, 0.0),
+    robot: str | RobotModel = "mobile_manipulator",
+    floor: tuple[float, float] = FLOOR,
 ) -> Iterator[Robot]:
     """A simulation of a floor around the origin, some bodies and a robot."""
     ground = box("floor", (0.0, 0.0, -0.05), (*floor, 0.1))

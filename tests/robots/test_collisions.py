@@ -110,12 +110,13 @@ def test_only_the_hand_may_touch_what_it_grasps() -> None:
 
 def test_what_is_attached_to_the_hand_collides_too() -> None:
     x, y, z = HAND
-    rod = box("rod", (x + 0.1, y, z), (0.3, 0.02, 0.02), Mobility.DYNAMIC, 0.1, floats=True)
+    rod = box("rod", (x + 0.1, 2.0, z), (0.3, 0.02, 0.02), Mobility.DYNAMIC, 0.1, floats=True)
     with robot_in(box("wall", (x + 0.55, 0.0, 1.0), (0.5, 3.0, 2.0)), rod) as robot:  # 0.05 m in front of the rod
         assert robot.run(robot.moving_to(reaching(robot, x, y, z)))
         joints, state = robot.model.arms[0].joints, reaching(robot, x + 0.1, y, z)
         assert CollisionChecker(robot, joints=joints, ignore={BodyId("rod")}).find_at(state) is None
         grip = robot.link_ids["gripper_link"]
+        robot.session.run_on_engine(lambda engine: engine.set_pose(BodyId("rod"), Pose((x + 0.1, y, z))), edits=True)
         robot.session.run_on_engine(lambda engine: engine.attach(grip, BodyId("rod")), edits=True)
         holding = CollisionChecker(robot, joints=joints)
         assert holding.find_at(reaching(robot, x, y, z + 0.05)) is None

@@ -91,8 +91,9 @@ class RobotClient:
 
     def wait_for(self, name: str, count: int = 1, type: str = "") -> Any:
         """The last message of a topic, after at least so many new ones."""
+        full = name if name.startswith("/") else f"{self.namespace}/{name}"
+        before, until_s = len(self.messages[full]), time.monotonic() + TIMEOUT_S
         messages = self.subscribe(name, type)
-        before, until_s = len(messages), time.monotonic() + TIMEOUT_S
         while len(messages) < before + count:
             assert time.monotonic() < until_s, f"no message on {name}"
             time.sleep(0.005)
@@ -118,7 +119,7 @@ class RobotClient:
         action = f"{controller}/follow_joint_trajectory"
         return self.send_goal(action, "control_msgs/FollowJointTrajectory", {"trajectory": trajectory, **goal})
 
-    def call(self, name: str, type: str, **args: Any) -> dict[str, Any]:
+    def call(self, name: str, type: str, /, **args: Any) -> dict[str, Any]:
         full = name if name.startswith("/") else f"{self.namespace}/{name}"
         service = roslibpy.Service(self.ros, full, type)
         return dict(service.call(roslibpy.ServiceRequest(args), timeout=TIMEOUT_S))

@@ -2,8 +2,8 @@
 
 Each input line is a request (`{"path", "out", "pieces", "keep_axes"}`), each output line a response (`{"path", "why",
 "kind"}`). If the reason is empty, the imported arrays are in the file `out`. Otherwise the kind is "file" if the file
-is the cause, "cache" if `out` could not be written, and "transient" if another cause may pass. Only this process imports
-trimesh and coacd.
+is the cause, "cache" if `out` could not be written, and "transient" if another cause may pass. Only this process
+imports trimesh and coacd.
 """
 
 from __future__ import annotations

@@ -40,6 +40,7 @@ _MODULES = {
     "convert": "maps",
     "place": "place",
     "imagine": "imagine",
+    "do": "do",
     "replay": "replay",
     "ask": "ask",
     "questions": "ask",

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from mindstage.imagination import Check, Progress, Uncertainty, Verdict
     from mindstage.simulation import Simulation
 
-__all__ = ["imagine"]
+__all__ = ["Budget", "Samples", "Seed", "Uncertainties", "Workers", "deviations_of", "imagine", "interruptible"]
 
 PlanArgument = Annotated[
     str, typer.Argument(metavar="PLAN", help="The plan: a JSON or YAML file, or text in braces.", show_default=False)
@@ -142,7 +142,7 @@ def imagine(
     from mindstage.imagination import load_plan
 
     file = load_plan(plan)
-    deviations = [_uncertainty(text) for text in uncertainty or ()]
+    deviations = [deviations_of(text) for text in uncertainty or ()]
     asked = _check(check, expect or [])
     if picture is not None:
         _require_browser(browser)
@@ -160,7 +160,7 @@ def imagine(
             print_failures(report)
         options: dict[str, Any] = {"check": asked, "uncertainty": deviations, "samples": samples, "seed": seed}
         options |= {"workers": workers, "budget_s": budget, "threshold": threshold, "width": width or None}
-        with _interruptible() as interrupted, _progress_bar(samples) as progress:
+        with interruptible() as interrupted, _progress_bar(samples) as progress:
             verdict = try_plan(simulation, file, **options, progress=progress, cancel=interrupted.is_set)
         if as_json:
             drawn = {} if picture is None else {"picture": str(picture)}
@@ -189,7 +189,7 @@ def _draw(simulation: Simulation, verdict: Verdict, path: Path, browser: str | N
         print_line(f"picture → {path}")
 
 
-def _uncertainty(text: str) -> Uncertainty:
+def deviations_of(text: str) -> Uncertainty:
     """The uncertainty of a text such as "Milk position_m=0.01".
 
     Raises:
@@ -255,7 +255,7 @@ def _plain_value(text: str) -> str | float | bool:
 
 
 @contextmanager
-def _interruptible() -> Iterator[threading.Event]:
+def interruptible() -> Iterator[threading.Event]:
     """An event that Ctrl-C sets in the context, instead of raising an exception; a second Ctrl-C raises."""
     interrupted = threading.Event()
     if threading.current_thread() is not threading.main_thread():

@@ -29,6 +29,7 @@ from mindstage.imagination.plan_files import PlanFile, load_plan
 from mindstage.imagination.plans import Check, Plan, Uncertainty
 from mindstage.imagination.results import Outcome, SampleResult
 from mindstage.imagination.verdicts import Progress, Verdict, imagine
+from mindstage.robots.skills.declaration import SkillStep
 from mindstage.scene import BodyId
 from mindstage.simulation import Simulation
 
@@ -82,6 +83,7 @@ def act(
     *,
     stop: Callable[[], bool] = never,
     on_poses: Callable[[float, tuple[BodyId, ...], PoseArray], None] | None = None,
+    on_step: Callable[[SkillStep], object] | None = None,
 ) -> SampleResult:
     """Does a plan in a running simulation, without its uncertainty.
 
@@ -92,6 +94,7 @@ def act(
         plan: the plan, or the path or text of one.
         stop: asked at least every 0.1 s of simulated time; true ends the plan, and robots stop.
         on_poses: called with the time since the start [s], the ids and the poses (n x 7), at least every 0.1 s.
+        on_step: called when a step of a skill begins, and when it ends.
 
     Raises:
         PlanError: the plan does not fit the world; nothing was done.
@@ -101,7 +104,7 @@ def act(
         file.validate(simulation)
     given = file.plan if isinstance(file, PlanFile) else file
     runner = PlanRunner(simulation, msgspec.structs.replace(given, uncertainty=()))
-    sample = runner.begin(simulation, 0, on_poses=on_poses)
+    sample = runner.begin(simulation, 0, on_poses=on_poses, on_step=on_step)
     reason: Exception | None = None
     while True:
         duration_s = resume(sample, reason)
@@ -134,6 +137,7 @@ def try_first(
     cancel: Callable[[], bool] = never,
     on_verdict: Callable[[Verdict], object] = lambda verdict: None,
     on_poses: Callable[[float, tuple[BodyId, ...], PoseArray], None] | None = None,
+    on_step: Callable[[SkillStep], object] | None = None,
 ) -> TryFirstResult:
     """Tries a plan in copies of a simulation, and does it in the simulation itself if it is probable enough.
 
@@ -154,6 +158,7 @@ def try_first(
         cancel: asked at least every 0.2 s; true ends the trial, or the plan itself.
         on_verdict: called with the verdict, before anything is done.
         on_poses: see `act`.
+        on_step: see `act`.
 
     Raises:
         PlanError: the plan does not fit the world; nothing was tried.
@@ -179,7 +184,7 @@ def try_first(
         reason = reason or _change(before.ids, before.poses, simulation)
     if reason:
         return TryFirstResult(verdict=verdict, at_least=at_least, result=None, reason=reason)
-    result = act(simulation, verdict.plan, stop=cancel, on_poses=on_poses)
+    result = act(simulation, verdict.plan, stop=cancel, on_poses=on_poses, on_step=on_step)
     return TryFirstResult(verdict=verdict, at_least=at_least, result=result, reason="")
 
 

@@ -48,8 +48,7 @@ from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, Sam
 from mindstage.imagination.watch import EventWatch, WatchBasis
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.rdf import local_name
-from mindstage.robots.skills.catalog import SKILLS, start_skill
-from mindstage.robots.skills.declaration import ParameterType, SkillOutcome, SkillResult
+from mindstage.robots.skills.declaration import ParameterType, SkillOutcome, SkillResult, SkillStep
 from mindstage.scene import BodyId, Iri, Pose, Vector
 from mindstage.scene.transforms import Array, normalize, pose_from_array, quat_multiply, quat_rotate
 from mindstage.simulation import Simulation
@@ -216,6 +215,7 @@ class PlanRunner:
         index: int,
         *,
         on_poses: Callable[[float, tuple[BodyId, ...], PoseArray], None] | None = None,
+        on_step: Callable[[SkillStep], object] | None = None,
     ) -> RunningSample:
         """Begins one sample in a world that is in the initial state, and that the caller steps.
 
@@ -223,6 +223,7 @@ class PlanRunner:
             world: the world.
             index: the number of the sample.
             on_poses: see `run_plan`.
+            on_step: called when a step of a skill begins, and when it ends.
 
         Returns:
             A generator of the times by which the caller has to step the world [s], at most 0.1 s each. It returns the
@@ -230,6 +231,7 @@ class PlanRunner:
         """
         rng = np.random.default_rng([self._seed, index])
         sample = _Sample(world, self._plan, self._basis, self._uncertainty, self._free, rng, on_poses)
+        sample.on_step = on_step
         return sample.run(index)
 
 
@@ -274,6 +276,7 @@ class _Sample:
         self.limit_s = plan.time_limit_s
         self.answers: tuple[dict[str, object], ...] = ()
         self.skills: list[SkillResult] = []
+        self.on_step: Callable[[SkillStep], object] | None = None
 
     def run(self, index: int) -> RunningSample:
         outcome, cause, is_interrupted = Outcome.SUCCEEDED, None, False
@@ -493,6 +496,8 @@ class _Sample:
             self.watch.set_reference([joint.body])
 
     def _perform(self, step: Perform) -> _Passage:
+        from mindstage.robots.skills.catalog import start_skill  # takes a second, and few plans have skills
+
         if not isinstance(self.simulation, Simulation):
             raise _StepFailedError(self._event(EventKind.REFUSED, "perform: there are no robots in this world"))
         robot = self.simulation.robot(step.robot)
@@ -503,6 +508,7 @@ class _Sample:
             step.args,
             deadline_s=max(0.0, self.limit_s - self.watch.time_s - 1e-3),
             seed=int(self.rng.integers(2**31)),
+            on_step=self.on_step,
         )
 
         def held() -> Collection[BodyId]:
@@ -760,6 +766,8 @@ class _Validator:
                 self._check_skill(path, step)
 
     def _check_skill(self, path: str, step: Perform) -> None:
+        from mindstage.robots.skills.catalog import SKILLS  # as above
+
         spec = SKILLS.get(step.skill)
         if spec is None:
             self._fail(f"{path}.skill", f"there is no skill {step.skill!r}; {suggestion(step.skill, SKILLS)}")

@@ -12,6 +12,7 @@
 :- use_module(knowrob_objects, []).
 :- use_module(knowrob_language, []).
 :- use_module(plans, []).
+:- use_module(robots, []).
 :- use_module(episodes, []).
 :- use_module(library(apply)).
 :- use_module(library(error)).
@@ -35,6 +36,7 @@ user_module(mindstage_veit2019_compat).
 user_module(mindstage_knowrob_objects).
 user_module(mindstage_knowrob_language).
 user_module(mindstage_plans).
+user_module(mindstage_robots).
 user_module(mindstage_episodes).
 user_module(mindstage_semweb).
 user_module(mindstage_owl).

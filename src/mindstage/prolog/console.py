@@ -21,6 +21,7 @@ from mindstage.prolog.episode_predicates import EpisodePredicates
 from mindstage.prolog.object_predicates import ObjectPredicates
 from mindstage.prolog.plan_predicates import PlanPredicates
 from mindstage.prolog.predicates import Handler, QuestionPredicates, RdfPredicates, WorldPredicates, answer
+from mindstage.prolog.robot_predicates import RobotPredicates
 from mindstage.prolog.swipl import (
     Atom,
     Compound,
@@ -104,6 +105,7 @@ class PrologConsole:
             **WorldPredicates(simulation).handlers,
             **ObjectPredicates(simulation).handlers,
             **PlanPredicates(simulation).handlers,
+            **RobotPredicates(simulation).handlers,
             **EpisodePredicates(simulation).handlers,
             "halting": self._on_halt,
         }

@@ -623,8 +623,8 @@ not_here([classifier_trained/4, classify_instances/3, best_location_dtree/2],
 not_here([rdf_wup_similarity/3, best_location_maxMaxWup/2, best_location_maxMaxWup/3],
          "class similarity is no measure here; the question siblings/3 gives classes with a common superclass").
 not_here([export_object/2, export_map/2, export_action/2], "`mindstage log` and `mindstage convert` write maps and worlds").
-not_here([action_feasible_on_robot/2, missing_cap_for_action/2, missing_comp_for_action/3, cap_available_on_robot/2],
-         "no robot is described with SRDL here; device_for_action/2 answers which devices an action needs").
+not_here([cap_available_on_robot/2, comp_type_available/2],
+         "the questions can/2 and missing_for_action/6 answer for actions, with the components and what is missing").
 not_here([urdf_load/2, urdf_load/3], "`--urdf FILE` loads a URDF with its map").
 
 define_not_here :-

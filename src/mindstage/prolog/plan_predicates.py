@@ -7,16 +7,17 @@ from typing import Any
 
 import msgspec
 
-from mindstage.errors import InvalidArgumentError
+from mindstage.errors import InvalidArgumentError, suggestion
 from mindstage.imagination.plan_files import PlanFile
 from mindstage.imagination.plans import Check, Plan, Uncertainty
 from mindstage.imagination.trials import physical_simulation, plan_from_text
 from mindstage.imagination.verdicts import imagine
 from mindstage.prolog.predicates import Handler
 from mindstage.prolog.swipl import Atom, Compound, Value
+from mindstage.robots.skills.declaration import SkillSpec
 from mindstage.simulation import Simulation
 
-__all__ = ["PlanPredicates", "plan_from_term"]
+__all__ = ["PlanPredicates", "check_from_term", "plan_from_term", "skill_from_term", "trial_options"]
 
 _SIGNATURES: Mapping[tuple[str, int], tuple[str, ...]] = {
     ("wait", 1): ("duration_s",),
@@ -32,6 +33,8 @@ _SIGNATURES: Mapping[tuple[str, int], tuple[str, ...]] = {
     ("push", 2): ("thing", "force"),
     ("push", 3): ("thing", "force", "duration_s"),
     ("set_physics", 2): ("thing", "values"),
+    ("perform", 1): ("skill",),
+    ("perform", 2): ("robot", "skill"),
 }
 """The fields of the arguments of each step."""
 _VECTORS = frozenset({"target", "force", "point"})
@@ -53,30 +56,40 @@ class PlanPredicates:
             InvalidArgumentError: a term is no step or option.
             PlanError: the plan does not fit the world; nothing was tried.
         """
-        arguments: dict[str, Any] = {"budget_s": _BUDGET_S}
-        uncertainty: list[Uncertainty] = []
-        for name, values in _option_terms(options):
-            match name, values:
-                case "samples" | "seed" | "workers", (int(value),):
-                    arguments[name] = value
-                case "budget" | "threshold", (int() | float() as number,):
-                    arguments["budget_s" if name == "budget" else name] = float(number)
-                case "check", (term,):
-                    arguments["check"] = check_from_term(term)
-                case "uncertainty", (thing, fields):
-                    given = {field: number for field, (number,) in _option_terms(fields)}
-                    uncertainty.append(_convert({"thing": _name(thing), **given}, Uncertainty, "uncertainty"))
-                case _:
-                    cause = f"{name}/{len(values)} is no option with such values"
-                    raise InvalidArgumentError("try_in_simulation", cause=cause, remedy=f"there is {_OPTIONS}")
+        arguments = trial_options(options, "try_in_simulation")
         with physical_simulation(self._simulation) as simulation:
             file = plan_from_term(plan)
             if isinstance(file, PlanFile):
                 file.validate(simulation)
             tried = file.plan if isinstance(file, PlanFile) else file
-            verdict = imagine(simulation, tried, uncertainty=uncertainty, **arguments)
+            verdict = imagine(simulation, tried, **arguments)
         probability = Atom("unknown") if verdict.probability is None else verdict.probability
         return Compound("verdict", (Atom(verdict.outcome.value), probability, verdict.samples, Atom(str(verdict))))
+
+
+def trial_options(options: Value, predicate: str) -> dict[str, Any]:
+    """The arguments of a trial from option terms, with `uncertainty` as a list.
+
+    Raises:
+        InvalidArgumentError: a term is no option; the error names the predicate.
+    """
+    arguments: dict[str, Any] = {"budget_s": _BUDGET_S, "uncertainty": []}
+    for name, values in _option_terms(options, predicate):
+        match name, values:
+            case "samples" | "seed" | "workers", (int(value),):
+                arguments[name] = value
+            case "budget" | "threshold", (int() | float() as number,):
+                arguments["budget_s" if name == "budget" else name] = float(number)
+            case "check", (term,):
+                arguments["check"] = check_from_term(term)
+            case "uncertainty", (thing, fields):
+                given = {field: number for field, (number,) in _option_terms(fields, predicate)}
+                stated = _convert({"thing": _name(thing), **given}, Uncertainty, "uncertainty")
+                arguments["uncertainty"].append(stated)
+            case _:
+                cause = f"{name}/{len(values)} is no option with such values"
+                raise InvalidArgumentError(predicate, cause=cause, remedy=f"there is {_OPTIONS}")
+    return arguments
 
 
 def plan_from_term(term: Value) -> PlanFile | Plan:
@@ -115,16 +128,59 @@ def check_from_term(term: Value) -> Check:
     return check
 
 
+def skill_from_term(term: Value) -> tuple[str, dict[str, str | float]]:
+    """A skill and its arguments from a term such as `place(milk, on=table)`, `place(milk, on(table))` or `park`.
+
+    Raises:
+        InvalidArgumentError: there is no such skill, or it does not take these arguments.
+    """
+    from mindstage.robots.skills.catalog import SKILLS  # imports motion planning, which takes a second
+
+    if isinstance(term, Compound):
+        name, arguments = term.name, term.arguments
+    else:
+        name, arguments = _name(term), ()
+    spec = SKILLS.get(name)
+    if spec is None:
+        raise InvalidArgumentError("perform", cause=f"there is no skill {name!r}", remedy=f"{suggestion(name, SKILLS)}")
+    args: dict[str, object] = {}
+    for at, argument in enumerate(arguments):
+        key, value = _argument(spec, at, argument)
+        if key in args:
+            raise InvalidArgumentError(name, cause=f"{key} is given twice", remedy="give it once")
+        args[key] = str(value) if isinstance(value, str) else value
+    return name, spec.check(args)
+
+
+def _argument(spec: SkillSpec, at: int, term: Value) -> tuple[str, Value]:
+    """The name and the value of an argument: Name=Value, Name(Value), or in the order of the parameters."""
+    names = [each.name for each in spec.parameters]
+    match term:
+        case Compound("=", (str() as name, value)):
+            return str(name), value
+        case Compound(name, (value,)) if name in names or name == "in":
+            return "into" if name == "in" else name, value
+    if at >= len(names):
+        remedy = f"it takes {', '.join(names) or 'none'}"
+        raise InvalidArgumentError(spec.name, cause=f"{at + 1} arguments are too many", remedy=remedy)
+    return names[at], term
+
+
 def _step_from_term(place: str, term: Value) -> dict[str, Any]:
     known = ", ".join(dict.fromkeys(f"{name}/{arity}" for name, arity in _SIGNATURES))
     if not isinstance(term, Compound) or (term.name, len(term.arguments)) not in _SIGNATURES:
         raise InvalidArgumentError(place, cause=f"{_text(term)} is no step", remedy=f"there is {known}")
+    if term.name == "perform":
+        *robot, skill = term.arguments
+        name, args = skill_from_term(skill)
+        named = {"robot": _name(robot[0])} if robot else {}
+        return {"do": "perform", "skill": name, "args": args, **named}
     step: dict[str, Any] = {"do": term.name}
     for field, value in zip(_SIGNATURES[term.name, len(term.arguments)], term.arguments, strict=True):
         if field == "where":
             step |= _where(place, term.name, value)
         elif field == "values":
-            step |= {name: number for name, (number,) in _option_terms(value)}
+            step |= {name: number for name, (number,) in _option_terms(value, place)}
         elif field in _VECTORS:
             step[field] = _numbers(place, value, 3)
         else:
@@ -157,12 +213,10 @@ def _numbers(place: str, value: Value, count: int) -> list[float]:
     raise InvalidArgumentError(place, cause=f"{_text(value)} is no list of {count} numbers")
 
 
-def _option_terms(options: Value) -> Iterator[tuple[str, tuple[Value, ...]]]:
+def _option_terms(options: Value, place: str) -> Iterator[tuple[str, tuple[Value, ...]]]:
     for each in options if isinstance(options, Sequence) and not isinstance(options, str) else (options,):
         if not isinstance(each, Compound):
-            raise InvalidArgumentError(
-                "try_in_simulation", cause=f"{_text(each)} is no option", remedy=f"there is {_OPTIONS}"
-            )
+            raise InvalidArgumentError(place, cause=f"{_text(each)} is no option", remedy=f"there is {_OPTIONS}")
         if each.name == "=" and len(each.arguments) == 2:
             yield _name(each.arguments[0]), (each.arguments[1],)
         else:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cache
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from mindstage.errors import KnowledgeError, RobotNotFoundError, suggestion
@@ -28,6 +29,8 @@ from mindstage.knowledge.questions import (
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.vocabulary import knowrob, ms
 from mindstage.robots.model import BaseType, GripperType, RobotComponent, RobotModel, SensorType
+from mindstage.robots.models.catalog import list_models
+from mindstage.robots.models.reading import load_model
 from mindstage.robots.self_models import (
     ClassRules,
     annotations,
@@ -293,12 +296,20 @@ def _profile_of_individual(kb: QuestionContext, iri: Iri, name: str) -> RobotPro
 
 
 def _profile_of_catalog(name: str, *, known: list[str]) -> RobotProfile:
-    """The profile of a model of the catalog.
+    """The profile of a model that is known by name; paths of descriptions are not read, since anyone may ask.
 
     Raises:
-        RobotNotFoundError: there is no robot, individual or model of that name.
+        RobotNotFoundError: there is no robot, individual or model of that name, or its package is not installed.
     """
-    raise RobotNotFoundError(name, remedy=f"{suggestion(name, known)}")
+    names = [each.name for each in list_models()]
+    if name not in names:
+        raise RobotNotFoundError(name, remedy=suggestion(name, [*known, *names]))
+    return _known_profile(name)
+
+
+@cache
+def _known_profile(name: str) -> RobotProfile:
+    return profile_of_model(load_model(name), name=name, source="the model of that name")
 
 
 # -- questions ---------------------------------------------------------------------------------------------------------

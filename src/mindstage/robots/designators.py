@@ -29,7 +29,6 @@ from mindstage.errors import AmbiguousNameError, InvalidArgumentError, Knowledge
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.rdf import local_name
-from mindstage.robots.skills.catalog import SKILLS
 from mindstage.robots.skills.declaration import SkillValue
 from mindstage.scene import Body, BodyId, Iri, World
 
@@ -93,6 +92,8 @@ def read_designator(designator: str | Mapping[str, Any] | Sequence[Any], world: 
         NameNotFoundError: no body fits the description of an object.
         AmbiguousNameError: several bodies fit the description of "the" object.
     """
+    from mindstage.robots.skills.catalog import SKILLS  # imports motion planning, which takes a second
+
     action = _parse(_decoded(designator), "action")
     if action.kind not in {"action", ""}:
         raise InvalidArgumentError("the designator", cause=f"it describes {action.kind}", remedy="give an action")
@@ -236,10 +237,9 @@ class _Reading:
 
     def take_pose(self, location: object) -> bool:
         """Sets x, y and yaw from a location with a pose; whether it has one."""
-        pose = location
-        if isinstance(location, Mapping):
-            pose = _parse(location, "the location").properties.get("pose")
-        numbers = _pose_numbers(pose)
+        numbers = _pose_numbers(location)
+        if numbers is None and isinstance(location, Mapping | list | tuple):
+            numbers = _pose_numbers(_parse(location, "the location").properties.get("pose"))
         if numbers is None:
             return False
         self.args |= {"x": numbers[0], "y": numbers[1], "yaw": numbers[2]}
@@ -258,23 +258,23 @@ def _pose_numbers(pose: object) -> tuple[float, float, float] | None:
         InvalidArgumentError: its numbers are no pose.
     """
     if isinstance(pose, Mapping):
-        inner = {_word(key): each for key, each in pose.items()}
-        inner = (
-            {_word(key): each for key, each in inner["pose"].items()}
-            if isinstance(inner.get("pose"), Mapping)
-            else inner
-        )
+        inner: Mapping[str, Any] = {_word(key): each for key, each in pose.items()}
+        inner = stamped if isinstance(stamped := inner.get("pose"), Mapping) else inner
         position, orientation = inner.get("position"), inner.get("orientation")
         if not isinstance(position, Mapping):
             return None
         turned = orientation if isinstance(orientation, Mapping) else {"w": 1.0}
         parts: Any = [[position.get(axis, 0.0) for axis in "xyz"], [turned.get(axis, 0.0) for axis in "xyzw"]]
-    elif isinstance(pose, Sequence) and not isinstance(pose, str) and pose and not isinstance(pose[0], str):
-        parts = [each for each in pose if not isinstance(each, str)]
+    elif isinstance(pose, Sequence) and not isinstance(pose, str) and pose:
+        parts = list(pose)
+        if _is_vector(parts[-1], 4) and _is_vector(parts[-2:][0], 3):
+            parts = parts[-2:]  # before them, a stamped pose has its frame and time
+        elif isinstance(parts[0], str) or _is_vector(parts[0], 2):
+            return None  # a designator as a list
     else:
         return None
     try:
-        if len(parts) == 2 and all(isinstance(each, Sequence) for each in parts):
+        if len(parts) == 2:
             (x, y, _), (qx, qy, qz, qw) = ([float(number) for number in each] for each in parts)
             return x, y, math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
         x, y, yaw = (float(number) for number in parts)
@@ -282,6 +282,10 @@ def _pose_numbers(pose: object) -> tuple[float, float, float] | None:
         remedy = "give [x, y, yaw] or [[x, y, z], [qx, qy, qz, qw]]"
         raise InvalidArgumentError("the pose", cause=f"{pose!r} is no pose", remedy=remedy) from error
     return x, y, yaw
+
+
+def _is_vector(value: object, count: int) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str) and len(value) == count
 
 
 def _go(reading: _Reading) -> str:
@@ -323,13 +327,16 @@ def _close(reading: _Reading) -> str:
     return "close"
 
 
-def _simple(skill: str) -> Callable[[_Reading], str]:
+def _with_thing(skill: str) -> Callable[[_Reading], str]:
     def read(reading: _Reading) -> str:
-        if SKILLS[skill].parameters:
-            reading.take("thing", reading.required(*_OBJECT))
+        reading.take("thing", reading.required(*_OBJECT))
         return skill
 
     return read
+
+
+def _alone(skill: str) -> Callable[[_Reading], str]:
+    return lambda reading: skill
 
 
 def _place(reading: _Reading) -> str:
@@ -356,7 +363,7 @@ def _transport(reading: _Reading) -> str:
 def _fetch(reading: _Reading) -> str:
     wanted = reading.required(*_OBJECT)
     properties = _parse(wanted, "the object").properties if isinstance(wanted, Mapping | list | tuple) else {}
-    if set(properties) == {"type"}:
+    if set(properties) == {"type"} and "location" not in reading.properties:
         reading.args["kind"] = local_name(_class(reading.world, properties["type"]))
         return "fetch"
     reading.take("thing", _at_location(reading))
@@ -379,15 +386,15 @@ ACTION_TYPES: Mapping[str, Callable[[_Reading], str]] = {
     **dict.fromkeys(("reaching", "reaching-for"), _reach),
     **dict.fromkeys(("opening", "accessing", "opening-container", "pulling"), _open),
     **dict.fromkeys(("closing", "sealing", "closing-container"), _close),
-    **dict.fromkeys(("grasping", "gripping"), _simple("grasp")),
-    **dict.fromkeys(("releasing", "opening-gripper"), _simple("release")),
-    **dict.fromkeys(("picking-up", "lifting"), _simple("pick")),
+    **dict.fromkeys(("grasping", "gripping"), _with_thing("grasp")),
+    **dict.fromkeys(("releasing", "opening-gripper"), _alone("release")),
+    **dict.fromkeys(("picking-up", "lifting"), _with_thing("pick")),
     **dict.fromkeys(("placing", "putting-down", "putting", "delivering"), _place),
     "pouring": _pour,
     "transporting": _transport,
-    **dict.fromkeys(("storing", "putting-away", "tidying-up"), _simple("put_away")),
+    **dict.fromkeys(("storing", "putting-away", "tidying-up"), _with_thing("put_away")),
     "fetching": _fetch,
-    **dict.fromkeys(("parking-arms", "park-arms", "parking", "positioning-arm"), _simple("park")),
+    **dict.fromkeys(("parking-arms", "park-arms", "parking", "positioning-arm"), _alone("park")),
 }
 """What reads each type of action; it sets the arguments and returns the skill."""
 

@@ -39,6 +39,8 @@ _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 _ORIENTATION_COST = 0.3
 """Meters that count as much as one radian."""
 _POSTURE_COST = 3e-4
+_SLIDE_WEIGHT = 6.0
+"""A slide that moves by 1 m costs as much as a hinge that turns by the square root of this [rad]."""
 _DAMPING = 1e-6
 _LM_DAMPING = 1e-2
 _MAX_STEP = 0.6
@@ -465,6 +467,7 @@ def _iterate(problem: _Problem, start: Array) -> _Attempt:
     chain, configuration, task = problem.chain, problem.chain.configuration, problem.frame_task
     columns, rows = problem.columns, problem.rows
     lower, upper = chain.lower[rows], chain.upper[rows]
+    weights = np.where(chain.is_hinge[rows], 1.0, _SLIDE_WEIGHT)
     q, best, best_cost, best_at = start, start, inf, 0
     for number in range(_MAX_ITERATIONS + 1):
         configuration.update(q)
@@ -476,8 +479,8 @@ def _iterate(problem: _Problem, start: Array) -> _Attempt:
             break
         weighted = jacobian @ columns
         hessian = weighted.T @ weighted
-        hessian.flat[:: len(rows) + 1] += _DAMPING + damping + _POSTURE_COST**2
-        gradient = -(error @ weighted) + _POSTURE_COST**2 * (q[rows] - start[rows])
+        hessian.flat[:: len(rows) + 1] += (_DAMPING + damping + _POSTURE_COST**2) * weights
+        gradient = -(error @ weighted) + _POSTURE_COST**2 * weights * (q[rows] - start[rows])
         step = _bounded_step(
             hessian, gradient, np.clip(lower - q[rows], -_MAX_STEP, 0.0), np.clip(upper - q[rows], 0.0, _MAX_STEP)
         )

@@ -20,7 +20,7 @@ import ompl.geometric
 import ompl.util
 
 from mindstage.errors import InvalidArgumentError, UnreachableError
-from mindstage.robots.collisions import Collision, CollisionChecker, MotionRobot
+from mindstage.robots.collisions import CollisionChecker, MotionRobot
 from mindstage.robots.model import BaseType
 from mindstage.scene import BodyId
 from mindstage.scene.bounding_boxes import Indices
@@ -90,6 +90,14 @@ class FloorMap:
             ignored=[row for row, body in enumerate(bodies) if body.id in left_out],
         )
         self.start = robot.base_pose()
+        self._has_floor = bool(slabs)
+
+    def is_floor(self, x: float, y: float) -> bool:
+        """Whether there is floor at a place [m]; everywhere, if the world has no body that is the floor."""
+        if not self._has_floor:
+            return True
+        cell = self.plan.nearest_cell(np.array([x, y]), free=False)
+        return cell is not None and bool(self.plan.is_floor.reshape(-1)[cell])
 
     @cached_property
     def lengths(self) -> Array:
@@ -173,28 +181,26 @@ def plan_base(
         raise InvalidArgumentError("goal", cause=cause, remedy=remedy)
     end_s = time.monotonic() + budget_s
     way = _Way(robot, goal, ignore, clearance_m)
-    if (collision := way.checker.find((), way.goal)) is not None:
-        raise way.unreachable(f"there {collision}", collision.obstacle)
-    if way.first_collision([way.goal]) is None:
+    way.check_goal()
+    if way.first_obstacle([way.goal]) is None:
         return (way.goal,)
-    floor = FloorMap(robot, ignore=ignore)
-    corners = floor.corners(goal[0], goal[1])
-    blocked: Collision | None = None
+    corners = way.floor.corners(goal[0], goal[1])
+    blocked: tuple[str, BodyId | None] | None = None
     if corners is not None:
         for path in way.candidates(corners):
-            found = way.first_collision(path)
+            found = way.first_obstacle(path)
             if found is None:
                 return tuple(path)
             blocked = blocked or found
-    if corners is None:
+    else:
         end_s = min(end_s, time.monotonic() + _NO_WAY_S)
     if (searched := _search(way, end_s, seed)) is not None:
         return searched
-    names = floor.blockers(goal[0], goal[1]) if corners is None else ()
+    names = way.floor.blockers(goal[0], goal[1]) if corners is None else ()
     if names:
         raise way.unreachable(f"{', '.join(names)} in the way of its base", names[0])
     if blocked is not None:
-        raise way.unreachable(f"on the way {blocked}", blocked.obstacle)
+        raise way.unreachable(f"on the way {blocked[0]}", blocked[1])
     raise way.unreachable("no part of the floor leads there")
 
 
@@ -209,6 +215,23 @@ class _Way:
         self.goal = (float(goal[0]), float(goal[1]), self.start[2] + _wrapped(goal[2] - self.start[2]))
         self.is_differential = robot.model.base.type is BaseType.DIFFERENTIAL
         self.checker = CollisionChecker(robot, joints=(), base_moves=True, ignore=ignore, clearance_m=clearance_m)
+        self.floor = FloorMap(robot, ignore=ignore)
+
+    def check_goal(self) -> None:
+        """Checks that the base can stand at the goal.
+
+        Raises:
+            UnreachableError: it cannot; with what is there.
+        """
+        if (found := self.obstacle_at(self.goal)) is not None:
+            raise self.unreachable(f"there {found[0]}", found[1])
+
+    def obstacle_at(self, pose: tuple[float, float, float]) -> tuple[str, BodyId | None] | None:
+        """Why the robot cannot be at a pose, and the body that is there; None if it can."""
+        if not self.floor.is_floor(pose[0], pose[1]):
+            return "is no floor", None
+        collision = self.checker.find((), pose)
+        return None if collision is None else (str(collision), collision.obstacle)
 
     def unreachable(self, reason: str, obstacle: BodyId | None = None) -> UnreachableError:
         x, y, yaw = self.goal
@@ -216,11 +239,11 @@ class _Way:
             self.robot.name, target=f"({x:.2f}, {y:.2f}, {yaw:.2f})", reason=reason, obstacle=obstacle
         )
 
-    def first_collision(self, path: Sequence[tuple[float, float, float]]) -> Collision | None:
-        """The first collision on a path from the start."""
+    def first_obstacle(self, path: Sequence[tuple[float, float, float]]) -> tuple[str, BodyId | None] | None:
+        """The first obstacle on a path from the start; see `obstacle_at`."""
         for a, b in pairwise([self.start, *path]):
             for pose in self._between(a, b):
-                if (found := self.checker.find((), pose)) is not None:
+                if (found := self.obstacle_at(pose)) is not None:
                     return found
         return None
 
@@ -297,7 +320,7 @@ class _Way:
                     arc = corner[None]
                     break
                 yaw = atan2(before[1], before[0]) if self.is_differential else self.start[2]
-                if all(self.checker.find((), (x, y, yaw)) is None for x, y in arc.tolist()):
+                if all(self.obstacle_at((x, y, yaw)) is None for x, y in arc.tolist()):
                     break
                 radius /= 2
             points.append(arc)
@@ -323,7 +346,7 @@ def _search(way: _Way, end_s: float, seed: int) -> BasePath | None:
     def pose_of(state: Any) -> tuple[float, float, float]:
         return state.getX(), state.getY(), state.getYaw()
 
-    setup.setStateValidityChecker(lambda state: way.checker.find((), pose_of(state)) is None)
+    setup.setStateValidityChecker(lambda state: way.obstacle_at(pose_of(state)) is None)
     setup.getSpaceInformation().setStateValidityCheckingResolution(_STEP_M / space.getMaximumExtent())
     ends = []
     for pose in (way.start, way.goal):
@@ -350,7 +373,7 @@ def _search(way: _Way, end_s: float, seed: int) -> BasePath | None:
         before += _wrapped(yaw - before)
         found.append((x, y, before))
     found[-1] = (way.goal[0], way.goal[1], before + _wrapped(way.goal[2] - before))
-    return tuple(found) if way.first_collision(found) is None else None
+    return tuple(found) if way.first_obstacle(found) is None else None
 
 
 def _wrapped(angle: float) -> float:

@@ -22,7 +22,7 @@ from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker, MotionRobot
 from mindstage.robots.kinematics import IkResult, IkTolerance, RobotKinematics
 from mindstage.robots.model import Arm, RobotJointType
-from mindstage.robots.retiming import MotionLimits, retimed, rounded_polyline, spline_path
+from mindstage.robots.retiming import MotionLimits, resting_path, retimed, rounded_polyline, spline_path
 from mindstage.robots.trajectories import JointTrajectory
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import Array, normalized_pose_array, quat_angle
@@ -380,9 +380,7 @@ def _not_found(task: _ArmTask, text: str, goals: int) -> UnreachableError:
 
 def _timed(task: _ArmTask, points: Array) -> JointTrajectory:
     """A trajectory along straight segments in joint space, with rounded corners."""
-    pieces = rounded_polyline(points, task.scale, task.is_free)
-    if not pieces:  # it is there already
-        pieces = [spline_path(np.array([points[0], points[0] + 1e-5 * task.scale]), task.scale)]
+    pieces = rounded_polyline(points, task.scale, task.is_free) or [resting_path(points[0])]
     return retimed(task.arm.joints, pieces, task.limits)
 
 

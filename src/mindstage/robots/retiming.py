@@ -10,7 +10,7 @@ do by arcs, since a corner can only be passed at rest.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import ceil
+from math import ceil, inf
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from mindstage.robots.model import RobotJoint, RobotJointType
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.scene.transforms import Array
 
-__all__ = ["MotionLimits", "PathSamples", "retimed", "rounded_polyline", "spline_path"]
+__all__ = ["MotionLimits", "PathSamples", "resting_path", "retimed", "rounded_polyline", "spline_path"]
 
 _DEFAULT_VELOCITIES = {True: 0.15, False: 1.0}
 """Of prismatic [m/s] and other joints [rad/s] without a limit in their description."""
@@ -37,17 +37,22 @@ _MIN_SAMPLES = 33
 _MAX_GAP = 0.02
 """Largest distance between two samples of a path, in units of its parameter."""
 _MIN_BLEND = 1e-3
+_MIN_SPREAD = 0.3
+"""Least distance between two points of a spline as part of the median."""
 _CANDIDATES = 48
 _REFINEMENTS = 2
 
 
 class MotionLimits(NamedTuple):
-    """The largest velocities and accelerations of joints."""
+    """The ranges, largest velocities and accelerations of joints."""
 
     velocity: Array
     """[m/s or rad/s]."""
     acceleration: Array
     """[m/s² or rad/s²]."""
+    lower: Array
+    """[m or rad]; infinite without a limit."""
+    upper: Array
 
     @classmethod
     def of(cls, joints: Sequence[RobotJoint], *, speed: float = 1.0) -> MotionLimits:
@@ -67,7 +72,11 @@ class MotionLimits(NamedTuple):
             [joint.velocity or _DEFAULT_VELOCITIES[slide] for joint, slide in zip(joints, is_slide, strict=True)]
         )
         largest = np.array([_MAX_ACCELERATIONS[slide] for slide in is_slide])
-        return cls(velocity * speed, np.minimum(velocity * speed / _SPEED_UP_S, largest))
+        is_endless = [joint.type is RobotJointType.CONTINUOUS for joint in joints]
+        lower = [-inf if endless or j.lower is None else j.lower for j, endless in zip(joints, is_endless, strict=True)]
+        upper = [inf if endless or j.upper is None else j.upper for j, endless in zip(joints, is_endless, strict=True)]
+        acceleration = np.minimum(velocity * speed / _SPEED_UP_S, largest)
+        return cls(velocity * speed, acceleration, np.array(lower), np.array(upper))
 
 
 class PathSamples(NamedTuple):
@@ -151,12 +160,12 @@ def spline_path(points: Array, scale: Array) -> PathSamples:
     """The natural cubic spline through dense points, such as those of a straight line of the gripper.
 
     Args:
-        points: n x k, at least two different ones [m or rad].
+        points: n x k; all equal for a path that stays there [m or rad].
         scale: see `rounded_polyline`.
     """
-    lengths = np.linalg.norm(np.diff(points, axis=0) / scale, axis=1)
-    kept = np.concatenate([[True], lengths > 1e-6])
-    points = points[kept]
+    points = _spread(points, scale)
+    if len(points) == 1:
+        return resting_path(points[0])
     knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0) / scale, axis=1))])
     h, count = np.diff(knots), len(points)
     moments = np.zeros_like(points)
@@ -172,6 +181,26 @@ def spline_path(points: Array, scale: Array) -> PathSamples:
     positions = (m0 * right**3 + m1 * left**3) / (6 * width) + linear0 * right + linear1 * left
     first = (m1 * left**2 - m0 * right**2) / (2 * width) + linear1 - linear0
     return PathSamples(parameter, positions, first, (m0 * right + m1 * left) / width)
+
+
+def _spread(points: Array, scale: Array) -> Array:
+    """Points without those that are much nearer to the one before than others: there a spline would swing."""
+    lengths = np.linalg.norm(np.diff(points, axis=0) / scale, axis=1)
+    least = max(1e-6, _MIN_SPREAD * float(np.median(lengths)) if len(lengths) else 0.0)
+    kept = [0]
+    for row in range(1, len(points)):
+        if np.linalg.norm((points[row] - points[kept[-1]]) / scale) > least:
+            kept.append(row)
+    if kept[-1] != len(points) - 1:  # the last point counts, not one just before it
+        kept[-1 if len(kept) > 1 else len(kept) :] = [len(points) - 1]
+        if np.linalg.norm((points[-1] - points[0]) / scale) <= 1e-6:
+            kept = [0]
+    return points[kept]
+
+
+def resting_path(point: Array) -> PathSamples:
+    """A path that stays where it is, for one short step of time."""
+    return PathSamples(np.array([0.0, 1e-6]), np.tile(point, (2, 1)), *np.zeros((2, 2, len(point))))
 
 
 def retimed(
@@ -195,7 +224,9 @@ def retimed(
     for number, piece in enumerate(pieces):
         extra = speed_limits[number] if speed_limits is not None else np.full(len(piece.parameter), np.inf)
         times, positions, velocities = _sampled(piece, _squared_speeds(piece, limits, extra))
-        for t, position, velocity in zip(times.tolist(), positions.tolist(), velocities.tolist(), strict=True):
+        inside = np.clip(positions, limits.lower, limits.upper)  # splines swing beyond by little
+        velocities[inside != positions] = 0.0
+        for t, position, velocity in zip(times.tolist(), inside.tolist(), velocities.tolist(), strict=True):
             if points and t == 0.0:
                 continue
             points.append(TrajectoryPoint(positions=tuple(position), velocities=tuple(velocity), time_s=start_s + t))

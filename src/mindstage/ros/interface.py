@@ -27,6 +27,7 @@ from mindstage.ros.publishers import HighlightSubscriber, PublishRates, StatePub
 from mindstage.ros.queries import QueryServices, parse_arguments
 from mindstage.ros.robot_description import DescriptionPublisher
 from mindstage.ros.robot_interface import RobotInterfaces
+from mindstage.ros.robot_skills import ROBOT_SUFFIXES, RobotSkills
 from mindstage.ros.rosapi import ParameterServer, RosapiServices
 from mindstage.ros.service import ServiceSpec, names_elsewhere
 from mindstage.ros.simulation_interfaces import EntityServices, ResourceLoader, SpawnServices
@@ -179,7 +180,11 @@ class RosInterface:
         self._control_services = SimulationControlServices(simulation, step_s=step_s, on_quit=on_quit)
         self._unreal_vis = UnrealVisServices(state_reader, diagnostics)
         self._recordings = RecordingServices(simulation, episodes)
-        self._service_groups = self._make_service_groups(ResourceLoader(simulation.knowledge, folder), step_s=step_s)
+        resources = ResourceLoader(simulation.knowledge, folder)
+        self._skills = RobotSkills(
+            simulation, lambda name: resources.find_file(name, ROBOT_SUFFIXES), on_added=self._update_robots
+        )
+        self._service_groups = self._make_service_groups(resources, step_s=step_s)
         self._state_publisher: StatePublisher | None = None
         self._descriptions: DescriptionPublisher | None = None
         self._robots: RobotInterfaces | None = None
@@ -246,6 +251,7 @@ class RosInterface:
             self._control_services,
             self._engine_services,
             self._recordings,
+            self._skills,
             QuestionServices(simulation),
             QueryServices(simulation),
             *rosapi,
@@ -263,7 +269,12 @@ class RosInterface:
             if service.full_name(self.namespace) not in elsewhere:
                 self._endpoints.create_service(service)
         plans = PlanActions(self.simulation)
-        for action in (*self._engine_services.actions(), *self._control_services.actions(), *plans.actions()):
+        for action in (
+            *self._engine_services.actions(),
+            *self._control_services.actions(),
+            *plans.actions(),
+            *self._skills.actions(),
+        ):
             self._endpoints.create_action(action)
         highlights = HighlightSubscriber(self.simulation, self._diagnostics)
         self._endpoints.subscribe("highlight", mindstage_msgs.LitBodies, highlights.on_highlight)
@@ -272,6 +283,10 @@ class RosInterface:
 
     def _tick(self) -> None:
         self._endpoints.publish_status()
+        self._update_robots()
+        if self._robots is not None:
+            self._robots.publish_status()
+
+    def _update_robots(self) -> None:
         if self._robots is not None:
             self._robots.update()
-            self._robots.publish_status()

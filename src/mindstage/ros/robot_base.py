@@ -185,7 +185,7 @@ class RobotBaseInterface:
     def _target(self, message: geometry_msgs.PoseStamped) -> tuple[float, float, float]:
         """Returns a pose of the base link on the floor: x, y [m], yaw [rad] in the world frame."""
         frame = message.header.frame_id
-        if self._namespace and frame in self._robot.link_ids | {"odom": ""}:
+        if self._namespace and (frame == "odom" or frame in self._robot.link_ids):
             frame = frame_in_namespace(self._namespace, frame)
         pose = self._state_reader.to_world_frame(pose_from_message(message.pose), frame)
         row = normalized_pose_array(pose)

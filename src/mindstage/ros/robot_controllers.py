@@ -58,7 +58,7 @@ _HEAD_MAX_CHANGE = 0.5
 _HEAD_TOLERANCE = 0.02
 """Largest angle between the axis and the target [rad]."""
 _ALL_JOINTS = "joint_trajectory_controller"
-_ERROR_CODES = {
+_ERROR_CODES: Mapping[MotionFailure | None, control_msgs.FollowJointTrajectoryCode] = {
     MotionFailure.BLOCKED: _Code.PATH_TOLERANCE_VIOLATED,
     MotionFailure.PATH_TOLERANCE: _Code.PATH_TOLERANCE_VIOLATED,
     MotionFailure.GOAL_TOLERANCE: _Code.GOAL_TOLERANCE_VIOLATED,
@@ -358,21 +358,29 @@ class RobotControllers:
         # A limit above that of the gripper is always kept.
         force_n = min(goal.command.max_effort, gripper.max_force_n) if goal.command.max_effort > 0.0 else None
 
-        def state(**values: bool) -> dict[str, float | bool]:
+        def effort_n() -> float:
             states = self._robot.joint_states()
-            effort = max((abs(states[name].effort) for name in gripper.joints), default=0.0)
-            return {"position": self._robot.gripper_opening(gripper.name), "effort": effort, **values}
+            return max((abs(states[name].effort) for name in gripper.joints), default=0.0)
+
+        def feedback() -> control_msgs.GripperCommand.Feedback:
+            return control_msgs.GripperCommand.Feedback(position=self._robot.opening(gripper.name), effort=effort_n())
+
+        def result(*, stalled: bool = False, reached_goal: bool = False) -> control_msgs.GripperCommand.Result:
+            return control_msgs.GripperCommand.Result(
+                position=self._robot.opening(gripper.name),
+                effort=effort_n(),
+                stalled=stalled,
+                reached_goal=reached_goal,
+            )
 
         try:
             motion = self._robot.start_gripping(gripper.name, goal.command.position, max_force_n=force_n)
         except CommandRefusedError as error:
-            result = control_msgs.GripperCommand.Result(**state())
-            raise GoalAbortedError(result, reason=str(error), rejected=True) from error
-        ended = await_motion(motion, context, lambda: control_msgs.GripperCommand.Feedback(**state()))
-        result = control_msgs.GripperCommand.Result(**state(stalled=ended.stalled, reached_goal=not ended.stalled))
+            raise GoalAbortedError(result(), reason=str(error), rejected=True) from error
+        ended = await_motion(motion, context, feedback)
         if not ended:
-            raise GoalAbortedError(msgspec.structs.replace(result, reached_goal=False), reason=ended.reason)
-        return result
+            raise GoalAbortedError(result(stalled=ended.stalled), reason=ended.reason)
+        return result(stalled=ended.stalled, reached_goal=not ended.stalled)
 
     def point_head(self, goal: control_msgs.PointHead.Goal, context: GoalContext) -> control_msgs.PointHead.Result:
         """Turns the head until an axis of it points to a target.

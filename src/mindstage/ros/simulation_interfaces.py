@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from enum import Enum, auto
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -144,6 +144,13 @@ class ResourceLoader:
         )
         for _, path in zip(range(_MAX_FILES), found, strict=False):
             yield path.relative_to(self._folder).as_posix()
+
+    def find_file(self, name: str, suffixes: Collection[str]) -> Path | None:
+        """Returns the file of a name in the folder, with one of some suffixes; None if there is none."""
+        if self._folder is None:
+            return None
+        path = (self._folder / name.removeprefix("file://")).resolve()
+        return path if self._is_inside_folder(path) and path.suffix.lower() in suffixes else None
 
     def find_body(self, name: str) -> tuple[World, Body] | None:
         """Returns the body with an IRI or id, and the world of its map; None if no map has it."""

@@ -22,13 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.scene.bounding_boxes import Indices, footprints, polygon_areas
+from mindstage.scene.geometry import GeometryMap
 from mindstage.scene.kinematics import RigidGroups
 from mindstage.scene.model import World
 from mindstage.scene.proximity import BodyBoxes
 from mindstage.scene.ray_casting import ShapeScene
+from mindstage.scene.spatial import SpatialRelations
 from mindstage.scene.transforms import Array
 
-__all__ = ["FloorPath", "FloorPlan", "WallRooms", "find_floor", "wall_rooms"]
+__all__ = ["FloorPath", "FloorPlan", "WallRooms", "find_floor", "free_floor_place", "wall_rooms"]
 
 CELL_M = 0.05
 """Extent of a cell; larger on floors of more than `_MAX_CELLS`."""
@@ -390,6 +392,47 @@ class FloorPlan:
         count = max(2, ceil(float(np.linalg.norm(b - a)) / (self.cell / 4)))
         at, _ = self._grid.cell_at(np.linspace(a, b, count))
         return bool(self.is_floor[at[:, 0], at[:, 1]].all())
+
+
+_CLEARANCES_M = (0.8, 0.5, 0.3, 0.15, 0.05)
+"""Distances from everything else at which a free place is searched, one after the other [m]."""
+
+
+def free_floor_place(
+    world: World, geometry: GeometryMap, *, radius: float, height: float
+) -> tuple[float, float, float] | None:
+    """A place on the floor where something fits, in the middle of the floor and away from everything else.
+
+    Args:
+        world: the bodies.
+        geometry: their shapes.
+        radius: radius of what is to stand there [m].
+        height: its height [m].
+
+    Returns:
+        x, y and the height of the floor [m]; None if it fits nowhere.
+    """
+    bodies = BodyBoxes.from_bodies(world.bodies)
+    level, floor = find_floor(bodies)
+    slabs = {bodies.bodies[row].id for row in floor}
+    enclosing = set(SpatialRelations(world).enclosing_bodies)
+    scene = ShapeScene(world.bodies, geometry)
+    for clearance in _CLEARANCES_M:
+        plan = FloorPlan(
+            world,
+            scene,
+            radius=radius + clearance,
+            height=height,
+            level=level,
+            floor=[row for row, body in enumerate(world.bodies) if body.id in slabs],
+            ignored=[row for row, body in enumerate(world.bodies) if body.id in enclosing],
+        )
+        cells = np.flatnonzero(plan.is_free)
+        if len(cells):
+            centers = plan.centers(cells)
+            x, y = centers[np.argmin(np.linalg.norm(centers - centers.mean(axis=0), axis=1))].tolist()
+            return x, y, level
+    return None
 
 
 def _trace(previous: Indices, goal: int) -> Indices:

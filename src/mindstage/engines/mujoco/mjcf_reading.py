@@ -1,7 +1,7 @@
 """Reading of MJCF files as plain records, by MuJoCo's own parser and compiler.
 
-The compiler resolves defaults, includes, Euler angles, meshes and inertias; what is read here is the compiled model. The
-frames are those of the bodies in the file.
+The compiler resolves defaults, includes, Euler angles, meshes and inertias; what is read here is the compiled model.
+The frames are those of the bodies in the file.
 """
 
 from __future__ import annotations

@@ -83,9 +83,9 @@ def _example(name: str, title: str, file: str, srdf: str = "") -> KnownModel:
     return KnownModel(name=name, title=title, package="example-robot-data", file=f"{_EXAMPLES}/{file}", srdf=srdf)
 
 
-def _robosuite(name: str, title: str, folder: str) -> KnownModel:
+def _robosuite(name: str, title: str, folder: str, srdf: str = "") -> KnownModel:
     return KnownModel(
-        name=name, title=title, package="robosuite-models", file=f"{_ROBOSUITE}/{folder}/robot.xml", srdf=""
+        name=name, title=title, package="robosuite-models", file=f"{_ROBOSUITE}/{folder}/robot.xml", srdf=srdf
     )
 
 
@@ -116,13 +116,14 @@ _MODELS = (
     _example("kinova", "Kinova", "kinova_description/robots/kinova.urdf"),
     _example("xarm7", "UFACTORY xArm 7", "xarm_description/urdf/xarm7.urdf"),
     _example("talos", "PAL Robotics TALOS", "talos_data/robots/talos_reduced.urdf"),
-    _robosuite("pr2_mjcf", "Willow Garage PR2, as MJCF", "pr2"),
+    _robosuite("pr2_mjcf", "Willow Garage PR2, as MJCF", "pr2", "pr2.srdf"),
     _robosuite("yumi", "ABB YuMi, as MJCF", "yumi"),
     KnownModel(
         name="fetch",
         title="Fetch Robotics Fetch, as MJCF",
         package="gymnasium-robotics",
         file=f"{_GYMNASIUM}/fetch/reach.xml",
+        srdf="fetch.srdf",
     ),
 )
 

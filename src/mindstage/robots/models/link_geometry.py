@@ -135,7 +135,8 @@ def _rejection_notes(robot: UrdfRobot, found: Mapping[str, Path], rejected: Mapp
     notes = []
     for link in robot.links:
         for part in link.collisions:
-            if part.mesh in found and (reason := rejected.get(found[part.mesh])) is not None:
+            file = found.get(part.mesh or "")
+            if file is not None and (reason := rejected.get(file)) is not None:
                 text = f"its collision mesh {part.mesh} is left out: {reason}"
                 notes.append(ModelNote(subject=link.name, text=text, is_guess=False))
     return notes
@@ -146,7 +147,8 @@ def _collision_shape(
 ) -> CollisionShape | None:
     if part.geometry_type is not UrdfGeometryType.MESH:
         return _primitive_shape(part)
-    mesh = None if part.mesh not in files else imported.get(files[part.mesh])
+    file = files.get(part.mesh or "")
+    mesh = None if file is None else imported.get(file)
     if mesh is None:
         return None
     points = np.concatenate(mesh.convex_parts) * part.mesh_scale
@@ -161,9 +163,8 @@ def _primitive_shape(part: UrdfGeometry) -> CollisionShape | None:
 
 def _visual_part(part: UrdfGeometry, files: Mapping[str, Path]) -> VisualPart | None:
     if part.geometry_type is UrdfGeometryType.MESH:
-        if part.mesh not in files:
-            return None
-        return MeshPart(files[part.mesh], part.mesh_origin, part.mesh_scale, part.color)
+        file = files.get(part.mesh or "")
+        return None if file is None else MeshPart(file, part.mesh_origin, part.mesh_scale, part.color)
     shape = _primitive_shape(part)
     return None if shape is None else PrimitivePart(shape, part.color)
 
@@ -197,7 +198,7 @@ def _outermost(points: Array) -> Array:
     directions = np.stack([np.cos(around) * np.sin(down), np.sin(around) * np.sin(down), np.cos(down)], axis=1)
     directions = np.concatenate([np.eye(3), -np.eye(3), directions])  # the bounding box stays the same
     stretched = points / np.maximum(np.ptp(points, axis=0), 1e-9)  # otherwise the edges of thin plates are missed
-    return points[np.unique(np.argmax(stretched @ directions.T, axis=0))]
+    return np.asarray(points[np.unique(np.argmax(stretched @ directions.T, axis=0))])
 
 
 # -- visual meshes -----------------------------------------------------------------------------------------------------

@@ -124,10 +124,9 @@ class LinkTree:
         found = set()
         for joint in self.joints.values():
             if joint.is_movable:
-                above, below = members[cluster[joint.parent]], members[joint.child]
-                found |= {
-                    (min(a, b), max(a, b)) for a in above for b in below if self._is_solid(a) and self._is_solid(b)
-                }
+                above = filter(self._is_solid, members[cluster[joint.parent]])
+                below = list(filter(self._is_solid, members[joint.child]))
+                found |= {(min(a, b), max(a, b)) for a in above for b in below}
         return found
 
     def _is_solid(self, link: str) -> bool:

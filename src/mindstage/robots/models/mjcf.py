@@ -7,6 +7,7 @@ out, since the base of a robot is moved by its planar joint.
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 from collections.abc import Iterable
 from pathlib import Path
@@ -92,23 +93,28 @@ class _MjcfRobotReader:
         trees = self._trees()
         if not trees:
             raise RobotModelError(str(self.path), cause="it has no body", remedy="give the file of a robot")
-        bodies = max(trees.values(), key=lambda tree: (sum(len(body.joints) for body in tree), len(tree)))
-        root = bodies[0]
+        chosen = max(trees, key=lambda name: (sum(len(body.joints) for body in trees[name]), len(trees[name])))
         for name in trees:
-            if name != root.name:
-                text = f"it is left out, since it is not part of {root.name}"
+            if name != chosen:
+                text = f"it is left out, since it is not part of {chosen}"
                 self.notes.append(ModelNote(subject=name, text=text, is_guess=False))
+        prefix = _common_prefix(trees[chosen])
+        root, *others = [_without_prefix(body, prefix) for body in trees[chosen]]
         self.links.append(self._link(root))
-        for body in bodies[1:]:
+        for body in others:
             self._add(body)
         names = {link.name for link in self.links}
+        pairs = ((a.removeprefix(prefix), b.removeprefix(prefix)) for a, b in self.model.excluded_pairs)
         return MjcfRobot(
             name=self.model.name,
             links=tuple(self.links),
             joints=tuple(self.joints),
             base=self._base(root),
-            disabled_collisions=frozenset(pair for pair in self.model.excluded_pairs if names.issuperset(pair)),
-            states=tuple(("", name, positions) for name, positions in self.model.keyframes),
+            disabled_collisions=frozenset(pair for pair in pairs if names.issuperset(pair)),
+            states=tuple(
+                ("", name, tuple((joint.removeprefix(prefix), position) for joint, position in positions))
+                for name, positions in self.model.keyframes
+            ),
             notes=tuple(self.notes),
         )
 
@@ -200,6 +206,25 @@ class _MjcfRobotReader:
             a, b, c = body.center.tolist()
             inertia = Inertia(mass_kg=body.mass_kg, center=(a, b, c), tensor=(xx, yy, zz, xy, xz, yz))
         return RobotLink(name=body.name, geometry=_geometry(body.geoms, self.path.name), inertia=inertia)
+
+
+def _common_prefix(bodies: Iterable[MjcfBody]) -> str:
+    """What all names begin with, up to the first ":" or "/", by which files with several robots tell them apart."""
+    names = [name for body in bodies for name in (body.name, *(joint.name for joint in body.joints))]
+    ends = [position for sign in ":/" if (position := names[0].find(sign)) > 0]
+    prefix = names[0][: min(ends) + 1] if ends else ""
+    return prefix if all(name.startswith(prefix) for name in names) else ""
+
+
+def _without_prefix(body: MjcfBody, prefix: str) -> MjcfBody:
+    joints = []
+    for joint in body.joints:
+        mimic = joint.mimic
+        if mimic is not None:
+            mimic = (mimic[0].removeprefix(prefix), *mimic[1:])
+        joints.append(dataclasses.replace(joint, name=joint.name.removeprefix(prefix), mimic=mimic))
+    name, parent = body.name.removeprefix(prefix), body.parent.removeprefix(prefix)
+    return dataclasses.replace(body, name=name, parent=parent, joints=tuple(joints))
 
 
 def _geometry(geoms: Iterable[MjcfGeom], reason: str) -> BodyGeometry | None:

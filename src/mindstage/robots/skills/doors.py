@@ -22,8 +22,10 @@ from mindstage.scene.transforms import (
     quat_rotate,
 )
 
-__all__ = ["close_thing", "moving_front", "open_thing"]
+__all__ = ["ACCESS", "close_thing", "moving_front", "open_thing"]
 
+ACCESS = {True: 1.0, False: 0.7}
+"""How far drawers and doors are opened to get at what is in them; a door that is fully open is hard to close again."""
 _NEEDS = (SkillNeed.ARM, SkillNeed.GRIPPER)
 _STEP_M = 0.02
 """Distance of the handle between neighboring poses of its path."""

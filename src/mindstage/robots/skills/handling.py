@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from math import cos, pi, sin
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ import numpy as np
 from mindstage.errors import NoFreePlacementError, SkillFailedError, UnreachableError
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.skills.declaration import SkillMotion, SkillNeed, SupportName, ThingName, skill
-from mindstage.robots.skills.doors import moving_front
+from mindstage.robots.skills.doors import ACCESS, moving_front
 from mindstage.robots.skills.grasps import Grasp, grasps_of, weld_grasps_of
 from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, planar_pose
 from mindstage.robots.skills.stances import Stance, StanceRequest, find_stance
@@ -43,7 +43,7 @@ _FREE_PLACES = 60
 """Number of free places that are looked for."""
 _PLACES = 8
 """Number of free places that are tried."""
-_PLACE_BUDGET_S = 3.0
+_PLACE_BUDGET_S = 6.0
 """Limit of the wall time for each [s]."""
 _CLOSE_M = 0.5
 """Places that are nearer than this to where the base can stand are equally good."""
@@ -154,10 +154,10 @@ def pick_up(task: SkillTask, id: BodyId, *, upright: bool | None = None) -> Skil
     hand = free_hand(task, f"to pick up {id}")
     surroundings = task.surroundings()
     for opening in surroundings.closed_in_front_of(id):
-        yield from moving_front(task, opening, 1.0)
+        yield from moving_front(task, opening, ACCESS[opening.joint.is_prismatic])
     yield from hand.parking()
-    yield from _grasping(task, hand, task.surroundings(), id, upright=upright)
-    yield from carrying(task, hand)
+    stance = yield from _grasping(task, hand, task.surroundings(), id, upright=upright)
+    yield from carrying(task, hand, stance.back_m)
 
 
 def _grasping(
@@ -168,7 +168,7 @@ def _grasping(
     *,
     upright: bool | None,
     stays: bool = False,
-) -> SkillMotion:
+) -> Generator[float, None, Stance]:
     """Grasps a thing and lifts it; by friction if that is possible, otherwise it is fixed to the gripper."""
     with task.step("grasp", f"grasp {id}"):
         request = _grasp_request(hand, surroundings, id, upright=upright, stays=stays)
@@ -193,6 +193,7 @@ def _grasping(
         drift = pose_multiply(pose_inverse(hand.grasp_pose), surroundings.pose(id))[:3] - relative[:3]
         if np.linalg.norm(drift) > _DRIFT_M:
             raise task.failure(f"{id} slipped out of the gripper while it was lifted", "grasp it again")
+    return stance
 
 
 def _lifting(hand: Manipulator, id: BodyId) -> SkillMotion:
@@ -218,8 +219,11 @@ def _grasp_request(
 
     found.sort(key=cost)
     chosen = _in_many_directions(found, pose)
-    lifted = np.array([pose + np.array([0.0, 0.0, height, 0.0, 0.0, 0.0, 0.0]) for height in np.linspace(0.0, _LIFT_M, 3)])
-    return StanceRequest(id, chosen, lifted, _BACK_M, least=0.9, stays=stays)
+    up = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+    lifted = np.array([pose + height * up for height in np.linspace(0.0, _LIFT_M, 3)])
+    inside = surroundings.containers_of(id)
+    container = surroundings.box(inside[0]) if inside else None
+    return StanceRequest(id, chosen, lifted, _BACK_M, container=container, least=0.9, stays=stays)
 
 
 def _in_many_directions(grasps: Sequence[Grasp], pose: Array) -> list[Grasp]:
@@ -259,14 +263,12 @@ def _fix(task: SkillTask, hand: Manipulator, id: BodyId, why: str) -> None:
     task.assume(f"{id} was fixed to the {hand.gripper.name}: {why}")
 
 
-def carrying(task: SkillTask, hand: Manipulator) -> SkillMotion:
+def carrying(task: SkillTask, hand: Manipulator, back_m: float) -> SkillMotion:
     """Takes what is held close in front of the robot, with the inclination that it has; the arm stays if it cannot."""
     held = hand.held
     if held is None:
         raise task.failure("nothing is held after the grasp", "grasp it again")
-    here = hand.grasp_pose
-    back = pose_multiply(here, np.array([-_BACK_M, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
-    yield from hand.withdrawing(back)
+    yield from hand.withdrawing(pose_multiply(hand.grasp_pose, np.array([-back_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])))
     for target in _carry_poses(hand):
         try:
             yield from hand.moving_to(target, why=f"to carry {held}")
@@ -330,7 +332,7 @@ def put_down(task: SkillTask, id: BodyId, holder: BodyId, *, inside: bool) -> Sk
                 f"place {id} somewhere else first, or open {doors[0].front} before it is picked up",
             )
         for door in doors:
-            yield from moving_front(task, door, 1.0)
+            yield from moving_front(task, door, ACCESS[door.joint.is_prismatic])
     is_drawer = any(each.front == support for each in surroundings.openings())
     yield from pick_up(task, id, upright=None if not inside else not is_drawer)
     hand = hand_with(task, id)
@@ -341,9 +343,7 @@ def put_down(task: SkillTask, id: BodyId, holder: BodyId, *, inside: bool) -> Sk
         yield from _placing(task, hand, id, support, inside=inside)
 
 
-def _support(
-    surroundings: Surroundings, id: BodyId, holder: BodyId, *, inside: bool
-) -> tuple[BodyId, list[Opening]]:
+def _support(surroundings: Surroundings, id: BodyId, holder: BodyId, *, inside: bool) -> tuple[BodyId, list[Opening]]:
     """The body with the surfaces, which may be a drawer of the holder, and what has to be opened to get there."""
     if not inside:
         return holder, []
@@ -364,14 +364,14 @@ def _placing(task: SkillTask, hand: Manipulator, id: BodyId, support: BodyId, *,
         reason = surroundings.why_no_place(id, support, inside=inside)
         raise NoFreePlacementError(id, f"{'into' if inside else 'on'} {support}", reason=reason)
     in_hand = pose_multiply(pose_inverse(surroundings.pose(id)), hand.grasp_pose)
-    stance = _placing_stance(hand, id, support, places, in_hand)
-    yield from hand.driving_to(stance.base, why=f"to reach {support}")
-    yield from hand.moving_to(stance.start, why=f"in front of {support}")
+    stance = yield from _standing_for(
+        task, hand, id, support, places, in_hand, surroundings.box(support) if inside else None
+    )
     at = stance.grasp.pose - np.array([0.0, 0.0, _GAP_M, 0.0, 0.0, 0.0, 0.0])
     above = at + np.array([0.0, 0.0, _LIFT_M + _GAP_M, 0.0, 0.0, 0.0, 0.0])
     yield from hand.moving_straight(above, why=f"over {support}", speed=0.25)
     yield from hand.moving_straight(at, why=f"down on {support}", speed=0.15, may_touch=True)
-    yield from _letting_go(task, hand)
+    yield from _letting_go(task, hand, back_m=stance.back_m)
     yield from hand.parking(touch=(id,))
     yield 0.3
     where = task.surroundings()
@@ -381,17 +381,29 @@ def _placing(task: SkillTask, hand: Manipulator, id: BodyId, support: BodyId, *,
         raise task.failure(reason, "pick it up and try again")
 
 
-def _placing_stance(
-    hand: Manipulator, id: BodyId, support: BodyId, places: Sequence[Pose], in_hand: Array
-) -> Stance:
-    """Where to stand, and at which of the places what is held is put down; those nearest to free floor come first."""
+def _standing_for(
+    task: SkillTask,
+    hand: Manipulator,
+    id: BodyId,
+    support: BodyId,
+    places: Sequence[Pose],
+    in_hand: Array,
+    container: tuple[Array, Array] | None,
+) -> Generator[float, None, Stance]:
+    """Drives to where one of the places is in reach, the most accessible first, and takes what is held in front of it."""
     lifts = np.array([[0.0, 0.0, height, 1.0, 0.0, 0.0, 0.0] for height in np.linspace(0.0, _LIFT_M, 3)])
     raised = np.array([0.0, 0.0, _GAP_M, 0.0, 0.0, 0.0, 0.0])
     floor = FloorMap(hand.robot) if hand.is_mobile else None
     error: UnreachableError | None = None
     for pose in _nearest_to_floor([normalized_pose_array(each) for each in places], floor)[:_PLACES]:
         options = [
-            Grasp(pose_multiply(_spun(pose, turn) + raised, in_hand), 0.0, is_by_friction=True, is_whole=True, is_central=True)
+            Grasp(
+                pose_multiply(_spun(pose, turn) + raised, in_hand),
+                0.0,
+                is_by_friction=True,
+                is_whole=True,
+                is_central=True,
+            )
             for turn in (0.0, pi)
         ]
         request = StanceRequest(
@@ -399,14 +411,19 @@ def _placing_stance(
             options,
             lifts,
             _BACK_M,
+            container=container,
             lift_m=_LIFT_M,
             least=0.9,
             budget_s=_PLACE_BUDGET_S,
         )
         try:
-            return find_stance(hand, request, floor)
+            stance = find_stance(hand, request, floor)
+            yield from hand.driving_to(stance.base, why=f"to reach {support}")
+            yield from hand.moving_to(stance.start, why=f"in front of {support}")
         except UnreachableError as found:
             error = found
+            continue
+        return stance
     raise UnreachableError(
         hand.robot.name,
         target=f"a free place at {support} with {id}",
@@ -434,15 +451,14 @@ def _spun(pose: Array, turn: float) -> Array:
     return np.concatenate([pose[:3], quat_multiply(spin, pose[3:])])
 
 
-def _letting_go(task: SkillTask, hand: Manipulator) -> SkillMotion:
+def _letting_go(task: SkillTask, hand: Manipulator, *, back_m: float = _BACK_M) -> SkillMotion:
     """Releases what is held, and withdraws the hand."""
     held = hand.held
     opening = hand.robot.opening(hand.gripper.name)
     if held is not None and _is_fixed(task, hand, held):
         task.session.run_on_engine(lambda engine: engine.detach(held), label="detach", edits=True)
     yield from hand.opening(min(opening + 2 * _ROOM_M, hand.gripper.max_opening_m))
-    back = pose_multiply(hand.grasp_pose, np.array([-_BACK_M, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
-    yield from hand.withdrawing(back)
+    yield from hand.withdrawing(pose_multiply(hand.grasp_pose, np.array([-back_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])))
 
 
 def _is_fixed(task: SkillTask, hand: Manipulator, id: BodyId) -> bool:

@@ -11,6 +11,7 @@ from math import cos, hypot, sin
 
 import numpy as np
 
+from mindstage.errors import UnreachableError
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.model import Arm, BaseType, Gripper
@@ -31,8 +32,10 @@ _BASE_GAIN = 3.0
 """Velocity of the base by its error [1/s]."""
 _TICK_S = 0.04
 """The interval at which the base is commanded while it moves with the arm [s]."""
-_PLANNING_S = 3.0
+_PLANNING_S = 10.0
 """Limit of the wall time of one plan of an arm [s]."""
+_ROOM_M = 0.3
+"""How far the base drives back to give an arm room."""
 _NEAR_M, _NEAR_RAD = 0.02, 0.04
 """A base that is nearer to where it is to stand does not drive."""
 
@@ -272,7 +275,19 @@ class Manipulator:
         now = self.robot.joint_positions()
         if all(abs(now[name] - position) < 0.02 for name, position in rest.items()):
             return
-        yield from self.moving_to(rest, why="to its rest position", touch=touch)
+        try:
+            yield from self.moving_to(rest, why="to its rest position", touch=touch)
+        except UnreachableError:
+            if not self.is_mobile:
+                raise
+            yield from self._backing_off()
+            yield from self.moving_to(rest, why="to its rest position", touch=touch)
+
+    def _backing_off(self) -> SkillMotion:
+        """Drives straight back, so that the arm gets room."""
+        x, y, yaw = self.robot.base_pose()
+        away = (x - _ROOM_M * cos(yaw), y - _ROOM_M * sin(yaw), yaw)
+        yield from self.driving_to(away, why="to give the arm room")
 
     def _require(self, result: MotionResult, suggestion: str) -> None:
         """Raises if a motion did not succeed."""

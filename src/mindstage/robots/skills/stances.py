@@ -22,17 +22,20 @@ __all__ = ["Stance", "StanceRequest", "find_stance"]
 
 _DISTANCES_M = (0.55, 0.7, 0.85, 0.45, 1.0)
 """Distances of the base from what is grasped, the preferred first."""
-_BEARINGS_RAD = (0.0, 0.35, -0.35, 0.7, -0.7, 1.1, -1.1, 1.5, -1.5)
+_BEARINGS_RAD = (0.0, 0.35, -0.35, 0.7, -0.7, 1.1, -1.1, 1.5, -1.5, 1.9, -1.9)
 """Directions in which the base stands, relative to that from which the hand comes."""
 _HEADINGS_RAD = (0.0, 0.5, -0.5, 1.0, -1.0, pi / 2, -pi / 2)
 """Headings of the base, relative to that towards what is grasped."""
-_BUDGET_S = 12.0
+_BUDGET_S = 25.0
 """Limit of the wall time [s]."""
-_WAY_BUDGET_S = 1.5
+_WAY_BUDGET_S = 3.0
 """Limit of the wall time in which a way to a place is looked for [s]."""
 _GOOD_ENOUGH = 0.98
 """Part of the path beyond which no better stance is looked for."""
 _IK_ATTEMPTS = 5
+_OUTSIDE_M = 0.1
+"""Distance from a container at which the straight line into it begins."""
+_MAX_WAY_M = 0.45
 _CHECKED_EVERY = 3
 """Of the poses of a path, every third one is tested for collisions."""
 _MAX_GRASPS = 10
@@ -50,6 +53,8 @@ class Stance(NamedTuple):
     """Positions of the arm in front of the grasp [m or rad]."""
     reach: float
     """The part of the path that the hand can follow from there, from 0 to 1."""
+    back_m: float
+    """Length of the straight line on which the hand comes, and withdraws."""
     why: str
     """Why it does not reach all of it; may be empty."""
 
@@ -64,7 +69,9 @@ class StanceRequest(NamedTuple):
     poses: Array
     """n x 7: poses of the target in the world frame, the one of the grasp first."""
     back_m: float
-    """Length of the straight line on which the hand comes, and withdraws."""
+    """Least length of the straight line on which the hand comes, and withdraws."""
+    container: tuple[Array, Array] | None = None
+    """The lowest and the highest corner of what the target is in: the line begins in front of it, if possible."""
     lift_m: float = 0.0
     """The height of this line above the grasp."""
     joint: BodyId | None = None
@@ -188,9 +195,10 @@ class _Search:
         self._move_joint(0)
         if self._hits(found.positions, base):
             return None
-        start = self._start(at, root, seed)
-        if start is None or self._hits(start, base):
+        found_start = self._start(at, root, seed, base)
+        if found_start is None:
             return None
+        start, back_m = found_start
         path = follow_poses(
             hand.kinematics,
             hand.arm,
@@ -203,20 +211,28 @@ class _Search:
         if reach < request.least:
             self._count(path.reason or "the robot would touch something on the way")
             return None
-        return Stance(base, grasp, number, start, reach, path.reason)
+        return Stance(base, grasp, number, start, reach, back_m, path.reason)
 
-    def _start(self, at: Array, root: Array, seed: dict[str, float]) -> dict[str, float] | None:
-        """Positions of the arm from where the hand comes on a straight line."""
-        above = at + np.array([0.0, 0.0, self.request.lift_m, 0.0, 0.0, 0.0, 0.0])
-        before = pose_multiply(above, np.array([-self.request.back_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
-        line = interpolated_poses(above, before)
-        if self.request.lift_m:
-            line = np.concatenate([interpolated_poses(at, above)[:-1], line])
-        approach = follow_poses(self.hand.kinematics, self.hand.arm, line, root=root, seed=seed)
-        if not approach.is_complete:
-            self._count(approach.reason)
+    def _start(
+        self, at: Array, root: Array, seed: dict[str, float], base: BasePose
+    ) -> tuple[dict[str, float], float] | None:
+        """Positions of the arm from where the hand comes on a straight line, and the length of the line."""
+        request = self.request
+        above = at + np.array([0.0, 0.0, request.lift_m, 0.0, 0.0, 0.0, 0.0])
+        wanted = max(request.back_m, _way_out(above, request.container))
+        line = interpolated_poses(above, pose_multiply(above, np.array([-wanted, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])))
+        rise = interpolated_poses(at, above)[:-1] if request.lift_m else line[:0]
+        approach = follow_poses(self.hand.kinematics, self.hand.arm, np.concatenate([rise, line]), root=root, seed=seed)
+        last = -1
+        for row in range(approach.reached):
+            if (row % 2 == 0 or row == approach.reached - 1) and self._hits(approach.at(row), base):
+                break
+            last = row
+        length = wanted * max(last - len(rise), 0) / max(len(line) - 1, 1)
+        if last < len(rise) or length < request.back_m - 1e-6:
+            self._count(approach.reason or "the hand has no straight way to it")
             return None
-        return approach.at(-1)
+        return approach.at(last), length
 
     def _hits(self, positions: dict[str, float], base: BasePose) -> bool:
         """Whether the robot would touch something there."""
@@ -240,3 +256,14 @@ class _Search:
 
     def _count(self, reason: str) -> None:
         self.reasons[reason] = self.reasons.get(reason, 0) + 1
+
+
+def _way_out(at: Array, container: tuple[Array, Array] | None) -> float:
+    """How far a hand has to withdraw until the grasp frame is outside of a box, with some room [m]; 0 without one."""
+    if container is None:
+        return 0.0
+    backwards = -quat_rotate(at[3:], (1.0, 0.0, 0.0))
+    with np.errstate(divide="ignore"):
+        ends = np.where(backwards > 0.0, container[1] - at[:3], container[0] - at[:3]) / backwards
+    way = float(np.min(np.where(np.abs(backwards) > 1e-6, ends, np.inf)))
+    return min(max(way, 0.0) + _OUTSIDE_M, _MAX_WAY_M)

@@ -1,0 +1,405 @@
+"""The verb `do`: a robot performs a skill, a designated action or a plan in a map."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mindstage.cli.imagine import Budget, Samples, Seed, Uncertainties, Workers, deviations_of, interruptible
+from mindstage.cli.options import (
+    DEFAULT_READING,
+    AsJson,
+    AssetFolders,
+    EngineName,
+    ExitCode,
+    MapName,
+    MapReading,
+    PlainBoxes,
+    Strict,
+    Verbose,
+    finite,
+)
+from mindstage.cli.output import console, print_json, print_line, progress_spinner, warn
+from mindstage.cli.setup import make_engine
+from mindstage.cli.simulate import spawned_map
+
+if TYPE_CHECKING:
+    from mindstage.imagination import Plan, PlanFile, SampleResult, TryFirstResult
+    from mindstage.robots.model import RobotModel
+    from mindstage.robots.robot import Robot
+    from mindstage.robots.skills.declaration import SkillStep
+    from mindstage.simulation import Simulation
+
+__all__ = ["do"]
+
+Command = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="[COMMAND]",
+        help="A skill with its arguments, as in 'put_away milk_carton_1' or 'go_to x=1 y=0'; several are separated by "
+        "';'. Or a plan (a file, or JSON), or a designator as JSON.",
+        show_default=False,
+    ),
+]
+OptionalMaps = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="MAP…",
+        help="A semantic map (OWL or Turtle), or bundled:kitchen. Several are loaded into one knowledge base.",
+        show_default=False,
+    ),
+]
+RobotName = Annotated[
+    str,
+    typer.Option("--robot", metavar="NAME|FILE", help="A known model, or a description (URDF, xacro, MJCF)."),
+]
+SelfModelFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--self-model",
+        metavar="FILE",
+        help="What an ontology states about the robot, in the terms of SRDL (OWL).",
+        show_default=False,
+    ),
+]
+At = Annotated[
+    str | None,
+    typer.Option(
+        "--at",
+        metavar="X,Y[,YAW]",
+        help="Where the robot stands at the start [m, rad]; by default at a free place in the middle of the floor.",
+        show_default=False,
+    ),
+]
+PlanOption = Annotated[
+    str | None,
+    typer.Option(
+        "--plan", metavar="FILE", help="A plan instead of a command, as JSON or YAML; or text.", show_default=False
+    ),
+]
+TryFirst = Annotated[
+    float | None,
+    typer.Option(
+        "--try-first",
+        metavar="P",
+        min=0.0,
+        max=1.0,
+        help="Try it in copies of the world, and do it only if its probability is at least P.",
+        show_default=False,
+    ),
+]
+Deadline = Annotated[
+    float,
+    typer.Option(
+        "--deadline", metavar="SECONDS", min=0.1, callback=finite, help="Limit of the simulated time of each skill."
+    ),
+]
+RecordFile = Annotated[
+    Path | None,
+    typer.Option("--record", metavar="FILE", help="Record an episode, a new file (.mcap).", show_default=False),
+]
+OutFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        "-o",
+        metavar="OUT",
+        help="Write the world afterwards as a map (.owl, .rdf, .xml or .ttl), without the robot.",
+        show_default=False,
+    ),
+]
+SettleSeconds = Annotated[
+    float,
+    typer.Option("--settle", metavar="SECONDS", min=0.0, callback=finite, help="Simulated time before it begins."),
+]
+
+
+def do(
+    command: Command = None,
+    maps: OptionalMaps = None,
+    *,
+    robot: RobotName = "mobile_manipulator",
+    self_model: SelfModelFile = None,
+    at: At = None,
+    plan: PlanOption = None,
+    try_first: TryFirst = None,
+    uncertainty: Uncertainties = None,
+    samples: Samples = 100,
+    seed: Seed = 0,
+    budget: Budget = 60.0,
+    workers: Workers = "1",
+    deadline: Deadline = 300.0,
+    settle: SettleSeconds = 0.5,
+    record: RecordFile = None,
+    out: OutFile = None,
+    map_name: MapName = None,
+    reading: MapReading = DEFAULT_READING,
+    strict: Strict = False,
+    assets: AssetFolders = None,
+    plain_boxes: PlainBoxes = False,
+    engine: EngineName = "mujoco",
+    verbose: Verbose = False,
+    as_json: AsJson = False,
+) -> ExitCode:
+    """Let a robot do something in a map; exit 0 if it succeeds, 1 if it fails or is not done, 2 if that is unknown."""
+    from mindstage.robots.standing import add_standing_robot
+
+    task, sources = _arguments(command, plan, maps or [])
+    place = None if at is None else _pose(at)
+    _check_output(record)
+    running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
+    model = _model(robot, self_model)
+    options: dict[str, Any] = {"uncertainty": [deviations_of(text) for text in uncertainty or ()], "samples": samples}
+    options |= {"seed": seed, "budget_s": budget, "workers": workers}
+    with spawned_map(
+        sources, map_name, running, reading=reading, strict=strict, assets=assets, plain_boxes=plain_boxes
+    ) as spawned:
+        simulation = spawned.simulation
+        if not as_json and verbose:
+            spawned.print()
+        with progress_spinner("adding the robot"):
+            added = add_standing_robot(simulation, model, place)
+        file, notes = _task(task, simulation, deadline_s=deadline)
+        if not as_json:
+            x, y, yaw = added.base_pose()
+            print_line(f"{added.name} stands at ({x:.2f}, {y:.2f}), facing {math.degrees(yaw):.0f}°")
+        for note in notes if not as_json else ():
+            warn(note)
+        simulation.step(settle)
+        with ExitStack() as stack:
+            if record is not None:
+                stack.enter_context(simulation.record(record))
+            interrupted = stack.enter_context(interruptible())
+            show = stack.enter_context(_steps_shown(quiet=as_json))
+            result, tried = _perform(
+                simulation, file, at_least=try_first, cancel=interrupted.is_set, on_step=show, **options
+            )
+        if out is not None:
+            simulation.save(out)
+        if as_json:
+            print_json(_as_json(added, result, tried, notes, record=record, out=out) | spawned.to_json())
+        else:
+            _print_result(result, tried, verbose=verbose)
+            for what, path in (("episode", record), ("world", out)):
+                if path is not None:
+                    print_line(f"{what} → {path}")
+    if interrupted.is_set():
+        return ExitCode.INTERRUPTED
+    if result is None:
+        return ExitCode.NEGATIVE
+    codes = {"succeeded": ExitCode.OK, "failed": ExitCode.NEGATIVE}
+    return codes.get(result.outcome.value, ExitCode.ERROR)
+
+
+# -- what is to be done ------------------------------------------------------------------------------------------------
+
+
+def _arguments(command: str | None, plan: str | None, maps: Sequence[str]) -> tuple[str, list[str]]:
+    """What is to be done, and the maps; with `--plan` the first argument is a map, too.
+
+    Raises:
+        InvalidArgumentError: there is nothing to do, or no map.
+    """
+    from mindstage.errors import InvalidArgumentError
+
+    sources = list(maps)
+    if plan is not None:
+        sources, command = [*([command] if command is not None else []), *sources], plan
+    if command is None:
+        raise InvalidArgumentError("do", cause="there is nothing to do", remedy="give a command, or --plan FILE")
+    if not sources:
+        raise InvalidArgumentError("do", cause="there is no map", remedy=f"as in: do {command!r} bundled:kitchen")
+    return command, sources
+
+
+def _task(text: str, simulation: Simulation, *, deadline_s: float) -> tuple[Plan | PlanFile, list[str]]:
+    """The plan of a command, a plan or a designator, and notes on how it was understood.
+
+    Raises:
+        InvalidArgumentError: it is none, or its arguments are not valid.
+        PlanError: it is no valid plan.
+    """
+    from mindstage.imagination import load_plan
+
+    path = Path(text)
+    if path.suffix in {".yaml", ".yml"} or "\n" in text:
+        return load_plan(text), []
+    is_file = path.suffix == ".json"
+    content = path.read_text(encoding="utf-8") if is_file else text.strip()
+    if not content.lstrip().startswith(("{", "[")):
+        return _commands(text, deadline_s=deadline_s), []
+    try:
+        value = json.loads(content)
+    except ValueError:
+        return load_plan(text if is_file else f"{content}\n"), []  # the error names the line
+    if (isinstance(value, dict) and not {"steps", "do"} & value.keys()) or _is_lisp(value):
+        return _designated(value, simulation, deadline_s=deadline_s)
+    if is_file:
+        return load_plan(path), []
+    from mindstage.imagination.trials import plan_from_text
+
+    return plan_from_text(content), []
+
+
+def _is_lisp(value: object) -> bool:
+    """Whether it is a designator as a list, such as ["an", "action", …], rather than a list of steps."""
+    return isinstance(value, list) and bool(value) and isinstance(value[0], str)
+
+
+def _commands(text: str, *, deadline_s: float) -> Plan:
+    """The plan of skills with their arguments, separated by semicolons."""
+    from mindstage.errors import InvalidArgumentError, suggestion
+    from mindstage.imagination import Perform, Plan
+    from mindstage.robots.skills import SKILLS, split_command
+
+    steps = []
+    for part in filter(None, map(str.strip, text.split(";"))):
+        name, words = split_command(part)
+        name = name.replace("-", "_")
+        if name not in SKILLS:
+            raise InvalidArgumentError("do", cause=f"there is no skill {name!r}", remedy=suggestion(name, SKILLS))
+        steps.append(Perform(skill=name, args=SKILLS[name].parse(words), deadline_s=deadline_s))
+    return Plan(steps=tuple(steps), name=text)
+
+
+def _designated(value: Any, simulation: Simulation, *, deadline_s: float) -> tuple[Plan, list[str]]:
+    from mindstage.imagination import Perform, Plan
+    from mindstage.robots.designators import read_designator
+
+    found = read_designator(value, simulation)
+    words = " ".join([found.skill, *(f"{name}={each}" for name, each in found.args.items())])
+    notes = [f"the designator is {words}"]
+    notes += [f"{each.key}: {each.chosen} was taken, {', '.join(each.others)} would fit too" for each in found.choices]
+    notes += [f"{key} is not used" for key in found.ignored]
+    return Plan(steps=(Perform(skill=found.skill, args=found.args, deadline_s=deadline_s),), name=words), notes
+
+
+def _check_output(record: Path | None) -> None:
+    from mindstage.errors import EpisodeFileError
+
+    if record is not None and record.exists():
+        raise EpisodeFileError(str(record), cause="it exists", remedy="delete it, or choose another name")
+
+
+# -- the robot ---------------------------------------------------------------------------------------------------------
+
+
+def _model(name: str, self_model: Path | None) -> RobotModel:
+    from mindstage.robots.models.reading import load_model
+
+    with progress_spinner("reading the robot"):
+        model = load_model(name)
+        if self_model is not None:
+            from mindstage.robots.self_models import add_self_model, read_self_model
+
+            model = add_self_model(model, read_self_model(self_model))
+    return model
+
+
+def _pose(text: str) -> tuple[float, float, float]:
+    """A place on the floor from "X,Y" or "X,Y,YAW".
+
+    Raises:
+        InvalidArgumentError: it is none.
+    """
+    from mindstage.errors import InvalidArgumentError
+
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in {2, 3} or not all(map(math.isfinite, numbers)):
+        raise InvalidArgumentError(f"--at {text}", cause="it is no place", remedy="give X,Y or X,Y,YAW, as in 1.0,0.5")
+    return numbers[0], numbers[1], numbers[2] if len(numbers) == 3 else 0.0
+
+
+# -- doing it ----------------------------------------------------------------------------------------------------------
+
+
+def _perform(
+    simulation: Simulation,
+    plan: Plan | PlanFile,
+    *,
+    at_least: float | None,
+    cancel: Callable[[], bool],
+    on_step: Callable[[SkillStep], object],
+    **options: Any,
+) -> tuple[SampleResult | None, TryFirstResult | None]:
+    """What happened, None if nothing was done; and the trial before, if there was one."""
+    from mindstage.imagination import act, try_first
+
+    if at_least is None:
+        return act(simulation, plan, stop=cancel, on_step=on_step), None
+    tried = try_first(simulation, plan, at_least=at_least, cancel=cancel, on_step=on_step, **options)
+    return tried.result, tried
+
+
+@contextmanager
+def _steps_shown(*, quiet: bool) -> Iterator[Callable[[SkillStep], object]]:
+    """Prints each step of a skill when it ends, and the running one on a terminal."""
+    if quiet:
+        yield lambda step: None
+        return
+    terminal = console(stderr=True)
+    with ExitStack() as stack:
+        status = stack.enter_context(terminal.status("")) if terminal.is_terminal else None
+
+        def show(step: SkillStep) -> None:
+            if step.end_s is None:
+                if status is not None:
+                    status.update(f"{step.name}: {step.text}")
+                return
+            took = f"{step.end_s - step.start_s:.1f} s"
+            failed = "" if step.succeeded else " failed"
+            print_line(f"{'  ' * step.depth}{step.name}: {step.text}{failed} ({took})")
+
+        yield show
+
+
+def _as_json(
+    robot: Robot,
+    result: SampleResult | None,
+    tried: TryFirstResult | None,
+    notes: list[str],
+    *,
+    record: Path | None,
+    out: Path | None,
+) -> dict[str, Any]:
+    import msgspec
+
+    found: dict[str, Any] = {
+        "robot": {"name": robot.name, "model": robot.model.name},
+        "done": result is not None,
+        "outcome": None if result is None else result.outcome.value,
+        "result": msgspec.to_builtins(result),
+        "notes": notes,
+    }
+    if tried is not None:
+        found |= {"try_first": tried.to_dict()}
+    written = {"record": record, "out": out}
+    return found | {name: str(path) for name, path in written.items() if path is not None}
+
+
+def _print_result(result: SampleResult | None, tried: TryFirstResult | None, *, verbose: bool) -> None:
+    if tried is not None:
+        print_line(f"tried: {tried.verdict}")
+    if result is None:
+        print_line(str(tried))
+        return
+    for event in result.events if verbose else ():
+        print_line(f"at {event.time_s:.1f} s: {event.text}")
+    cause = f": {result.cause.text}" if result.cause is not None else ""
+    print_line(f"{result.outcome.value} after {result.duration_s:.1f} s{cause}")
+    for done in result.skills:
+        if done.suggestion:
+            print_line(f"to try: {done.suggestion}")
+        for text in done.assumptions:
+            warn(f"assumed: {text}")
+    if result.skills and result.cause is None:
+        print_line(result.skills[-1].state.text)

@@ -1,0 +1,72 @@
+"""Where a robot that is added stands: at a given place of the floor, or at a free one in its middle."""
+
+from __future__ import annotations
+
+import math
+import os
+from typing import Protocol
+
+from mindstage.errors import CommandRefusedError
+from mindstage.robots.model import RobotModel
+from mindstage.robots.models.reading import load_model
+from mindstage.robots.robot import Robot
+from mindstage.scene import GeometryMap, Pose, World
+from mindstage.scene.floor_plan import find_floor, free_floor_place
+from mindstage.scene.proximity import BodyBoxes
+
+__all__ = ["RobotStage", "add_standing_robot"]
+
+_HEIGHT_M = 2.0
+"""A robot does not begin below lower things, such as wall cupboards [m]."""
+_FIXED_RADIUS_M = 0.3
+"""Of a robot whose description has no radius [m]."""
+
+
+class RobotStage(Protocol):
+    """The part of `Simulation` to which robots are added."""
+
+    @property
+    def geometry(self) -> GeometryMap:
+        """The geometry of the bodies that exist."""
+
+    def snapshot(self) -> World:
+        """The current state as a world."""
+
+    def add_robot(self, source: str | os.PathLike[str] | RobotModel, pose: Pose = ..., *, name: str = "") -> Robot:
+        """Spawns a robot with its drives."""
+
+
+def add_standing_robot(
+    stage: RobotStage,
+    source: str | os.PathLike[str] | RobotModel,
+    place: tuple[float, float, float] | None = None,
+    *,
+    name: str = "",
+) -> Robot:
+    """Adds a robot that stands on the floor.
+
+    Args:
+        stage: the simulation.
+        source: the name of a known model, the path of a description, or a model.
+        place: x, y [m] and yaw [rad] in the world frame; by default a free place in the middle of the floor, away from
+            everything else.
+        name: its name; by default that of the model.
+
+    Raises:
+        RobotNotFoundError: no model has that name.
+        RobotModelError: the description cannot be read, or not all of it can be spawned.
+        CommandRefusedError: the robot fits nowhere.
+    """
+    model = source if isinstance(source, RobotModel) else load_model(source)
+    world = stage.snapshot()
+    if place is not None:
+        (x, y, yaw), level = place, find_floor(BodyBoxes.from_bodies(world.bodies))[0]
+    else:
+        radius = model.base.radius_m or _FIXED_RADIUS_M
+        found = free_floor_place(world, stage.geometry, radius=radius, height=_HEIGHT_M)
+        if found is None:
+            cause = f"nowhere on the floor is room for a radius of {radius:.2f} m"
+            raise CommandRefusedError(name or model.name, command="to stand", cause=cause, remedy="name a place")
+        (x, y, level), yaw = found, 0.0
+    pose = Pose((x, y, level), (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)))
+    return stage.add_robot(model, pose, name=name)

@@ -1,0 +1,231 @@
+"""The skills of robots as actions: `mindstage/perform`, and `mindstage/skills/NAME` for each; and adding robots.
+
+A skill runs in simulated time; while the simulation is paused, it waits. A robot performs one skill at a time: a newer
+goal cancels the one before.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Callable, Generator, Iterator
+from functools import partial
+from pathlib import Path
+
+import msgspec
+
+from mindstage.bridge.conversions import pose_from_message
+from mindstage.errors import InvalidArgumentError, MessageValidationError, MindstageError, RobotError
+from mindstage.msgs import mindstage_msgs as wire
+from mindstage.robots.robot import Robot
+from mindstage.robots.skills.catalog import SKILLS, start_skill
+from mindstage.robots.skills.declaration import SkillOutcome, SkillResult, SkillSpec, SkillStep
+from mindstage.ros.queries import parse_arguments
+from mindstage.ros.service import ActionSpec, GoalAbortedError, GoalCanceledError, GoalContext, ServiceSpec
+from mindstage.simulation import Simulation
+
+__all__ = ["ROBOT_SUFFIXES", "RobotSkills"]
+
+ROBOT_SUFFIXES = (".urdf", ".xml")
+"""Files that clients may add as robots; xacro can include other files."""
+
+_POLL_S = 0.005
+"""Interval at which a skill notices that simulated time has passed [s]."""
+_REPLACE_TIMEOUT_S = 5.0
+"""Time for a skill to end after a newer one has come [s]."""
+_ADD_TIMEOUT_S = 120.0
+"""Time for reading a robot and its meshes [s]."""
+
+
+class _Performance:
+    """A skill that a robot performs."""
+
+    def __init__(self) -> None:
+        self.replaced = threading.Event()
+        self.ended = threading.Event()
+
+
+class RobotSkills:
+    """The skills of all robots of a simulation."""
+
+    def __init__(
+        self, simulation: Simulation, find_file: Callable[[str], Path | None], on_added: Callable[[], object]
+    ) -> None:
+        """Offers nothing yet.
+
+        Args:
+            simulation: the simulation.
+            find_file: returns a file that clients may read, by the name that they give; None if there is none.
+            on_added: called after a robot was added.
+        """
+        self._simulation = simulation
+        self._find_file = find_file
+        self._on_added = on_added
+        self._performances: dict[str, _Performance] = {}
+        self._lock = threading.Lock()
+
+    def services(self) -> Iterator[ServiceSpec]:
+        """Yields the services."""
+        yield ServiceSpec(wire.ListSkills, self.list_skills, name="mindstage/list_skills")
+        yield ServiceSpec(wire.AddRobot, self.add_robot, name="mindstage/add_robot", timeout_s=_ADD_TIMEOUT_S)
+
+    def actions(self) -> Iterator[ActionSpec]:
+        """Yields the actions."""
+        yield ActionSpec(wire.Perform, partial(self.perform, ""), name="mindstage/perform")
+        for name in SKILLS:
+            yield ActionSpec(wire.Perform, partial(self.perform, name), name=f"mindstage/skills/{name}")
+
+    def list_skills(self, _: wire.ListSkills.Request) -> wire.ListSkills.Response:
+        """Returns the skills with their arguments, and the robots."""
+        specs = [_spec(spec) for spec in SKILLS.values()]
+        return wire.ListSkills.Response(
+            success=True,
+            skills=tuple(SKILLS),
+            robots=tuple(self._simulation.robots),
+            specs=msgspec.json.encode(specs).decode(),
+        )
+
+    def add_robot(self, request: wire.AddRobot.Request) -> wire.AddRobot.Response:
+        """Adds a robot; a description that cannot be used is refused with the reason."""
+        source: str | Path | None = self._find_file(request.source)
+        if source is None:
+            source = request.source
+            if not re.fullmatch(r"[A-Za-z0-9_-]+", request.source):
+                cause = f"{request.source!r} is neither the name of a model nor a file in the folder of the server"
+                raise MessageValidationError(
+                    "mindstage_msgs/AddRobotRequest", path="source", cause=cause, remedy="try mobile_manipulator"
+                )
+        try:
+            robot = self._simulation.add_robot(source, pose_from_message(request.pose), name=request.name)
+        except RobotError as error:
+            return wire.AddRobot.Response(refusal=wire.Refusal(kind=error.code, text=str(error)))
+        self._on_added()
+        notes = tuple(f"{note.subject}: {note.text}" if note.subject else note.text for note in robot.model.notes)
+        return wire.AddRobot.Response(success=True, name=robot.name, notes=notes)
+
+    def perform(self, skill: str, goal: wire.Perform.Goal, context: GoalContext) -> wire.Perform.Result:
+        """Performs a skill.
+
+        Args:
+            skill: its name; empty for that in the goal.
+            goal: the goal.
+            context: its cancellation and feedback.
+
+        Raises:
+            GoalAbortedError: it was refused before it began, or did not succeed; with the result.
+            GoalCanceledError: it was canceled, or another one replaced it.
+        """
+        name = (goal.skill or skill).replace("-", "_")
+        steps: list[SkillStep] = []
+        try:
+            if skill and name != skill:
+                cause = f"this action is for {skill}, not {name}"
+                raise MessageValidationError("mindstage_msgs/PerformGoal", path="skill", cause=cause)
+            robot = self._simulation.robot(goal.robot)
+            deadline_s = goal.deadline_s if goal.deadline_s > 0.0 else None
+            args = parse_arguments(goal.args)
+            motion = start_skill(robot, name, args, deadline_s=deadline_s, on_step=steps.append)
+        except (RobotError, InvalidArgumentError, MessageValidationError) as error:
+            refusal = wire.Refusal(kind=error.code, text=str(error))
+            result = wire.Perform.Result(
+                refusal=refusal, skill=name, args=goal.args, outcome=SkillOutcome.FAILED.value, reason=str(error)
+            )
+            raise GoalAbortedError(result, reason=str(error), rejected=True) from error
+        performance = self._begin(robot)
+        start_s = self._simulation.state.time_s
+
+        def feedback() -> wire.Perform.Feedback:
+            elapsed_s = self._simulation.state.time_s - start_s
+            return wire.Perform.Feedback(skill=name, step=_current(steps), elapsed_s=elapsed_s)
+
+        try:
+            result = _result(self._run(motion, context, feedback, performance))
+        except GoalCanceledError as canceled:
+            known = wire.Perform.Result(
+                outcome=SkillOutcome.UNKNOWN.value,
+                skill=name,
+                args=goal.args,
+                reason=str(canceled),
+                duration_s=self._simulation.state.time_s - start_s,
+            )
+            raise GoalCanceledError(known, reason=str(canceled)) from canceled
+        finally:
+            performance.ended.set()
+        if not result.success:
+            raise GoalAbortedError(result, reason=result.reason)
+        return result
+
+    def _begin(self, robot: Robot) -> _Performance:
+        """Ends the skill that a robot performs, and registers a new one."""
+        with self._lock:
+            before = self._performances.get(robot.name)
+            self._performances[robot.name] = performance = _Performance()
+        if before is not None:
+            before.replaced.set()
+            before.ended.wait(_REPLACE_TIMEOUT_S)
+        return performance
+
+    def _run(
+        self,
+        motion: Generator[float, None, SkillResult],
+        context: GoalContext,
+        feedback: Callable[[], wire.Perform.Feedback],
+        performance: _Performance,
+    ) -> SkillResult:
+        """Lets simulated time pass until a skill has ended; the robot stops if it is canceled."""
+        try:
+            while True:
+                try:
+                    duration_s = next(motion)
+                except StopIteration as end:
+                    result: SkillResult = end.value
+                    return result
+                start_s = self._simulation.state.time_s
+                while True:
+                    context.check(feedback)
+                    if performance.replaced.is_set():
+                        raise GoalCanceledError(reason="a newer goal has replaced it")
+                    passed_s = self._simulation.state.time_s - start_s
+                    if passed_s < 0.0 or passed_s >= duration_s - 1e-9:  # negative after a reset
+                        break
+                    if self._simulation.closed:
+                        raise MindstageError("the simulation was closed")
+                    context.wait(_POLL_S)
+        finally:
+            motion.close()
+
+
+def _current(steps: list[SkillStep]) -> str:
+    """Returns what is being done: the last step that has begun and not ended, in words."""
+    open_steps: dict[tuple[str, int, float], SkillStep] = {}
+    for step in list(steps):
+        key = (step.name, step.depth, step.start_s)
+        if step.end_s is None:
+            open_steps[key] = step
+        else:
+            open_steps.pop(key, None)
+    return list(open_steps.values())[-1].text if open_steps else ""
+
+
+def _result(result: SkillResult) -> wire.Perform.Result:
+    return wire.Perform.Result(
+        success=bool(result),
+        outcome=result.outcome.value,
+        skill=result.skill,
+        args=msgspec.json.encode(result.args).decode(),
+        reason=result.reason,
+        suggestion=result.suggestion,
+        state=result.state.text,
+        assumptions=result.assumptions,
+        duration_s=result.duration_s,
+        result=msgspec.json.encode(result).decode(),
+    )
+
+
+def _spec(spec: SkillSpec) -> dict[str, object]:
+    return {
+        "name": spec.name,
+        "summary": spec.summary,
+        "parameters": msgspec.to_builtins(spec.parameters),
+        "needs": sorted(need.value for need in spec.needs),
+    }

@@ -1,0 +1,258 @@
+"""The state of robots over ROS: joint states, frames, descriptions, and several robots that come and go."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import roslibpy.ros1.actionlib as actionlib
+
+from mindstage.bridge import LocalNode, RosbridgeServer
+from mindstage.engines import MujocoEngine
+from mindstage.knowledge import KnowledgeBase
+from mindstage.knowledge.io.sources import RosPackagePath
+from mindstage.knowledge.urdf.parse import read_urdf
+from mindstage.robots.models.reading import load_model
+from mindstage.ros import RosInterface, RosVersion
+from mindstage.ros.robot_controllers import controllers_of
+from mindstage.scene import Pose
+from mindstage.scene.transforms import pose_multiply
+from mindstage.simulation import Simulation
+from tests.bridge.raw_client import TIMEOUT_S, eventually
+from tests.kitchenette import kitchenette
+from tests.ros.robot_client import RobotClient, point, seconds
+from tests.ros.test_robot_description import assert_same_pose, link_poses
+
+
+def transforms(client: RobotClient) -> dict[str, tuple[str, Any]]:
+    """The parent of each frame and its pose there, of the last messages."""
+    found = {}
+    client.subscribe("/tf_static")
+    eventually(lambda: client.messages["/tf_static"])
+    for message in (client.messages["/tf_static"][-1], client.wait_for("/tf", 2)):
+        for each in message["transforms"]:
+            t, r = each["transform"]["translation"], each["transform"]["rotation"]
+            pose = np.array([t["x"], t["y"], t["z"], r["w"], r["x"], r["y"], r["z"]])
+            found[each["child_frame_id"]] = (each["header"]["frame_id"], pose)
+    return found
+
+
+def pose_in(frames: dict[str, tuple[str, Any]], frame: str, root: str) -> Any:
+    """The pose of a frame in one above it."""
+    pose = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    while frame != root:
+        frame, parent_from_frame = frames[frame]
+        pose = pose_multiply(parent_from_frame, pose)
+    return pose
+
+
+@pytest.fixture
+def node_and_server() -> Iterator[tuple[LocalNode, RosbridgeServer]]:
+    with LocalNode() as node, RosbridgeServer(node, port=0) as server:
+        yield node, server
+
+
+@pytest.fixture
+def playing() -> Iterator[Simulation]:
+    """A kitchenette that plays, without a robot."""
+    with KnowledgeBase() as knowledge, Simulation(knowledge, MujocoEngine()) as simulation:
+        assert simulation.spawn(kitchenette()).ok
+        simulation.play()
+        yield simulation
+
+
+def test_joint_states_have_the_positions_of_the_description(
+    robot_client: RobotClient, robot_simulation: Simulation
+) -> None:
+    message = robot_client.wait_for("joint_states", 3)
+    model = robot_simulation.robot().model
+    assert sorted(message["name"]) == sorted(joint.name for joint in model.joints if joint.is_movable)
+    assert len(message["position"]) == len(message["velocity"]) == len(message["effort"]) == len(message["name"])
+    positions = dict(zip(message["name"], message["position"], strict=True))
+    home = dict(model.home_positions)
+    assert home["elbow_joint"] == 3.1  # not 0: positions are not relative to where the robot was added
+    assert {name: positions[name] for name in home} == pytest.approx(home, abs=0.01)
+    assert all(abs(value) < 0.01 for value in message["velocity"])
+    assert seconds(message["header"]["stamp"]) == pytest.approx(robot_client.now(), abs=0.5)
+
+
+def test_joint_states_of_the_place_are_without_the_robot(robot_client: RobotClient) -> None:
+    message = robot_client.wait_for("/unreal/joint_states", type="sensor_msgs/JointState")
+    assert message["name"] == ["DrawerSlide", "FridgeHinge"]
+
+
+def test_frames_are_those_of_the_description_at_the_joint_states(robot_client: RobotClient, tmp_path: Path) -> None:
+    goal = robot_client.follow({"lift_joint": 0.3, "elbow_joint": 2.4, "head_pan_joint": 0.3}, 1.0,
+                               controller="joint_trajectory_controller")  # fmt: skip
+    assert goal.wait()[0] == "SUCCEEDED"
+    path = tmp_path / "robot.urdf"
+    path.write_text(robot_client.wait_for("/robot_description")["data"], encoding="utf-8")
+    urdf = read_urdf(path, RosPackagePath())
+    robot_client.wait_for("/tf", 15)
+    frames, positions = transforms(robot_client), robot_client.joints()
+    expected = link_poses(urdf, positions)
+    assert expected.keys() <= frames.keys()
+    for link, pose in expected.items():
+        found = pose_in(frames, link, "base_footprint")
+        assert np.linalg.norm(found[:3] - pose[:3]) < 1e-3, link
+        assert abs(found[3:] @ pose[3:]) == pytest.approx(1.0, abs=1e-5), link
+    assert [frames["base_footprint"][0], frames["odom"][0]] == ["odom", "map"]
+    assert_same_pose(pose_in(frames, "base_footprint", "map"), np.array([-0.3, 0.5, 0, 1, 0, 0, 0]), "base_footprint")
+    assert all(not frame.endswith("_joint") for frame in frames)
+
+
+def test_the_description_is_the_parameter_too_and_the_place_has_its_own(robot_client: RobotClient) -> None:
+    description = robot_client.ros.get_param("/robot_description")
+    assert description == robot_client.wait_for("/robot_description")["data"]
+    place = robot_client.wait_for("/unreal/robot_description")["data"]
+    assert 'link name="Mug"' in place
+    assert "base_footprint" not in place
+    assert "base_footprint" not in robot_client.ros.get_param("/unreal/robot_description")
+
+
+def test_a_robot_that_is_added_while_programs_are_connected_is_offered_and_withdrawn(
+    playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer]
+) -> None:
+    node, server = node_and_server
+    with RosInterface(playing, node):
+        client = RobotClient(server.port)
+        assert "/arm_controller/follow_joint_trajectory/goal" not in client.ros.get_topics()
+        assert "Mug" in client.ros.get_param("/robot_description")
+        pose = {"position": {"x": -0.3, "y": 0.0, "z": 0.0}, "orientation": {"w": 1.0}}
+        add = ("/unreal/mindstage/add_robot", "mindstage_msgs/AddRobot")
+        added = client.call(*add, source="mobile_manipulator", name="rob", pose=pose)
+        assert (added["success"], added["name"]) == (True, "rob")
+        goal = client.follow({"lift_joint": 0.3}, 0.5)
+        assert goal.wait()[0] == "SUCCEEDED"
+        assert "base_footprint" in client.ros.get_param("/robot_description")
+        again = client.call(*add, source="mobile_manipulator", name="rob", pose=pose)
+        assert not again["success"]
+        assert "rob" in again["refusal"]["text"]
+        playing.run_on_engine(
+            lambda engine: engine.delete([body.id for body in playing.robot("rob").placed.world.bodies]), edits=True
+        )
+        eventually(lambda: "/arm_controller/follow_joint_trajectory/goal" not in client.ros.get_topics())
+        assert "Mug" in client.ros.get_param("/robot_description")
+        client.close()
+
+
+@pytest.mark.parametrize("source", ["", "../secret.urdf", "/etc/passwd", "no_such_robot"])
+def test_a_robot_that_cannot_be_added_is_refused(
+    playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer], source: str
+) -> None:
+    node, server = node_and_server
+    with RosInterface(playing, node):
+        client = RobotClient(server.port)
+        try:
+            text = str(client.call("/unreal/mindstage/add_robot", "mindstage_msgs/AddRobot", source=source))
+        except Exception as error:
+            text = str(error)
+        assert source in text
+        assert "mobile_manipulator" in text or "no_such_robot" in text
+        assert not playing.robots
+        client.close()
+
+
+def test_a_second_robot_has_its_name_as_its_namespace(
+    playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer]
+) -> None:
+    node, server = node_and_server
+    playing.add_robot("mobile_manipulator", Pose((-0.3, 0.8, 0.0)), name="one")
+    playing.add_robot("mobile_manipulator", Pose((-0.3, -0.8, 0.0)), name="two")
+    with RosInterface(playing, node):
+        first, second = RobotClient(server.port), RobotClient(server.port, "/two")
+        goal = second.follow({"lift_joint": 0.3}, 0.6)
+        assert goal.wait()[0] == "SUCCEEDED"
+        assert second.joints()["lift_joint"] == pytest.approx(0.3, abs=0.01)
+        assert first.joints()["lift_joint"] == pytest.approx(0.42, abs=0.01)
+        assert second.ros.get_param("/two/robot_description") == first.ros.get_param("/robot_description")
+        first.wait_for("/tf", 3)
+        frames = transforms(first)
+        assert frames["two/lift_link"][0] == "two/base_link"
+        assert (frames["two/base_footprint"][0], frames["base_footprint"][0]) == ("two/odom", "odom")
+        assert pose_in(frames, "two/base_footprint", "map")[:3] == pytest.approx([-0.3, -0.8, 0.0], abs=1e-3)
+        odom = second.wait_for("odom")
+        assert (odom["header"]["frame_id"], odom["child_frame_id"]) == ("two/odom", "two/base_footprint")
+        first.close()
+        second.close()
+
+
+def test_an_interface_without_a_namespace_keeps_its_own_names(
+    playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer]
+) -> None:
+    node, server = node_and_server
+    playing.add_robot("mobile_manipulator", Pose((-0.3, 0.0, 0.0)), name="rob")
+    with RosInterface(playing, node, namespace=""):
+        client = RobotClient(server.port, "/rob")
+        assert client.follow({"lift_joint": 0.3}, 0.5).wait()[0] == "SUCCEEDED"
+        place = client.wait_for("/joint_states")
+        assert place["name"] == ["DrawerSlide", "FridgeHinge"]
+        client.close()
+
+
+def test_a_client_of_ros_1_uses_the_same_names(
+    playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer]
+) -> None:
+    node, server = node_and_server
+    playing.add_robot("mobile_manipulator", Pose((-0.3, 0.0, 0.0)))
+    with RosInterface(playing, node, ros=RosVersion.ONE):
+        client = RobotClient(server.port)
+        action = actionlib.ActionClient(
+            client.ros, "/arm_controller/follow_joint_trajectory", "control_msgs/FollowJointTrajectoryAction"
+        )
+        target = client.joints()["elbow_joint"] - 0.3
+        result = _ros1_goal(action, point([target], 0.6), "elbow_joint").result
+        assert result == {"error_code": 0, "error_string": ""}
+        assert client.joints()["elbow_joint"] == pytest.approx(target, abs=0.02)
+        statuses: list[Any] = []
+        refused = _ros1_goal(action, point([9.0], 0.6), "elbow_joint", statuses)
+        assert refused.result["error_code"] == -1
+        eventually(lambda: any(each["status"] == 5 and "elbow_joint = 9 rad" in each["text"] for each in statuses))
+        controllers = client.call("/controller_manager/list_controllers", "controller_manager_msgs/ListControllers")
+        arm = next(each for each in controllers["controller"] if each["name"] == "arm_controller")
+        assert (arm["state"], arm["type"]) == ("running", "position_controllers/JointTrajectoryController")
+        assert "elbow_joint" in arm["claimed_resources"][0]["resources"]
+        state = client.wait_for("arm_controller/state", type="control_msgs/JointTrajectoryControllerState")
+        assert {"header", "joint_names", "desired", "actual", "error"} == state.keys()
+        client.close()
+
+
+def _ros1_goal(client: Any, setpoint: dict[str, Any], joint: str, statuses: list[Any] | None = None) -> Any:
+    time_s = setpoint.pop("time_from_start")
+    setpoint["time_from_start"] = {"secs": time_s["sec"], "nsecs": time_s["nanosec"]}
+    goal = actionlib.Goal(client, {"trajectory": {"joint_names": [joint], "points": [setpoint]}})
+    if statuses is not None:
+        goal.on("status", statuses.append)
+    goal.send()
+    goal.wait(TIMEOUT_S)
+    return goal
+
+
+PR2_ARM = ("shoulder_pan", "shoulder_lift", "upper_arm_roll", "elbow_flex", "forearm_roll", "wrist_flex", "wrist_roll")
+TIAGO_ARM = tuple(f"arm_{number}_joint" for number in range(1, 8))
+
+
+@pytest.mark.parametrize(
+    ("robot", "names", "joints"),
+    [
+        ("pr2", {"l_arm_controller", "r_arm_controller", "torso_controller", "head_traj_controller"},
+         {"r_arm_controller": tuple(f"r_{part}_joint" for part in PR2_ARM)}),
+        ("tiago", {"arm_controller", "torso_controller", "head_controller"}, {"arm_controller": TIAGO_ARM}),
+        ("panda", {"panda_arm_controller", "position_joint_trajectory_controller"}, {}),
+        ("ur5", {"scaled_joint_trajectory_controller", "scaled_pos_joint_traj_controller"}, {}),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)  # fmt: skip
+def test_a_robot_of_a_known_make_has_the_controllers_of_its_driver(
+    robot: str, names: set[str], joints: dict[str, tuple[str, ...]]
+) -> None:
+    model = load_model(robot)
+    specs = {spec.name: spec for spec in controllers_of(model)}
+    assert names <= specs.keys()
+    assert {name: specs[name].joints for name in joints} == joints
+    for spec in specs.values():
+        assert all(model.joint(name).is_actuated for name in spec.joints)
+    assert set(specs["joint_trajectory_controller"].joints) == {joint.name for joint in model.actuated_joints}
