@@ -72,6 +72,32 @@ def test_a_joint_that_mimics_another_one_follows_it() -> None:
     assert 2 * atan2(pose[6], pose[3]) == pytest.approx(0.8 + (-0.8 + 0.1))
 
 
+def test_segments_that_follow_a_telescope_count_for_its_reach() -> None:
+    segments = [
+        RobotJoint(
+            name=f"segment_{n}", type=RobotJointType.PRISMATIC, parent=f"link_{n}", child=f"link_{n + 1}",
+            axis=(1.0, 0.0, 0.0), lower=0.0, upper=0.2,
+            mimic=RobotMimic(joint="segment_0") if n else None,
+        )
+        for n in range(3)
+    ]  # fmt: skip
+    wrist = RobotJoint(
+        name="wrist", type=RobotJointType.REVOLUTE, parent="link_3", child="hand", axis=(0.0, 0.0, 1.0),
+        lower=-2.0, upper=2.0,
+    )  # fmt: skip
+    links = tuple(RobotLink(name=name) for name in ("link_0", "link_1", "link_2", "link_3", "hand"))
+    arm = Arm(name="arm", joints=("segment_0", "wrist"), base_link="link_0", tip_link="hand")
+    base = RobotBase(type=BaseType.FIXED, link="link_0")
+    model = RobotModel(name="telescope", links=links, joints=(*segments, wrist), base=base, arms=(arm,))
+    kinematics = RobotKinematics(model)
+    found = kinematics.solve_ik("hand", Pose((0.57, 0.0, 0.0), (cos(0.4), 0.0, 0.0, sin(0.4))))
+    assert found, found.reason
+    assert found.positions == pytest.approx({"segment_0": 0.19, "wrist": 0.8}, abs=1e-3)
+    assert kinematics.pose("hand", found.positions)[0] == pytest.approx(0.57, abs=1e-3)
+    far = kinematics.solve_ik("hand", Pose((0.7, 0.0, 0.0)))
+    assert far.reason == "the target is 0.1 m beyond reach"
+
+
 def test_inverse_kinematics_finds_the_closed_form() -> None:
     kinematics = RobotKinematics(planar_arm())
     x, y, z = closed_form(0.3, 0.6, 1.2)

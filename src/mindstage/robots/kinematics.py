@@ -51,6 +51,7 @@ _STALL_ITERATIONS = 8
 _PRECISION = 0.1
 """Iterations go on until the error is this part of the tolerance."""
 _DESCENTS = 8
+_MIN_REACH_M = 0.05
 _AT_LIMIT = 1e-4
 """A joint nearer to its limit is at it [m or rad]."""
 
@@ -439,7 +440,8 @@ class RobotKinematics:
         """Why a target is not reached, and the joints whose limits prevent it."""
         beyond, reach = self._beyond_reach(problem)
         if beyond > 0.0:
-            return f"the target is {beyond:.3g} m beyond the reach of {reach:.3g} m", ()
+            text = f"the reach of {reach:.3g} m" if reach > _MIN_REACH_M else "reach"
+            return f"the target is {beyond:.3g} m beyond {text}", ()
         chain, limits, texts = problem.chain, [], []
         chain.configuration.update(attempt.q)
         jacobian, error, _ = problem.frame_task.compute_qp_residual(chain.configuration)
