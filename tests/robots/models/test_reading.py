@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pickle
 import re
+import subprocess
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -445,3 +447,14 @@ def test_a_description_is_found_by_name_in_a_folder(tmp_path: Path) -> None:
     path = written(folder, TWO_LINKS, "pair.urdf")
     assert find_model("pair", folders=[tmp_path]).path == path
     assert load_model("pair", folders=[tmp_path]).name == "pair"
+
+
+def test_the_code_of_the_document_prints_what_it_says() -> None:
+    text = (Path(__file__).parents[3] / "docs" / "how-to" / "robot-models.md").read_text(encoding="utf-8")
+    code = "\n".join(re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL))
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    assert run.returncode == 0, run.stderr
+    said = re.findall(r"  # (.*)$", code, re.MULTILINE)
+    assert run.stdout.splitlines()[: len(said)] == said
+    names = {name for row in re.findall(r"^\| `[a-z-]+` \| (.*) \|$", text, re.MULTILINE) for name in row.split(", ")}
+    assert {name.strip("`") for name in names} == {model.name for model in list_models() if model.package}
