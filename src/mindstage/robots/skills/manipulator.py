@@ -34,7 +34,7 @@ _BASE_GAIN = 3.0
 """Velocity of the base by its error [1/s]."""
 _TICK_S = 0.04
 """The interval at which the base is commanded while it moves with the arm [s]."""
-_PLANNING_S = 10.0
+_PLANNING_S = 20.0
 """Limit of the wall time of one plan of an arm [s]."""
 _OPENING_TOLERANCE_M = 0.03
 """An opening that is smaller than wanted by less is enough: what is grasped has room."""
@@ -44,11 +44,11 @@ _HELD_DRIVE_SPEED = 0.5
 _HELD_CLEARANCE_M = 0.015
 _POSE_JOINTS = 6
 """Joints that an arm needs to take its hand to any pose in reach."""
-_PARKING_S = 4.0
+_PARKING_S = 8.0
 """Limit of the wall time in which a way of the arm to its rest position is looked for, before the base moves [s]."""
 _ROOMS_M = (0.35, 0.2)
 """How far the base drives away to give an arm room."""
-_ROOM_S = 1.0
+_ROOM_S = 2.0
 """Limit of the wall time for each direction [s]."""
 _NEAR_M, _NEAR_RAD = 0.02, 0.04
 """A base that is nearer to where it is to stand does not drive."""
