@@ -51,6 +51,8 @@ _PATH_TOLERANCES = {True: 0.06, False: 0.25}
 _GOAL_TOLERANCES = {True: 0.01, False: 0.02}
 _STALLED_S = 0.2
 _GRIPPER_TOLERANCE_M = 0.002
+_GRIPPER_TIMEOUT_S = 2.0
+"""Time of a gripper in addition to twice that of its whole travel [s]."""
 _FINGER_VELOCITY_M = 0.1
 """Speed at which the opening of a gripper changes, unless its joints are slower [m/s]."""
 _STALLED_VELOCITY_M = 0.002
@@ -414,6 +416,8 @@ class GripperGoal(MotionGoal):
         self._speed = np.minimum(_FINGER_VELOCITY_M / (ratio * len(drives)), limits)
         self._reference: Array | None = None
         self._starts_open = self._still_s = 0.0
+        slowest = float((np.abs(opened - closed) / self._speed).max())
+        self._timeout_s = _GRIPPER_TIMEOUT_S + 2.0 * slowest
 
     def opening(self, positions: Array) -> float:
         """The opening of the gripper at positions of its joints [m]."""
@@ -440,6 +444,9 @@ class GripperGoal(MotionGoal):
             self.end(MotionOutcome.SUCCEEDED, error=error)
         elif self._still_s >= _STALLED_S and self._is_pushing(actual):
             self._end_stalled(view, opening_m, error)
+        elif self.elapsed_s >= self._timeout_s:
+            reason = f"the opening is {opening_m:.3f} m, and the fingers are not at rest"
+            self.end(MotionOutcome.FAILED, reason, failure=MotionFailure.GOAL_TOLERANCE, error=error)
         lag = np.array([each.lag_s for each in self._drives])
         moving = np.where(np.abs(self._target - self._reference) > step, np.sign(self._target - self._reference), 0.0)
         command = self._reference + lag * moving * self._speed * (0.0 if is_still else 1.0)

@@ -137,6 +137,10 @@ class RobotController:
             known = ", ".join(self.drives.grippers) or "it has none"
             raise self._refused(f"the gripper {gripper!r}", "it has no gripper of that name", f"known: {known}")
         record = self.drives.grippers[gripper]
+        if record.max_opening_m <= 0.0:
+            raise self._refused(
+                f"the gripper {gripper!r}", "the distance of its fingers is unknown", f"move {', '.join(record.joints)}"
+            )
         if not 0.0 <= opening_m <= record.max_opening_m + 1e-3:
             cause = f"the gripper opens from 0 to {record.max_opening_m:.3g} m"
             raise self._refused(f"an opening of {opening_m:.4g} m", cause, "stay within the limits")

@@ -79,8 +79,6 @@ _FAR = 100.0
 """Bound of numbers that have none."""
 _POSE_PARTS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 _SHOWN = 10
-_NEAR_M = 0.02
-"""Gap below which the gripper is at a thing; above it, the thing was released."""
 _LIFTED_M = 0.05
 _PROGRESS_REWARD = 10.0
 _APPROACH_REWARD = 1.0
@@ -255,7 +253,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
 
     def _open(self, robot: str, thing: str, pose: tuple[float, float, float] | None) -> None:
         self.simulation.step(_SETTLE_S)
-        self._ids = {body.iri: body.id for body in self.simulation.snapshot().bodies}
+        self._find_names()
         self._candidates = tuple(self.things())
         if not self._candidates:
             raise InvalidArgumentError(type(self).__name__, cause="the map has nothing that it could be about")
@@ -279,11 +277,15 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         names = dict.fromkeys(name for arm in model.arms for name in arm.joints)
         names |= dict.fromkeys(model.head.joints if model.head else ())
         self._joints: tuple[RobotJoint, ...] = tuple(model.joint(name) for name in names)
-        bodies = self.simulation.snapshot().bodies
-        self._ids = {body.iri: body.id for body in bodies}
+        self._find_names()
         self._links = frozenset(self.robot.link_ids.values())
         self.simulation.step(_SETTLE_S)
         self.simulation.mark_start()
+
+    def _find_names(self) -> None:
+        bodies = self.simulation.snapshot().bodies
+        self._ids = {body.iri: body.id for body in bodies}
+        self._iris: dict[str, str] = {body.id: body.iri for body in bodies}
 
     def _stand(self, thing: BodyId) -> Array:
         """Where the robot stands to handle a thing: x, y [m] and yaw [rad].
@@ -389,13 +391,17 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
     # -- questions -----------------------------------------------------------------------------------------------------
 
     def _ask(self, question: str, **args: str) -> list[Any]:
-        return list(self.simulation.ask(question, **args))
+        """The answers to a question; bodies are named by their IRIs, which need not be searched for."""
+        return list(self.simulation.ask(question, **{name: self._iris.get(text, text) for name, text in args.items()}))
 
     def _gap(self, thing: BodyId) -> float:
-        """The distance of the fingers from a thing, box to box [m]; 0 if they overlap."""
-        links = (self.robot.link_ids[name] for name in self._gripper.finger_links or (self._gripper.link,))
-        rows = [row for link in links for row in self._ask("distance", thing=link, other=thing)]
+        """The distance of the gripper from a thing, box to box [m]; 0 if they overlap."""
+        rows = self._ask("distance", thing=self.robot.link_ids[self._gripper.link], other=thing)
         return max(0.0, min((row.gap for row in rows), default=0.0))
+
+    def _holds(self) -> bool:
+        """Whether a gripper holds the thing, by its contacts."""
+        return self.thing in self.robot.held.values()
 
     def _body(self, iri: str) -> BodyId:
         """The body of an answer."""
@@ -492,12 +498,12 @@ class PickEnv(RobotTaskEnv):
         return thing
 
     def progress(self) -> TaskProgress:
-        """By `where_is` and `distance`: it is near the fingers, on nothing, and 5 cm above what is below."""
+        """By `where_is` and `distance`: the gripper holds it, it is on nothing, and 5 cm above what is below."""
         gap = self._gap(self.thing)
         rows = self._ask("where_is", thing=self.thing)
         on = [row for row in rows if row.relation == "on" and self._ids.get(row.other) not in self._links]
         above = [row.gap for row in rows if row.relation == "above"]
-        lifted = 0.0 if on or gap > _NEAR_M else min([_LIFTED_M, *above]) / _LIFTED_M
+        lifted = 0.0 if on or not self._holds() else min([_LIFTED_M, *above]) / _LIFTED_M
         where = f"on {local_name(on[0].other)}" if on else f"lifted by {min(above, default=0.0):.2f} m"
         return TaskProgress(share=lifted, gap_m=gap, done=lifted >= 1.0, why=f"{self.thing} is {where}")
 
@@ -535,8 +541,7 @@ class PlaceEnv(PickEnv):
         is_there = any(self._ids.get(row.other) == self.target for row in rows)
         (apart,) = self._ask("distance", thing=self.thing, other=self.target)[:1]
         near = max(0.0, 1.0 - max(0.0, apart.gap) / _FAR_AWAY_M)
-        is_released = gap > _NEAR_M and not self.robot.held
-        share = 1.0 if is_there and is_released else 0.9 if is_there else 0.8 * near
+        share = 1.0 if is_there and not self._holds() else 0.9 if is_there else 0.8 * near
         others = ", ".join(local_name(row.other) for row in rows) or "nothing"
         return TaskProgress(share=share, gap_m=gap, done=share >= 1.0, why=f"{self.thing} is on {others}")
 
@@ -575,7 +580,7 @@ class PutAwayEnv(PickEnv):
         is_inside = bool(self._ask("where_is", thing=self.thing, relation="inside", other=place))
         shares = [row.share or 0.0 for row in self._ask("openings", thing=place)]
         is_open = bool(self._ask("openings", thing=place, state="open"))
-        if is_inside and gap > _NEAR_M and not self.robot.held:
+        if is_inside and not self._holds():
             share = 1.0 if not is_open else 0.9 - 0.2 * max(shares)
         elif is_inside:
             share = 0.65

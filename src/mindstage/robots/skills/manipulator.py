@@ -7,11 +7,12 @@ try.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Generator, Mapping
-from math import cos, hypot, sin
+from math import cos, hypot, pi, sin
 
 import numpy as np
 
 from mindstage.errors import UnreachableError
+from mindstage.robots.collisions import CLEARANCE_M
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.model import Arm, BaseType, Gripper
@@ -21,6 +22,7 @@ from mindstage.robots.skills.arm_paths import ArmPath, follow_poses, interpolate
 from mindstage.robots.skills.declaration import SkillMotion
 from mindstage.robots.skills.grasps import GripperShape
 from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.trajectories import JointTrajectory
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_inverse, pose_multiply
 
@@ -34,8 +36,18 @@ _TICK_S = 0.04
 """The interval at which the base is commanded while it moves with the arm [s]."""
 _PLANNING_S = 10.0
 """Limit of the wall time of one plan of an arm [s]."""
-_ROOM_M = 0.3
-"""How far the base drives back to give an arm room."""
+_OPENING_TOLERANCE_M = 0.03
+"""An opening that is smaller than wanted by less is enough: what is grasped has room."""
+_SPEED, _HELD_SPEED = 0.6, 0.3
+"""Fractions of the velocity limits of the joints, without and with a thing in the hand."""
+_HELD_DRIVE_SPEED = 0.5
+_HELD_CLEARANCE_M = 0.015
+_PARKING_S = 4.0
+"""Limit of the wall time in which a way of the arm to its rest position is looked for, before the base moves [s]."""
+_ROOMS_M = (0.35, 0.2)
+"""How far the base drives away to give an arm room."""
+_ROOM_S = 1.0
+"""Limit of the wall time for each direction [s]."""
 _NEAR_M, _NEAR_RAD = 0.02, 0.04
 """A base that is nearer to where it is to stand does not drive."""
 
@@ -114,13 +126,19 @@ class Manipulator:
             return
         with self.task.step("drive", f"drive to ({base[0]:.2f}, {base[1]:.2f}) {why}"):
             path = plan_base(self.robot, base, ignore=ignore)
-            result = yield from self.robot.driving(path)
+            result = yield from self.robot.driving(path, speed=1.0 if self.held is None else _HELD_DRIVE_SPEED)
             self._require(result, "let the robot start from somewhere else, or move what is in its way")
 
     # -- arm ---------------------------------------------------------------------------------------------------------
 
     def moving_to(
-        self, target: Mapping[str, float] | Array, *, why: str, touch: Collection[BodyId] = (), free: str = ""
+        self,
+        target: Mapping[str, float] | Array,
+        *,
+        why: str,
+        touch: Collection[BodyId] = (),
+        free: str = "",
+        budget_s: float = _PLANNING_S,
     ) -> SkillMotion:
         """Moves the arm on a collision-free path to positions of its joints, or to a pose of the grasp frame.
 
@@ -129,19 +147,35 @@ class Manipulator:
             why: what for, for the report.
             touch: bodies that the gripper, or what it holds, may touch.
             free: axes of the grasp frame about which it may turn at the end.
+            budget_s: limit of the wall time of the search [s].
         """
         with self.task.step("move", f"move the arm {why}"):
-            trajectory = plan_arm(
-                self.robot,
-                self.arm,
-                target,
-                free=free,
-                touch=touch,
-                budget_s=_PLANNING_S,
-                seed=self.task.seed + 1,
-            )
+            trajectory = self._plan(target, touch, free, budget_s)
             result = yield from self.robot.following(trajectory)
             self._require(result, "move what is in the way of the arm")
+
+    def _plan(
+        self, target: Mapping[str, float] | Array, touch: Collection[BodyId], free: str, budget_s: float
+    ) -> JointTrajectory:
+        """A way of the arm; with a thing in the hand, which may swing, slowly and with more clearance if possible."""
+        holds = self.held is not None
+        for clearance_m in (_HELD_CLEARANCE_M, CLEARANCE_M) if holds else (CLEARANCE_M,):
+            try:
+                return plan_arm(
+                    self.robot,
+                    self.arm,
+                    target,
+                    free=free,
+                    touch=touch,
+                    clearance_m=clearance_m,
+                    speed=_HELD_SPEED if holds else _SPEED,
+                    budget_s=budget_s,
+                    seed=self.task.seed + 1,
+                )
+            except UnreachableError:
+                if clearance_m == CLEARANCE_M:
+                    raise
+        raise AssertionError("the last attempt returns or raises")
 
     def moving_straight(self, target: Array, *, why: str, speed: float = 0.3, may_touch: bool = False) -> SkillMotion:
         """Moves the grasp frame on a straight line, without a test for collisions.
@@ -176,6 +210,7 @@ class Manipulator:
             seed=self.robot.joint_positions(),
             free=free,
             may_drive=may_drive,
+            from_seed=True,
         )
 
     def following(
@@ -259,7 +294,8 @@ class Manipulator:
         wanted = self.gripper.max_opening_m if opening_m is None else min(opening_m, self.gripper.max_opening_m)
         with self.task.step("open gripper", f"open the gripper by {wanted * 100:.1f} cm"):
             result = yield from self.robot.gripping(self.gripper.name, wanted)
-            self._require(result, "give the fingers room")
+            if self.robot.opening(self.gripper.name) < wanted - _OPENING_TOLERANCE_M:
+                self._require(result, "give the fingers room")
 
     def closing(self) -> Generator[float, None, MotionResult]:
         """Closes the gripper with its largest force; returns whether something is between the fingers."""
@@ -276,18 +312,34 @@ class Manipulator:
         if all(abs(now[name] - position) < 0.02 for name, position in rest.items()):
             return
         try:
-            yield from self.moving_to(rest, why="to its rest position", touch=touch)
+            yield from self.moving_to(rest, why="to its rest position", touch=touch, budget_s=_PARKING_S)
         except UnreachableError:
             if not self.is_mobile:
                 raise
-            yield from self._backing_off()
+            yield from self._making_room()
             yield from self.moving_to(rest, why="to its rest position", touch=touch)
 
-    def _backing_off(self) -> SkillMotion:
-        """Drives straight back, so that the arm gets room."""
+    def _making_room(self) -> SkillMotion:
+        """Drives a little away from what is in front of the robot, so that the arm gets room.
+
+        Raises:
+            UnreachableError: there is no room.
+        """
         x, y, yaw = self.robot.base_pose()
-        away = (x - _ROOM_M * cos(yaw), y - _ROOM_M * sin(yaw), yaw)
-        yield from self.driving_to(away, why="to give the arm room")
+        error: UnreachableError | None = None
+        for distance in _ROOMS_M:
+            for turn in (pi, 0.75 * pi, -0.75 * pi, pi / 2, -pi / 2):
+                away = (x + distance * cos(yaw + turn), y + distance * sin(yaw + turn), yaw)
+                try:
+                    path = plan_base(self.robot, away, budget_s=_ROOM_S)
+                except UnreachableError as found:
+                    error = found
+                    continue
+                with self.task.step("drive", f"drive {distance:g} m away to give the arm room"):
+                    self._require((yield from self.robot.driving(path)), "move what is in its way")
+                return
+        assert error is not None
+        raise error
 
     def _require(self, result: MotionResult, suggestion: str) -> None:
         """Raises if a motion did not succeed."""
