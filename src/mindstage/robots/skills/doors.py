@@ -199,9 +199,7 @@ def _pushing(
         motion = hand.path(pressed, may_drive=hand.is_mobile)
         if motion.reached >= 2:
             yield from hand.following(motion, speed=0.4, cartesian_speed=0.15)
-    yield from hand.withdrawing(
-        pose_multiply(hand.grasp_pose, np.array([-_PUSH_BACK_M, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
-    )
+    yield from hand.withdrawing(pose_multiply(hand.grasp_pose, np.array([-_PUSH_BACK_M, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])))
 
 
 def _directions(points: Array) -> Array:
