@@ -13,6 +13,7 @@ import re
 import threading
 from collections.abc import Iterable, Iterator, Mapping
 from math import atan2, hypot
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from mindstage.bridge import Node
@@ -20,7 +21,6 @@ from mindstage.errors import MindstageError
 from mindstage.knowledge.vocabulary import URDF_TEXT
 from mindstage.msgs import RosVersion, std_msgs
 from mindstage.robots.model import RobotJoint, RobotModel
-from mindstage.robots.robot import Robot
 from mindstage.ros.diagnostics import Publisher
 from mindstage.ros.frames import ROOT_FRAME, FrameTransforms, JointFrame
 from mindstage.ros.rosapi import ParameterServer
@@ -41,6 +41,9 @@ from mindstage.scene import (
 from mindstage.scene.kinematics import axis_ranges
 from mindstage.scene.transforms import Array, pose_from_array
 from mindstage.simulation import Simulation
+
+if TYPE_CHECKING:  # it is loaded with the first robot
+    from mindstage.robots.robot import Robot
 
 __all__ = ["DescriptionPublisher", "entity_description", "place_description", "robot_description", "robot_entities"]
 
