@@ -29,6 +29,10 @@ class TestGodotEngine(PhysicsContract, ActuatorContract, GeometryContract):
     attachment_tolerance = 1e-5
     limit_tolerance_m = 0.002
     limit_tolerance_rad = np.radians(0.5)
+    speed_tolerance = 0.03
+    has_armature = False
+    measures_efforts = False
+    grip_tolerance_m = 0.012
 
     @pytest.fixture
     def engine(self, request: pytest.FixtureRequest, godot: Path) -> Iterator[GodotEngine]:

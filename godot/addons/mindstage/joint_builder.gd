@@ -126,7 +126,7 @@ func _disconnect_ends(joint: MindstageJoint, id: String) -> void:
 		_update_fixed_joint(end)
 
 
-## Updates whether a group is connected to a fixed body by a joint.
+## Updates whether a group is connected to a fixed body by a joint, and whether actuators move it.
 func _update_fixed_joint(group: MindstageRigidGroup) -> void:
 	var fixed: bool = false
 	var driven: bool = false
@@ -136,3 +136,5 @@ func _update_fixed_joint(group: MindstageRigidGroup) -> void:
 			fixed = fixed or not (joint.group_a.is_dynamic() and joint.group_b.is_dynamic())
 			driven = driven or joint.is_driven
 	group.set_fixed_joint(fixed and not driven)
+	if group.is_dynamic():
+		group.set_driven(driven)

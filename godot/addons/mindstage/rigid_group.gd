@@ -11,6 +11,8 @@ const MOVING: int = 1
 const FIXED: int = 2
 ## Collision layer of the ground plane. Only bodies that nothing connects with a fixed one collide with it.
 const GROUND: int = 4
+## Number of contacts that are observed of a group that actuators move.
+const MAX_CONTACTS: int = 16
 ## Damping of groups that are connected to a fixed body by a joint [1/s].
 const JOINT_DAMPING: float = 1.0
 
@@ -92,6 +94,27 @@ func set_fixed_joint(fixed: bool) -> void:
 		rigid.gravity_scale = 0.0 if fixed else gravity_factor
 		rigid.linear_damp = JOINT_DAMPING if fixed else 0.0
 		rigid.angular_damp = JOINT_DAMPING if fixed else 0.0
+
+
+## Sets whether actuators move it. It does not sleep then, and wakes what it lets go: a body that it held at rest would
+## fall asleep in the air.
+func set_driven(driven: bool) -> void:
+	var rigid: RigidBody3D = node as RigidBody3D
+	if rigid == null or rigid.contact_monitor == driven:
+		return
+	rigid.can_sleep = not driven
+	rigid.max_contacts_reported = MAX_CONTACTS if driven else 0
+	rigid.contact_monitor = driven
+	if driven and not Engine.is_editor_hint():
+		rigid.body_exited.connect(_wake_released)
+	elif rigid.body_exited.is_connected(_wake_released):
+		rigid.body_exited.disconnect(_wake_released)
+
+
+static func _wake_released(other: Node) -> void:
+	var rigid: RigidBody3D = other as RigidBody3D
+	if rigid != null:
+		PhysicsServer3D.body_set_state(rigid.get_rid(), PhysicsServer3D.BODY_STATE_SLEEPING, false)
 
 
 ## The mass of all members [kg].

@@ -33,7 +33,7 @@ from mindstage.robots.models.catalog import list_models
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.self_models import (
     ClassRules,
-    annotations,
+    annotation_values,
     bundled_rules,
     capability_class,
     component_class,
@@ -169,7 +169,7 @@ class _Rules:
             classes,
             {owner: tuple(dict.fromkeys(found)) for owner, found in needs.items()},
             {owner: tuple(dict.fromkeys(found)) for owner, found in subs.items()},
-            annotations(_SKILL, kb),
+            annotation_values(_SKILL, kb),
         )
 
     def above(self, cls: Iri) -> tuple[Iri, ...]:

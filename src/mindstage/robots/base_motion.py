@@ -73,21 +73,26 @@ class BaseGoal(MotionGoal):
         self._blocked_s = self._blocked_s + PERIOD_S if saturated.any() and slow.all() else 0.0
         if self._blocked_s >= BLOCKED_S:
             self._end_blocked(view)
-            return self.commands(actual, np.zeros(3))
+            return self.commands(actual, np.zeros(3), np.zeros(3))
         self.elapsed_s += PERIOD_S
+        acceleration = np.zeros(3)
         if saturated.any():
             self._velocity = np.zeros(3)
             self.hold()
         else:
-            self._reference, self._velocity = self.advance(self._reference, self._velocity, actual)
+            before = self._velocity
+            self._reference, self._velocity = self.advance(self._reference, before, actual)
+            most = np.array(self._base.accelerations)
+            acceleration = np.clip((self._velocity - before) / PERIOD_S, -most, most)
         limit = _MAX_LEAD * np.array(self._base.error_limits)
         self._reference = np.clip(self._reference, actual - limit, actual + limit)
         self.check(actual, velocity)
-        return self.commands(self._reference, self._velocity)
+        return self.commands(self._reference, self._velocity, acceleration)
 
-    def commands(self, reference: Array, velocity: Array) -> dict[str, float]:
-        """Commands for a reference and its velocity."""
-        values = reference + np.array(self._base.lags_s) * velocity
+    def commands(self, reference: Array, velocity: Array, acceleration: Array) -> dict[str, float]:
+        """Commands for a reference, its velocity and acceleration."""
+        lags_s = np.array(self._base.lags_s)  # as in `JointGoal`
+        values = reference + lags_s * velocity + lags_s**2 / 4.0 * acceleration
         return dict(zip(self._base.actuators, values.tolist(), strict=True))
 
     def brake(self, view: ControlView, used: frozenset[str]) -> MotionGoal | None:

@@ -70,7 +70,7 @@ class RobotController:
         for goal in self._goals:
             commands |= goal.update(view)
         engine.set_commands(commands)
-        self._goals = tuple(goal for goal in self._goals if goal.result is None)
+        self._goals = tuple(each for goal in self._goals if (each := _next(goal)) is not None)
 
     def copy(self) -> RobotController:
         """See `Controller`."""
@@ -137,6 +137,10 @@ class RobotController:
             known = ", ".join(self.drives.grippers) or "it has none"
             raise self._refused(f"the gripper {gripper!r}", "it has no gripper of that name", f"known: {known}")
         record = self.drives.grippers[gripper]
+        if record.max_opening_m <= 0.0:
+            raise self._refused(
+                f"the gripper {gripper!r}", "the distance of its fingers is unknown", f"move {', '.join(record.joints)}"
+            )
         if not 0.0 <= opening_m <= record.max_opening_m + 1e-3:
             cause = f"the gripper opens from 0 to {record.max_opening_m:.3g} m"
             raise self._refused(f"an opening of {opening_m:.4g} m", cause, "stay within the limits")
@@ -266,3 +270,12 @@ class RobotController:
         for goal in self._goals:
             goal.end(MotionOutcome.CANCELED, reason, failure=MotionFailure.RESET)
         self._goals, self._time_s = (), -math.inf
+
+
+def _next(goal: MotionGoal) -> MotionGoal | None:
+    """The goal if it is active, otherwise the motion that follows it, if any."""
+    if goal.result is None:
+        return goal
+    failed = isinstance(goal, JointGoal) and goal.status is MotionOutcome.FAILED and goal.kind != "stop"
+    is_blocked = failed and goal.result.failure is not MotionFailure.GOAL_TOLERANCE
+    return goal.relaxation() if is_blocked and isinstance(goal, JointGoal) else None

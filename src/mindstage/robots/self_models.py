@@ -29,7 +29,7 @@ __all__ = [
     "ClassRules",
     "SelfModel",
     "add_self_model",
-    "annotations",
+    "annotation_values",
     "bundled_rules",
     "capability_class",
     "component_class",
@@ -142,7 +142,7 @@ def bundled_rules(reasoner: Reasoner | None = None) -> ClassRules:
     return ClassRules((own,) if reasoner is None else (reasoner, own))
 
 
-def annotations(property: Iri, knowledge: QuestionContext) -> dict[Iri, str]:
+def annotation_values(property: Iri, knowledge: QuestionContext) -> dict[Iri, str]:
     """The text that a property has for each subject, in a knowledge base and in the bundled ontologies."""
     bundled = _bundled_knowledge()
     with bundled.lock:

@@ -15,6 +15,7 @@ from mindstage.bridge.conversions import pose_from_message, pose_message
 from mindstage.errors import CommandRefusedError, UnreachableError
 from mindstage.msgs import (
     Message,
+    RosVersion,
     builtin_interfaces,
     geometry_msgs,
     move_base_msgs,
@@ -85,8 +86,11 @@ class RobotBaseInterface:
             endpoints.subscribe(topic, twist, self._on_velocity, other=stamped)
         for topic in _GOAL_TOPICS:
             endpoints.subscribe(topic, pose, self._on_goal)
-        endpoints.create_action(ActionSpec(move_base_msgs.MoveBase, self.move_base, name="move_base"))
-        endpoints.create_action(ActionSpec(nav2_msgs.NavigateToPose, self.navigate_to_pose, name="navigate_to_pose"))
+        if endpoints.only_version is not RosVersion.TWO:
+            endpoints.create_action(ActionSpec(move_base_msgs.MoveBase, self.move_base, name="move_base"))
+        if endpoints.only_version is not RosVersion.ONE:
+            navigate = ActionSpec(nav2_msgs.NavigateToPose, self.navigate_to_pose, name="navigate_to_pose")
+            endpoints.create_action(navigate)
         self._odometry = [endpoints.publisher(name, nav_msgs.Odometry) for name in ("odom", "base_controller/odom")]
 
     # -- velocities ----------------------------------------------------------------------------------------------------

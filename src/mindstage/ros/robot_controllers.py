@@ -294,9 +294,14 @@ class RobotControllers:
         return self._delayed(goal.trajectory, delay_s)
 
     def _delay_s(self, trajectory: trajectory_msgs.JointTrajectory) -> float:
-        """Returns when a trajectory starts, relative to now; a time stamp of 0 means now [s]."""
+        """Returns when a trajectory starts, relative to now; a time stamp of 0 means now [s].
+
+        A program that has the time of a real robot, and not that of the simulation, stamps with the wall clock.
+        """
         start_s = trajectory.header.stamp.seconds
-        delay_s = start_s - self._state_reader.state().time_s if start_s else 0.0
+        if not start_s:
+            return 0.0
+        delay_s = min(start_s - self._state_reader.state().time_s, start_s - time.time(), key=abs)
         return 0.0 if abs(delay_s) < _START_SLACK_S else delay_s
 
     def _delayed(self, trajectory: trajectory_msgs.JointTrajectory, delay_s: float) -> JointTrajectory:

@@ -305,8 +305,9 @@ def _add_model_motion(element: ElementTree.Element, joint: RobotJoint) -> None:
     if joint.damping or joint.friction:
         ElementTree.SubElement(element, "dynamics", damping=_number(joint.damping), friction=_number(joint.friction))
     if joint.mimic is not None:
-        numbers = {"multiplier": _number(joint.mimic.multiplier), "offset": _number(joint.mimic.offset)}
-        ElementTree.SubElement(element, "mimic", joint=joint.mimic.joint, **numbers)
+        mimic = ElementTree.SubElement(element, "mimic", joint=joint.mimic.joint)
+        mimic.set("multiplier", _number(joint.mimic.multiplier))
+        mimic.set("offset", _number(joint.mimic.offset))
 
 
 def _edges(transforms: FrameTransforms) -> Iterator[tuple[str, str, Array]]:

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import threading
 
-from mindstage.bridge import Node
 from mindstage.errors import MindstageError
-from mindstage.msgs import RosVersion, builtin_interfaces, sensor_msgs, std_msgs
+from mindstage.msgs import builtin_interfaces, sensor_msgs, std_msgs
 from mindstage.robots.robot import Robot
-from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.ros.endpoints import Endpoints
 from mindstage.ros.robot_base import RobotBaseInterface
 from mindstage.ros.robot_controllers import RobotControllers
@@ -47,6 +45,7 @@ class _RobotInterface:
         self._description.publish(std_msgs.String(data=text))
         if endpoints.namespace:  # without one, the parameter is computed
             parameters.set(endpoints.full_name("robot_description"), text)
+        endpoints.set_parameter("robot_description", text)
 
     def publish(self, snapshot: StateSnapshot) -> None:
         """Publishes the state of the robot."""
@@ -74,35 +73,20 @@ class _RobotInterface:
 class RobotInterfaces:
     """All robots of a simulation; may be used from any thread."""
 
-    def __init__(
-        self,
-        node: Node,
-        state_reader: StateReader,
-        parameters: ParameterServer,
-        *,
-        diagnostics: DiagnosticsPublisher,
-        ros: RosVersion,
-        goal_timeout_s: float,
-    ) -> None:
+    def __init__(self, endpoints: Endpoints, state_reader: StateReader, parameters: ParameterServer) -> None:
         """Offers the robots that exist.
 
         Args:
-            node: the node.
+            endpoints: those of the place, at whose node the robots are offered.
             state_reader: reads the state of the simulation.
             parameters: the parameters of the node.
-            diagnostics: publishes errors.
-            ros: version of ROS for names and formats.
-            goal_timeout_s: largest duration of the goal of an action [s].
 
         Raises:
             AdvertiseError: a name is taken.
         """
-        self._node = node
+        self._place = endpoints
         self._state_reader = state_reader
         self._parameters = parameters
-        self._diagnostics = diagnostics
-        self._ros = ros
-        self._goal_timeout_s = goal_timeout_s
         self._lock = threading.RLock()
         self._closed = False
         self._revision = -1
@@ -149,17 +133,11 @@ class RobotInterfaces:
         for name, robot in robots.items():
             if name in self._interfaces or name not in namespaces or self._refused.get(name) is robot:
                 continue
-            endpoints = Endpoints(
-                self._node,
-                namespace=namespaces[name],
-                ros=self._ros,
-                diagnostics=self._diagnostics,
-                goal_timeout_s=self._goal_timeout_s,
-            )
+            endpoints = self._place.in_namespace(namespaces[name])
             try:
                 self._interfaces[name] = _RobotInterface(robot, endpoints, self._state_reader, self._parameters)
             except MindstageError as error:
                 if raises:
                     raise
                 self._refused[name] = robot
-                self._diagnostics.report_error(f"robot {name}", error)
+                self._place.diagnostics.report_error(f"robot {name}", error)

@@ -61,7 +61,7 @@ def robot_frames(robot: Robot, namespace: str) -> RobotFrames:
         namespace: the namespace of its names in ROS; empty for none.
     """
     model, ids = robot.model, robot.link_ids
-    frames = {id: frame_in_namespace(namespace, link) for link, id in ids.items()}
+    frames: dict[str, str] = {id: frame_in_namespace(namespace, link) for link, id in ids.items()}
     parents = {ids[joint.child]: ids[joint.parent] for joint in model.joints}
     moving = {ids[joint.child] for joint in model.joints if joint.is_movable}
     joints = set(robot.joint_ids.values())

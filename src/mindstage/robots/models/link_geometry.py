@@ -95,7 +95,11 @@ def read_link_geometries(
     solid = {part.mesh for link in robot.links for part in link.collisions if part.mesh is not None}
     found = {name: file for name, file in files.items() if file is not None}
     imported, rejected = import_meshes(
-        [file for name, file in found.items() if name in solid], folder=cache, decompose=False, keep_axes=True
+        [file for name, file in found.items() if name in solid],
+        folder=cache,
+        decompose=False,
+        keep_axes=True,
+        visuals=False,
     )
     geometries = {}
     for link in robot.links:
@@ -109,8 +113,8 @@ def read_link_geometries(
 def mesh_file(name: str, urdf_path: Path, packages: RosPackagePath) -> Path | None:
     """Returns the file of a mesh, or None if it does not exist."""
     if name.startswith("package:"):
-        try:
-            return packages.find(name)
+        try:  # some files have a third slash
+            return packages.find("package://" + name.removeprefix("package:").lstrip("/"))
         except ValueError:
             return None
     parts = urlsplit(name)

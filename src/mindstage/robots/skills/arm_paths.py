@@ -80,6 +80,7 @@ def follow_poses(
     seed: Mapping[str, float],
     free: str = "",
     may_drive: bool = False,
+    from_seed: bool = False,
 ) -> ArmPath:
     """Solves a path pose by pose.
 
@@ -91,6 +92,7 @@ def follow_poses(
         seed: positions of all joints before the first pose; the first solution is near to it.
         free: axes of the grasp frame about which it may turn.
         may_drive: whether the base may move where the arm alone does not follow.
+        from_seed: whether the arm is at the seed now, so that the first solution must be near to it.
     """
     frame = kinematics.frame_of(arm)
     rows, roots, known = list[Array](), list[Array](), dict(seed)
@@ -99,7 +101,8 @@ def follow_poses(
         found = kinematics.solve_ik(
             frame, pose, joints=arm.joints, seed=known, root_pose=root, free=free, tolerance=_TOLERANCE, attempts=1
         )
-        if may_drive and number > 0 and not (found and _is_near(arm, known, found.positions)):
+        is_bound = number > 0 or from_seed
+        if may_drive and is_bound and not (found and _is_near(arm, known, found.positions)):
             joints = (*_driven(kinematics.model), *arm.joints)
             found = kinematics.solve_ik(
                 frame, pose, joints=joints, seed=known, root_pose=root, free=free, tolerance=_TOLERANCE, attempts=1
@@ -107,7 +110,7 @@ def follow_poses(
         if not found:
             reason = found.reason
             break
-        if number > 0 and not _is_near(arm, known, found.positions):
+        if is_bound and not _is_near(arm, known, found.positions):
             reason = "the arm would have to change its configuration"
             break
         root = np.array(found.root_pose)

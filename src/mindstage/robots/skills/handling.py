@@ -34,6 +34,8 @@ _BACK_M = 0.12
 """Length of the straight line on which the hand comes to a thing, and withdraws from it."""
 _LIFT_M = 0.04
 """Height to which a thing is lifted before it is moved away, and from which it is put down."""
+_TILTED = 0.6
+"""Vertical component of the direction of approach from which a hand does not reach into a shelf."""
 _GAP_M = 0.006
 """Height above a surface at which what is put down still counts as free of collisions."""
 _DRIFT_M = 0.025
@@ -41,7 +43,7 @@ _DRIFT_M = 0.025
 _MAX_GRASPS = 24
 _FREE_PLACES = 60
 """Number of free places that are looked for."""
-_PLACES = 8
+_PLACES = 10
 """Number of free places that are tried."""
 _PLACE_BUDGET_S = 6.0
 """Limit of the wall time for each [s]."""
@@ -218,6 +220,9 @@ def _grasp_request(
         return (not each.is_whole, round(float(steep), 1), round(float(low), 2), not each.is_central)
 
     found.sort(key=cost)
+    if upright:
+        level_ones = [each for each in found if abs(quat_rotate(each.in_world(pose)[3:], (1.0, 0.0, 0.0))[2]) < _TILTED]
+        found = level_ones or found
     chosen = _in_many_directions(found, pose)
     up = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
     lifted = np.array([pose + height * up for height in np.linspace(0.0, _LIFT_M, 3)])
@@ -390,7 +395,7 @@ def _standing_for(
     in_hand: Array,
     container: tuple[Array, Array] | None,
 ) -> Generator[float, None, Stance]:
-    """Drives to where one of the places is in reach, the most accessible first, and takes what is held in front of it."""
+    """Drives to where one of the places is in reach, and takes what is held in front of it."""
     lifts = np.array([[0.0, 0.0, height, 1.0, 0.0, 0.0, 0.0] for height in np.linspace(0.0, _LIFT_M, 3)])
     raised = np.array([0.0, 0.0, _GAP_M, 0.0, 0.0, 0.0, 0.0])
     floor = FloorMap(hand.robot) if hand.is_mobile else None
@@ -433,7 +438,7 @@ def _standing_for(
 
 
 def _nearest_to_floor(poses: Sequence[Array], floor: FloorMap | None) -> list[Array]:
-    """Poses by their distance from where the base can stand, in steps of 0.1 m; the order is kept within a step."""
+    """Poses by their distance from where the base can stand, in steps of 0.1 m, those of different heights in turns."""
     if floor is None:
         return list(poses)
     lengths = floor.lengths
@@ -442,7 +447,12 @@ def _nearest_to_floor(poses: Sequence[Array], floor: FloorMap | None) -> list[Ar
     def distance(pose: Array) -> float:
         return float(np.hypot(*(standing - pose[:2]).T).min(initial=np.inf))
 
-    return sorted(poses, key=lambda pose: max(round(distance(pose), 1), _CLOSE_M))
+    ordered = sorted(poses, key=lambda pose: max(round(distance(pose), 1), _CLOSE_M))
+    levels: dict[float, list[Array]] = {}
+    for pose in ordered:
+        levels.setdefault(round(float(pose[2]), 1), []).append(pose)
+    most = max((len(each) for each in levels.values()), default=0)
+    return [level[turn] for turn in range(most) for level in levels.values() if turn < len(level)]
 
 
 def _spun(pose: Array, turn: float) -> Array:

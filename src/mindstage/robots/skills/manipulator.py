@@ -36,6 +36,8 @@ _TICK_S = 0.04
 """The interval at which the base is commanded while it moves with the arm [s]."""
 _PLANNING_S = 10.0
 """Limit of the wall time of one plan of an arm [s]."""
+_OPENING_TOLERANCE_M = 0.03
+"""An opening that is smaller than wanted by less is enough: what is grasped has room."""
 _SPEED, _HELD_SPEED = 0.6, 0.3
 """Fractions of the velocity limits of the joints, without and with a thing in the hand."""
 _HELD_DRIVE_SPEED = 0.5
@@ -208,6 +210,7 @@ class Manipulator:
             seed=self.robot.joint_positions(),
             free=free,
             may_drive=may_drive,
+            from_seed=True,
         )
 
     def following(
@@ -291,7 +294,8 @@ class Manipulator:
         wanted = self.gripper.max_opening_m if opening_m is None else min(opening_m, self.gripper.max_opening_m)
         with self.task.step("open gripper", f"open the gripper by {wanted * 100:.1f} cm"):
             result = yield from self.robot.gripping(self.gripper.name, wanted)
-            self._require(result, "give the fingers room")
+            if self.robot.opening(self.gripper.name) < wanted - _OPENING_TOLERANCE_M:
+                self._require(result, "give the fingers room")
 
     def closing(self) -> Generator[float, None, MotionResult]:
         """Closes the gripper with its largest force; returns whether something is between the fingers."""

@@ -82,6 +82,8 @@ class StanceRequest(NamedTuple):
     """Bodies that the hand, or what it holds, may touch."""
     least: float = 0.3
     """The least part of the path that is worth it."""
+    is_closed: bool = False
+    """Whether the gripper is closed when it comes, rather than open."""
     stays: bool = False
     """Whether the base must stay where it is."""
     budget_s: float = _BUDGET_S
@@ -115,11 +117,13 @@ class _Search:
             base_moves=self.moves_base,
             touch={request.target, *request.touched},
         )
-        fingers = hand.gripper.open_positions
+        fingers = hand.gripper.closed_positions if request.is_closed else hand.gripper.open_positions
         if hand.held is not None:
             fingers = tuple(self.positions[name] for name in hand.gripper.joints)
         self.fingers = dict(zip(hand.gripper.joints, fingers, strict=True))
         self.reasons: dict[str, int] = {}
+        self.blocked = 0
+        """Number of places that are not free."""
         self.deadline = monotonic() + request.budget_s
 
     def find(self) -> Stance:
@@ -136,10 +140,10 @@ class _Search:
                 if best is not None and best.reach >= _GOOD_ENOUGH:
                     return best
             if monotonic() > self.deadline:
-                self._count("no stance was found in time")
                 break
         if best is None:
-            reason = max(self.reasons, key=lambda each: self.reasons[each], default="no grasp of it fits the gripper")
+            none = "there is no free place to stand near it" if self.blocked else "no grasp of it fits the gripper"
+            reason = max(self.reasons, key=lambda each: self.reasons[each], default=none)
             raise UnreachableError(self.hand.robot.name, target=self.request.target, reason=reason)
         return best
 
@@ -170,7 +174,7 @@ class _Search:
                 x = target[0] + distance * cos(away + bearing)
                 y = target[1] + distance * sin(away + bearing)
                 if not floor.is_reachable(x, y):
-                    self._count("there is no free place to stand in front of it")
+                    self.blocked += 1
                     continue
                 facing = atan2(target[1] - y, target[0] - x)
                 for heading in _HEADINGS_RAD:
