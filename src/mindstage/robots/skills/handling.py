@@ -181,7 +181,7 @@ def _grasping(
         task.moved[id] = None
         if not stays:
             yield from hand.driving_to(stance.base, why=f"to reach {id}")
-        yield from hand.opening(min(stance.grasp.width_m + 2 * _ROOM_M, hand.gripper.max_opening_m))
+        yield from hand.opening(stance.grasp.opening_m(hand.gripper.max_opening_m))
         yield from hand.moving_to(stance.start, why=f"in front of {id}", touch=(id,))
         yield from hand.moving_straight(stance.grasp.in_world(surroundings.pose(id)), why=f"to {id}", may_touch=True)
         held_by_friction = False

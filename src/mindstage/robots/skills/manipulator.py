@@ -34,7 +34,7 @@ _BASE_GAIN = 3.0
 """Velocity of the base by its error [1/s]."""
 _TICK_S = 0.04
 """The interval at which the base is commanded while it moves with the arm [s]."""
-_PLANNING_S = 10.0
+_PLANNING_S = 20.0
 """Limit of the wall time of one plan of an arm [s]."""
 _OPENING_TOLERANCE_M = 0.03
 """An opening that is smaller than wanted by less is enough: what is grasped has room."""
@@ -42,11 +42,13 @@ _SPEED, _HELD_SPEED = 0.6, 0.3
 """Fractions of the velocity limits of the joints, without and with a thing in the hand."""
 _HELD_DRIVE_SPEED = 0.5
 _HELD_CLEARANCE_M = 0.015
-_PARKING_S = 4.0
+_POSE_JOINTS = 6
+"""Joints that an arm needs to take its hand to any pose in reach."""
+_PARKING_S = 8.0
 """Limit of the wall time in which a way of the arm to its rest position is looked for, before the base moves [s]."""
 _ROOMS_M = (0.35, 0.2)
 """How far the base drives away to give an arm room."""
-_ROOM_S = 1.0
+_ROOM_S = 2.0
 """Limit of the wall time for each direction [s]."""
 _NEAR_M, _NEAR_RAD = 0.02, 0.04
 """A base that is nearer to where it is to stand does not drive."""
@@ -83,6 +85,11 @@ class Manipulator:
     def is_mobile(self) -> bool:
         """Whether the robot has a base that drives."""
         return self.robot.model.base.type is not BaseType.FIXED
+
+    @property
+    def needs_base(self) -> bool:
+        """Whether the arm has too few joints to take its hand to any pose without the base."""
+        return self.is_mobile and len(self.arm.joints) < _POSE_JOINTS
 
     @property
     def root_pose(self) -> Array:
@@ -187,7 +194,7 @@ class Manipulator:
             may_touch: whether it is enough to be stopped by a contact on the way.
         """
         with self.task.step("move", f"move the gripper {why}"):
-            path = self.path(interpolated_poses(self.grasp_pose, target))
+            path = self.path(interpolated_poses(self.grasp_pose, target), may_drive=self.needs_base)
             if not path.is_complete:
                 raise self.task.failure(f"the gripper cannot move straight {why}: {path.reason}", "stand elsewhere")
             result = yield from self.following(path, speed=speed)
