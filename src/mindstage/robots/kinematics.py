@@ -8,18 +8,17 @@ given, otherwise in the frame of the root link. The joints of a base that drives
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from itertools import pairwise
 from math import degrees, inf, pi, radians
 from typing import Any, NamedTuple
 
-import daqp
-import mink
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.engines.mujoco.kinematics import FRAME_SITE, ChainJoint, ChainJointType, compile_chain
-from mindstage.errors import InvalidArgumentError
+from mindstage.errors import InvalidArgumentError, RobotLibraryError
 from mindstage.robots.model import Arm, BaseType, RobotJoint, RobotJointType, RobotModel
 from mindstage.scene import Pose
 from mindstage.scene.transforms import (
@@ -28,6 +27,7 @@ from mindstage.scene.transforms import (
     normalized_pose_array,
     pose_inverse,
     pose_multiply,
+    quaternion_from_matrix,
 )
 
 __all__ = ["BASE_JOINTS", "IkResult", "IkTolerance", "RobotKinematics"]
@@ -84,6 +84,28 @@ class IkResult(msgspec.Struct, frozen=True, kw_only=True):
         return self.reached
 
 
+class _Libraries(NamedTuple):
+    """The libraries for inverse kinematics; they are loaded when the first chain is made."""
+
+    mink: Any
+    daqp: Any
+
+
+@cache
+def _libraries() -> _Libraries:
+    """Loads the libraries.
+
+    Raises:
+        RobotLibraryError: one is not installed.
+    """
+    try:
+        import daqp
+        import mink
+    except ImportError as error:
+        raise RobotLibraryError(error.name or "mink") from error
+    return _Libraries(mink, daqp)
+
+
 class _Chain:
     """The joints from the root to a frame, as a model."""
 
@@ -109,7 +131,7 @@ class _Chain:
         self.names = tuple(joint.name for joint in joints)
         self.index = {name: number for number, name in enumerate(self.names)}
         self.model: Any = compile_chain(joints, pose_multiply(pending, offset))
-        self.configuration: Any = mink.Configuration(self.model)
+        self.configuration: Any = _libraries().mink.Configuration(self.model)
         self.is_limited = np.asarray(self.model.jnt_limited, dtype=bool)
         self.lower = np.where(self.is_limited, self.model.jnt_range[:, 0], -inf)
         self.upper = np.where(self.is_limited, self.model.jnt_range[:, 1], inf)
@@ -144,8 +166,7 @@ class _Chain:
         data = self.configuration.data
         found = np.empty(7)
         found[:3] = data.site_xpos[0]
-        w, x, y, z = mink.SO3.from_matrix(data.site_xmat[0].reshape(3, 3)).wxyz
-        found[3:] = w, x, y, z
+        found[3:] = quaternion_from_matrix(data.site_xmat[0].reshape(3, 3))
         return found
 
 
@@ -374,6 +395,7 @@ class RobotKinematics:
         if root_pose is not None:
             goal = pose_multiply(pose_inverse(root_pose), goal)
         is_fixed = np.array([axis not in free for axis in "xyz"])
+        mink = _libraries().mink
         task = mink.FrameTask(FRAME_SITE, "site", 1.0, _ORIENTATION_COST * is_fixed, lm_damping=_LM_DAMPING)
         task.set_target(mink.SE3(wxyz_xyz=np.concatenate([goal[3:], goal[:3]])))
         q = chain.coordinates(seed)
@@ -500,7 +522,7 @@ def _bounded_step(hessian: Array, gradient: Array, lower: Array, upper: Array) -
     if np.all(step >= lower) and np.all(step <= upper):
         return np.asarray(step)
     count = len(gradient)
-    found, _, status, _ = daqp.solve(
+    found, _, status, _ = _libraries().daqp.solve(
         hessian, gradient, np.zeros((0, count)), upper, lower, np.zeros(count, dtype=np.int32)
     )
     return np.asarray(found) if status > 0 else np.clip(step, lower, upper)
