@@ -435,7 +435,8 @@ def _not_found(task: _ArmTask, text: str, goals: int) -> UnreachableError:
     names = ", ".join(others[:3]) or ", ".join(f"its own {obstacle}" for obstacle in frequent[:3])
     where = f" to any of {goals} configurations there" if goals > 1 else ""
     blocked = f"; {names} in the way" if names else ""
-    return task.unreachable(text, f"no way was found in time{where}{blocked}", (others or [*frequent, None])[0])
+    obstacle = next(iter(others or frequent), None)
+    return task.unreachable(text, f"no way was found in time{where}{blocked}", obstacle)
 
 
 def _timed(task: _ArmTask, points: Array) -> JointTrajectory:
