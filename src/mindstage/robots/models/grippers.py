@@ -184,7 +184,7 @@ class _Positions:
         if direction[largest] < 0.0 and len(self.branches) == 2:  # along an axis of the palm rather than against it
             self.branches.reverse()
             direction = -direction
-        return direction
+        return np.asarray(direction)
 
 
 def _grasp_frame(
