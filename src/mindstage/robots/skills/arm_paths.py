@@ -16,7 +16,7 @@ from mindstage.robots.model import Arm, BaseType, RobotJoint, RobotModel
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.scene.transforms import Array, normalize, quat_angle
 
-__all__ = ["ArmPath", "follow_poses", "interpolated_poses", "timed"]
+__all__ = ["ArmPath", "driven_joints", "follow_poses", "interpolated_poses", "timed"]
 
 _TOLERANCE = IkTolerance(position_m=0.002, rotation_rad=0.02)
 _MAX_JUMP_RAD = 0.35
@@ -103,7 +103,7 @@ def follow_poses(
         )
         is_bound = number > 0 or from_seed
         if may_drive and is_bound and not (found and _is_near(arm, known, found.positions)):
-            joints = (*_driven(kinematics.model), *arm.joints)
+            joints = (*driven_joints(kinematics.model), *arm.joints)
             found = kinematics.solve_ik(
                 frame, pose, joints=joints, seed=known, root_pose=root, free=free, tolerance=_TOLERANCE, attempts=1
             )
@@ -126,7 +126,7 @@ def follow_poses(
     )
 
 
-def _driven(model: RobotModel) -> tuple[str, ...]:
+def driven_joints(model: RobotModel) -> tuple[str, ...]:
     """The motions that a base can make in a small step."""
     match model.base.type:
         case BaseType.PLANAR:
