@@ -23,6 +23,8 @@ var mode: String
 var effort_limit: float
 var stiffness: float
 var damping: float
+## Inertia of the drive, as seen at the joint [kg] or [kg m²].
+var armature: float
 var friction: float
 ## The last effort [N or Nm].
 var effort: float = 0.0
@@ -50,6 +52,7 @@ static func from_frames(frames: Dictionary) -> Array[MindstageDrive]:
 		drive.effort_limit = data["effort_limit"]
 		drive.stiffness = data.get("stiffness", 0.0)
 		drive.damping = data.get("damping", 0.0)
+		drive.armature = data.get("armature", 0.0)
 		drive.friction = data.get("friction", 0.0)
 		found.append(drive)
 	return found

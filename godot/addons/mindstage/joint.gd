@@ -203,8 +203,24 @@ func center_frames() -> void:
 	frame_b = frame_b.translated_local(center)
 
 
-## Makes a light weightless body heavier that is locked to a heavy one, as links of robots are that only carry others. The
-## solver cannot hold bodies together whose masses differ by orders of magnitude.
+## Adds the inertia of the drives to the weightless body that they move, about all axes: without it, the light links at
+## the end of an arm tremble.
+func add_armature() -> void:
+	if not group_b.is_dynamic() or group_b.gravity_factor > 0.0:
+		return
+	var rigid: RigidBody3D = group_b.node as RigidBody3D
+	for drive: MindstageDrive in drives:
+		if drive.axis < 3:
+			rigid.mass += drive.armature
+		elif drive.armature > 0.0:
+			var own: Vector3 = (
+				rigid.inertia if rigid.inertia != Vector3.ZERO else MindstageMassProperties.moments(group_b)
+			)
+			rigid.inertia = own + drive.armature * Vector3.ONE
+
+
+## Makes a light weightless body heavier that is locked to a heavy one, as links of robots are that only carry
+## others. The solver cannot hold bodies together whose masses differ by orders of magnitude.
 func balance_locked() -> void:
 	if axes.any(func(axis: PackedFloat64Array) -> bool: return axis[0] != LOCKED):
 		return

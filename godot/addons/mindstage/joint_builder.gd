@@ -107,6 +107,7 @@ func _new_joint(
 	joint.transform = child.last_transform * child.transform_in_group().affine_inverse() * joint.frame_b
 	physics_scene.simulation.add_child(joint)
 	joint.set_node_paths()
+	joint.add_armature()
 	joint.balance_locked()
 	joint.create()
 	return joint

@@ -165,6 +165,7 @@ def _drive_change(axis: int, actuator: Actuator) -> DriveModelDelta:
         effort_limit=actuator.effort_limit,
         stiffness=actuator.stiffness,
         damping=actuator.damping,
+        armature=actuator.armature,
         friction=actuator.friction,
     )
 
