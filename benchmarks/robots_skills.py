@@ -1,6 +1,6 @@
-"""Skills of a robot in the bundled kitchen: which doors and drawers it opens and closes, and how often it puts milk away.
+"""Skills of a robot in the bundled kitchen: the doors and drawers it opens and closes, and how often it puts milk away.
 
-    python -m benchmarks.robots_skills [--robot mobile_manipulator] [--seeds 10] [--fronts drawer_left_1 fridge_door …]
+    python -m benchmarks.robots_skills [--robot mobile_manipulator] [--seeds 10] [--fronts fridge_door …]
 
 Prints one line for each front and seed, then the counts, and the deepest penetration of two bodies on the way.
 """
@@ -12,16 +12,20 @@ import random
 import time
 from collections.abc import Generator
 
+import numpy as np
+
 import mindstage as ms
 from mindstage.engines.base import Engine
 from mindstage.errors import MindstageError
+from mindstage.robots.navigation import FloorMap
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills import SkillResult, start_skill
-from mindstage.scene import Pose
+from mindstage.scene import BodyId, Pose
 from mindstage.simulation import Simulation
 
 _START = (0.9, 0.6, 0.0)
 _DEADLINE_S = 240.0
+_REACH_M = 0.7
 _SUPPORTS = ("counter_left", "table", "counter_west", "counter_right", "dresser")
 
 
@@ -65,12 +69,10 @@ def _line(what: str, result: SkillResult, depths: _Depths, wall_s: float) -> Non
 
 def open_and_close(sim: Simulation, robot: Robot, fronts: list[str]) -> None:
     """Opens and closes each front, from the same state."""
-    state = sim.run_on_engine(lambda engine: engine.save_state())
     names = fronts or [row.front.rpartition("#")[2] for row in sim.ask("openings")]
     opened, closed, deepest = 0, 0, 0.0
     for front in names:
-        sim.run_on_engine(lambda engine: engine.restore_state(state), edits=True)
-        robot.stop()
+        sim.reset()
         result, depths, wall_s = _perform(robot, "open", {"thing": front})
         _line(f"open {front}", result, depths, wall_s)
         opened += bool(result)
@@ -80,18 +82,16 @@ def open_and_close(sim: Simulation, robot: Robot, fronts: list[str]) -> None:
             _line(f"close {front}", result, depths, wall_s)
             closed += bool(result)
             deepest = max(deepest, depths.depth_m)
-    sim.run_on_engine(lambda engine: engine.restore_state(state), edits=True)
+    sim.reset()
     print(f"opened {opened} of {len(names)}, closed {closed} of {opened}; deepest penetration {deepest * 1000:.1f} mm")
 
 
 def put_milk_away(sim: Simulation, robot: Robot, seeds: int) -> None:
     """Puts a carton from a random place into the fridge, and closes it."""
-    state = sim.run_on_engine(lambda engine: engine.save_state())
     succeeded, deepest = 0, 0.0
     for seed in range(seeds):
-        sim.run_on_engine(lambda engine: engine.restore_state(state), edits=True)
-        robot.stop()
-        support = _place_milk(sim, random.Random(seed))
+        sim.reset()
+        support = _place_milk(sim, robot, random.Random(seed))
         result, depths, wall_s = _perform(robot, "put_away", {"thing": "milk_carton_1"})
         is_in = any(
             row.other.endswith("fridge") for row in sim.ask("where_is", thing="milk_carton_1", relation="inside")
@@ -100,20 +100,27 @@ def put_milk_away(sim: Simulation, robot: Robot, seeds: int) -> None:
         _line(f"put_away milk from {support}, seed {seed}", result, depths, wall_s)
         succeeded += bool(result) and is_in and is_closed
         deepest = max(deepest, depths.depth_m)
-    sim.run_on_engine(lambda engine: engine.restore_state(state), edits=True)
+    sim.reset()
     print(f"milk put away {succeeded} of {seeds}; deepest penetration {deepest * 1000:.1f} mm")
 
 
-def _place_milk(sim: Simulation, chance: random.Random) -> str:
-    """Puts the carton at a random free place."""
+def _place_milk(sim: Simulation, robot: Robot, chance: random.Random) -> str:
+    """Puts the carton at a random free place that is at most 0.7 m from where the base can stand."""
+    floor = FloorMap(robot)
+    standing = floor.plan.centers(np.flatnonzero(np.isfinite(floor.lengths)))
     while True:
         support = chance.choice(_SUPPORTS)
-        rows = list(sim.ask("free_place", thing="milk_carton_1", relation="onto", support=support, count=30))
-        if rows:
-            pose: Pose = chance.choice(rows).pose
-            sim.run_on_engine(lambda engine: engine.set_pose("milk_carton_1", pose), edits=True)
+        rows = list(sim.ask("free_place", thing="milk_carton_1", relation="onto", support=support, count=40))
+        poses = [row.pose for row in rows if np.hypot(*(standing - row.pose.position[:2]).T).min() <= _REACH_M]
+        if poses:
+            pose: Pose = chance.choice(poses)
+            _set_pose(sim, pose)
             sim.step(0.5)
             return support
+
+
+def _set_pose(sim: Simulation, pose: Pose) -> None:
+    sim.run_on_engine(lambda engine: engine.set_pose(BodyId("milk_carton_1"), pose), edits=True)
 
 
 def main() -> None:

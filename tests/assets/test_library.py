@@ -445,7 +445,7 @@ def test_only_causes_in_the_file_are_remembered(
     _, rejected = import_meshes([folder / "cup.stl"], folder=cache)
     assert message in rejected[folder / "cup.stl"]
     assert bool(list(cache.glob("*.rejected"))) is remembered
-    monkeypatch.setattr("mindstage.assets.mesh_import._import_in_worker", lambda files, timeout_s: iter(()))
+    monkeypatch.setattr("mindstage.assets.mesh_import._import_in_worker", lambda *_, **__: iter(()))
     assert (folder / "cup.stl" in import_meshes([folder / "cup.stl"], folder=cache)[1]) is remembered
 
 

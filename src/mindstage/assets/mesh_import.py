@@ -56,6 +56,7 @@ def import_meshes(
     timeout_s: float = _TIMEOUT_S,
     decompose: bool = True,
     keep_axes: bool = False,
+    visuals: bool = True,
 ) -> tuple[dict[Path, ImportedMesh], dict[Path, str]]:
     """Imports files, or loads them from the cache.
 
@@ -68,6 +69,7 @@ def import_meshes(
         timeout_s: timeout for each file [s].
         decompose: whether meshes are decomposed into convex parts; otherwise there is one, the convex hull.
         keep_axes: whether points keep the axes of the file, also if it states another direction than z as up.
+        visuals: whether the visual meshes are loaded; otherwise there are none, and the bounds are those of the parts.
 
     Returns:
         The imported meshes, and the reasons why other files were rejected.
@@ -87,7 +89,7 @@ def import_meshes(
             rejected[path] = error.strerror or str(error)
             continue
         cache_file = folder / f"{digest}.npz"
-        if (mesh := _load_cached(path, digest, cache_file)) is not None:
+        if (mesh := _load_cached(path, digest, cache_file, visuals=visuals)) is not None:
             imported[path] = mesh
         elif reason := _rejection_reason(cache_file):
             rejected[path] = reason
@@ -96,7 +98,7 @@ def import_meshes(
     cache_files = {path: cache_file for path, (_, cache_file) in missing.items()}
     for path, result in _import_in_worker(cache_files, timeout_s, decompose=decompose, keep_axes=keep_axes):
         cache_file = missing[path][1]
-        mesh = None if result.reason else _load_cached(path, *missing[path])
+        mesh = None if result.reason else _load_cached(path, *missing[path], visuals=visuals)
         if mesh is not None:
             imported[path] = mesh
             continue
@@ -139,23 +141,23 @@ def _digest(path: Path, *, decompose: bool, keep_axes: bool) -> str:
     return hasher.hexdigest()[:32]
 
 
-def _load_cached(path: Path, digest: str, cache_file: Path) -> ImportedMesh | None:
+def _load_cached(path: Path, digest: str, cache_file: Path, *, visuals: bool) -> ImportedMesh | None:
     try:
         with np.load(cache_file, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+            arrays = {name: file[name] for name in file.files if visuals or name.startswith("piece_")}
+            has_visuals = "points_0" in file.files
     except (OSError, ValueError, EOFError, KeyError, BadZipFile):
         return None
-    visuals = tuple(
-        _load_visual(arrays, number) for number in range(sum(name.startswith("points_") for name in arrays))
-    )
+    loaded = tuple(_load_visual(arrays, number) for number in range(sum(name.startswith("points_") for name in arrays)))
     convex_parts = tuple(
         arrays[f"piece_{number}"] for number in range(sum(name.startswith("piece_") for name in arrays))
     )
-    if not (visuals and convex_parts):
+    if not (has_visuals and convex_parts):
         return None
-    low = np.min([visual.points.min(axis=0) for visual in visuals], axis=0)
-    high = np.max([visual.points.max(axis=0) for visual in visuals], axis=0)
-    return ImportedMesh(path, digest, visuals, convex_parts, low, high)
+    bounded = [visual.points for visual in loaded] or convex_parts
+    low = np.min([points.min(axis=0) for points in bounded], axis=0)
+    high = np.max([points.max(axis=0) for points in bounded], axis=0)
+    return ImportedMesh(path, digest, loaded, convex_parts, low, high)
 
 
 def _load_visual(arrays: Mapping[str, Array], number: int) -> VisualMesh:

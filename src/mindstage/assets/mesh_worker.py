@@ -124,6 +124,9 @@ def _load_visuals(path: Path, *, keep_axes: bool) -> Iterator[dict[str, Any]]:
         if np.linalg.det(linear) < 0.0:
             faces = faces[:, ::-1]
         normals = _normals(mesh, linear)
+        if len(points) == 3 * len(faces) and normals is None and getattr(mesh.visual, "kind", None) is None:
+            points, new_index = np.unique(points, axis=0, return_inverse=True)  # STL has no indices
+            faces = new_index.reshape(-1)[faces]
         for rows, surface, uv, image in _split_by_color(mesh):
             used, new_index = np.unique(faces[rows], return_inverse=True)
             yield {

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -73,21 +74,26 @@ class BaseGoal(MotionGoal):
         self._blocked_s = self._blocked_s + PERIOD_S if saturated.any() and slow.all() else 0.0
         if self._blocked_s >= BLOCKED_S:
             self._end_blocked(view)
-            return self.commands(actual, np.zeros(3))
+            return self.commands(actual, np.zeros(3), np.zeros(3))
         self.elapsed_s += PERIOD_S
+        acceleration = np.zeros(3)
         if saturated.any():
             self._velocity = np.zeros(3)
             self.hold()
         else:
-            self._reference, self._velocity = self.advance(self._reference, self._velocity, actual)
+            before = self._velocity
+            self._reference, self._velocity = self.advance(self._reference, before, actual)
+            most = np.array(self._base.accelerations)
+            acceleration = np.clip((self._velocity - before) / PERIOD_S, -most, most)
         limit = _MAX_LEAD * np.array(self._base.error_limits)
         self._reference = np.clip(self._reference, actual - limit, actual + limit)
         self.check(actual, velocity)
-        return self.commands(self._reference, self._velocity)
+        return self.commands(self._reference, self._velocity, acceleration)
 
-    def commands(self, reference: Array, velocity: Array) -> dict[str, float]:
-        """Commands for a reference and its velocity."""
-        values = reference + np.array(self._base.lags_s) * velocity
+    def commands(self, reference: Array, velocity: Array, acceleration: Array) -> dict[str, float]:
+        """Commands for a reference, its velocity and acceleration."""
+        lags_s = np.array(self._base.lags_s)  # as in `JointGoal`
+        values = reference + lags_s * velocity + lags_s**2 / 4.0 * acceleration
         return dict(zip(self._base.actuators, values.tolist(), strict=True))
 
     def brake(self, view: ControlView, used: frozenset[str]) -> MotionGoal | None:
@@ -146,6 +152,10 @@ class PathGoal(BaseGoal):
         """The largest rate of progress at each point, at which it can still stop at the end."""
         self._progress = self._rate = self._late_s = 0.0
         self._acceleration = 1.0
+
+    def command_details(self) -> dict[str, Any]:
+        """See `MotionGoal`."""
+        return {"path": [list(pose) for pose in self._path]}
 
     def begin(self, actual: Array) -> None:
         """See `BaseGoal`."""
@@ -221,6 +231,10 @@ class VelocityGoal(BaseGoal):
         self._wanted = np.zeros(3)
         """Velocity in the base frame."""
         self._left_s = DRIVE_TIMEOUT_S
+
+    def command_details(self) -> dict[str, Any]:
+        """See `MotionGoal`."""
+        return {"velocity": self._wanted.tolist()}
 
     def command(self, velocity: tuple[float, float, float]) -> None:
         """Sets the velocity in the base frame, for 0.5 s at most."""

@@ -18,7 +18,7 @@ import numpy as np
 from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker, MotionRobot
 from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
-from mindstage.robots.kinematics import RobotKinematics
+from mindstage.robots.kinematics import BASE_JOINTS, RobotKinematics
 from mindstage.robots.model import Arm, BaseType
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.planning import find_arm
@@ -32,8 +32,14 @@ _BEARINGS = 16
 _HEADINGS_RAD = (0.0, 0.4, -0.4, 0.9, -0.9)
 """Headings relative to that towards the targets, the preferred first."""
 _IK_ATTEMPTS = 4
+_SAMPLES = 300
+_ONE_SIDED_M = 0.15
+"""An arm whose grasp frame is so far from the base on average reaches to one side [m]."""
+_MAX_ADJUSTMENT_M = 0.35
 _DRIVE_WEIGHT = 0.05
 """Loss of score for a way of 1 m; the score is at most 1."""
+_MOVE_COST = 0.1
+"""Loss of score for any way at all."""
 _HEADING_WEIGHT = 0.1
 _TRIALS_PER_ANSWER = 12
 _REGION_ATTEMPTS = 3
@@ -95,8 +101,24 @@ class _Placing:
         self.is_limited = np.isfinite(limits).all(axis=1)
         self.middle = np.where(self.is_limited, limits.mean(axis=1), 0.0)
         self.half = np.where(self.is_limited, (limits[:, 1] - limits[:, 0]) / 2, 1.0)
+        self.reach_m, self.side = self._extent()
 
-    def root_at(self, base: tuple[float, float, float]) -> Array:
+    def _extent(self) -> tuple[float, float]:
+        """The largest horizontal distance of the grasp frame from the base [m], and its mean direction [rad]."""
+        root = self._root_at((0.0, 0.0, 0.0))
+        rows = self.middle + self.half * np.random.default_rng(0).uniform(-1.0, 1.0, (_SAMPLES, len(self.half)))
+        places = np.array(
+            [
+                self.kinematics.pose(
+                    self.frame, {**self.positions, **dict(zip(self.arm.joints, row, strict=True))}, root_pose=root
+                )[:2]
+                for row in rows.tolist()
+            ]
+        )
+        x, y = places.mean(axis=0).tolist()
+        return float(np.hypot(*places.T).max()), atan2(y, x) if hypot(x, y) > _ONE_SIDED_M else 0.0
+
+    def _root_at(self, base: tuple[float, float, float]) -> Array:
         """The pose of the root link for a pose of the base."""
         x, y, yaw = planar_multiply(base, self.root_in_base)
         turned = yaw_of(self.root[3:])
@@ -104,14 +126,14 @@ class _Placing:
         upright[:2] = 0.0
         return pose_multiply(np.array([x, y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)]), upright)
 
-    def candidates(self, max_distance_m: float) -> Iterator[tuple[tuple[float, float, float], float]]:
+    def candidates(self, max_distance_m: float | None) -> Iterator[tuple[tuple[float, float, float], float]]:
         """Places that the base can drive to with a part of their score, in an order that covers all sides early."""
-        middle = self.targets[:, :2].mean(axis=0)
+        middle, reach_m = self.targets[:, :2].mean(axis=0), max_distance_m or self.reach_m
         x, y, yaw = self.here
         yield (x, y, yaw), 0.0
         away = atan2(y - middle[1], x - middle[0])
-        distances = np.arange(0.3, max_distance_m + 1e-9, _DISTANCE_STEP_M).tolist()
-        order = sorted(distances, key=lambda each: abs(each - 0.6 * max_distance_m))
+        distances = np.arange(0.3, reach_m + 1e-9, _DISTANCE_STEP_M).tolist()
+        order = sorted(distances, key=lambda each: abs(each - 0.6 * reach_m))
         found: list[tuple[float, tuple[float, float, float], float]] = []
         for ring, distance in enumerate(order):
             for number in range(_BEARINGS):
@@ -122,39 +144,69 @@ class _Placing:
                     continue
                 for offset in _HEADINGS_RAD:
                     cost = _DRIVE_WEIGHT * length + _HEADING_WEIGHT * abs(offset)
-                    found.append((cost + 0.02 * ring, (px, py, _wrapped(bearing + pi + offset)), length))
+                    found.append((cost + 0.02 * ring, (px, py, _wrapped(bearing + pi - self.side + offset)), length))
         for _, base, length in sorted(found, key=lambda each: each[0]):
             yield base, length
 
     def placement(self, base: tuple[float, float, float], drive_m: float) -> BasePlacement | None:
-        """A place with positions for all targets; None if one is not reached, or there is a collision."""
-        root, found = self.root_at(base), []
+        """A place with positions for all targets; None if one is not reached, or there is a collision.
+
+        Where the arm alone does not reach the first target, as one with few joints, the base is moved a little.
+        """
+        first = self._reaching(self.targets[0], self.positions, base)
+        if isinstance(first, _Reason) and first.obstacle is None and (near := self._adjusted(base)) is not None:
+            base = near
+            length = self.floor.length_to(base[0], base[1])
+            if length is None:
+                return None
+            drive_m, first = length, self._reaching(self.targets[0], self.positions, base)
+        if isinstance(first, _Reason):
+            self.reasons[first] += 1
+            return None
         parked = self.checker.find_at({**self.positions, **self.rest}, base)
         if parked is not None:
             self.reasons[_Reason(f"the base has no room: {parked}", parked.obstacle)] += 1
             return None
-        seed, margin = self.positions, 1.0
-        for target in self.targets:
-            values = self._reaching(target, root, seed, base)
-            if values is None:
+        found = [first]
+        for target in self.targets[1:]:
+            seed = {**self.positions, **dict(zip(self.arm.joints, found[-1].tolist(), strict=True))}
+            values = self._reaching(target, seed, base)
+            if isinstance(values, _Reason):
+                self.reasons[values] += 1
                 return None
-            positions = dict(zip(self.arm.joints, values.tolist(), strict=True))
-            seed = {**self.positions, **positions}
-            found.append(positions)
-            away = 1.0 - np.abs(values - self.middle) / self.half
-            margin = min(margin, float(np.where(self.is_limited, away, 1.0).min()))
-        heading = abs(_wrapped(base[2] - self._facing(base)))
-        score = margin - _DRIVE_WEIGHT * drive_m - _HEADING_WEIGHT * heading
-        return BasePlacement(base=base, positions=tuple(found), score=score, drive_m=drive_m)
+            found.append(values)
+        away = np.where(self.is_limited, 1.0 - np.abs(np.array(found) - self.middle) / self.half, 1.0)
+        heading = abs(_wrapped(base[2] + self.side - self._facing(base)))
+        moving = _MOVE_COST if base != self.here else 0.0
+        score = float(away.min()) - moving - _DRIVE_WEIGHT * drive_m - _HEADING_WEIGHT * heading
+        positions = tuple(dict(zip(self.arm.joints, values.tolist(), strict=True)) for values in found)
+        return BasePlacement(base=base, positions=positions, score=score, drive_m=drive_m)
+
+    def _adjusted(self, base: tuple[float, float, float]) -> tuple[float, float, float] | None:
+        """A place near another one from which the arm reaches the first target."""
+        result = self.kinematics.solve_ik(
+            self.frame,
+            self.targets[0],
+            joints=(*self.arm.joints, *BASE_JOINTS),
+            seed={**self.positions, **dict(zip(self.arm.joints, self.middle.tolist(), strict=True))},
+            root_pose=self._root_at(base),
+            free=self.free,
+            attempts=1,
+        )
+        if not result:
+            return None
+        root = np.array(result.root_pose)
+        at = (float(root[0]), float(root[1]), yaw_of(root[3:]))
+        near = planar_multiply(at, planar_inverse(self.root_in_base))
+        return near if hypot(near[0] - base[0], near[1] - base[1]) < _MAX_ADJUSTMENT_M else None
 
     def _facing(self, base: tuple[float, float, float]) -> float:
         middle = self.targets[:, :2].mean(axis=0)
         return atan2(middle[1] - base[1], middle[0] - base[0])
 
-    def _reaching(
-        self, target: Array, root: Array, seed: Mapping[str, float], base: tuple[float, float, float]
-    ) -> Array | None:
-        """Positions of the arm without collisions for a target."""
+    def _reaching(self, target: Array, seed: Mapping[str, float], base: tuple[float, float, float]) -> Array | _Reason:
+        """Positions of the arm without collisions for a target, or why there are none."""
+        root = self._root_at(base)
         solutions = self.kinematics.solutions(
             self.frame,
             target,
@@ -174,10 +226,9 @@ class _Placing:
             result = self.kinematics.solve_ik(
                 self.frame, target, joints=self.arm.joints, seed=seed, root_pose=root, free=self.free, attempts=1
             )
-            limit = f"limits of {', '.join(result.limits)}" if result.limits else "it is out of reach of the arm"
-            blocked = _Reason(f"{limit} at most places")
-        self.reasons[blocked] += 1
-        return None
+            limits = f"limits of {', '.join(result.limits)}" if result.limits else "it is out of reach of the arm"
+            return _Reason(limits)
+        return blocked
 
 
 def find_base_poses(
@@ -216,10 +267,9 @@ def find_base_poses(
         raise InvalidArgumentError("robot", cause=cause, remedy=remedy)
     end_s = time.monotonic() + budget_s
     placing = _Placing(robot, arm, targets, free=free, ignore=ignore, touch=touch, clearance_m=clearance_m)
-    reach = _arm_reach(placing) if max_distance_m is None else max_distance_m
     found: list[BasePlacement] = []
     trials = 0
-    for base, length in placing.candidates(reach):
+    for base, length in placing.candidates(max_distance_m):
         placement = placing.placement(base, length)
         trials += 1
         if placement is not None:
@@ -233,15 +283,6 @@ def find_base_poses(
         text = f"{where}; mostly, {reason.text}"
         raise UnreachableError(robot.name, target=f"({x:.2f}, {y:.2f}, {z:.2f})", reason=text, obstacle=reason.obstacle)
     return tuple(sorted(found, key=lambda each: -each.score)[:count])
-
-
-def _arm_reach(placing: _Placing) -> float:
-    """The largest horizontal distance between the base and the grasp frame in random positions of the arm [m]."""
-    generator = np.random.default_rng(0)
-    joints = placing.arm.joints
-    values = placing.middle + placing.half * generator.uniform(-1.0, 1.0, (400, len(joints)))
-    poses = [placing.kinematics.pose(placing.frame, dict(zip(joints, row, strict=True))) for row in values.tolist()]
-    return max(0.5, *(hypot(pose[0], pose[1]) for pose in poses))
 
 
 def reachable_region(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from enum import StrEnum
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -37,6 +38,9 @@ PERIOD_S = 0.004
 """The period of control in simulated time [s]."""
 _BRAKE_S = 0.1
 """The time in which a canceled motion stops [s]."""
+_RELAXATION_S = 0.3
+_LEAD_SLACK = 1.02
+"""Factor of the velocity limit that a drive may have while it catches up."""
 BLOCKED_S = 0.15
 """A joint that has been at its largest effort without moving for so long is blocked [s]."""
 _SATURATED = 0.95
@@ -48,6 +52,8 @@ _PATH_TOLERANCES = {True: 0.06, False: 0.25}
 _GOAL_TOLERANCES = {True: 0.01, False: 0.02}
 _STALLED_S = 0.2
 _GRIPPER_TOLERANCE_M = 0.002
+_GRIPPER_TIMEOUT_S = 2.0
+"""Time of a gripper in addition to twice that of its whole travel [s]."""
 _FINGER_VELOCITY_M = 0.1
 """Speed at which the opening of a gripper changes, unless its joints are slower [m/s]."""
 _STALLED_VELOCITY_M = 0.002
@@ -162,6 +168,17 @@ class ControlView:
                 forces[other] = forces.get(other, 0.0) + contact.force_n
         return tuple(sorted(forces, key=forces.__getitem__, reverse=True))
 
+    def self_contact(self) -> str:
+        """The strongest contact between two parts of the robot, as the end of a sentence; empty if there is none."""
+        if Capability.CONTACTS not in self._engine.capabilities:
+            return ""
+        links = self._drives.link_of_body
+        found = [each for each in self._engine.contacts() if each.a in links and each.b in links]
+        strongest = max(found, key=lambda each: each.force_n, default=None)
+        if strongest is None or strongest.b is None:
+            return ""
+        return f"; its {links[strongest.a]!r} touches its {links[strongest.b]!r}"
+
 
 def held_bodies(engine: Engine, drives: RobotDrives) -> dict[str, BodyId]:
     """What each gripper holds: a body that is attached to one of its links, or that two of its fingers touch."""
@@ -242,6 +259,10 @@ class MotionGoal:
                 stalled=stalled,
             )
 
+    def command_details(self) -> dict[str, Any]:
+        """What was commanded, as JSON values."""
+        return {}
+
     def errors(self) -> dict[str, float]:
         """The difference of what is desired and the state, by name."""
         if self.feedback is None:
@@ -268,12 +289,25 @@ class JointGoal(MotionGoal):
         self._tolerance = _tolerances(tolerance, drives, _GOAL_TOLERANCES)
         self._path_tolerance = _tolerances(path_tolerance, drives, _PATH_TOLERANCES)
         self._goal_time_tolerance_s = goal_time_tolerance_s
+        self._lags_s = np.array([each.lag_s for each in drives])
+        """With critical damping, a servo follows exactly what is ahead by lag * velocity + lag² / 4 * acceleration."""
+        limits = np.array([each.joint.velocity or math.inf for each in drives])
+        self._leads = _LEAD_SLACK * (self._lags_s + PERIOD_S / 2) * limits
         self._blocked_s = np.zeros(len(drives))
 
     @property
     def spline(self) -> JointSpline:
         """Its positions over time."""
         return self._spline
+
+    def command_details(self) -> dict[str, Any]:
+        """See `MotionGoal`."""
+        ends = dict(zip(self._spline.joints, self._spline.end.tolist(), strict=True))
+        return {"positions": ends, "duration_s": round(self._spline.duration_s, 6)}
+
+    def relaxation(self) -> MotionGoal:
+        """The motion after it was blocked."""
+        return JointRelaxation(self._drives)
 
     def desired(self, joint: str) -> tuple[float, float] | None:
         """The current reference of a joint: position and velocity; None if it does not move it."""
@@ -300,12 +334,14 @@ class JointGoal(MotionGoal):
             return {each.actuator: each.clamped(value) for each, value in zip(drives, actual.tolist(), strict=True)}
         if self.elapsed_s >= self._spline.duration_s:
             self._finish(error, velocities)
+        # The command is constant for a period, at the middle of which it is to be right.
+        target, next_speed = self._spline.sample(self.elapsed_s + PERIOD_S / 2)
         self.elapsed_s += PERIOD_S
-        target, speed = self._spline.sample(self.elapsed_s)
-        return {
-            each.actuator: each.clamped(position + each.lag_s * velocity)
-            for each, position, velocity in zip(drives, target.tolist(), speed.tolist(), strict=True)
-        }
+        ahead = self._lags_s * next_speed + self._lags_s**2 / 4.0 * (next_speed - speed) / (PERIOD_S / 2)
+        # A drive does not exceed its velocity either when it catches up after it was held back.
+        ahead = np.clip(target + ahead - actual, -self._leads, self._leads)
+        values = (actual + ahead).tolist()
+        return {each.actuator: each.clamped(value) for each, value in zip(drives, values, strict=True)}
 
     def brake(self, view: ControlView, used: frozenset[str]) -> MotionGoal | None:
         """See `MotionGoal`."""
@@ -332,7 +368,7 @@ class JointGoal(MotionGoal):
         if len(blocked):
             what = f"{drive.name} does not move at its largest effort ({drive.effort_limit:.3g})"
         failure = MotionFailure.BLOCKED if len(blocked) or obstacles else MotionFailure.PATH_TOLERANCE
-        by = f"; in contact with {named(obstacles)}" if obstacles else ""
+        by = f"; in contact with {named(obstacles)}" if obstacles else view.self_contact()
         self.end(MotionOutcome.FAILED, what + by, failure=failure, error=self.errors(), obstacles=obstacles)
         return True
 
@@ -352,6 +388,25 @@ class JointGoal(MotionGoal):
             self.end(MotionOutcome.FAILED, reason, failure=MotionFailure.GOAL_TOLERANCE, error=self.errors())
 
 
+class JointRelaxation(MotionGoal):
+    """Lets joints yield for a moment, so that they do not go on pushing against what blocked them."""
+
+    def __init__(self, drives: Sequence[JointDrive]) -> None:
+        super().__init__("stop", (each.actuator for each in drives))
+        self._drives = tuple(drives)
+
+    def update(self, view: ControlView) -> dict[str, float]:
+        """See `MotionGoal`."""
+        self.elapsed_s += PERIOD_S
+        if self.elapsed_s >= _RELAXATION_S:
+            self.end(MotionOutcome.SUCCEEDED)
+        return {each.actuator: each.clamped(view.position(each)) for each in self._drives}
+
+    def brake(self, view: ControlView, used: frozenset[str]) -> MotionGoal | None:
+        """See `MotionGoal`."""
+        return None
+
+
 class GripperGoal(MotionGoal):
     """Opens or closes a gripper, with a limited force."""
 
@@ -359,7 +414,7 @@ class GripperGoal(MotionGoal):
         super().__init__("gripper", (each.actuator for each in drives))
         self._gripper = gripper
         self._drives = tuple(drives)
-        self._opening_m = opening_m
+        self._opening_m, self._force_n = opening_m, force_n
         closed, opened = np.array(gripper.closed_positions), np.array(gripper.open_positions)
         self._target = closed + opening_m / gripper.max_opening_m * (opened - closed)
         travel = np.maximum(np.abs(opened - closed), 1e-9)
@@ -371,6 +426,12 @@ class GripperGoal(MotionGoal):
         self._speed = np.minimum(_FINGER_VELOCITY_M / (ratio * len(drives)), limits)
         self._reference: Array | None = None
         self._starts_open = self._still_s = 0.0
+        slowest = float((np.abs(opened - closed) / self._speed).max())
+        self._timeout_s = _GRIPPER_TIMEOUT_S + 2.0 * slowest
+
+    def command_details(self) -> dict[str, Any]:
+        """See `MotionGoal`."""
+        return {"gripper": self._gripper.name, "opening_m": self._opening_m, "max_force_n": self._force_n}
 
     def opening(self, positions: Array) -> float:
         """The opening of the gripper at positions of its joints [m]."""
@@ -397,6 +458,9 @@ class GripperGoal(MotionGoal):
             self.end(MotionOutcome.SUCCEEDED, error=error)
         elif self._still_s >= _STALLED_S and self._is_pushing(actual):
             self._end_stalled(view, opening_m, error)
+        elif self.elapsed_s >= self._timeout_s:
+            reason = f"the opening is {opening_m:.3f} m, and the fingers are not at rest"
+            self.end(MotionOutcome.FAILED, reason, failure=MotionFailure.GOAL_TOLERANCE, error=error)
         lag = np.array([each.lag_s for each in self._drives])
         moving = np.where(np.abs(self._target - self._reference) > step, np.sign(self._target - self._reference), 0.0)
         command = self._reference + lag * moving * self._speed * (0.0 if is_still else 1.0)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from mindstage.engines.base import Capability, Engine
 from mindstage.errors import CommandRefusedError
@@ -40,8 +41,16 @@ class RobotController:
     def __init__(self, drives: RobotDrives) -> None:
         self.drives = drives
         self._goals: tuple[MotionGoal, ...] = ()
+        self._on_end: Callable[[MotionGoal], None] | None = None
         self._time_s = -math.inf
         """Simulated time of the last update, or of the start of the first goal after that [s]."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_on_end": None}
+
+    def on_end(self, callback: Callable[[MotionGoal], None]) -> None:
+        """Sets the function that is called in the engine thread when a goal has ended; copies do not have it."""
+        self._on_end = callback
 
     @property
     def is_active(self) -> bool:
@@ -70,7 +79,9 @@ class RobotController:
         for goal in self._goals:
             commands |= goal.update(view)
         engine.set_commands(commands)
-        self._goals = tuple(goal for goal in self._goals if goal.result is None)
+        for goal in self._goals:
+            self._report(goal)
+        self._goals = tuple(each for goal in self._goals if (each := _next(goal)) is not None)
 
     def copy(self) -> RobotController:
         """See `Controller`."""
@@ -137,6 +148,10 @@ class RobotController:
             known = ", ".join(self.drives.grippers) or "it has none"
             raise self._refused(f"the gripper {gripper!r}", "it has no gripper of that name", f"known: {known}")
         record = self.drives.grippers[gripper]
+        if record.max_opening_m <= 0.0:
+            raise self._refused(
+                f"the gripper {gripper!r}", "the distance of its fingers is unknown", f"move {', '.join(record.joints)}"
+            )
         if not 0.0 <= opening_m <= record.max_opening_m + 1e-3:
             cause = f"the gripper opens from 0 to {record.max_opening_m:.3g} m"
             raise self._refused(f"an opening of {opening_m:.4g} m", cause, "stay within the limits")
@@ -195,6 +210,7 @@ class RobotController:
         for goal in self._goals:
             if goal.actuators & set(base.actuators):
                 goal.end(MotionOutcome.CANCELED, "the base was put elsewhere", failure=MotionFailure.RESET)
+                self._report(goal)
         self._goals = tuple(goal for goal in self._goals if goal.result is None)
         engine.set_pose(base.root, base.root_pose(pose))
         states = engine.actuator_states()
@@ -226,6 +242,7 @@ class RobotController:
         """Ends a goal, and stops those of its joints that a newer goal does not use."""
         brake = goal.brake(view, used) if goal.kind != "stop" else None
         goal.end(MotionOutcome.CANCELED, reason, failure=failure, error=goal.errors())
+        self._report(goal)
         kept = tuple(each for each in self._goals if each is not goal)
         self._goals = kept if brake is None else (*kept, brake)
 
@@ -262,7 +279,21 @@ class RobotController:
     def _refused(self, command: str, cause: str, remedy: str) -> CommandRefusedError:
         return CommandRefusedError(self.drives.robot, command=command, cause=cause, remedy=remedy)
 
+    def _report(self, goal: MotionGoal) -> None:
+        if goal.result is not None and goal.kind != "stop" and self._on_end is not None:
+            self._on_end(goal)
+
     def _end_all(self, reason: str) -> None:
         for goal in self._goals:
             goal.end(MotionOutcome.CANCELED, reason, failure=MotionFailure.RESET)
+            self._report(goal)
         self._goals, self._time_s = (), -math.inf
+
+
+def _next(goal: MotionGoal) -> MotionGoal | None:
+    """The goal if it is active, otherwise the motion that follows it, if any."""
+    if goal.result is None:
+        return goal
+    failed = isinstance(goal, JointGoal) and goal.status is MotionOutcome.FAILED and goal.kind != "stop"
+    is_blocked = failed and goal.result.failure is not MotionFailure.GOAL_TOLERANCE
+    return goal.relaxation() if is_blocked and isinstance(goal, JointGoal) else None

@@ -44,7 +44,11 @@ _LINK_MASS_KG = 0.5
 """Mass of a link without one, only for the choice of stiffness and damping."""
 _BASE_ERRORS = (0.01, 0.01, 0.015)
 """The error of the base at which its drive has its largest force: x, y [m], yaw [rad]."""
-_MIN_BASE_EFFORTS = (200.0, 200.0, 100.0)
+_MIN_BASE_EFFORTS = (400.0, 400.0, 150.0)
+_BASE_TORQUE_MARGIN = 2.0
+"""The base resists so many times the largest moment of a joint, so that an arm that is blocked does not turn it."""
+_MAX_HELD_MOMENT = 400.0
+"""Larger moments of joints are not considered for that [Nm]."""
 _BASE_AXES = ("x", "y", "swing1")
 
 
@@ -206,7 +210,9 @@ def drives_of(model: RobotModel, placed: RobotWorld, *, name: str) -> RobotDrive
         drives[joint.name] = _joint_drive(
             joint, record, placed.zero.get(joint.name, 0.0), moved, inertia, load, joint.name in fingers, force_n
         )
-    base, base_actuators = _base_drive(model, placed, sum(masses.values()))
+    moments = [each.effort_limit for each in drives.values() if not each.is_prismatic]
+    held = _BASE_TORQUE_MARGIN * min(max(moments, default=0.0), _MAX_HELD_MOMENT)
+    base, base_actuators = _base_drive(model, placed, sum(masses.values()), held)
     records = [
         Actuator(
             name=each.actuator,
@@ -331,7 +337,9 @@ def _inertia_and_load(joint: Joint, moved: list[Body], masses: Mapping[BodyId, f
     return inertia, load
 
 
-def _base_drive(model: RobotModel, placed: RobotWorld, mass_kg: float) -> tuple[BaseDrive | None, tuple[Actuator, ...]]:
+def _base_drive(
+    model: RobotModel, placed: RobotWorld, mass_kg: float, least_moment: float
+) -> tuple[BaseDrive | None, tuple[Actuator, ...]]:
     """The drives of the base, and their actuators; none of a fixed one."""
     if placed.base_joint_id is None:
         return None, ()
@@ -350,7 +358,7 @@ def _base_drive(model: RobotModel, placed: RobotWorld, mass_kg: float) -> tuple[
     for axis, size, acceleration, error, least in zip(
         _BASE_AXES, sizes, accelerations, _BASE_ERRORS, _MIN_BASE_EFFORTS, strict=True
     ):
-        effort = max(least, 2.5 * size * acceleration)
+        effort = max(least, 2.5 * size * acceleration, least_moment if axis == "swing1" else 0.0)
         stiffness = effort / error
         rows.append(
             Actuator(

@@ -12,10 +12,10 @@ from itertools import pairwise
 from math import degrees, inf, pi, radians
 from typing import Any, NamedTuple
 
+import daqp
 import mink
 import msgspec
 import numpy as np
-import qpsolvers
 from numpy.typing import NDArray
 
 from mindstage.engines.mujoco.kinematics import FRAME_SITE, ChainJoint, ChainJointType, compile_chain
@@ -43,13 +43,14 @@ _SLIDE_WEIGHT = 6.0
 """A slide that moves by 1 m costs as much as a hinge that turns by the square root of this [rad]."""
 _DAMPING = 1e-6
 _LM_DAMPING = 1e-2
-_MAX_STEP = 0.6
+_MAX_STEP = 1.0
 """Largest change of a joint in an iteration [m or rad]: beyond it the linearization is worthless."""
 _MAX_ITERATIONS = 60
 _STALL_ITERATIONS = 8
 """Iterations without progress after which an attempt ends."""
 _PRECISION = 0.1
 """Iterations go on until the error is this part of the tolerance."""
+_DESCENTS = 8
 _AT_LIMIT = 1e-4
 """A joint nearer to its limit is at it [m or rad]."""
 
@@ -255,7 +256,7 @@ class RobotKinematics:
     ) -> IkResult:
         """Finds positions of joints in which a frame has a pose.
 
-        Each iteration is a quadratic program of mink: the error of the frame, a small pull towards the seed, damping,
+        Each iteration is a quadratic program: the error of the frame by mink, a small pull towards the seed, damping,
         and the limits of the joints. Further attempts start from the rest positions, the middle of the ranges, and
         random positions, always the same.
 
@@ -481,11 +482,10 @@ def _iterate(problem: _Problem, start: Array) -> _Attempt:
         hessian = weighted.T @ weighted
         hessian.flat[:: len(rows) + 1] += (_DAMPING + damping + _POSTURE_COST**2) * weights
         gradient = -(error @ weighted) + _POSTURE_COST**2 * weights * (q[rows] - start[rows])
-        step = _bounded_step(
-            hessian, gradient, np.clip(lower - q[rows], -_MAX_STEP, 0.0), np.clip(upper - q[rows], 0.0, _MAX_STEP)
-        )
+        least, most = np.maximum(lower - q[rows], -_MAX_STEP), np.minimum(upper - q[rows], _MAX_STEP)
+        step = _bounded_step(hessian, gradient, np.minimum(least, 0.0), np.maximum(most, 0.0))
         q = q + columns @ step
-        q[rows] = np.clip(q[rows], lower, upper)
+        q[rows] = np.minimum(np.maximum(q[rows], lower), upper)
     configuration.update(best)
     error = task.compute_error(configuration)
     distance = float(np.linalg.norm(configuration.data.site_xpos[0] - problem.target[:3]))
@@ -497,8 +497,11 @@ def _bounded_step(hessian: Array, gradient: Array, lower: Array, upper: Array) -
     step = -np.linalg.solve(hessian, gradient)
     if np.all(step >= lower) and np.all(step <= upper):
         return np.asarray(step)
-    found = qpsolvers.solve_problem(qpsolvers.Problem(hessian, gradient, lb=lower, ub=upper), solver="daqp").x
-    return np.zeros_like(step) if found is None else np.asarray(found)
+    count = len(gradient)
+    found, _, status, _ = daqp.solve(
+        hessian, gradient, np.zeros((0, count)), upper, lower, np.zeros(count, dtype=np.int32)
+    )
+    return np.asarray(found) if status > 0 else np.clip(step, lower, upper)
 
 
 def _is_small(weighted_error: Array, problem: _Problem, part: float) -> bool:
@@ -529,8 +532,15 @@ def _distance_to_sweep(problem: _Problem, first: int) -> float:
     chain, q = problem.chain, problem.start
     chain.configuration.update(q)
     data = chain.configuration.data
-    away = problem.target[:3] - data.xanchor[first]
-    for row in problem.rows[problem.rows < first].tolist():  # slides, usually one
-        axis = np.array(data.xaxis[row])
-        away = away - axis * np.clip(axis @ away, chain.lower[row] - q[row], chain.upper[row] - q[row])
+    slides = np.flatnonzero(~chain.is_hinge[:first])
+    directions = np.array(data.xaxis[slides]).T @ problem.columns[slides]
+    moving = np.flatnonzero(np.linalg.norm(directions, axis=0) > 0.0)
+    away, moved = problem.target[:3] - data.xanchor[first], np.zeros(len(problem.rows))
+    for _ in range(_DESCENTS):  # coordinate descent: the slides need not be orthogonal
+        for column in moving.tolist():
+            direction, row = directions[:, column], int(problem.rows[column])
+            best = moved[column] + float(direction @ away) / float(direction @ direction)
+            best = float(np.clip(best, chain.lower[row] - q[row], chain.upper[row] - q[row]))
+            away = away - (best - moved[column]) * direction
+            moved[column] = best
     return float(np.linalg.norm(away))

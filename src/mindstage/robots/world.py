@@ -239,7 +239,8 @@ class _RobotWorldBuilder:
         axis = quat_rotate(frame[3:], np.array(joint.axis))
         pose = pose_from_array([*frame[:3], *_rotation_from_x(axis)])
         motion, middle, half = AxisMotion.FREE, 0.0, 0.0
-        if joint.lower is not None and joint.upper is not None:
+        # The limits of a follower are those of its master; in the PR2's grippers its own contradict its multiplier.
+        if joint.lower is not None and joint.upper is not None and joint.mimic is None:
             lower, upper = min(joint.lower, position) - position, max(joint.upper, position) - position
             motion, middle, half = AxisMotion.LIMITED, (lower + upper) / 2, (upper - lower) / 2
         soft = SoftLimit(damping=joint.damping)

@@ -179,7 +179,12 @@ class _Positions:
         direction = between if float(np.linalg.norm(between)) > 0.01 else relative
         direction = np.asarray(direction / np.linalg.norm(direction))
         largest = int(np.argmax(np.abs(direction)))
-        return np.eye(3)[largest] * np.sign(direction[largest]) if abs(direction[largest]) > _SNAP_COSINE else direction
+        if abs(direction[largest]) > _SNAP_COSINE:
+            direction = np.eye(3)[largest] * np.sign(direction[largest])
+        if direction[largest] < 0.0 and len(self.branches) == 2:  # along an axis of the palm rather than against it
+            self.branches.reverse()
+            direction = -direction
+        return direction
 
 
 def _grasp_frame(

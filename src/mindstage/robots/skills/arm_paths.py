@@ -16,7 +16,7 @@ from mindstage.robots.model import Arm, BaseType, RobotJoint, RobotModel
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.scene.transforms import Array, normalize, quat_angle
 
-__all__ = ["ArmPath", "follow_poses", "interpolated_poses", "timed"]
+__all__ = ["ArmPath", "driven_joints", "follow_poses", "interpolated_poses", "timed"]
 
 _TOLERANCE = IkTolerance(position_m=0.002, rotation_rad=0.02)
 _MAX_JUMP_RAD = 0.35
@@ -80,6 +80,7 @@ def follow_poses(
     seed: Mapping[str, float],
     free: str = "",
     may_drive: bool = False,
+    from_seed: bool = False,
 ) -> ArmPath:
     """Solves a path pose by pose.
 
@@ -91,6 +92,7 @@ def follow_poses(
         seed: positions of all joints before the first pose; the first solution is near to it.
         free: axes of the grasp frame about which it may turn.
         may_drive: whether the base may move where the arm alone does not follow.
+        from_seed: whether the arm is at the seed now, so that the first solution must be near to it.
     """
     frame = kinematics.frame_of(arm)
     rows, roots, known = list[Array](), list[Array](), dict(seed)
@@ -99,15 +101,16 @@ def follow_poses(
         found = kinematics.solve_ik(
             frame, pose, joints=arm.joints, seed=known, root_pose=root, free=free, tolerance=_TOLERANCE, attempts=1
         )
-        if may_drive and number > 0 and not (found and _is_near(arm, known, found.positions)):
-            joints = (*_driven(kinematics.model), *arm.joints)
+        is_bound = number > 0 or from_seed
+        if may_drive and is_bound and not (found and _is_near(arm, known, found.positions)):
+            joints = (*driven_joints(kinematics.model), *arm.joints)
             found = kinematics.solve_ik(
                 frame, pose, joints=joints, seed=known, root_pose=root, free=free, tolerance=_TOLERANCE, attempts=1
             )
         if not found:
             reason = found.reason
             break
-        if number > 0 and not _is_near(arm, known, found.positions):
+        if is_bound and not _is_near(arm, known, found.positions):
             reason = "the arm would have to change its configuration"
             break
         root = np.array(found.root_pose)
@@ -123,7 +126,7 @@ def follow_poses(
     )
 
 
-def _driven(model: RobotModel) -> tuple[str, ...]:
+def driven_joints(model: RobotModel) -> tuple[str, ...]:
     """The motions that a base can make in a small step."""
     match model.base.type:
         case BaseType.PLANAR:

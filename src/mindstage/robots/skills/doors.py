@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mindstage.errors import SkillFailedError, UnreachableError
+from mindstage.errors import CommandRefusedError, SkillFailedError, UnreachableError
 from mindstage.robots.skills.declaration import FractionOpen, SkillMotion, SkillNeed, ThingName, skill
-from mindstage.robots.skills.grasps import Grasp, grasps_of
+from mindstage.robots.skills.grasps import Grasp, grasps_of, pushes_of
 from mindstage.robots.skills.manipulator import Manipulator, free_hand
 from mindstage.robots.skills.stances import Stance, StanceRequest, find_stance
 from mindstage.robots.skills.surroundings import Opening, Surroundings
@@ -19,6 +19,7 @@ from mindstage.scene.transforms import (
     normalized_pose_array,
     pose_inverse,
     pose_multiply,
+    quat_conjugate,
     quat_rotate,
 )
 
@@ -31,8 +32,16 @@ _STEP_M = 0.02
 """Distance of the handle between neighboring poses of its path."""
 _FACING = 0.7
 """Least cosine between the direction of approach and the outward direction of the front."""
+_WHOLE_GRASPS, _PART_GRASPS = 6, 6
 _BACK_M = 0.1
 """Distance from which a handle is approached, and to which the gripper withdraws."""
+_LET_GO_M = 0.05
+"""By how much the gripper opens to let go of a handle."""
+_PUSH_BACK_M = 0.1
+_PRESS_M = 0.004
+"""How far the gripper is ahead of the front that it pushes."""
+_MAX_UP = 0.5
+"""Largest upward component of the direction in which a hand points that pushes."""
 _SLIP_M = 0.04
 """A handle that is farther from the gripper than when it was grasped has slipped."""
 _TOLERANCE = 0.04
@@ -94,19 +103,19 @@ def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMot
     """
     task.opened[opening.front] = None
     verb = "close" if fraction < opening.openness else "open"
-    last: SkillFailedError | UnreachableError | None = None
+    last: SkillFailedError | UnreachableError | CommandRefusedError | None = None
     for number in range(_MAX_ROUNDS):
         before = opening.openness
         if abs(before - fraction) <= _TOLERANCE:
             return
         try:
             yield from _moving_once(task, opening, fraction, is_first=number == 0)
-        except (SkillFailedError, UnreachableError) as error:
+        except (SkillFailedError, UnreachableError, CommandRefusedError) as error:
             last = error
         if abs(opening.openness - before) < _LEAST_PROGRESS:
             break
     if abs(opening.openness - fraction) > _TOLERANCE:
-        reason = getattr(last, "reason", "") or "the handle cannot be moved farther"
+        reason = getattr(last, "reason", "") or str(last or "the handle cannot be moved farther")
         raise task.failure(
             f"{opening.front} is {opening.openness:.0%} open instead of {fraction:.0%}: {reason}",
             getattr(last, "suggestion", "") or f"{verb} it from somewhere else, or only as far as needed",
@@ -120,25 +129,85 @@ def _moving_once(task: SkillTask, opening: Opening, fraction: float, *, is_first
     handle = opening.handle or opening.front
     path = _front_path(opening, surroundings, handle, opening.joint.position_at(fraction))
     yield from hand.parking(touch=(handle, opening.front))
-    stance = _find_stance(hand, opening, handle, path, surroundings)
+    try:
+        stance = _find_stance(hand, opening, handle, path, surroundings)
+    except UnreachableError as error:
+        if fraction > opening.openness:
+            raise
+        yield from _pushing(task, hand, opening, handle, path, error)
+        return
     yield from hand.driving_to(stance.base, why=f"to reach {handle}")
-    yield from hand.opening()
+    yield from hand.opening(stance.grasp.opening_m(hand.gripper.max_opening_m))
     yield from hand.moving_to(stance.start, why=f"in front of {handle}")
     grasp = stance.grasp.in_world(surroundings.pose(handle))
     yield from hand.moving_straight(grasp, why=f"to {handle}", may_touch=True)
     try:
         if stance.grasp.is_by_friction:
-            result = yield from hand.closing()
-            if not result.stalled:
+            if not (yield from hand.closing()):
                 raise task.failure(f"the gripper closed without {handle} between its fingers", "approach it again")
         else:
             task.assume(f"{handle} was fixed to the gripper by a spring: {stance.why}")
         word = "close" if fraction < opening.openness else "open"
         with task.step(word, f"{word} {opening.front} to {fraction:.0%}"):
             yield from _moving_handle(task, hand, opening, handle, path, stance)
+    except (SkillFailedError, UnreachableError, CommandRefusedError):
+        yield from _letting_go(hand, handle)
+        raise
     finally:
         task.session.release(opening.front)
     yield from _letting_go(hand, handle)
+
+
+def _pushing(
+    task: SkillTask, hand: Manipulator, opening: Opening, handle: BodyId, path: _FrontPath, cause: UnreachableError
+) -> SkillMotion:
+    """Closes a front whose handle is out of reach by pushing its outer side with the closed gripper.
+
+    Raises:
+        UnreachableError: that side is out of reach, too; with the reason for the handle.
+    """
+    surroundings = task.surroundings()
+    front = surroundings.pose(opening.front)
+    body, geometry = surroundings.body(opening.front), surroundings.geometry(opening.front)
+    outward = quat_rotate(quat_conjugate(front[3:]), path.outward)
+    edge = pose_multiply(pose_inverse(front), surroundings.pose(handle))[:3]
+    pushes = [
+        each
+        for each in pushes_of(body, geometry, outward, edge, hand.shape)
+        if quat_rotate(each.in_world(front)[3:], (1.0, 0.0, 0.0))[2] < _MAX_UP
+    ]
+    fronts = np.array([normalized_pose_array(opening.joint.pose_at(float(each))) for each in path.positions])
+    request = StanceRequest(
+        opening.front,
+        pushes,
+        fronts,
+        _PUSH_BACK_M,
+        joint=opening.joint.id,
+        joint_positions=path.positions.tolist(),
+        is_closed=True,
+    )
+    try:
+        stance = find_stance(hand, request)
+    except UnreachableError:
+        raise cause from None
+    yield from hand.driving_to(stance.base, why=f"to reach {opening.front}")
+    yield from hand.closing()
+    yield from hand.moving_to(stance.start, why=f"beside {opening.front}")
+    yield from hand.moving_straight(stance.grasp.in_world(front), why=f"to {opening.front}", may_touch=True)
+    with task.step("push", f"push {opening.front}"):
+        at = pose_multiply(fronts, stance.grasp.pose)
+        pressed = at.copy()
+        pressed[:, :3] += _PRESS_M * np.linspace(1.0, 0.0, len(at))[:, None] * _directions(at[:, :3])
+        motion = hand.path(pressed, may_drive=hand.is_mobile)
+        if motion.reached >= 2:
+            yield from hand.following(motion, speed=0.4, cartesian_speed=0.15)
+    yield from hand.withdrawing(pose_multiply(hand.grasp_pose, np.array([-_PUSH_BACK_M, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])))
+
+
+def _directions(points: Array) -> Array:
+    """The direction of a path at each of its points."""
+    steps = np.gradient(points, axis=0)
+    return steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), 1e-9)
 
 
 def _moving_handle(
@@ -158,7 +227,7 @@ def _moving_handle(
         if np.linalg.norm(slipped) > _SLIP_M:
             raise task.failure(f"{handle} slipped out of the gripper", "grasp it again, or move it with less speed")
 
-    result = yield from hand.following(motion, speed=0.4, cartesian_speed=0.2, on_tick=check)
+    result = yield from hand.following(motion, speed=0.4, cartesian_speed=0.15, on_tick=check)
     if not result:
         raise task.failure(result.reason, "move what is in the way")
 
@@ -179,7 +248,7 @@ def _vector(values: Array) -> tuple[float, float, float]:
 
 def _letting_go(hand: Manipulator, handle: BodyId) -> SkillMotion:
     """Opens the gripper and withdraws it."""
-    yield from hand.opening()
+    yield from hand.opening(hand.robot.opening(hand.gripper.name) + _LET_GO_M)
     back = pose_multiply(hand.grasp_pose, np.array([-_BACK_M, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
     with hand.task.step("move", f"move the gripper away from {handle}"):
         yield from hand.withdrawing(back)
@@ -207,6 +276,13 @@ def _front_path(opening: Opening, surroundings: Surroundings, handle: BodyId, ta
     )
 
 
+def _with_parts(grasps: list[Grasp]) -> list[Grasp]:
+    """Grasps of a handle, with some of its parts among the first: the bar may be too near to a wall, its end not."""
+    whole = [each for each in grasps if each.is_whole]
+    parts = [each for each in grasps if not each.is_whole]
+    return [*whole[:_WHOLE_GRASPS], *parts[:_PART_GRASPS], *whole[_WHOLE_GRASPS:]]
+
+
 def _find_stance(
     hand: Manipulator,
     opening: Opening,
@@ -225,7 +301,7 @@ def _find_stance(
     grasps.sort(key=lambda each: (not each.is_whole, not each.is_central, -round(facing(each), 2)))
     request = StanceRequest(
         handle,
-        grasps,
+        _with_parts(grasps),
         path.handles,
         _BACK_M,
         joint=opening.joint.id,

@@ -7,7 +7,7 @@ around one of its collision shapes, such as the bar of a handle or the wall of a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -28,14 +28,16 @@ from mindstage.scene.transforms import (
     rotation_matrix,
 )
 
-__all__ = ["Grasp", "GripperShape", "grasps_of", "weld_grasps_of"]
+__all__ = ["Grasp", "GripperShape", "grasps_of", "pushes_of", "weld_grasps_of"]
 
 _CLEARANCE_M = 0.006
 """Least distance of each open finger from what is grasped."""
+_ROOM_M = 0.025
+"""Distance of each open finger from what it is to grasp, where the gripper opens that far."""
 _SHIFTS = (0.0, 0.25, -0.25)
 """Grasped places along a long box, as fractions of its length."""
 _LONG_M = 0.09
-_TIP_GAP_M = 0.004
+_TIP_GAP_M = 0.006
 """Least distance of the finger tips from what is behind a thing, such as the front behind a handle."""
 _MIN_OVERLAP_M = 0.008
 """Least length of the fingers beside what is grasped."""
@@ -46,6 +48,10 @@ _ANGLES = 12
 _MIN_THICKNESS_M = 0.002
 _WELD_GAP_M = 0.005
 """Distance of the finger tips from what is fixed to them."""
+_PUSH_SHIFTS = (0.35, -0.35, 0.2, -0.2, 0.0)
+"""Places along a front at which it is pushed, as fractions of its length; its handle is often in the middle."""
+_PUSH_INSET_M = 0.06
+_PUSH_GAP_M = 0.002
 _MAX_UP = 0.35
 """Largest upward component of the direction of approach: a hand does not come from below."""
 
@@ -59,27 +65,35 @@ class GripperShape(NamedTuple):
     """How far the finger tips are in front of the grasp frame."""
     palm: float
     """How far the palm is behind the grasp frame."""
+    half_width: float
+    """Half of the extent of the closed fingers along y."""
+    half_height: float
+    """Half of their extent along z."""
 
     @classmethod
     def of(cls, model: RobotModel, gripper: Gripper, kinematics: RobotKinematics) -> GripperShape:
         """The extents of a gripper, from the collision shapes of its links."""
-        is_open = dict(zip(gripper.joints, gripper.open_positions, strict=True))
-        frame = kinematics.pose(gripper.name, is_open)
         geometries = {link.name: link.geometry for link in model.links}
 
-        def reach(link: str) -> tuple[float, float]:
+        def extents(link: str, positions: Sequence[float]) -> tuple[Array, Array]:
+            """The lowest and the highest coordinates of a link in the grasp frame."""
             geometry = geometries.get(link)
             if geometry is None or not geometry.collision_shapes:
-                return 0.0, 0.0
+                return np.zeros(3), np.zeros(3)
+            joints = dict(zip(gripper.joints, positions, strict=True))
             low, high = compile_geometry(geometry.collision_shapes).bounds
             corners = np.array(np.meshgrid(*np.array([low, high]).T)).reshape(3, -1).T
-            local = pose_multiply(pose_inverse(frame), kinematics.pose(link, is_open))
-            x = (local[:3] + quat_rotate(local[3:], corners))[:, 0]
-            return float(x.min()), float(x.max())
+            local = pose_multiply(pose_inverse(kinematics.pose(gripper.name, joints)), kinematics.pose(link, joints))
+            placed = local[:3] + quat_rotate(local[3:], corners)
+            return placed.min(axis=0), placed.max(axis=0)
 
-        tips = [reach(link)[1] for link in gripper.finger_links]
-        palm = reach(gripper.link)[1]
-        return cls(gripper.max_opening_m, max(tips, default=0.0), max(-palm, 0.0))
+        is_open = [extents(link, gripper.open_positions) for link in gripper.finger_links]
+        closed = [extents(link, gripper.closed_positions) for link in gripper.finger_links]
+        tip = max((float(high[0]) for _, high in is_open), default=0.0)
+        palm = -float(extents(gripper.link, gripper.open_positions)[1][0])
+        sides = np.array([np.maximum(np.abs(low), np.abs(high)) for low, high in closed]).reshape(-1, 3)
+        _, width, height = sides.max(axis=0, initial=0.0).tolist()
+        return cls(gripper.max_opening_m, tip, max(palm, 0.0), width, height)
 
 
 class Grasp(NamedTuple):
@@ -95,6 +109,14 @@ class Grasp(NamedTuple):
     """Whether the whole body is between the fingers, rather than a part of it."""
     is_central: bool
     """Whether it is grasped at its middle."""
+
+    def opening_m(self, largest_m: float) -> float:
+        """The opening with which the gripper comes [m].
+
+        Args:
+            largest_m: the largest opening of the gripper.
+        """
+        return min(self.width_m + 2 * _ROOM_M, largest_m)
 
     def in_world(self, body_pose: Array) -> Array:
         """The grasp frame in the world frame."""
@@ -154,6 +176,46 @@ def weld_grasps_of(body: Body, geometry: BodyGeometry | None, body_pose: Array, 
             for other in (each for each in range(3) if each != axis):
                 across = np.eye(3)[other]
                 pose = np.concatenate([origin, _rotation(inward, across)])
+                yield Grasp(pose, 0.0, is_by_friction=False, is_whole=True, is_central=True)
+
+
+def pushes_of(
+    body: Body, geometry: BodyGeometry | None, outward: Array, edge: Array, shape: GripperShape
+) -> Iterator[Grasp]:
+    """Poses in which the closed fingers touch the outer side of a door or drawer, to push it.
+
+    The finger tips point at it, or the fingers lie along it from its free edge on.
+
+    Args:
+        body: the front.
+        geometry: its geometry.
+        outward: a vector in the frame of the body that points to its outer side.
+        edge: a point in the frame of the body near its free edge, such as that of the handle.
+        shape: the extents of the gripper.
+    """
+    low, high = compile_geometry(_shapes_of(body, geometry)).bounds
+    middle, half = (low + high) / 2, (high - low) / 2
+    normal_axis = int(np.argmax(np.abs(outward)))
+    normal = np.eye(3)[normal_axis] * np.sign(outward[normal_axis])
+    across = [axis for axis in range(3) if axis != normal_axis]
+    edge_axis = max(across, key=lambda axis: abs(edge[axis] - middle[axis]) / max(half[axis], 1e-6))
+    along_axis = next(axis for axis in across if axis != edge_axis)
+    to_edge = np.eye(3)[edge_axis] * (np.sign(edge[edge_axis] - middle[edge_axis]) or 1.0)
+    along = np.eye(3)[along_axis]
+    face = middle + normal * half[normal_axis]
+    for shift in _PUSH_SHIFTS:
+        point = face + along * shift * 2 * half[along_axis]
+        lying = point + to_edge * (half[edge_axis] - max(shape.palm - _PALM_GAP_M, 0.0))
+        pointing = point + to_edge * max(half[edge_axis] - _PUSH_INSET_M, 0.0)
+        for sign in (1.0, -1.0):
+            options = (
+                (lying + normal * shape.half_width, -to_edge, sign * normal),
+                (lying + normal * shape.half_height, -to_edge, sign * along),
+                (pointing + normal * shape.tip, -normal, sign * along),
+                (pointing + normal * shape.tip, -normal, sign * to_edge),
+            )
+            for origin, x, y in options:
+                pose = np.concatenate([origin + normal * _PUSH_GAP_M, _rotation(x, y)])
                 yield Grasp(pose, 0.0, is_by_friction=False, is_whole=True, is_central=True)
 
 

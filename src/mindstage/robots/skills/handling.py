@@ -34,6 +34,8 @@ _BACK_M = 0.12
 """Length of the straight line on which the hand comes to a thing, and withdraws from it."""
 _LIFT_M = 0.04
 """Height to which a thing is lifted before it is moved away, and from which it is put down."""
+_TILTED = 0.6
+"""Vertical component of the direction of approach from which a hand does not reach into a shelf."""
 _GAP_M = 0.006
 """Height above a surface at which what is put down still counts as free of collisions."""
 _DRIFT_M = 0.025
@@ -41,9 +43,9 @@ _DRIFT_M = 0.025
 _MAX_GRASPS = 24
 _FREE_PLACES = 60
 """Number of free places that are looked for."""
-_PLACES = 8
+_PLACES = 10
 """Number of free places that are tried."""
-_PLACE_BUDGET_S = 6.0
+_PLACE_BUDGET_S = 4.0
 """Limit of the wall time for each [s]."""
 _CLOSE_M = 0.5
 """Places that are nearer than this to where the base can stand are equally good."""
@@ -179,13 +181,12 @@ def _grasping(
         task.moved[id] = None
         if not stays:
             yield from hand.driving_to(stance.base, why=f"to reach {id}")
-        yield from hand.opening(min(stance.grasp.width_m + 2 * _ROOM_M, hand.gripper.max_opening_m))
+        yield from hand.opening(stance.grasp.opening_m(hand.gripper.max_opening_m))
         yield from hand.moving_to(stance.start, why=f"in front of {id}", touch=(id,))
         yield from hand.moving_straight(stance.grasp.in_world(surroundings.pose(id)), why=f"to {id}", may_touch=True)
         held_by_friction = False
         if stance.grasp.is_by_friction:
-            result = yield from hand.closing()
-            held_by_friction = result.stalled
+            held_by_friction = yield from hand.closing()
         if not held_by_friction:
             _fix(task, hand, id, "the fingers do not hold it by friction")
         relative = pose_multiply(pose_inverse(hand.grasp_pose), surroundings.pose(id))
@@ -218,6 +219,9 @@ def _grasp_request(
         return (not each.is_whole, round(float(steep), 1), round(float(low), 2), not each.is_central)
 
     found.sort(key=cost)
+    if upright:
+        level_ones = [each for each in found if abs(quat_rotate(each.in_world(pose)[3:], (1.0, 0.0, 0.0))[2]) < _TILTED]
+        found = level_ones or found
     chosen = _in_many_directions(found, pose)
     up = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
     lifted = np.array([pose + height * up for height in np.linspace(0.0, _LIFT_M, 3)])
@@ -358,6 +362,7 @@ def _support(surroundings: Surroundings, id: BodyId, holder: BodyId, *, inside: 
 
 def _placing(task: SkillTask, hand: Manipulator, id: BodyId, support: BodyId, *, inside: bool) -> SkillMotion:
     """Takes what is held to a free place, releases it and withdraws."""
+    task.moved[id] = None
     surroundings = task.surroundings()
     places = surroundings.free_places(id, support, inside=inside, count=_FREE_PLACES)
     if not places:
@@ -390,22 +395,13 @@ def _standing_for(
     in_hand: Array,
     container: tuple[Array, Array] | None,
 ) -> Generator[float, None, Stance]:
-    """Drives to where one of the places is in reach, the most accessible first, and takes what is held in front of it."""
+    """Drives to where one of the places is in reach, and takes what is held in front of it."""
     lifts = np.array([[0.0, 0.0, height, 1.0, 0.0, 0.0, 0.0] for height in np.linspace(0.0, _LIFT_M, 3)])
     raised = np.array([0.0, 0.0, _GAP_M, 0.0, 0.0, 0.0, 0.0])
     floor = FloorMap(hand.robot) if hand.is_mobile else None
     error: UnreachableError | None = None
     for pose in _nearest_to_floor([normalized_pose_array(each) for each in places], floor)[:_PLACES]:
-        options = [
-            Grasp(
-                pose_multiply(_spun(pose, turn) + raised, in_hand),
-                0.0,
-                is_by_friction=True,
-                is_whole=True,
-                is_central=True,
-            )
-            for turn in (0.0, pi)
-        ]
+        options = _options(pose + raised, in_hand, floor)
         request = StanceRequest(
             id,
             options,
@@ -432,8 +428,19 @@ def _standing_for(
     )
 
 
+def _options(pose: Array, in_hand: Array, floor: FloorMap | None) -> list[Grasp]:
+    """The grasp with which a thing is held, at a place and turned there, those that come from the free floor first."""
+    found = [pose_multiply(_spun(pose, pi / 4 * number), in_hand) for number in range(8)]
+    if floor is not None:
+        standing = floor.plan.centers(np.flatnonzero(np.isfinite(floor.lengths)))
+        if len(standing):
+            towards = pose[:2] - standing[np.argmin(np.hypot(*(standing - pose[:2]).T))]
+            found.sort(key=lambda at: -round(float(quat_rotate(at[3:], (1.0, 0.0, 0.0))[:2] @ towards), 3))
+    return [Grasp(at, 0.0, is_by_friction=True, is_whole=True, is_central=True) for at in found]
+
+
 def _nearest_to_floor(poses: Sequence[Array], floor: FloorMap | None) -> list[Array]:
-    """Poses by their distance from where the base can stand, in steps of 0.1 m; the order is kept within a step."""
+    """Poses by their distance from where the base can stand, in steps of 0.1 m, those of different heights in turns."""
     if floor is None:
         return list(poses)
     lengths = floor.lengths
@@ -442,7 +449,12 @@ def _nearest_to_floor(poses: Sequence[Array], floor: FloorMap | None) -> list[Ar
     def distance(pose: Array) -> float:
         return float(np.hypot(*(standing - pose[:2]).T).min(initial=np.inf))
 
-    return sorted(poses, key=lambda pose: max(round(distance(pose), 1), _CLOSE_M))
+    ordered = sorted(poses, key=lambda pose: max(round(distance(pose), 1), _CLOSE_M))
+    levels: dict[float, list[Array]] = {}
+    for pose in ordered:
+        levels.setdefault(round(float(pose[2]), 1), []).append(pose)
+    most = max((len(each) for each in levels.values()), default=0)
+    return [level[turn] for turn in range(most) for level in levels.values() if turn < len(level)]
 
 
 def _spun(pose: Array, turn: float) -> Array:

@@ -7,11 +7,13 @@ try.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Generator, Mapping
-from math import cos, hypot, sin
+from math import cos, hypot, pi, sin
 
 import numpy as np
 
+from mindstage.engines.base import Capability, Contact, Engine
 from mindstage.errors import UnreachableError
+from mindstage.robots.collisions import CLEARANCE_M
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.model import Arm, BaseType, Gripper
@@ -21,6 +23,7 @@ from mindstage.robots.skills.arm_paths import ArmPath, follow_poses, interpolate
 from mindstage.robots.skills.declaration import SkillMotion
 from mindstage.robots.skills.grasps import GripperShape
 from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.trajectories import JointTrajectory
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_inverse, pose_multiply
 
@@ -32,10 +35,26 @@ _BASE_GAIN = 3.0
 """Velocity of the base by its error [1/s]."""
 _TICK_S = 0.04
 """The interval at which the base is commanded while it moves with the arm [s]."""
-_PLANNING_S = 10.0
+_PLANNING_S = 20.0
 """Limit of the wall time of one plan of an arm [s]."""
-_ROOM_M = 0.3
-"""How far the base drives back to give an arm room."""
+_OPENING_TOLERANCE_M = 0.03
+"""An opening that is smaller than wanted by less is enough: what is grasped has room."""
+_SPEED, _HELD_SPEED = 0.6, 0.3
+"""Fractions of the velocity limits of the joints, without and with a thing in the hand."""
+_HELD_DRIVE_SPEED = 0.5
+_HELD_CLEARANCE_M = 0.015
+_POSE_JOINTS = 6
+"""Joints that an arm needs to take its hand to any pose in reach."""
+_EMPTY_M = 0.003
+"""A closed gripper with a smaller opening has nothing between its fingers."""
+_MAX_DEPTH_M = 0.004
+"""A motion ends when a part of the robot is pressed deeper than this into something."""
+_PARKING_S = 8.0
+"""Limit of the wall time in which a way of the arm to its rest position is looked for, before the base moves [s]."""
+_ROOMS_M = (0.35, 0.2)
+"""How far the base drives away to give an arm room."""
+_ROOM_S = 2.0
+"""Limit of the wall time for each direction [s]."""
 _NEAR_M, _NEAR_RAD = 0.02, 0.04
 """A base that is nearer to where it is to stand does not drive."""
 
@@ -44,6 +63,14 @@ def planar_pose(base: BasePose) -> Array:
     """A pose on the floor, seven numbers."""
     x, y, yaw = base
     return np.array([x, y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)])
+
+
+def _deepest(engine: Engine, own: frozenset[BodyId]) -> Contact | None:
+    """The deepest of the contacts of some bodies that are too deep."""
+    if Capability.CONTACTS not in engine.capabilities:
+        return None
+    found = [each for each in engine.contacts() if each.depth_m > _MAX_DEPTH_M and (each.a in own or each.b in own)]
+    return max(found, key=lambda each: each.depth_m, default=None)
 
 
 class Manipulator:
@@ -71,6 +98,11 @@ class Manipulator:
     def is_mobile(self) -> bool:
         """Whether the robot has a base that drives."""
         return self.robot.model.base.type is not BaseType.FIXED
+
+    @property
+    def needs_base(self) -> bool:
+        """Whether the arm has too few joints to take its hand to any pose without the base."""
+        return self.is_mobile and len(self.arm.joints) < _POSE_JOINTS
 
     @property
     def root_pose(self) -> Array:
@@ -114,13 +146,19 @@ class Manipulator:
             return
         with self.task.step("drive", f"drive to ({base[0]:.2f}, {base[1]:.2f}) {why}"):
             path = plan_base(self.robot, base, ignore=ignore)
-            result = yield from self.robot.driving(path)
+            result = yield from self.robot.driving(path, speed=1.0 if self.held is None else _HELD_DRIVE_SPEED)
             self._require(result, "let the robot start from somewhere else, or move what is in its way")
 
     # -- arm ---------------------------------------------------------------------------------------------------------
 
     def moving_to(
-        self, target: Mapping[str, float] | Array, *, why: str, touch: Collection[BodyId] = (), free: str = ""
+        self,
+        target: Mapping[str, float] | Array,
+        *,
+        why: str,
+        touch: Collection[BodyId] = (),
+        free: str = "",
+        budget_s: float = _PLANNING_S,
     ) -> SkillMotion:
         """Moves the arm on a collision-free path to positions of its joints, or to a pose of the grasp frame.
 
@@ -129,19 +167,35 @@ class Manipulator:
             why: what for, for the report.
             touch: bodies that the gripper, or what it holds, may touch.
             free: axes of the grasp frame about which it may turn at the end.
+            budget_s: limit of the wall time of the search [s].
         """
         with self.task.step("move", f"move the arm {why}"):
-            trajectory = plan_arm(
-                self.robot,
-                self.arm,
-                target,
-                free=free,
-                touch=touch,
-                budget_s=_PLANNING_S,
-                seed=self.task.seed + 1,
-            )
-            result = yield from self.robot.following(trajectory)
+            trajectory = self._plan(target, touch, free, budget_s)
+            result = yield from self._guarded(self.robot.following(trajectory))
             self._require(result, "move what is in the way of the arm")
+
+    def _plan(
+        self, target: Mapping[str, float] | Array, touch: Collection[BodyId], free: str, budget_s: float
+    ) -> JointTrajectory:
+        """A way of the arm; with a thing in the hand, which may swing, slowly and with more clearance if possible."""
+        holds = self.held is not None
+        for clearance_m in (_HELD_CLEARANCE_M, CLEARANCE_M) if holds else (CLEARANCE_M,):
+            try:
+                return plan_arm(
+                    self.robot,
+                    self.arm,
+                    target,
+                    free=free,
+                    touch=touch,
+                    clearance_m=clearance_m,
+                    speed=_HELD_SPEED if holds else _SPEED,
+                    budget_s=budget_s,
+                    seed=self.task.seed + 1,
+                )
+            except UnreachableError:
+                if clearance_m == CLEARANCE_M:
+                    raise
+        raise AssertionError("the last attempt returns or raises")
 
     def moving_straight(self, target: Array, *, why: str, speed: float = 0.3, may_touch: bool = False) -> SkillMotion:
         """Moves the grasp frame on a straight line, without a test for collisions.
@@ -153,7 +207,7 @@ class Manipulator:
             may_touch: whether it is enough to be stopped by a contact on the way.
         """
         with self.task.step("move", f"move the gripper {why}"):
-            path = self.path(interpolated_poses(self.grasp_pose, target))
+            path = self.path(interpolated_poses(self.grasp_pose, target), may_drive=self.is_mobile)
             if not path.is_complete:
                 raise self.task.failure(f"the gripper cannot move straight {why}: {path.reason}", "stand elsewhere")
             result = yield from self.following(path, speed=speed)
@@ -168,15 +222,20 @@ class Manipulator:
 
     def path(self, poses: Array, *, free: str = "", may_drive: bool = False) -> ArmPath:
         """The motion of the arm from its present state along poses of the grasp frame, n x 7."""
-        return follow_poses(
+        now = self.robot.joint_positions()
+        found = follow_poses(
             self.kinematics,
             self.arm,
             poses,
             root=self.root_pose,
-            seed=self.robot.joint_positions(),
+            seed=now,
             free=free,
             may_drive=may_drive,
+            from_seed=True,
         )
+        if found.reached:
+            found.positions[0] = [now[name] for name in found.joints]  # its first pose is the present one
+        return found
 
     def following(
         self,
@@ -201,7 +260,7 @@ class Manipulator:
         times = np.array([point.time_s for point in trajectory.points])
         bases = np.array([self.base_of(root) for root in path.roots])
         bases[:, 2] = np.unwrap(bases[:, 2])
-        motion = self.robot.following(trajectory)
+        motion = self._guarded(self.robot.following(trajectory))
         start_s = self.task.time_s
         try:
             while True:
@@ -220,6 +279,28 @@ class Manipulator:
             motion.close()
             if path.moves_base:
                 self.robot.drive(0.0, 0.0, 0.0)
+
+    def _guarded(self, motion: Generator[float, None, MotionResult]) -> Generator[float, None, MotionResult]:
+        """A motion that ends when a part of the robot is pressed into something."""
+        own = frozenset(self.robot.link_ids.values())
+        try:
+            while True:
+                try:
+                    duration_s = next(motion)
+                except StopIteration as end:
+                    result: MotionResult = end.value
+                    return result
+                yield duration_s
+                pressed = self.task.session.run_on_engine(lambda engine: _deepest(engine, own), label="contacts")
+                if pressed is not None:
+                    a, b = (pressed.a, pressed.b) if pressed.a in own else (pressed.b, pressed.a)
+                    reason = f"{a} is pressed {pressed.depth_m * 1000:.1f} mm into {b}"
+                    obstacles = () if b is None else (b,)
+                    return MotionResult(
+                        outcome=MotionOutcome.FAILED, reason=reason, failure=MotionFailure.BLOCKED, obstacles=obstacles
+                    )
+        finally:
+            motion.close()
 
     def _least_durations(self, path: ArmPath, cartesian_speed: float) -> Array:
         frame = self.kinematics.frame_of(self.arm)
@@ -259,13 +340,14 @@ class Manipulator:
         wanted = self.gripper.max_opening_m if opening_m is None else min(opening_m, self.gripper.max_opening_m)
         with self.task.step("open gripper", f"open the gripper by {wanted * 100:.1f} cm"):
             result = yield from self.robot.gripping(self.gripper.name, wanted)
-            self._require(result, "give the fingers room")
+            if self.robot.opening(self.gripper.name) < wanted - _OPENING_TOLERANCE_M:
+                self._require(result, "give the fingers room")
 
-    def closing(self) -> Generator[float, None, MotionResult]:
+    def closing(self) -> Generator[float, None, bool]:
         """Closes the gripper with its largest force; returns whether something is between the fingers."""
         with self.task.step("close gripper", "close the gripper"):
-            result = yield from self.robot.gripping(self.gripper.name, 0.0)
-        return result
+            yield from self.robot.gripping(self.gripper.name, 0.0)
+        return self.robot.opening(self.gripper.name) > _EMPTY_M
 
     def parking(self, *, touch: Collection[BodyId] = ()) -> SkillMotion:
         """Folds the arm."""
@@ -276,18 +358,34 @@ class Manipulator:
         if all(abs(now[name] - position) < 0.02 for name, position in rest.items()):
             return
         try:
-            yield from self.moving_to(rest, why="to its rest position", touch=touch)
+            yield from self.moving_to(rest, why="to its rest position", touch=touch, budget_s=_PARKING_S)
         except UnreachableError:
             if not self.is_mobile:
                 raise
-            yield from self._backing_off()
+            yield from self._making_room()
             yield from self.moving_to(rest, why="to its rest position", touch=touch)
 
-    def _backing_off(self) -> SkillMotion:
-        """Drives straight back, so that the arm gets room."""
+    def _making_room(self) -> SkillMotion:
+        """Drives a little away from what is in front of the robot, so that the arm gets room.
+
+        Raises:
+            UnreachableError: there is no room.
+        """
         x, y, yaw = self.robot.base_pose()
-        away = (x - _ROOM_M * cos(yaw), y - _ROOM_M * sin(yaw), yaw)
-        yield from self.driving_to(away, why="to give the arm room")
+        error: UnreachableError | None = None
+        for distance in _ROOMS_M:
+            for turn in (pi, 0.75 * pi, -0.75 * pi, pi / 2, -pi / 2):
+                away = (x + distance * cos(yaw + turn), y + distance * sin(yaw + turn), yaw)
+                try:
+                    path = plan_base(self.robot, away, budget_s=_ROOM_S)
+                except UnreachableError as found:
+                    error = found
+                    continue
+                with self.task.step("drive", f"drive {distance:g} m away to give the arm room"):
+                    self._require((yield from self.robot.driving(path)), "move what is in its way")
+                return
+        assert error is not None
+        raise error
 
     def _require(self, result: MotionResult, suggestion: str) -> None:
         """Raises if a motion did not succeed."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import atan2, cos, pi, sin
-from time import monotonic
+from time import thread_time
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from mindstage.errors import UnreachableError
 from mindstage.robots.collisions import CollisionChecker
 from mindstage.robots.navigation import FloorMap, plan_base
-from mindstage.robots.skills.arm_paths import ArmPath, follow_poses, interpolated_poses
+from mindstage.robots.skills.arm_paths import ArmPath, driven_joints, follow_poses, interpolated_poses
 from mindstage.robots.skills.grasps import Grasp
 from mindstage.robots.skills.manipulator import BasePose, Manipulator
 from mindstage.scene import BodyId
@@ -20,15 +20,15 @@ from mindstage.scene.transforms import Array, pose_multiply, quat_rotate
 
 __all__ = ["Stance", "StanceRequest", "find_stance"]
 
-_DISTANCES_M = (0.55, 0.7, 0.85, 0.45, 1.0)
+_DISTANCES_M = (0.55, 0.7, 0.85, 0.45, 1.0, 1.15)
 """Distances of the base from what is grasped, the preferred first."""
 _BEARINGS_RAD = (0.0, 0.35, -0.35, 0.7, -0.7, 1.1, -1.1, 1.5, -1.5, 1.9, -1.9)
 """Directions in which the base stands, relative to that from which the hand comes."""
 _HEADINGS_RAD = (0.0, 0.5, -0.5, 1.0, -1.0, pi / 2, -pi / 2)
 """Headings of the base, relative to that towards what is grasped."""
-_BUDGET_S = 25.0
-"""Limit of the wall time [s]."""
-_WAY_BUDGET_S = 3.0
+_BUDGET_S = 15.0
+"""Limit of the processor time [s]."""
+_WAY_BUDGET_S = 5.0
 """Limit of the wall time in which a way to a place is looked for [s]."""
 _GOOD_ENOUGH = 0.98
 """Part of the path beyond which no better stance is looked for."""
@@ -38,7 +38,7 @@ _OUTSIDE_M = 0.1
 _MAX_WAY_M = 0.45
 _CHECKED_EVERY = 3
 """Of the poses of a path, every third one is tested for collisions."""
-_MAX_GRASPS = 10
+_MAX_GRASPS = 12
 """Number of grasps that are tried at each place."""
 
 
@@ -82,10 +82,12 @@ class StanceRequest(NamedTuple):
     """Bodies that the hand, or what it holds, may touch."""
     least: float = 0.3
     """The least part of the path that is worth it."""
+    is_closed: bool = False
+    """Whether the gripper is closed when it comes, rather than open."""
     stays: bool = False
     """Whether the base must stay where it is."""
     budget_s: float = _BUDGET_S
-    """Limit of the wall time [s]."""
+    """Limit of the processor time [s]."""
 
 
 def find_stance(hand: Manipulator, request: StanceRequest, floor: FloorMap | None = None) -> Stance:
@@ -102,6 +104,14 @@ def find_stance(hand: Manipulator, request: StanceRequest, floor: FloorMap | Non
     return _Search(hand, request, floor).find()
 
 
+class _Start(NamedTuple):
+    """From where the hand comes on a straight line."""
+
+    positions: dict[str, float]
+    back_m: float
+    base: BasePose
+
+
 class _Search:
     def __init__(self, hand: Manipulator, request: StanceRequest, floor: FloorMap | None) -> None:
         self.hand, self.request, self.floor = hand, request, floor
@@ -115,12 +125,11 @@ class _Search:
             base_moves=self.moves_base,
             touch={request.target, *request.touched},
         )
-        fingers = hand.gripper.open_positions
-        if hand.held is not None:
-            fingers = tuple(self.positions[name] for name in hand.gripper.joints)
-        self.fingers = dict(zip(hand.gripper.joints, fingers, strict=True))
+        self.fingers: dict[str, float] = {}
         self.reasons: dict[str, int] = {}
-        self.deadline = monotonic() + request.budget_s
+        self.blocked = 0
+        """Number of places that are not free."""
+        self.deadline = thread_time() + request.budget_s
 
     def find(self) -> Stance:
         """See `find_stance`."""
@@ -130,21 +139,21 @@ class _Search:
                 stance = self._try(base, grasp, number)
                 if stance is None or (best is not None and stance.reach <= best.reach + 0.02):
                     continue
-                if not self._can_drive_to(base):
+                if not self._can_drive_to(stance.base):
                     break
                 best = stance
                 if best is not None and best.reach >= _GOOD_ENOUGH:
                     return best
-            if monotonic() > self.deadline:
-                self._count("no stance was found in time")
+            if thread_time() > self.deadline:
                 break
         if best is None:
-            reason = max(self.reasons, key=lambda each: self.reasons[each], default="no grasp of it fits the gripper")
+            none = "there is no free place to stand near it" if self.blocked else "no grasp of it fits the gripper"
+            reason = max(self.reasons, key=lambda each: self.reasons[each], default=none)
             raise UnreachableError(self.hand.robot.name, target=self.request.target, reason=reason)
         return best
 
     def _can_drive_to(self, base: BasePose) -> bool:
-        if base == self.here:
+        if not self.moves_base or np.allclose(base, self.here, atol=1e-6):
             return True
         try:
             plan_base(self.hand.robot, base, budget_s=_WAY_BUDGET_S)
@@ -164,13 +173,15 @@ class _Search:
         away = atan2(-inward[1], -inward[0])
         if np.hypot(*inward[:2]) < 0.3:
             away = atan2(self.here[1] - target[1], self.here[0] - target[0])
-        floor = self.floor or FloorMap(self.hand.robot)
+        if self.floor is None:
+            self.floor = FloorMap(self.hand.robot)
+        floor = self.floor
         for distance in _DISTANCES_M:
             for bearing in _BEARINGS_RAD:
                 x = target[0] + distance * cos(away + bearing)
                 y = target[1] + distance * sin(away + bearing)
                 if not floor.is_reachable(x, y):
-                    self._count("there is no free place to stand in front of it")
+                    self.blocked += 1
                     continue
                 facing = atan2(target[1] - y, target[0] - x)
                 for heading in _HEADINGS_RAD:
@@ -178,27 +189,29 @@ class _Search:
 
     def _try(self, base: BasePose, grasp: Grasp, number: int) -> Stance | None:
         hand, request = self.hand, self.request
-        root = hand.root_at(base)
+        self.fingers = self._fingers(grasp)
         at = grasp.in_world(request.poses[0])
+        adjusts = hand.needs_base and self.moves_base
         found = hand.kinematics.solve_ik(
             hand.kinematics.frame_of(hand.arm),
             at,
-            joints=hand.arm.joints,
+            joints=(*(driven_joints(hand.robot.model) if adjusts else ()), *hand.arm.joints),
             seed=self.positions,
-            root_pose=root,
+            root_pose=hand.root_at(base),
             attempts=_IK_ATTEMPTS,
         )
         if not found:
             self._count(found.reason)
             return None
+        root = np.array(found.root_pose)
+        base = hand.base_of(root)
+        if adjusts and not self._stands_free(base):
+            return None
         seed = {**self.positions, **found.positions}
         self._move_joint(0)
-        if self._hits(found.positions, base):
+        start = self._start(at, root, seed)
+        if start is None:
             return None
-        found_start = self._start(at, root, seed, base)
-        if found_start is None:
-            return None
-        start, back_m = found_start
         path = follow_poses(
             hand.kinematics,
             hand.arm,
@@ -211,28 +224,52 @@ class _Search:
         if reach < request.least:
             self._count(path.reason or "the robot would touch something on the way")
             return None
-        return Stance(base, grasp, number, start, reach, back_m, path.reason)
+        return Stance(start.base, grasp, number, start.positions, reach, start.back_m, path.reason)
 
-    def _start(
-        self, at: Array, root: Array, seed: dict[str, float], base: BasePose
-    ) -> tuple[dict[str, float], float] | None:
-        """Positions of the arm from where the hand comes on a straight line, and the length of the line."""
+    def _fingers(self, grasp: Grasp) -> dict[str, float]:
+        """Positions of the fingers on the way to a grasp; those of now if something is held."""
+        gripper = self.hand.gripper
+        if self.hand.held is not None:
+            return {name: self.positions[name] for name in gripper.joints}
+        share = 0.0 if self.request.is_closed else grasp.opening_m(gripper.max_opening_m) / gripper.max_opening_m
+        closed, opened = np.array(gripper.closed_positions), np.array(gripper.open_positions)
+        return dict(zip(gripper.joints, (closed + share * (opened - closed)).tolist(), strict=True))
+
+    def _stands_free(self, base: BasePose) -> bool:
+        if self.floor is None:
+            self.floor = FloorMap(self.hand.robot)
+        if self.floor.is_reachable(base[0], base[1]):
+            return True
+        self.blocked += 1
+        return False
+
+    def _start(self, at: Array, root: Array, seed: dict[str, float]) -> _Start | None:
+        """From where the hand comes on a straight line."""
         request = self.request
         above = at + np.array([0.0, 0.0, request.lift_m, 0.0, 0.0, 0.0, 0.0])
         wanted = max(request.back_m, _way_out(above, request.container))
         line = interpolated_poses(above, pose_multiply(above, np.array([-wanted, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])))
         rise = interpolated_poses(at, above)[:-1] if request.lift_m else line[:0]
-        approach = follow_poses(self.hand.kinematics, self.hand.arm, np.concatenate([rise, line]), root=root, seed=seed)
+        approach = follow_poses(
+            self.hand.kinematics,
+            self.hand.arm,
+            np.concatenate([rise, line]),
+            root=root,
+            seed=seed,
+            may_drive=self.hand.needs_base and self.moves_base,
+        )
         last = -1
         for row in range(approach.reached):
-            if (row % 2 == 0 or row == approach.reached - 1) and self._hits(approach.at(row), base):
+            if (row % 2 == 0 or row == approach.reached - 1) and self._hits(
+                approach.at(row), self.hand.base_of(approach.roots[row])
+            ):
                 break
             last = row
         length = wanted * max(last - len(rise), 0) / max(len(line) - 1, 1)
         if last < len(rise) or length < request.back_m - 1e-6:
             self._count(approach.reason or "the hand has no straight way to it")
             return None
-        return approach.at(last), length
+        return _Start(approach.at(last), length, self.hand.base_of(approach.roots[last]))
 
     def _hits(self, positions: dict[str, float], base: BasePose) -> bool:
         """Whether the robot would touch something there."""

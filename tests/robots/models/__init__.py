@@ -1,0 +1,1 @@
+"""Tests of `mindstage.robots.models` and of robots in worlds."""

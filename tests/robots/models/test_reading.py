@@ -1,0 +1,475 @@
+"""Reading of robot descriptions, compared with MuJoCo's own reading of the same files."""
+
+from __future__ import annotations
+
+import pickle
+import re
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+
+from mindstage.errors import RobotModelError, RobotNotFoundError
+from mindstage.robots.forward_kinematics import link_poses, rest_positions
+from mindstage.robots.model import BaseType, GripperType, RobotJointType, RobotModel
+from mindstage.robots.models import catalog
+from mindstage.robots.models.catalog import find_model, list_models
+from mindstage.robots.models.reading import load_model
+from mindstage.scene.transforms import quat_angle
+from tests.robots.models.installed import EXAMPLE_URDFS, EXAMPLES, known_model
+
+URDF_MODELS = ["mobile_manipulator", "stretch", "panda", "pr2", "tiago", "ur5", "baxter"]
+
+BOX = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+TWO_LINKS = f"""
+<robot name="pair">
+  <link name="a">{BOX}</link>
+  <link name="b">{BOX}</link>
+  <joint name="turn" type="revolute">
+    <parent link="a"/><child link="b"/><origin xyz="0 0 1"/><axis xyz="0 0 2"/>
+    <limit lower="-1" upper="2" effort="5" velocity="3"/><dynamics damping="0.5" friction="0.25"/>
+  </joint>
+</robot>
+"""
+
+
+def written(folder: Path, text: str, name: str = "robot.urdf") -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def random_positions(model: RobotModel, seed: int) -> dict[str, float]:
+    random = np.random.default_rng(seed)
+    given = {
+        joint.name: float(
+            random.uniform(-2.0 if joint.lower is None else joint.lower, 2.0 if joint.upper is None else joint.upper)
+        )
+        for joint in model.actuated_joints
+    }
+    return rest_positions(model.joints, given)
+
+
+# -- every example -----------------------------------------------------------------------------------------------------
+
+REFUSED = {"ur3.urdf": "the robot in it has no link"}
+"""The examples that cannot be read, and why: this one is the output of a macro that was never called."""
+
+
+def test_there_are_69_examples() -> None:
+    assert len(EXAMPLE_URDFS) == 69
+
+
+@pytest.mark.parametrize("path", EXAMPLE_URDFS, ids=lambda path: str(path.relative_to(EXAMPLES)))
+def test_every_example_is_read_or_refused_for_a_true_reason(path: Path) -> None:
+    stated = ElementTree.parse(path).getroot()
+    if path.name in REFUSED:
+        assert stated.findall("link") == []
+        with pytest.raises(RobotModelError, match=REFUSED[path.name]):
+            load_model(path)
+        return
+    model = load_model(path)
+    assert {link.name for link in model.links} == {link.get("name") for link in stated.findall("link")}
+    assert {joint.name for joint in model.joints} == {joint.get("name") for joint in stated.findall("joint")}
+    for note in model.notes:
+        assert "meshes were not found" not in note.text or "file:///usr/Romeo" in note.text
+        assert "collision mesh" not in note.text
+
+
+def test_the_example_that_is_refused_has_no_link() -> None:
+    (path,) = (each for each in EXAMPLE_URDFS if each.name in REFUSED)
+    assert "<link" not in path.read_text(encoding="utf-8")
+
+
+# -- against MuJoCo ----------------------------------------------------------------------------------------------------
+
+
+def mujoco_model(path: str, *, without_inertia: frozenset[str] | None = None) -> mujoco.MjModel:
+    """The same URDF as MuJoCo reads it, without geometry, which it would look for elsewhere.
+
+    Links in `without_inertia`, all by default, have no inertia: MuJoCo refuses invalid ones.
+    """
+    text = Path(path).read_text(encoding="utf-8")
+    root = ElementTree.fromstring(re.sub(r"<!DOCTYPE[^>]*>", "", text))
+    for link in root.findall("link"):
+        is_light = without_inertia is None or link.get("name") in without_inertia
+        for tag in ("visual", "collision", *(("inertial",) if is_light else ())):
+            for each in link.findall(tag):
+                link.remove(each)
+    for tag in ("gazebo", "transmission", "material"):
+        for each in root.findall(tag):
+            root.remove(each)
+    for axis in root.iter("axis"):
+        if axis.get("xyz", "").split() == ["0", "0", "0"]:
+            axis.set("xyz", "1 0 0")
+    options = ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler")
+    options.attrib.update(fusestatic="false", balanceinertia="true", boundmass="1e-9", boundinertia="1e-12")
+    return mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
+
+
+@pytest.mark.parametrize("name", URDF_MODELS)
+def test_links_are_where_mujoco_puts_them(name: str) -> None:
+    model = known_model(name)
+    expected = mujoco_model(model.source)
+    data = mujoco.MjData(expected)
+    for seed in range(5):
+        positions = random_positions(model, seed)
+        for joint, position in positions.items():
+            row = mujoco.mj_name2id(expected, mujoco.mjtObj.mjOBJ_JOINT, joint)
+            data.qpos[expected.jnt_qposadr[row]] = position
+        mujoco.mj_kinematics(expected, data)
+        poses = link_poses(model.joints, positions, model.root)
+        for link in model.links[1:]:
+            body = data.body(link.name)
+            np.testing.assert_allclose(poses[link.name][:3], body.xpos, atol=1e-6, err_msg=link.name)
+            assert quat_angle(poses[link.name][3:], body.xquat) < 1e-5, link.name
+
+
+@pytest.mark.parametrize("name", URDF_MODELS)
+def test_inertias_are_those_of_mujoco(name: str) -> None:
+    model = known_model(name)
+    corrected = frozenset(note.subject for note in model.notes if "moments of inertia" in note.text)
+    expected = mujoco_model(model.source, without_inertia=corrected)
+    compared = 0
+    for link in model.links[1:]:
+        if link.inertia is None or link.name in corrected:
+            continue
+        body = expected.body(link.name)
+        assert body.mass[0] == pytest.approx(link.inertia.mass_kg, rel=1e-6)
+        np.testing.assert_allclose(body.ipos, link.inertia.center, atol=1e-6)
+        xx, yy, zz, xy, xz, yz = link.inertia.tensor
+        moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        floor = 1e-6 * link.inertia.mass_kg  # no link is lighter than its mass within a millimeter
+        np.testing.assert_allclose(moments, np.maximum(np.sort(body.inertia), floor), rtol=2e-3, atol=1e-8)
+        compared += 1
+    assert compared >= 5
+
+
+def test_an_mjcf_robot_is_where_mujoco_puts_it() -> None:
+    model = known_model("pr2_mjcf")
+    expected = mujoco.MjModel.from_xml_path(model.source)
+    data = mujoco.MjData(expected)
+    for seed in range(5):
+        positions = random_positions(model, seed)
+        for joint, position in positions.items():
+            row = mujoco.mj_name2id(expected, mujoco.mjtObj.mjOBJ_JOINT, joint)
+            data.qpos[expected.jnt_qposadr[row]] = position
+        mujoco.mj_kinematics(expected, data)
+        root = data.body(model.root)
+        np.testing.assert_allclose(root.xquat, (1.0, 0.0, 0.0, 0.0), atol=1e-9)
+        for link, pose in link_poses(model.joints, positions, model.root).items():
+            np.testing.assert_allclose(pose[:3] + root.xpos, data.body(link).xpos, atol=1e-7, err_msg=link)
+            assert quat_angle(pose[3:], data.body(link).xquat) < 1e-6, link
+
+
+def test_an_mjcf_robot_has_the_masses_limits_and_efforts_of_the_file() -> None:
+    model = known_model("pr2_mjcf")
+    expected = mujoco.MjModel.from_xml_path(model.source)
+    assert len(model.actuated_joints) == 16
+    assert sum(link.inertia.mass_kg for link in model.links if link.inertia) == pytest.approx(expected.body_mass.sum())
+    for joint in model.actuated_joints:
+        row = expected.joint(joint.name)
+        if row.limited[0]:
+            assert (joint.lower, joint.upper) == pytest.approx(tuple(row.range))
+        assert joint.armature == pytest.approx(row.armature[0])
+
+
+MJCF = """
+<mujoco model="twin">
+  <worldbody>
+    <geom type="plane" size="1 1 1"/>
+    <body name="r:base" pos="0 0 0.2">
+      <joint name="r:x" type="slide" axis="1 0 0"/><joint name="r:y" type="slide" axis="0 1 0"/>
+      <geom type="box" size="0.2 0.2 0.1"/>
+      <body name="r:arm" pos="0 0 0.3" euler="0 30 0">
+        <joint name="r:pan" type="hinge" axis="0 0 1" range="-90 90" ref="20"/>
+        <joint name="r:tilt" type="hinge" axis="0 1 0" pos="0.05 0 0.1" range="-10 60"/>
+        <geom type="capsule" size="0.03 0.2"/>
+      </body>
+    </body>
+    <body name="table" pos="2 0 0"><geom type="box" size="0.1 0.1 0.1"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_bodies_of_mjcf_with_several_joints_off_their_origin(tmp_path: Path) -> None:
+    path = written(tmp_path, MJCF, "twin.xml")
+    model = load_model(path)
+    assert model.base.type is BaseType.PLANAR
+    assert {link.name for link in model.links} >= {"base", "arm"}
+    assert any(note.subject == "table" for note in model.notes)
+    expected = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(expected)
+    for pan, tilt in ((np.deg2rad(20.0), 0.0), (0.0, 0.0), (0.7, -0.1), (-1.2, 0.9)):
+        data.joint("r:pan").qpos[0], data.joint("r:tilt").qpos[0] = pan, tilt
+        mujoco.mj_kinematics(expected, data)
+        pose = link_poses(model.joints, {"pan": pan, "tilt": tilt}, model.root)["arm"]
+        np.testing.assert_allclose(pose[:3] + data.body("r:base").xpos, data.body("r:arm").xpos, atol=1e-9)
+        assert quat_angle(pose[3:], data.body("r:arm").xquat) < 1e-7
+
+
+# -- what a description says -------------------------------------------------------------------------------------------
+
+
+def test_limits_and_dynamics_of_a_joint(tmp_path: Path) -> None:
+    model = load_model(written(tmp_path, TWO_LINKS))
+    joint = model.joint("turn")
+    assert (joint.lower, joint.upper, joint.effort, joint.velocity) == (-1.0, 2.0, 5.0, 3.0)
+    assert (joint.damping, joint.friction) == (0.5, 0.25)
+    assert joint.axis == (0.0, 0.0, 1.0)
+    assert model.urdf == TWO_LINKS
+
+
+def test_a_declared_namespace_is_not_xacro(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "xacro", None)
+    text = TWO_LINKS.replace('name="pair"', 'name="pair" xmlns:xacro="http://www.ros.org/wiki/xacro"')
+    assert load_model(written(tmp_path, text)).name == "pair"
+
+
+def test_xacro_is_expanded(tmp_path: Path) -> None:
+    text = TWO_LINKS.replace('name="pair"', 'name="pair" xmlns:xacro="http://www.ros.org/wiki/xacro"')
+    text = text.replace('xyz="0 0 1"', 'xyz="0 0 ${height / 2}"')
+    text = text.replace("<link name", '<xacro:property name="height" value="3.0"/><link name', 1)
+    model = load_model(written(tmp_path, text, "robot.urdf.xacro"))
+    assert model.joint("turn").origin.position == (0.0, 0.0, 1.5)
+    assert "xacro:property" not in model.urdf
+    assert "1.5" in model.urdf
+
+
+def test_xacro_that_is_not_installed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "xacro", None)
+    text = TWO_LINKS.replace('"0 0 1"', '"0 0 ${1}"')
+    with pytest.raises(RobotModelError, match=r"pip install mindstage\[xacro\]"):
+        load_model(written(tmp_path, text))
+
+
+def tetrahedron(scale: float = 1.0) -> str:
+    corners = [(0, 0, 0), (scale, 0, 0), (0, scale, 0), (0, 0, scale)]
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
+    return "\n".join(lines) + "\n"
+
+
+WITH_MESH = TWO_LINKS.replace(
+    f'<link name="b">{BOX}',
+    '<link name="b">{}'.format(
+        "".join(
+            f'<{tag}><origin xyz="0 0 1" rpy="0 0 1.5707963"/><geometry>'
+            f'<mesh filename="package://shop/meshes/part.obj" scale="2 1 1"/></geometry></{tag}>'
+            for tag in ("visual", "collision")
+        )
+    ),
+)
+
+
+def test_a_package_is_found_in_a_given_folder(tmp_path: Path) -> None:
+    meshes = tmp_path / "ros" / "shop" / "meshes"
+    meshes.mkdir(parents=True)
+    written(meshes, tetrahedron(), "part.obj")
+    path = written(tmp_path, WITH_MESH)
+    missing = load_model(path)
+    assert any("package://shop" in note.text and not note.is_guess for note in missing.notes)
+    model = load_model(path, folders=[tmp_path / "ros"], cache=tmp_path / "cache")
+    geometry = next(link.geometry for link in model.links if link.name == "b")
+    assert geometry is not None
+    (shape,) = geometry.collision_shapes
+    corners = np.array(shape.points) + shape.pose.position
+    # Scaled along x, then turned by a quarter about z: x of the mesh is y of the link.
+    np.testing.assert_allclose(corners.min(axis=0), (-1.0, 0.0, 1.0), atol=1e-6)
+    np.testing.assert_allclose(corners.max(axis=0), (0.0, 2.0, 2.0), atol=1e-6)
+    (visual,) = geometry.visuals
+    np.testing.assert_allclose(visual.points.min(axis=0), corners.min(axis=0), atol=1e-6)
+    np.testing.assert_allclose(visual.points.max(axis=0), corners.max(axis=0), atol=1e-6)
+
+
+def test_geometry_can_be_pickled_before_it_is_drawn() -> None:
+    geometry = next(link.geometry for link in known_model("panda").links if link.name == "panda_link0")
+    copy = pickle.loads(pickle.dumps(geometry))
+    assert copy.collision_shapes == geometry.collision_shapes
+    assert copy.key == geometry.key
+    assert sum(len(visual.faces) for visual in copy.visuals) > 100
+
+
+def test_moments_of_no_rigid_body_are_corrected_and_noted(tmp_path: Path) -> None:
+    inertial = '<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="9" ixy="0" ixz="0" iyz="0"/></inertial>'
+    model = load_model(written(tmp_path, TWO_LINKS.replace('<link name="b">', f'<link name="b">{inertial}')))
+    link = next(link for link in model.links if link.name == "b")
+    assert link.inertia is not None
+    assert link.inertia.tensor[:3] == pytest.approx((11 / 3,) * 3)
+    assert any(note.subject == "b" and "no rigid body" in note.text for note in model.notes)
+
+
+def test_equal_limits_fix_a_joint_and_huge_ones_are_none(tmp_path: Path) -> None:
+    fixed = load_model(written(tmp_path, TWO_LINKS.replace('lower="-1" upper="2"', 'lower="0" upper="0"')))
+    assert fixed.joint("turn").type is RobotJointType.FIXED
+    free = load_model(written(tmp_path, TWO_LINKS.replace('lower="-1" upper="2"', 'lower="-1e16" upper="1e16"')))
+    assert free.joint("turn").type is RobotJointType.CONTINUOUS
+    assert free.joint("turn").lower is None
+
+
+@pytest.mark.parametrize(
+    ("text", "cause"),
+    [
+        ("<robot name='x'/>", "has no link"),
+        ("<sdf/>", "root element is <sdf>"),
+        ("<robot>", "not well-formed"),
+        ("", "not well-formed"),
+        ("<!DOCTYPE robot><robot/>", "document type"),
+        ("<mujoco><worldbody><body><joint/></body></worldbody></mujoco>", "mass and inertia|Error"),
+        ("<mujoco/>", "has no body"),
+    ],
+)
+def test_a_description_that_cannot_be_read_has_a_reason(tmp_path: Path, text: str, cause: str) -> None:
+    with pytest.raises(RobotModelError, match=cause) as caught:
+        load_model(written(tmp_path, text))
+    assert "robot.urdf" in str(caught.value)
+
+
+# -- parts of a robot --------------------------------------------------------------------------------------------------
+
+
+def test_the_parts_of_the_bundled_robot() -> None:
+    model = known_model("mobile_manipulator")
+    assert model.base.type is BaseType.PLANAR
+    assert model.base.radius_m == pytest.approx(0.28, abs=0.002)
+    (arm,) = model.arms
+    assert len(arm.joints) == 8
+    assert arm.joints[0] == "lift_joint"
+    assert arm.gripper == "gripper"
+    (gripper,) = model.grippers
+    assert gripper.type is GripperType.PARALLEL
+    assert gripper.max_opening_m == pytest.approx(0.12)
+    assert gripper.grasp_pose.position == pytest.approx((0.115, 0.0, 0.0), abs=1e-6)
+    assert gripper.finger_links == ("left_finger_link", "right_finger_link")
+    assert model.head is not None
+    assert model.head.joints == ("head_pan_joint", "head_tilt_joint")
+    assert {"head_camera_optical_frame", "base_laser_link"} <= {sensor.link for sensor in model.sensors}
+
+
+@pytest.mark.parametrize(
+    ("name", "base", "arms", "openings"),
+    [
+        ("stretch", BaseType.DIFFERENTIAL, {"arm": 5}, [0.219]),
+        ("panda", BaseType.FIXED, {"arm": 7}, [0.08]),
+        ("pr2", BaseType.PLANAR, {"l_arm": 7, "r_arm": 7}, [0.092, 0.092]),
+        ("tiago_no_hand", BaseType.DIFFERENTIAL, {"arm": 8}, []),
+        ("ur5", BaseType.FIXED, {"manipulator": 6}, []),
+        ("pr2_mjcf", BaseType.PLANAR, {"l_arm": 7, "r_arm": 7}, []),
+        ("baxter", BaseType.FIXED, {"left_arm": 7, "right_arm": 7}, None),
+        ("talos", BaseType.FIXED, {"l_arm": 7, "r_arm": 7}, None),
+    ],
+)
+def test_the_parts_of_known_robots(
+    name: str, base: BaseType, arms: dict[str, int], openings: list[float] | None
+) -> None:
+    model = known_model(name)
+    assert model.base.type is base
+    assert {arm.name: len(arm.joints) for arm in model.arms} == arms
+    movable = {joint.name for joint in model.actuated_joints}
+    assert all(movable.issuperset(arm.joints) for arm in model.arms)
+    if openings is not None:
+        assert [gripper.max_opening_m for gripper in model.grippers] == pytest.approx(openings, abs=0.003)
+
+
+def test_the_grasp_frame_of_a_panda_is_its_tool_center_point() -> None:
+    (gripper,) = known_model("panda").grippers
+    assert gripper.link == "panda_hand"
+    assert gripper.grasp_pose.position == pytest.approx((0.0, 0.0, 0.1034), abs=1e-4)
+    # x of the grasp frame is z of the hand, and y is y: the fingers slide along y.
+    assert quat_angle(gripper.grasp_pose.quaternion, (2**-0.5, 0.0, -(2**-0.5), 0.0)) < 1e-6
+    assert gripper.open_positions == pytest.approx((0.04,))
+    assert gripper.closed_positions == pytest.approx((0.0,), abs=1e-4)
+
+
+def test_sections_of_a_telescope_move_together() -> None:
+    model = known_model("stretch")
+    for number in (2, 1, 0):
+        mimic = model.joint(f"joint_arm_l{number}").mimic
+        assert mimic is not None
+        assert mimic.joint == "joint_arm_l3"
+    assert not any("wheel" in joint.name for joint in model.actuated_joints)
+
+
+@pytest.mark.parametrize(
+    ("urdf", "srdf"),
+    [
+        ("talos_data/robots/talos_reduced.urdf", "talos.srdf"),
+        ("ur_description/urdf/ur5_robot.urdf", "ur5.srdf"),
+        ("ur_description/urdf/ur5_gripper.urdf", "ur5_gripper.srdf"),
+        ("pr2_description/urdf/pr2.urdf", "pr2.srdf"),
+        ("ur_description/urdf/ur10_robot.urdf", None),
+    ],
+)
+def test_the_srdf_near_a_description_is_found(urdf: str, srdf: str | None) -> None:
+    notes = [note.text for note in load_model(EXAMPLES / urdf).notes if "SRDF" in note.text]
+    assert notes == ([] if srdf is None else [f"{srdf} is its SRDF, by its name"])
+
+
+def test_guesses_without_srdf_are_noted(tmp_path: Path) -> None:
+    source = known_model("panda").source
+    model = load_model(Path(source), srdf=written(tmp_path, '<robot name="panda"/>', "empty.srdf"))
+    assert [arm.joints for arm in model.arms] == [tuple(f"panda_joint{number}" for number in range(1, 8))]
+    assert model.grippers[0].max_opening_m == pytest.approx(0.08, abs=0.002)
+    guesses = {note.subject for note in model.notes if note.is_guess}
+    assert {"arm", "gripper"} <= guesses
+
+
+def test_links_beside_one_joint_cannot_collide() -> None:
+    disabled = known_model("mobile_manipulator").disabled_collisions
+    assert ("forearm_link", "upper_arm_roll_link") in disabled
+    # The column is fixed to the base, on which the lift slides.
+    assert ("column_link", "lift_link") in disabled
+    assert all(first < second for first, second in disabled)
+    assert ("base_link", "gripper_link") not in disabled
+
+
+# -- the catalog -------------------------------------------------------------------------------------------------------
+
+
+def test_every_installed_model_is_read() -> None:
+    installed = [model for model in list_models() if model.is_installed]
+    assert len(installed) >= 18
+    for each in installed:
+        assert known_model(each.name).name == each.name
+    assert len({each.name for each in list_models()}) == len(list_models())
+
+
+def test_a_model_that_is_not_installed_names_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> None:
+        raise catalog.PackageNotFoundError(name)
+
+    monkeypatch.setattr(catalog, "distribution", missing)
+    with pytest.raises(RobotNotFoundError, match="pip install example-robot-data"):
+        find_model("panda")
+    assert find_model("mobile_manipulator").path.is_file()
+
+
+def test_an_unknown_name_lists_what_is_near() -> None:
+    with pytest.raises(RobotNotFoundError, match="near: panda"):
+        find_model("pandas")
+    with pytest.raises(RobotNotFoundError, match="the file does not exist"):
+        find_model("/nowhere/robot.urdf")
+
+
+def test_a_description_is_found_by_name_in_a_folder(tmp_path: Path) -> None:
+    folder = tmp_path / "pair_description" / "urdf"
+    folder.mkdir(parents=True)
+    path = written(folder, TWO_LINKS, "pair.urdf")
+    assert find_model("pair", folders=[tmp_path]).path == path
+    assert load_model("pair", folders=[tmp_path]).name == "pair"
+
+
+def test_the_code_of_the_document_prints_what_it_says() -> None:
+    text = (Path(__file__).parents[3] / "docs" / "how-to" / "robot-models.md").read_text(encoding="utf-8")
+    code = "\n".join(re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL))
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    assert run.returncode == 0, run.stderr
+    said = re.findall(r"  # (.*)$", code, re.MULTILINE)
+    assert run.stdout.splitlines()[: len(said)] == said
+    names = {name for row in re.findall(r"^\| `[a-z-]+` \| (.*) \|$", text, re.MULTILINE) for name in row.split(", ")}
+    assert {name.strip("`") for name in names} == {model.name for model in list_models() if model.package}
