@@ -190,7 +190,7 @@ class RosInterface:
         self._robots: RobotInterfaces | None = None
         try:
             self._open()
-            self._robots = RobotInterfaces(self._endpoints, state_reader, self.parameters)
+            self._robots = RobotInterfaces(self._endpoints, state_reader, self.parameters, self._skills)
             self._start_publishers(rates or PublishRates())
         except BaseException:
             self.close()

@@ -26,7 +26,6 @@ from mindstage.msgs import (
 from mindstage.robots.control import MotionFailure, MotionGoal, MotionResult
 from mindstage.robots.drives import yaw_of
 from mindstage.robots.model import BaseType
-from mindstage.robots.navigation import plan_base
 from mindstage.robots.robot import Robot
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.endpoints import Endpoints
@@ -173,7 +172,7 @@ class RobotBaseInterface:
         self, pose: geometry_msgs.PoseStamped, context: GoalContext, feedback: Callable[[MotionGoal], Message]
     ) -> MotionResult:
         context.check(None)
-        path = plan_base(self._robot, self._target(pose))
+        path = self._plan(pose)
         context.check(None)
         motion = self._robot.start_driving(path)
         return await_motion(motion, context, partial(feedback, motion))
@@ -184,7 +183,12 @@ class RobotBaseInterface:
         Raises:
             UnreachableError: there is no way.
         """
-        self._robot.start_driving(plan_base(self._robot, self._target(message)))
+        self._robot.start_driving(self._plan(message))
+
+    def _plan(self, pose: geometry_msgs.PoseStamped) -> tuple[tuple[float, float, float], ...]:
+        from mindstage.robots.navigation import plan_base  # loads a library for planning
+
+        return plan_base(self._robot, self._target(pose))
 
     def _target(self, message: geometry_msgs.PoseStamped) -> tuple[float, float, float]:
         """Returns a pose of the base link on the floor: x, y [m], yaw [rad] in the world frame."""

@@ -82,10 +82,7 @@ _PANDA_ARM = tuple(f"panda_joint{number}" for number in range(1, 8))
 _UR_ARM = (
     "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"
 )  # fmt: skip
-_STRETCH = (
-    "joint_lift", "joint_arm_l3", "joint_arm_l2", "joint_arm_l1", "joint_arm_l0", "joint_wrist_yaw",
-    "joint_head_pan", "joint_head_tilt",
-)  # fmt: skip
+_STRETCH = ("joint_lift", "joint_arm_l3", "joint_wrist_yaw", "joint_head_pan", "joint_head_tilt")
 _DRIVER_CONTROLLERS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("l_arm_controller", tuple(f"l_{part}_joint" for part in _PR2_ARM)),
     ("r_arm_controller", tuple(f"r_{part}_joint" for part in _PR2_ARM)),

@@ -143,8 +143,7 @@ def _moving_once(task: SkillTask, opening: Opening, fraction: float, *, is_first
     yield from hand.moving_straight(grasp, why=f"to {handle}", may_touch=True)
     try:
         if stance.grasp.is_by_friction:
-            result = yield from hand.closing()
-            if not result.stalled:
+            if not (yield from hand.closing()):
                 raise task.failure(f"the gripper closed without {handle} between its fingers", "approach it again")
         else:
             task.assume(f"{handle} was fixed to the gripper by a spring: {stance.why}")
@@ -228,7 +227,7 @@ def _moving_handle(
         if np.linalg.norm(slipped) > _SLIP_M:
             raise task.failure(f"{handle} slipped out of the gripper", "grasp it again, or move it with less speed")
 
-    result = yield from hand.following(motion, speed=0.4, cartesian_speed=0.2, on_tick=check)
+    result = yield from hand.following(motion, speed=0.4, cartesian_speed=0.15, on_tick=check)
     if not result:
         raise task.failure(result.reason, "move what is in the way")
 
