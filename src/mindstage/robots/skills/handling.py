@@ -495,12 +495,12 @@ def _tilting(task: SkillTask, hand: Manipulator, id: BodyId, target: BodyId) -> 
     options = []
     for sign in (1.0, -1.0):
         rim = np.array([*((low + high) / 2)[:2], high[2] + _POUR_GAP_M])
-        poses = []
+        tilted = list[Array]()
         for angle in np.linspace(0.0, sign * _POUR_ANGLE_RAD, _POUR_STEPS):
             spin = np.array([cos(angle / 2), *(sin(angle / 2) * axis)])
             corner = quat_rotate(spin, -sign * side * half_width + np.array([0.0, 0.0, half_height]))
-            poses.append(np.concatenate([rim - corner, quat_multiply(spin, now[3:])]))
-        options.append(np.array(poses))
+            tilted.append(np.concatenate([rim - corner, quat_multiply(spin, now[3:])]))
+        options.append(np.array(tilted))
     stance, poses = _pour_stance(hand, id, target, options, in_hand)
     with task.step("pour", f"pour {id} into {target}"):
         yield from hand.driving_to(stance.base, why=f"to reach {target}")
