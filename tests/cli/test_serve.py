@@ -79,9 +79,21 @@ def test_it_prints_its_url_and_exits_after_the_duration(run: Run, write_map: Wri
     assert "services are below /unreal" in result.stdout
 
 
+def test_a_robot_is_served_with_the_map(write_map: WriteMap) -> None:
+    with serving(write_map(), "--port", "0", "--robot", "mobile_manipulator") as (_, output):
+        assert output["robots"] == ["mobile_manipulator"]
+        with RosbridgeClient(output["url"]) as client:
+            client.wait_connected(TIMEOUT_S)
+            robots = client.call_service("/unreal/mindstage/list_skills")["robots"]
+            assert robots == ["mobile_manipulator"]
+            controllers = client.call_service("/controller_manager/list_controllers")["controller"]
+            assert "arm_controller" in {each["name"] for each in controllers}
+
+
 @pytest.mark.parametrize(
     ("args", "text"),
     [
+        (["--robot", "no_such_robot", "--port", "0"], "no_such_robot"),
         (["--engine", "no-engine"], "there is no engine of that name"),
         (["--connect", "ws://127.0.0.1:1"], "no connection to ws://127.0.0.1:1"),
         (["--connect", "http://127.0.0.1:1"], "must begin with ws://"),

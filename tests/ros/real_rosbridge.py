@@ -5,6 +5,7 @@ The packages of `ros/` are built with genpy beside the original packages, so tha
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import shutil
@@ -13,9 +14,11 @@ import socket
 import subprocess
 from pathlib import Path
 
+import pytest
+
 from tests.bridge.raw_client import eventually
 
-__all__ = ["ROS_PYTHON", "PrepareError", "RealRosbridge", "build_ros1_packages"]
+__all__ = ["ROS_PYTHON", "PrepareError", "RealRosbridge", "build_defined_packages", "build_ros1_packages"]
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 ROS_PYTHON = "/usr/bin/python3"
@@ -47,6 +50,40 @@ def build_ros1_packages(names: list[str], generated: Path, sources: Path) -> Non
                 (target / kind).mkdir(exist_ok=True)
                 _run(ROS_PYTHON, GENPY / f"gen{kind}_py.py", "-p", name, "-o", target / kind, *includes, *files)
                 _run(ROS_PYTHON, GENPY / "genmsg_py.py", "--initpy", "-p", name, "-o", target / kind)
+
+
+DEFINED = ("trajectory_msgs", "nav_msgs", "control_msgs", "controller_manager_msgs", "move_base_msgs")
+"""Packages that a robot needs; Debian has the Python of the first two only."""
+
+
+def build_defined_packages(generated: Path, sources: Path) -> None:
+    """Builds the packages of robots' messages from the definitions of this project, where Debian has none."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT / "scripts"))
+        interface_text = importlib.import_module("make_ros_packages").interface_text
+    includes = [f"-I{each}:/usr/share/{each}/msg" for each in ("std_msgs", "geometry_msgs", "actionlib_msgs")]
+    for name in DEFINED:
+        includes.append(f"-I{name}:{sources / name}/msg")
+        (sources / name / "msg").mkdir(parents=True, exist_ok=True)
+        manifest = f'<package format="2"><name>{name}</name><version>1.0.0</version>'
+        manifest += '<description>of definitions</description><maintainer email="a@b.example">x</maintainer>'
+        manifest += "<license>BSD</license></package>"
+        (sources / name / "package.xml").write_text(manifest, encoding="utf-8")
+        for path in sorted((ROOT / "src" / "mindstage" / "msgs" / "definitions" / name).glob("*/*.*")):
+            target = sources / name / path.parent.name / path.name
+            target.parent.mkdir(exist_ok=True)
+            target.write_text(interface_text(path, ros=1), encoding="utf-8")
+        for action in sorted(sources.glob(f"{name}/action/*.action")):
+            _run(ROS_PYTHON, GENACTION, action, "-o", sources / name / "msg")
+    for name in DEFINED[2:]:
+        (generated / name).mkdir(parents=True, exist_ok=True)
+        (generated / name / "__init__.py").touch()
+        for kind in ("msg", "srv"):
+            if files := sorted(sources.glob(f"{name}/{kind}/*.{kind}")):
+                out = generated / name / kind
+                out.mkdir(exist_ok=True)
+                _run(ROS_PYTHON, GENPY / f"gen{kind}_py.py", "-p", name, "-o", out, *includes, *files)
+                _run(ROS_PYTHON, GENPY / "genmsg_py.py", "--initpy", "-p", name, "-o", out)
 
 
 def _run(*command: str | Path) -> None:

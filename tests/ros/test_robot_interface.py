@@ -15,9 +15,11 @@ from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.io.sources import RosPackagePath
 from mindstage.knowledge.urdf.parse import read_urdf
+from mindstage.robots.forward_kinematics import link_poses as model_poses
 from mindstage.robots.models.reading import load_model
 from mindstage.ros import RosInterface, RosVersion
 from mindstage.ros.robot_controllers import controllers_of
+from mindstage.ros.robot_description import description_of
 from mindstage.scene import Pose
 from mindstage.scene.transforms import pose_multiply
 from mindstage.simulation import Simulation
@@ -73,7 +75,7 @@ def test_joint_states_have_the_positions_of_the_description(
     assert len(message["position"]) == len(message["velocity"]) == len(message["effort"]) == len(message["name"])
     positions = dict(zip(message["name"], message["position"], strict=True))
     home = dict(model.home_positions)
-    assert home["elbow_joint"] == 3.1  # not 0: positions are not relative to where the robot was added
+    assert home["elbow_joint"] > 3.0  # not 0: positions are not relative to where the robot was added
     assert {name: positions[name] for name in home} == pytest.approx(home, abs=0.01)
     assert all(abs(value) < 0.01 for value in message["velocity"])
     assert seconds(message["header"]["stamp"]) == pytest.approx(robot_client.now(), abs=0.5)
@@ -241,6 +243,7 @@ TIAGO_ARM = tuple(f"arm_{number}_joint" for number in range(1, 8))
         ("pr2", {"l_arm_controller", "r_arm_controller", "torso_controller", "head_traj_controller"},
          {"r_arm_controller": tuple(f"r_{part}_joint" for part in PR2_ARM)}),
         ("tiago", {"arm_controller", "torso_controller", "head_controller"}, {"arm_controller": TIAGO_ARM}),
+        ("stretch", {"stretch_controller", "arm_controller", "gripper_controller"}, {}),
         ("panda", {"panda_arm_controller", "position_joint_trajectory_controller"}, {}),
         ("ur5", {"scaled_joint_trajectory_controller", "scaled_pos_joint_traj_controller"}, {}),
     ],
@@ -256,3 +259,26 @@ def test_a_robot_of_a_known_make_has_the_controllers_of_its_driver(
     for spec in specs.values():
         assert all(model.joint(name).is_actuated for name in spec.joints)
     assert set(specs["joint_trajectory_controller"].joints) == {joint.name for joint in model.actuated_joints}
+
+
+def test_a_robot_that_is_no_urdf_is_described_as_one(tmp_path: Path) -> None:
+    model = load_model("pr2_mjcf")
+    assert not model.urdf
+    path = tmp_path / "robot.urdf"
+    path.write_text(description_of(model), encoding="utf-8")
+    urdf = read_urdf(path, RosPackagePath())
+    assert urdf.issues == ()
+    rng = np.random.default_rng(1)
+    positions = {}
+    for joint in model.actuated_joints:
+        lower, upper = (-1.0 if joint.lower is None else joint.lower), (1.0 if joint.upper is None else joint.upper)
+        positions[joint.name] = float(rng.uniform(lower, upper))
+    positions |= {
+        joint.name: joint.mimic.multiplier * positions[joint.mimic.joint] + joint.mimic.offset
+        for joint in model.joints
+        if joint.mimic is not None
+    }
+    found, expected = link_poses(urdf, positions), model_poses(model.joints, positions, model.root)
+    assert found.keys() == expected.keys()
+    for link, pose in expected.items():
+        assert_same_pose(found[link], pose, link)

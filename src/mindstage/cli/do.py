@@ -6,11 +6,13 @@ import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mindstage.cli.attach import open_running, running_target
 from mindstage.cli.imagine import Budget, Samples, Seed, Uncertainties, Workers, deviations_of, interruptible
 from mindstage.cli.options import (
     DEFAULT_READING,
@@ -21,6 +23,7 @@ from mindstage.cli.options import (
     MapName,
     MapReading,
     PlainBoxes,
+    Running,
     Strict,
     Verbose,
     finite,
@@ -30,7 +33,8 @@ from mindstage.cli.setup import make_engine
 from mindstage.cli.simulate import spawned_map
 
 if TYPE_CHECKING:
-    from mindstage.imagination import Plan, PlanFile, SampleResult, TryFirstResult
+    from mindstage.cli.simulate import SpawnedMap
+    from mindstage.imagination import Perform, Plan, PlanFile, SampleResult, TryFirstResult
     from mindstage.robots.model import RobotModel
     from mindstage.robots.robot import Robot
     from mindstage.robots.skills.declaration import SkillStep
@@ -121,9 +125,11 @@ SettleSeconds = Annotated[
 
 
 def do(
+    context: typer.Context,
     command: Command = None,
     maps: OptionalMaps = None,
     *,
+    running: Running = None,
     robot: RobotName = "mobile_manipulator",
     self_model: SelfModelFile = None,
     at: At = None,
@@ -148,53 +154,122 @@ def do(
     as_json: AsJson = False,
 ) -> ExitCode:
     """Let a robot do something in a map; exit 0 if it succeeds, 1 if it fails or is not done, 2 if that is unknown."""
-    from mindstage.robots.standing import add_standing_robot
-
+    allowed = {"command", "running", "deadline", "as_json"}
+    if (target := running_target(context, running, maps, allowed=allowed)) is not None:
+        return _do_running(target, command or "", deadline_s=deadline, as_json=as_json)
     task, sources = _arguments(command, plan, maps or [])
-    place = None if at is None else _pose(at)
-    _check_output(record)
-    running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
-    model = _model(robot, self_model)
     options: dict[str, Any] = {"uncertainty": [deviations_of(text) for text in uncertainty or ()], "samples": samples}
     options |= {"seed": seed, "budget_s": budget, "workers": workers}
+    wanted = _Wanted(
+        task=task,
+        place=None if at is None else _pose(at),
+        at_least=try_first,
+        deadline_s=deadline,
+        settle_s=settle,
+        record=_new_file(record),
+        out=out,
+        trial=options,
+    )
+    used_engine = make_engine(engine)  # before the map is read, so that a wrong name fails at once
+    model = _model(robot, self_model)
     with spawned_map(
-        sources, map_name, running, reading=reading, strict=strict, assets=assets, plain_boxes=plain_boxes
+        sources, map_name, used_engine, reading=reading, strict=strict, assets=assets, plain_boxes=plain_boxes
     ) as spawned:
-        simulation = spawned.simulation
-        if not as_json and verbose:
-            spawned.print()
-        with progress_spinner("adding the robot"):
-            added = add_standing_robot(simulation, model, place)
-        file, notes = _task(task, simulation, deadline_s=deadline)
-        if not as_json:
-            x, y, yaw = added.base_pose()
-            print_line(f"{added.name} stands at ({x:.2f}, {y:.2f}), facing {math.degrees(yaw):.0f}°")
-        for note in notes if not as_json else ():
+        return _do_in(spawned, model, wanted, verbose=verbose, as_json=as_json)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Wanted:
+    """What is to be done, and how."""
+
+    task: str
+    place: tuple[float, float, float] | None
+    at_least: float | None
+    """The probability with which it is tried first; None if it is not tried."""
+    deadline_s: float
+    settle_s: float
+    record: Path | None
+    out: Path | None
+    trial: dict[str, Any]
+    """Further arguments of `try_first`."""
+
+
+def _do_in(spawned: SpawnedMap, model: RobotModel, wanted: _Wanted, *, verbose: bool, as_json: bool) -> ExitCode:
+    from mindstage.robots.standing import add_standing_robot
+
+    simulation = spawned.simulation
+    if not as_json and verbose:
+        spawned.print()
+    with progress_spinner("adding the robot"):
+        robot = add_standing_robot(simulation, model, wanted.place)
+    plan, notes = _task(wanted.task, simulation, deadline_s=wanted.deadline_s)
+    if not as_json:
+        x, y, yaw = robot.base_pose()
+        print_line(f"{robot.name} stands at ({x:.2f}, {y:.2f}), facing {math.degrees(yaw):.0f}°")
+        for note in notes:
             warn(note)
-        simulation.step(settle)
-        with ExitStack() as stack:
-            if record is not None:
-                stack.enter_context(simulation.record(record))
-            interrupted = stack.enter_context(interruptible())
-            show = stack.enter_context(_steps_shown(quiet=as_json))
-            result, tried = _perform(
-                simulation, file, at_least=try_first, cancel=interrupted.is_set, on_step=show, **options
-            )
-        if out is not None:
-            simulation.save(out)
-        if as_json:
-            print_json(_as_json(added, result, tried, notes, record=record, out=out) | spawned.to_json())
-        else:
-            _print_result(result, tried, verbose=verbose)
-            for what, path in (("episode", record), ("world", out)):
-                if path is not None:
-                    print_line(f"{what} → {path}")
+    simulation.step(wanted.settle_s)
+    with ExitStack() as stack:
+        if wanted.record is not None:
+            stack.enter_context(simulation.record(wanted.record))
+        interrupted = stack.enter_context(interruptible())
+        show = stack.enter_context(_steps_shown(quiet=as_json))
+        result, tried = _perform(simulation, plan, wanted, cancel=interrupted.is_set, on_step=show)
+    if wanted.out is not None:
+        simulation.save(wanted.out)
+    if as_json:
+        print_json(_as_json(robot, result, tried, notes, wanted) | spawned.to_json())
+    else:
+        _print_result(result, tried, verbose=verbose)
+        for what, path in (("episode", wanted.record), ("world", wanted.out)):
+            if path is not None:
+                print_line(f"{what} → {path}")
     if interrupted.is_set():
         return ExitCode.INTERRUPTED
-    if result is None:
-        return ExitCode.NEGATIVE
+    codes = {None: ExitCode.NEGATIVE, "succeeded": ExitCode.OK, "failed": ExitCode.NEGATIVE}
+    return codes.get(None if result is None else result.outcome.value, ExitCode.ERROR)
+
+
+# -- in a running simulation -------------------------------------------------------------------------------------------
+
+
+def _do_running(target: str, command: str, *, deadline_s: float, as_json: bool) -> ExitCode:
+    """Lets the robot of a running simulation perform skills; a failed one is the last.
+
+    Raises:
+        InvalidArgumentError: the command is no list of skills.
+    """
+    from mindstage.errors import InvalidArgumentError
+
+    if not command or command.startswith(("{", "[")) or Path(command).suffix in {".yaml", ".yml", ".json"}:
+        remedy = "give a skill with its arguments, as in 'park'; plans and designators need a map"
+        raise InvalidArgumentError("do", cause="a running simulation performs skills only", remedy=remedy)
+    results: list[dict[str, Any]] = []
+    with interruptible() as interrupted, open_running(target) as simulation:
+        for step in _commands(command, deadline_s=deadline_s):
+            found = simulation.perform(
+                step.skill,
+                step.args,
+                deadline_s=deadline_s,
+                on_step=print_line if not as_json else lambda step: None,
+                cancel=interrupted.is_set,
+            )
+            results.append(found)
+            if not as_json:
+                reason = f": {found['reason']}" if found["reason"] else ""
+                print_line(f"{step.skill} {found['outcome']} after {found['duration_s']:.1f} s{reason}")
+                for text in found["assumptions"]:
+                    warn(f"assumed: {text}")
+                if found["suggestion"]:
+                    print_line(f"to try: {found['suggestion']}")
+            if not found["success"] or interrupted.is_set():
+                break
+        if as_json:
+            print_json({"running": simulation.address, "skills": results})
+    if interrupted.is_set():
+        return ExitCode.INTERRUPTED
     codes = {"succeeded": ExitCode.OK, "failed": ExitCode.NEGATIVE}
-    return codes.get(result.outcome.value, ExitCode.ERROR)
+    return codes.get(results[-1]["outcome"], ExitCode.ERROR)
 
 
 # -- what is to be done ------------------------------------------------------------------------------------------------
@@ -225,7 +300,7 @@ def _task(text: str, simulation: Simulation, *, deadline_s: float) -> tuple[Plan
         InvalidArgumentError: it is none, or its arguments are not valid.
         PlanError: it is no valid plan.
     """
-    from mindstage.imagination import load_plan
+    from mindstage.imagination import Plan, load_plan
 
     path = Path(text)
     if path.suffix in {".yaml", ".yml"} or "\n" in text:
@@ -233,7 +308,7 @@ def _task(text: str, simulation: Simulation, *, deadline_s: float) -> tuple[Plan
     is_file = path.suffix == ".json"
     content = path.read_text(encoding="utf-8") if is_file else text.strip()
     if not content.lstrip().startswith(("{", "[")):
-        return _commands(text, deadline_s=deadline_s), []
+        return Plan(steps=tuple(_commands(text, deadline_s=deadline_s)), name=text), []
     try:
         value = json.loads(content)
     except ValueError:
@@ -252,20 +327,20 @@ def _is_lisp(value: object) -> bool:
     return isinstance(value, list) and bool(value) and isinstance(value[0], str)
 
 
-def _commands(text: str, *, deadline_s: float) -> Plan:
-    """The plan of skills with their arguments, separated by semicolons."""
+def _commands(text: str, *, deadline_s: float) -> list[Perform]:
+    """The skills with their arguments, separated by semicolons."""
     from mindstage.errors import InvalidArgumentError, suggestion
-    from mindstage.imagination import Perform, Plan
+    from mindstage.imagination import Perform
     from mindstage.robots.skills import SKILLS, split_command
 
-    steps = []
+    steps: list[Perform] = []
     for part in filter(None, map(str.strip, text.split(";"))):
         name, words = split_command(part)
         name = name.replace("-", "_")
         if name not in SKILLS:
             raise InvalidArgumentError("do", cause=f"there is no skill {name!r}", remedy=suggestion(name, SKILLS))
         steps.append(Perform(skill=name, args=SKILLS[name].parse(words), deadline_s=deadline_s))
-    return Plan(steps=tuple(steps), name=text)
+    return steps
 
 
 def _designated(value: Any, simulation: Simulation, *, deadline_s: float) -> tuple[Plan, list[str]]:
@@ -280,11 +355,12 @@ def _designated(value: Any, simulation: Simulation, *, deadline_s: float) -> tup
     return Plan(steps=(Perform(skill=found.skill, args=found.args, deadline_s=deadline_s),), name=words), notes
 
 
-def _check_output(record: Path | None) -> None:
+def _new_file(record: Path | None) -> Path | None:
     from mindstage.errors import EpisodeFileError
 
     if record is not None and record.exists():
         raise EpisodeFileError(str(record), cause="it exists", remedy="delete it, or choose another name")
+    return record
 
 
 # -- the robot ---------------------------------------------------------------------------------------------------------
@@ -325,18 +401,17 @@ def _pose(text: str) -> tuple[float, float, float]:
 def _perform(
     simulation: Simulation,
     plan: Plan | PlanFile,
+    wanted: _Wanted,
     *,
-    at_least: float | None,
     cancel: Callable[[], bool],
     on_step: Callable[[SkillStep], object],
-    **options: Any,
 ) -> tuple[SampleResult | None, TryFirstResult | None]:
     """What happened, None if nothing was done; and the trial before, if there was one."""
     from mindstage.imagination import act, try_first
 
-    if at_least is None:
+    if wanted.at_least is None:
         return act(simulation, plan, stop=cancel, on_step=on_step), None
-    tried = try_first(simulation, plan, at_least=at_least, cancel=cancel, on_step=on_step, **options)
+    tried = try_first(simulation, plan, at_least=wanted.at_least, cancel=cancel, on_step=on_step, **wanted.trial)
     return tried.result, tried
 
 
@@ -367,9 +442,7 @@ def _as_json(
     result: SampleResult | None,
     tried: TryFirstResult | None,
     notes: list[str],
-    *,
-    record: Path | None,
-    out: Path | None,
+    wanted: _Wanted,
 ) -> dict[str, Any]:
     import msgspec
 
@@ -382,7 +455,7 @@ def _as_json(
     }
     if tried is not None:
         found |= {"try_first": tried.to_dict()}
-    written = {"record": record, "out": out}
+    written = {"record": wanted.record, "out": wanted.out}
     return found | {name: str(path) for name, path in written.items() if path is not None}
 
 

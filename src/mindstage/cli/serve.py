@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import threading
 import time
@@ -148,6 +149,16 @@ Episodes = Annotated[
         show_default=False,
     ),
 ]
+AddedRobots = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--robot",
+        metavar="NAME|FILE",
+        help="Add a robot, with the topics, actions and services of a real one: a known model, or a description "
+        "(URDF, xacro, MJCF); may be repeated.",
+        show_default=False,
+    ),
+]
 Paused = Annotated[bool, typer.Option("--paused", help="Start paused.")]
 WithPage = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page too.")]
 WithFoxglove = Annotated[
@@ -176,6 +187,7 @@ def serve(
     ros1: RosOne = False,
     worlds: Worlds = None,
     episodes: Episodes = None,
+    added_robots: AddedRobots = None,
     map_name: MapName = None,
     reading: MapReading = DEFAULT_READING,
     assets: AssetFolders = None,
@@ -204,6 +216,7 @@ def serve(
         refused: list[Refusal] = []  # appended on the bridge's thread
         node = resources.enter_context(_connect(connect, token, tls_authorities, refused) if connect else LocalNode())
         spawned = _spawn(simulation, world, assets=None if plain_boxes else assets, as_json=as_json)
+        spawned |= _add_robots(simulation, added_robots or (), as_json=as_json)
         ros = RosVersion.ONE if ros1 else RosVersion.TWO
         interface = RosInterface(
             simulation, node, namespace=namespace, ros=ros, folder=worlds, episodes=episodes, on_quit=quitting.set
@@ -319,6 +332,21 @@ def _spawn(
         causes = "; ".join(reason.text for reason in reasons)
         warn(f"the map was not spawned completely, the simulation is served nevertheless: {causes}")
     return {"map": world.iri, "spawn": report_json(report), "findings": findings_json(findings)}
+
+
+def _add_robots(simulation: Simulation, sources: Sequence[str], *, as_json: bool) -> dict[str, object]:
+    """Adds robots at free places on the floor."""
+    from mindstage.robots.standing import add_standing_robot
+
+    names: list[str] = []
+    for source in sources:
+        with progress_spinner(f"adding {source}"):
+            robot = add_standing_robot(simulation, source)
+        names.append(robot.name)
+        if not as_json:
+            x, y, yaw = robot.base_pose()
+            print_line(f"{robot.name} stands at ({x:.2f}, {y:.2f}), facing {math.degrees(yaw):.0f}°")
+    return {"robots": names} if names else {}
 
 
 def _announce(summary: dict[str, object], *, connected: bool, seconds: float | None, as_json: bool) -> None:

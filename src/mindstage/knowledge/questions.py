@@ -734,6 +734,8 @@ class Question(Generic[R]):
     ) -> NamedThing:
         """Resolves a name; for a question about the current state also that of a body which only the engine has."""
         may_be_spawned = (self.uses_current_state or self.about_past) and entity_type is EntityType.INDIVIDUAL
+        if may_be_spawned and "://" in name and state_access.find_individual(name) == name:
+            return NamedThing(Iri(name))  # without a search for similar names, if no map has it
         try:
             found = kb.names.find_thing(name, entity_type)
         except NameNotFoundError:

@@ -88,15 +88,18 @@ class RobotPredicates:
 
     def _steps(self, action: Value, *, robot: str, deadline: float) -> list[Perform]:
         """The steps of one action, or of a list of them."""
-        is_list = isinstance(action, Sequence) and not isinstance(action, str)
-        is_designator = isinstance(action, str) and action.lstrip().startswith(("{", "["))
-        if is_designator or (is_list and isinstance(action[0] if action else None, str) and action[0] in _ARTICLES):  # type: ignore[index]
-            found = read_designator(str(action) if isinstance(action, str) else _plain(action), self._simulation)
-            return [Perform(skill=found.skill, args=found.args, robot=robot, deadline_s=deadline)]
-        if is_list:
-            return [step for each in action for step in self._steps(each, robot=robot, deadline=deadline)]  # type: ignore[union-attr]
+        if isinstance(action, str) and action.lstrip().startswith(("{", "[")):
+            return [self._designated(str(action), robot, deadline)]
+        if isinstance(action, Sequence) and not isinstance(action, str):
+            if action and isinstance(action[0], str) and action[0] in _ARTICLES:
+                return [self._designated(_plain(action), robot, deadline)]
+            return [step for each in action for step in self._steps(each, robot=robot, deadline=deadline)]
         name, args = skill_from_term(action)
         return [Perform(skill=name, args=args, robot=robot, deadline_s=deadline)]
+
+    def _designated(self, designator: Any, robot: str, deadline_s: float) -> Perform:
+        found = read_designator(designator, self._simulation)
+        return Perform(skill=found.skill, args=found.args, robot=robot, deadline_s=deadline_s)
 
 
 def _result_term(result: SampleResult) -> Compound:

@@ -34,6 +34,7 @@ from mindstage.robots.skills.catalog import start_skill
 from mindstage.robots.skills.declaration import SkillResult
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.scene import Body, BodyId, Iri, Pose
+from mindstage.scene.floor_plan import free_floor_place
 from mindstage.scene.transforms import Array, pose_from_array, pose_inverse, pose_multiply
 from mindstage.simulation.simulation import Simulation
 from mindstage.simulation.state import poses_in
@@ -64,10 +65,8 @@ _GRIPPER_STEP_M = 1e-3
 _SETTLE_S = 0.5
 _FLOOR_RADIUS_M = 0.3
 _ROBOT_HEIGHT_M = 1.6
-_STAND_DISTANCES = (0.6, 0.8, 1.0, 1.4)
-"""Distances from what is handled at which a place for the robot is looked for [m]."""
-_STAND_TURNS = tuple(math.radians(angle) for angle in (0, 45, -45, 90, -90, 135, -135, 180))
-"""Directions in which it is looked for, relative to the front [rad]."""
+_FRONT_M = 0.65
+"""Distance from a handle at which a robot rather stands [m]."""
 _LOWEST_M, _HIGHEST_M = 0.1, 1.9
 """Heights of handles that a robot may reach [m]."""
 _GRASPABLE_M = 0.09
@@ -79,8 +78,6 @@ _FAR = 100.0
 """Bound of numbers that have none."""
 _POSE_PARTS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 _SHOWN = 10
-_NEAR_M = 0.02
-"""Gap below which the gripper is at a thing; above it, the thing was released."""
 _LIFTED_M = 0.05
 _PROGRESS_REWARD = 10.0
 _APPROACH_REWARD = 1.0
@@ -195,9 +192,9 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         """Changes the map before the first episode about a thing; returns whether it did."""
         return False
 
-    def away(self, thing: BodyId) -> tuple[float, float]:
-        """The horizontal direction from the goal in which the robot rather stands."""
-        return 1.0, 0.0
+    def front(self, thing: BodyId) -> Array | None:
+        """The horizontal direction from the goal in which the robot rather stands; None for any."""
+        return None
 
     # -- Gymnasium -----------------------------------------------------------------------------------------------------
 
@@ -255,7 +252,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
 
     def _open(self, robot: str, thing: str, pose: tuple[float, float, float] | None) -> None:
         self.simulation.step(_SETTLE_S)
-        self._ids = {body.iri: body.id for body in self.simulation.snapshot().bodies}
+        self._find_names()
         self._candidates = tuple(self.things())
         if not self._candidates:
             raise InvalidArgumentError(type(self).__name__, cause="the map has nothing that it could be about")
@@ -279,11 +276,15 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         names = dict.fromkeys(name for arm in model.arms for name in arm.joints)
         names |= dict.fromkeys(model.head.joints if model.head else ())
         self._joints: tuple[RobotJoint, ...] = tuple(model.joint(name) for name in names)
-        bodies = self.simulation.snapshot().bodies
-        self._ids = {body.iri: body.id for body in bodies}
+        self._find_names()
         self._links = frozenset(self.robot.link_ids.values())
         self.simulation.step(_SETTLE_S)
         self.simulation.mark_start()
+
+    def _find_names(self) -> None:
+        bodies = self.simulation.snapshot().bodies
+        self._ids = {body.iri: body.id for body in bodies}
+        self._iris: dict[str, str] = {body.id: body.iri for body in bodies}
 
     def _stand(self, thing: BodyId) -> Array:
         """Where the robot stands to handle a thing: x, y [m] and yaw [rad].
@@ -297,7 +298,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
             goal = self.goal(thing)
             (pose,) = self._poses((goal,))
             self._empty.run_on_engine(lambda engine: engine.set_pose(goal, pose_from_array(pose)), edits=True)
-            self._stands[thing] = _free_stand(self._empty, goal, np.array(self.away(thing)))
+            self._stands[thing] = _free_stand(self._empty, goal, self.front(thing))
         return self._stands[thing]
 
     def _restore_start(self, thing: BodyId) -> None:
@@ -389,13 +390,17 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
     # -- questions -----------------------------------------------------------------------------------------------------
 
     def _ask(self, question: str, **args: str) -> list[Any]:
-        return list(self.simulation.ask(question, **args))
+        """The answers to a question; bodies are named by their IRIs, which need not be searched for."""
+        return list(self.simulation.ask(question, **{name: self._iris.get(text, text) for name, text in args.items()}))
 
     def _gap(self, thing: BodyId) -> float:
-        """The distance of the fingers from a thing, box to box [m]; 0 if they overlap."""
-        links = (self.robot.link_ids[name] for name in self._gripper.finger_links or (self._gripper.link,))
-        rows = [row for link in links for row in self._ask("distance", thing=link, other=thing)]
+        """The distance of the gripper from a thing, box to box [m]; 0 if they overlap."""
+        rows = self._ask("distance", thing=self.robot.link_ids[self._gripper.link], other=thing)
         return max(0.0, min((row.gap for row in rows), default=0.0))
+
+    def _holds(self) -> bool:
+        """Whether a gripper holds the thing, by its contacts."""
+        return self.thing in self.robot.held.values()
 
     def _body(self, iri: str) -> BodyId:
         """The body of an answer."""
@@ -453,11 +458,10 @@ class OpenEnv(RobotTaskEnv):
         """Its handle."""
         return self._handles[thing]
 
-    def away(self, thing: BodyId) -> tuple[float, float]:
-        """In front of what it closes."""
+    def front(self, thing: BodyId) -> Array | None:
+        """From what it closes to its handle."""
         handle, holder = self._poses((self._handles[thing], self._holders[thing]))
-        x, y = (handle[:2] - holder[:2]).tolist()
-        return x, y
+        return handle[:2] - holder[:2]
 
     def progress(self) -> TaskProgress:
         """By `openings` and `distance`."""
@@ -492,12 +496,12 @@ class PickEnv(RobotTaskEnv):
         return thing
 
     def progress(self) -> TaskProgress:
-        """By `where_is` and `distance`: it is near the fingers, on nothing, and 5 cm above what is below."""
+        """By `where_is` and `distance`: the gripper holds it, it is on nothing, and 5 cm above what is below."""
         gap = self._gap(self.thing)
         rows = self._ask("where_is", thing=self.thing)
         on = [row for row in rows if row.relation == "on" and self._ids.get(row.other) not in self._links]
         above = [row.gap for row in rows if row.relation == "above"]
-        lifted = 0.0 if on or gap > _NEAR_M else min([_LIFTED_M, *above]) / _LIFTED_M
+        lifted = 0.0 if on or not self._holds() else min([_LIFTED_M, *above]) / _LIFTED_M
         where = f"on {local_name(on[0].other)}" if on else f"lifted by {min(above, default=0.0):.2f} m"
         return TaskProgress(share=lifted, gap_m=gap, done=lifted >= 1.0, why=f"{self.thing} is {where}")
 
@@ -535,8 +539,7 @@ class PlaceEnv(PickEnv):
         is_there = any(self._ids.get(row.other) == self.target for row in rows)
         (apart,) = self._ask("distance", thing=self.thing, other=self.target)[:1]
         near = max(0.0, 1.0 - max(0.0, apart.gap) / _FAR_AWAY_M)
-        is_released = gap > _NEAR_M and not self.robot.held
-        share = 1.0 if is_there and is_released else 0.9 if is_there else 0.8 * near
+        share = 1.0 if is_there and not self._holds() else 0.9 if is_there else 0.8 * near
         others = ", ".join(local_name(row.other) for row in rows) or "nothing"
         return TaskProgress(share=share, gap_m=gap, done=share >= 1.0, why=f"{self.thing} is on {others}")
 
@@ -575,7 +578,7 @@ class PutAwayEnv(PickEnv):
         is_inside = bool(self._ask("where_is", thing=self.thing, relation="inside", other=place))
         shares = [row.share or 0.0 for row in self._ask("openings", thing=place)]
         is_open = bool(self._ask("openings", thing=place, state="open"))
-        if is_inside and gap > _NEAR_M and not self.robot.held:
+        if is_inside and not self._holds():
             share = 1.0 if not is_open else 0.9 - 0.2 * max(shares)
         elif is_inside:
             share = 0.65
@@ -678,28 +681,27 @@ def _best_support(simulation: Simulation, rows: Sequence[tuple[BodyId, BodyId]])
     return counts.most_common(1)[0][0]
 
 
-def _free_stand(simulation: Simulation, goal: BodyId, away: Array) -> Array:
-    """A free place on the floor near a body: x, y [m] and the yaw towards the body, by the question `path`.
+def _free_stand(simulation: Simulation, goal: BodyId, front: Array | None) -> Array:
+    """The free place on the floor nearest to a body: x, y [m] and the yaw towards the body.
 
-    Places are tried around the body, those in the direction `away` first.
+    Args:
+        simulation: the place, without the robot.
+        goal: the body.
+        front: the horizontal direction from the body in which a robot rather stands; None for any.
 
     Raises:
         InvalidArgumentError: there is none.
     """
     center = poses_in(simulation.state, {goal})[goal][:2]
-    front = math.atan2(away[1], away[0])
-    for distance in _STAND_DISTANCES:
-        for turn in _STAND_TURNS:
-            direction = np.array([math.cos(front + turn), math.sin(front + turn)])
-            x, y = (center + distance * direction).tolist()
-            where = f"{x:.3f} {y:.3f}"
-            rows = simulation.ask(
-                "path", start_position=where, goal=goal, radius=_FLOOR_RADIUS_M, height=_ROBOT_HEIGHT_M
-            )
-            if rows:
-                stand = np.array(rows[0].points[-1])
-                return np.array([*stand, math.atan2(*(center - stand)[::-1])])
-    raise InvalidArgumentError(goal, cause="no robot gets near it on the floor", remedy="give the pose of the robot")
+    x, y = (center if front is None else center + _FRONT_M * front / max(float(np.linalg.norm(front)), 1e-6)).tolist()
+    place = free_floor_place(
+        simulation.snapshot(), simulation.geometry, radius=_FLOOR_RADIUS_M, height=_ROBOT_HEIGHT_M, near=(x, y)
+    )
+    if place is None:
+        cause = "no robot has room on the floor"
+        raise InvalidArgumentError(goal, cause=cause, remedy="give the pose of the robot")
+    stand = np.array(place[:2])
+    return np.array([*stand, math.atan2(*(center - stand)[::-1])])
 
 
 _STEPS = {OpenEnv: 300, PickEnv: 300, PlaceEnv: 500, PutAwayEnv: 1000}

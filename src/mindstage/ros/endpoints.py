@@ -10,6 +10,8 @@ import logging
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+import msgspec
+
 from mindstage.bridge import LocalNode, Node, RosbridgeClient, Subscription
 from mindstage.errors import MindstageError
 from mindstage.msgs import Message, RosVersion, decode, message_types, type_name
@@ -19,6 +21,7 @@ from mindstage.ros.service import ActionSpec, ServiceSpec, action_handler, batch
 
 __all__ = ["Endpoints"]
 
+_PARAMETER_TIMEOUT_S = 10.0
 _log = logging.getLogger("mindstage.ros")
 M = TypeVar("M", bound=Message)
 
@@ -49,6 +52,16 @@ class Endpoints:
         self._subscriptions: list[Subscription] = []
         self._publishers: list[Publisher[Any]] = []
 
+    def in_namespace(self, namespace: str) -> Endpoints:
+        """Returns endpoints at the same node in another namespace, which are withdrawn on their own."""
+        return Endpoints(
+            self._node,
+            namespace=namespace,
+            ros=self.ros,
+            diagnostics=self.diagnostics,
+            goal_timeout_s=self._goal_timeout_s,
+        )
+
     @property
     def service_names(self) -> tuple[str, ...]:
         """Absolute names of the services."""
@@ -58,6 +71,12 @@ class Endpoints:
     def action_names(self) -> tuple[str, ...]:
         """Absolute names of the actions."""
         return tuple(dict.fromkeys((*self._actions, *(server.name for server in self._action_servers))))
+
+    @property
+    def only_version(self) -> RosVersion | None:
+        """The version of ROS whose types the server has; None at a server that has those of both."""
+        is_suite = isinstance(self._node, RosbridgeClient) and self._node.is_rosbridge_suite
+        return self.ros if is_suite else None
 
     def full_name(self, name: str) -> str:
         """Returns an absolute name."""
@@ -89,7 +108,7 @@ class Endpoints:
         name = spec.full_name(self.namespace)
         handler = action_handler(name, spec, diagnostics=self.diagnostics, ros=self.ros, timeout_s=self._goal_timeout_s)
         # rosbridge_suite has only topics for actions in ROS 1, and no types for these topics in ROS 2.
-        has_both = not (isinstance(self._node, RosbridgeClient) and self._node.is_rosbridge_suite)
+        has_both = self.only_version is None
         if has_both or self.ros is RosVersion.TWO:
             self._node.create_action_server(name, type_name(spec.type, self.ros), handler)
             self._actions.append(name)
@@ -132,6 +151,12 @@ class Endpoints:
         self._publishers.append(publisher)
         return publisher
 
+    def set_parameter(self, name: str, value: str) -> None:
+        """Sets a parameter at the master of ROS 1 behind another server, without waiting; elsewhere does nothing."""
+        if isinstance(self._node, RosbridgeClient) and self.only_version is RosVersion.ONE:
+            args = {"name": self.full_name(name), "value": msgspec.json.encode(value).decode()}
+            self._node.call_service_async("/rosapi/set_param", args, timeout_s=_PARAMETER_TIMEOUT_S)
+
     def publish_status(self) -> None:
         """Publishes the status of the goals in ROS 1; to be called regularly."""
         for server in self._action_servers:
@@ -154,8 +179,7 @@ class Endpoints:
 
     def _has_type(self, spec: ServiceSpec) -> bool:
         """Whether the server can have the type; in ROS 1, catkin cannot build a service with the name of a message."""
-        needs_catkin = isinstance(self._node, RosbridgeClient) and self._node.is_rosbridge_suite
-        if self.ros is RosVersion.TWO or not needs_catkin or type_name(spec.type) not in message_types():
+        if self.only_version is not RosVersion.ONE or type_name(spec.type) not in message_types():
             return True
         _log.info("%s is not offered: ROS 1 has no service %s", spec.full_name(self.namespace), type_name(spec.type))
         return False

@@ -48,7 +48,9 @@ _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
 class FrameNames:
-    """Frame ids of bodies and joints; each keeps its frame id for good. May be used from any thread.
+    """Frame ids of bodies and joints; each keeps its frame id, unless it becomes part of a robot.
+
+    May be used from any thread.
 
     A frame id is the id itself, if it consists of letters, digits, `_`, `.`, `-` and `/` and does not begin with a
     slash (which tf2 rejects); other characters become `_`, and a frame id that is taken gets a number.
@@ -133,8 +135,8 @@ def joint_frames(world: World, spawned: Iterable[World]) -> Iterator[JointFrame]
 class RobotFrames(NamedTuple):
     """The frames of the links of a robot."""
 
-    frames: Mapping[BodyId, str]
-    """The frame id of each link."""
+    frames: Mapping[str, str]
+    """The frame id of each link, by the id of its body."""
     parents: Mapping[BodyId, BodyId]
     """The parent of each link but the root."""
     moving: frozenset[BodyId]

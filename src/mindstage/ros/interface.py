@@ -190,19 +190,8 @@ class RosInterface:
         self._robots: RobotInterfaces | None = None
         try:
             self._open()
-            self._robots = RobotInterfaces(
-                node, state_reader, self.parameters, diagnostics=diagnostics, ros=ros, goal_timeout_s=goal_timeout_s
-            )
-            self._descriptions = DescriptionPublisher(node, state_reader, self.parameters, namespace=namespace, ros=ros)
-            self._state_publisher = StatePublisher(
-                node,
-                state_reader,
-                namespace=namespace,
-                ros=ros,
-                rates=rates or PublishRates(),
-                publish_robots=self._robots.publish,
-                extra_tick=self._tick,
-            )
+            self._robots = RobotInterfaces(self._endpoints, state_reader, self.parameters, self._skills)
+            self._start_publishers(rates or PublishRates())
         except BaseException:
             self.close()
             raise
@@ -255,6 +244,20 @@ class RosInterface:
             QuestionServices(simulation),
             QueryServices(simulation),
             *rosapi,
+        )
+
+    def _start_publishers(self, rates: PublishRates) -> None:
+        assert self._robots is not None
+        node, reader, ros = self._node, self._state_reader, self._ros
+        self._descriptions = DescriptionPublisher(node, reader, self.parameters, namespace=self.namespace, ros=ros)
+        self._state_publisher = StatePublisher(
+            node,
+            reader,
+            namespace=self.namespace,
+            ros=ros,
+            rates=rates,
+            publish_robots=self._robots.publish,
+            extra_tick=self._tick,
         )
 
     # -- creation ------------------------------------------------------------------------------------------------------

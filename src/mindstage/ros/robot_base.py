@@ -15,6 +15,7 @@ from mindstage.bridge.conversions import pose_from_message, pose_message
 from mindstage.errors import CommandRefusedError, UnreachableError
 from mindstage.msgs import (
     Message,
+    RosVersion,
     builtin_interfaces,
     geometry_msgs,
     move_base_msgs,
@@ -25,7 +26,6 @@ from mindstage.msgs import (
 from mindstage.robots.control import MotionFailure, MotionGoal, MotionResult
 from mindstage.robots.drives import yaw_of
 from mindstage.robots.model import BaseType
-from mindstage.robots.navigation import plan_base
 from mindstage.robots.robot import Robot
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.endpoints import Endpoints
@@ -85,8 +85,11 @@ class RobotBaseInterface:
             endpoints.subscribe(topic, twist, self._on_velocity, other=stamped)
         for topic in _GOAL_TOPICS:
             endpoints.subscribe(topic, pose, self._on_goal)
-        endpoints.create_action(ActionSpec(move_base_msgs.MoveBase, self.move_base, name="move_base"))
-        endpoints.create_action(ActionSpec(nav2_msgs.NavigateToPose, self.navigate_to_pose, name="navigate_to_pose"))
+        if endpoints.only_version is not RosVersion.TWO:
+            endpoints.create_action(ActionSpec(move_base_msgs.MoveBase, self.move_base, name="move_base"))
+        if endpoints.only_version is not RosVersion.ONE:
+            navigate = ActionSpec(nav2_msgs.NavigateToPose, self.navigate_to_pose, name="navigate_to_pose")
+            endpoints.create_action(navigate)
         self._odometry = [endpoints.publisher(name, nav_msgs.Odometry) for name in ("odom", "base_controller/odom")]
 
     # -- velocities ----------------------------------------------------------------------------------------------------
@@ -169,7 +172,7 @@ class RobotBaseInterface:
         self, pose: geometry_msgs.PoseStamped, context: GoalContext, feedback: Callable[[MotionGoal], Message]
     ) -> MotionResult:
         context.check(None)
-        path = plan_base(self._robot, self._target(pose))
+        path = self._plan(pose)
         context.check(None)
         motion = self._robot.start_driving(path)
         return await_motion(motion, context, partial(feedback, motion))
@@ -180,7 +183,12 @@ class RobotBaseInterface:
         Raises:
             UnreachableError: there is no way.
         """
-        self._robot.start_driving(plan_base(self._robot, self._target(message)))
+        self._robot.start_driving(self._plan(message))
+
+    def _plan(self, pose: geometry_msgs.PoseStamped) -> tuple[tuple[float, float, float], ...]:
+        from mindstage.robots.navigation import plan_base  # loads a library for planning
+
+        return plan_base(self._robot, self._target(pose))
 
     def _target(self, message: geometry_msgs.PoseStamped) -> tuple[float, float, float]:
         """Returns a pose of the base link on the floor: x, y [m], yaw [rad] in the world frame."""

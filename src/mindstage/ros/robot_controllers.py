@@ -82,10 +82,7 @@ _PANDA_ARM = tuple(f"panda_joint{number}" for number in range(1, 8))
 _UR_ARM = (
     "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"
 )  # fmt: skip
-_STRETCH = (
-    "joint_lift", "joint_arm_l3", "joint_arm_l2", "joint_arm_l1", "joint_arm_l0", "joint_wrist_yaw",
-    "joint_head_pan", "joint_head_tilt",
-)  # fmt: skip
+_STRETCH = ("joint_lift", "joint_arm_l3", "joint_wrist_yaw", "joint_head_pan", "joint_head_tilt")
 _DRIVER_CONTROLLERS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("l_arm_controller", tuple(f"l_{part}_joint" for part in _PR2_ARM)),
     ("r_arm_controller", tuple(f"r_{part}_joint" for part in _PR2_ARM)),
@@ -294,9 +291,14 @@ class RobotControllers:
         return self._delayed(goal.trajectory, delay_s)
 
     def _delay_s(self, trajectory: trajectory_msgs.JointTrajectory) -> float:
-        """Returns when a trajectory starts, relative to now; a time stamp of 0 means now [s]."""
+        """Returns when a trajectory starts, relative to now; a time stamp of 0 means now [s].
+
+        A program that has the time of a real robot, and not that of the simulation, stamps with the wall clock.
+        """
         start_s = trajectory.header.stamp.seconds
-        delay_s = start_s - self._state_reader.state().time_s if start_s else 0.0
+        if not start_s:
+            return 0.0
+        delay_s = min(start_s - self._state_reader.state().time_s, start_s - time.time(), key=abs)
         return 0.0 if abs(delay_s) < _START_SLACK_S else delay_s
 
     def _delayed(self, trajectory: trajectory_msgs.JointTrajectory, delay_s: float) -> JointTrajectory:

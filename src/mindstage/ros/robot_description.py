@@ -13,6 +13,7 @@ import re
 import threading
 from collections.abc import Iterable, Iterator, Mapping
 from math import atan2, hypot
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from mindstage.bridge import Node
@@ -20,7 +21,6 @@ from mindstage.errors import MindstageError
 from mindstage.knowledge.vocabulary import URDF_TEXT
 from mindstage.msgs import RosVersion, std_msgs
 from mindstage.robots.model import RobotJoint, RobotModel
-from mindstage.robots.robot import Robot
 from mindstage.ros.diagnostics import Publisher
 from mindstage.ros.frames import ROOT_FRAME, FrameTransforms, JointFrame
 from mindstage.ros.rosapi import ParameterServer
@@ -42,7 +42,17 @@ from mindstage.scene.kinematics import axis_ranges
 from mindstage.scene.transforms import Array, pose_from_array
 from mindstage.simulation import Simulation
 
-__all__ = ["DescriptionPublisher", "entity_description", "place_description", "robot_description", "robot_entities"]
+if TYPE_CHECKING:  # it is loaded with the first robot
+    from mindstage.robots.robot import Robot
+
+__all__ = [
+    "DescriptionPublisher",
+    "description_of",
+    "entity_description",
+    "place_description",
+    "robot_description",
+    "robot_entities",
+]
 
 _DEFAULT_SIZE_M: Vector = (0.05, 0.05, 0.05)
 _GRAY: Color = (0.7, 0.7, 0.7)
@@ -70,8 +80,36 @@ def place_description(state_reader: StateReader) -> str:
 
 
 def robot_description(robot: Robot) -> str:
-    """Returns the URDF of a robot: its own, or one with its collision shapes if it was described otherwise."""
-    return robot.model.urdf or _model_description(robot.model)
+    """Returns the URDF of a robot: its own, or one that is made if it was described otherwise."""
+    return robot.model.urdf or description_of(robot.model)
+
+
+def description_of(model: RobotModel) -> str:
+    """Returns a URDF of a model, with its collision shapes."""
+    robot = ElementTree.Element("robot", name=model.name)
+    for link in model.links:
+        element = ElementTree.SubElement(robot, "link", name=link.name)
+        if link.inertia is not None:
+            inertial = ElementTree.SubElement(element, "inertial")
+            _add_origin(inertial, Pose(link.inertia.center))
+            ElementTree.SubElement(inertial, "mass", value=_number(link.inertia.mass_kg))
+            names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+            moments = {name: _number(value) for name, value in zip(names, link.inertia.tensor, strict=True)}
+            ElementTree.SubElement(inertial, "inertia", moments)
+        for tag in ("visual", "collision"):
+            for shape in () if link.geometry is None else link.geometry.collision_shapes:
+                part = ElementTree.SubElement(element, tag)
+                _add_origin(part, shape.pose)
+                _add_geometry(part, shape)
+    for joint in model.joints:
+        element = ElementTree.SubElement(robot, "joint", name=joint.name, type=joint.type.value)
+        _add_origin(element, joint.origin)
+        ElementTree.SubElement(element, "parent", link=joint.parent)
+        ElementTree.SubElement(element, "child", link=joint.child)
+        if joint.is_movable:
+            _add_model_motion(element, joint)
+    ElementTree.indent(robot)
+    return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode")
 
 
 def entity_description(state_reader: StateReader, entity: World) -> str:
@@ -267,33 +305,6 @@ class _Writer:
             ElementTree.SubElement(joint, "limit", ends, effort=_number(_UNLIMITED), velocity=_number(_UNLIMITED))
 
 
-def _model_description(model: RobotModel) -> str:
-    robot = ElementTree.Element("robot", name=model.name)
-    for link in model.links:
-        element = ElementTree.SubElement(robot, "link", name=link.name)
-        if link.inertia is not None:
-            inertial = ElementTree.SubElement(element, "inertial")
-            _add_origin(inertial, Pose(link.inertia.center))
-            ElementTree.SubElement(inertial, "mass", value=_number(link.inertia.mass_kg))
-            names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-            moments = {name: _number(value) for name, value in zip(names, link.inertia.tensor, strict=True)}
-            ElementTree.SubElement(inertial, "inertia", moments)
-        for tag in ("visual", "collision"):
-            for shape in () if link.geometry is None else link.geometry.collision_shapes:
-                part = ElementTree.SubElement(element, tag)
-                _add_origin(part, shape.pose)
-                _add_geometry(part, shape)
-    for joint in model.joints:
-        element = ElementTree.SubElement(robot, "joint", name=joint.name, type=joint.type.value)
-        _add_origin(element, joint.origin)
-        ElementTree.SubElement(element, "parent", link=joint.parent)
-        ElementTree.SubElement(element, "child", link=joint.child)
-        if joint.is_movable:
-            _add_model_motion(element, joint)
-    ElementTree.indent(robot)
-    return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode")
-
-
 def _add_model_motion(element: ElementTree.Element, joint: RobotJoint) -> None:
     ElementTree.SubElement(element, "axis", xyz=_numbers(joint.axis))
     ends = {
@@ -305,8 +316,9 @@ def _add_model_motion(element: ElementTree.Element, joint: RobotJoint) -> None:
     if joint.damping or joint.friction:
         ElementTree.SubElement(element, "dynamics", damping=_number(joint.damping), friction=_number(joint.friction))
     if joint.mimic is not None:
-        numbers = {"multiplier": _number(joint.mimic.multiplier), "offset": _number(joint.mimic.offset)}
-        ElementTree.SubElement(element, "mimic", joint=joint.mimic.joint, **numbers)
+        mimic = ElementTree.SubElement(element, "mimic", joint=joint.mimic.joint)
+        mimic.set("multiplier", _number(joint.mimic.multiplier))
+        mimic.set("offset", _number(joint.mimic.offset))
 
 
 def _edges(transforms: FrameTransforms) -> Iterator[tuple[str, str, Array]]:

@@ -7,19 +7,19 @@ change; a further one has its name as its namespace. Robots may be added and rem
 from __future__ import annotations
 
 import threading
+from typing import TYPE_CHECKING
 
-from mindstage.bridge import Node
 from mindstage.errors import MindstageError
-from mindstage.msgs import RosVersion, builtin_interfaces, sensor_msgs, std_msgs
-from mindstage.robots.robot import Robot
-from mindstage.ros.diagnostics import DiagnosticsPublisher
+from mindstage.msgs import builtin_interfaces, sensor_msgs, std_msgs
 from mindstage.ros.endpoints import Endpoints
-from mindstage.ros.robot_base import RobotBaseInterface
-from mindstage.ros.robot_controllers import RobotControllers
 from mindstage.ros.robot_description import robot_description
+from mindstage.ros.robot_skills import RobotSkills
 from mindstage.ros.rosapi import ParameterServer
 from mindstage.ros.state import StateReader
 from mindstage.simulation import StateSnapshot
+
+if TYPE_CHECKING:  # it is loaded with the first robot
+    from mindstage.robots.robot import Robot
 
 __all__ = ["RobotInterfaces"]
 
@@ -30,6 +30,9 @@ class _RobotInterface:
     def __init__(
         self, robot: Robot, endpoints: Endpoints, state_reader: StateReader, parameters: ParameterServer
     ) -> None:
+        from mindstage.ros.robot_base import RobotBaseInterface
+        from mindstage.ros.robot_controllers import RobotControllers
+
         self.robot = robot
         self.endpoints = endpoints
         self._parameters = parameters
@@ -47,6 +50,7 @@ class _RobotInterface:
         self._description.publish(std_msgs.String(data=text))
         if endpoints.namespace:  # without one, the parameter is computed
             parameters.set(endpoints.full_name("robot_description"), text)
+        endpoints.set_parameter("robot_description", text)
 
     def publish(self, snapshot: StateSnapshot) -> None:
         """Publishes the state of the robot."""
@@ -75,37 +79,28 @@ class RobotInterfaces:
     """All robots of a simulation; may be used from any thread."""
 
     def __init__(
-        self,
-        node: Node,
-        state_reader: StateReader,
-        parameters: ParameterServer,
-        *,
-        diagnostics: DiagnosticsPublisher,
-        ros: RosVersion,
-        goal_timeout_s: float,
+        self, endpoints: Endpoints, state_reader: StateReader, parameters: ParameterServer, skills: RobotSkills
     ) -> None:
         """Offers the robots that exist.
 
         Args:
-            node: the node.
+            endpoints: those of the place, at whose node the robots are offered.
             state_reader: reads the state of the simulation.
             parameters: the parameters of the node.
-            diagnostics: publishes errors.
-            ros: version of ROS for names and formats.
-            goal_timeout_s: largest duration of the goal of an action [s].
+            skills: the skills of the robots, each of which is offered while there is a robot.
 
         Raises:
             AdvertiseError: a name is taken.
         """
-        self._node = node
+        self._place = endpoints
+        self._skills = skills
+        self._skill_actions = endpoints.in_namespace(endpoints.namespace)
         self._state_reader = state_reader
         self._parameters = parameters
-        self._diagnostics = diagnostics
-        self._ros = ros
-        self._goal_timeout_s = goal_timeout_s
         self._lock = threading.RLock()
         self._closed = False
         self._revision = -1
+        self._has_skills = False
         self._interfaces: dict[str, _RobotInterface] = {}
         self._refused: dict[str, Robot] = {}
         """Robots whose names are taken."""
@@ -129,8 +124,8 @@ class RobotInterfaces:
         """Publishes the status of the goals in ROS 1; to be called regularly."""
         with self._lock:
             interfaces = tuple(self._interfaces.values())
-        for each in interfaces:
-            each.endpoints.publish_status()
+        for each in (self._skill_actions, *(interface.endpoints for interface in interfaces)):
+            each.publish_status()
 
     def close(self) -> None:
         """Withdraws everything; calling it again is harmless."""
@@ -139,6 +134,7 @@ class RobotInterfaces:
             for each in self._interfaces.values():
                 each.close()
             self._interfaces.clear()
+            self._skill_actions.close()
 
     def _update(self, *, raises: bool) -> None:
         self._revision = self._state_reader.simulation.state.revision
@@ -146,20 +142,27 @@ class RobotInterfaces:
         for name, interface in list(self._interfaces.items()):
             if robots.get(name) is not interface.robot:
                 self._interfaces.pop(name).close()
+        if robots and not self._has_skills:
+            self._offer_skills()
+        elif not robots:
+            self._skill_actions.close()
+        self._has_skills = bool(robots)
         for name, robot in robots.items():
             if name in self._interfaces or name not in namespaces or self._refused.get(name) is robot:
                 continue
-            endpoints = Endpoints(
-                self._node,
-                namespace=namespaces[name],
-                ros=self._ros,
-                diagnostics=self._diagnostics,
-                goal_timeout_s=self._goal_timeout_s,
-            )
+            endpoints = self._place.in_namespace(namespaces[name])
             try:
                 self._interfaces[name] = _RobotInterface(robot, endpoints, self._state_reader, self._parameters)
             except MindstageError as error:
                 if raises:
                     raise
                 self._refused[name] = robot
-                self._diagnostics.report_error(f"robot {name}", error)
+                self._place.diagnostics.report_error(f"robot {name}", error)
+
+    def _offer_skills(self) -> None:
+        """Offers the action of each skill; without the libraries of skills, the robots are offered without them."""
+        try:
+            for action in self._skills.skill_actions():
+                self._skill_actions.create_action(action)
+        except ImportError as error:
+            self._place.diagnostics.report_failures("skills", [("", f"{error}; install mindstage[robots]")])

@@ -11,18 +11,20 @@ import threading
 from collections.abc import Callable, Generator, Iterator
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from mindstage.bridge.conversions import pose_from_message
 from mindstage.errors import InvalidArgumentError, MessageValidationError, MindstageError, RobotError
 from mindstage.msgs import mindstage_msgs as wire
-from mindstage.robots.robot import Robot
-from mindstage.robots.skills.catalog import SKILLS, start_skill
-from mindstage.robots.skills.declaration import SkillOutcome, SkillResult, SkillSpec, SkillStep
 from mindstage.ros.queries import parse_arguments
 from mindstage.ros.service import ActionSpec, GoalAbortedError, GoalCanceledError, GoalContext, ServiceSpec
 from mindstage.simulation import Simulation
+
+if TYPE_CHECKING:  # they are loaded with the first robot, and with the first skill
+    from mindstage.robots.robot import Robot
+    from mindstage.robots.skills.declaration import SkillResult, SkillSpec, SkillStep
 
 __all__ = ["ROBOT_SUFFIXES", "RobotSkills"]
 
@@ -70,13 +72,20 @@ class RobotSkills:
         yield ServiceSpec(wire.AddRobot, self.add_robot, name="mindstage/add_robot", timeout_s=_ADD_TIMEOUT_S)
 
     def actions(self) -> Iterator[ActionSpec]:
-        """Yields the actions."""
+        """Yields the action of all skills."""
         yield ActionSpec(wire.Perform, partial(self.perform, ""), name="mindstage/perform")
+
+    def skill_actions(self) -> Iterator[ActionSpec]:
+        """Yields the action of each skill."""
+        from mindstage.robots.skills.catalog import SKILLS
+
         for name in SKILLS:
             yield ActionSpec(wire.Perform, partial(self.perform, name), name=f"mindstage/skills/{name}")
 
     def list_skills(self, _: wire.ListSkills.Request) -> wire.ListSkills.Response:
         """Returns the skills with their arguments, and the robots."""
+        from mindstage.robots.skills.catalog import SKILLS
+
         specs = [_spec(spec) for spec in SKILLS.values()]
         return wire.ListSkills.Response(
             success=True,
@@ -115,6 +124,8 @@ class RobotSkills:
             GoalAbortedError: it was refused before it began, or did not succeed; with the result.
             GoalCanceledError: it was canceled, or another one replaced it.
         """
+        from mindstage.robots.skills.catalog import start_skill
+
         name = (goal.skill or skill).replace("-", "_")
         steps: list[SkillStep] = []
         try:
@@ -128,7 +139,7 @@ class RobotSkills:
         except (RobotError, InvalidArgumentError, MessageValidationError) as error:
             refusal = wire.Refusal(kind=error.code, text=str(error))
             result = wire.Perform.Result(
-                refusal=refusal, skill=name, args=goal.args, outcome=SkillOutcome.FAILED.value, reason=str(error)
+                refusal=refusal, skill=name, args=goal.args, outcome="failed", reason=str(error)
             )
             raise GoalAbortedError(result, reason=str(error), rejected=True) from error
         performance = self._begin(robot)
@@ -142,13 +153,13 @@ class RobotSkills:
             result = _result(self._run(motion, context, feedback, performance))
         except GoalCanceledError as canceled:
             known = wire.Perform.Result(
-                outcome=SkillOutcome.UNKNOWN.value,
+                outcome="unknown",
                 skill=name,
                 args=goal.args,
                 reason=str(canceled),
                 duration_s=self._simulation.state.time_s - start_s,
             )
-            raise GoalCanceledError(known, reason=str(canceled)) from canceled
+            raise GoalCanceledError(known, reason=canceled.reason) from canceled
         finally:
             performance.ended.set()
         if not result.success:

@@ -264,8 +264,10 @@ def _is_published(node: RosbridgeClient, topic: str, *, ros: RosVersion) -> bool
 class GoalCanceledError(Exception):
     """The goal was canceled."""
 
-    def __init__(self, result: Message | None = None, *, reason: str = "the goal was canceled") -> None:
-        super().__init__(reason)
+    def __init__(self, result: Message | None = None, *, reason: str = "") -> None:
+        super().__init__(reason or "the goal was canceled")
+        self.reason = reason
+        """Why, if its client did not cancel it."""
         self.result = result
         """What is known by then; None for the default of the type."""
 
@@ -443,7 +445,7 @@ def action_handler(
                 result = spec.handler(request, context)
         except GoalCanceledError as canceled:
             result = canceled.result if canceled.result is not None else _canceled_result(spec.type.Result)
-            return EndedGoal(GoalStatus.CANCELED, encode(result, ros=ros), text=str(canceled))
+            return EndedGoal(GoalStatus.CANCELED, encode(result, ros=ros), text=canceled.reason)
         except GoalAbortedError as ended:
             diagnostics.report_failures(name, [("", str(ended))])
             values = encode(ended.result, ros=ros)

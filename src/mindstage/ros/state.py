@@ -10,14 +10,17 @@ import re
 import threading
 from collections.abc import Container, Iterable
 from itertools import count
+from typing import TYPE_CHECKING
 
 from mindstage.engines import PoseArray
 from mindstage.errors import BodyNotFoundError
-from mindstage.robots.robot import Robot
 from mindstage.ros.frames import WORLD_FRAMES, FrameNames, FrameTree, RobotFrames
 from mindstage.scene import Body, BodyId, Iri, Pose, World
 from mindstage.scene.transforms import normalized_pose_array, pose_from_array, pose_multiply
 from mindstage.simulation import Simulation, StateSnapshot
+
+if TYPE_CHECKING:  # it is loaded with the first robot
+    from mindstage.robots.robot import Robot
 
 __all__ = ["StateReader", "frame_in_namespace", "free_id", "map_iri", "name_in_ros", "odom_id", "robot_frames"]
 
@@ -61,7 +64,7 @@ def robot_frames(robot: Robot, namespace: str) -> RobotFrames:
         namespace: the namespace of its names in ROS; empty for none.
     """
     model, ids = robot.model, robot.link_ids
-    frames = {id: frame_in_namespace(namespace, link) for link, id in ids.items()}
+    frames: dict[str, str] = {id: frame_in_namespace(namespace, link) for link, id in ids.items()}
     parents = {ids[joint.child]: ids[joint.parent] for joint in model.joints}
     moving = {ids[joint.child] for joint in model.joints if joint.is_movable}
     joints = set(robot.joint_ids.values())

@@ -41,6 +41,7 @@ from mindstage.engines.mujoco.state import (
     actuator_states,
     current_joint_coordinates,
     find_contacts,
+    limit_stiffness,
     scale_model,
     set_commands,
     set_joint_coordinates,
@@ -95,6 +96,8 @@ class ModelCache:
         self._fast_bodies: set[BodyId] = set()
         """Bodies that were reported as fast."""
         self._scales: dict[BodyId, DynamicsScale] = {}
+        self._limited_servos: set[str] = set()
+        """Servos that were reported as too stiff."""
         self.unchecked_steps = 0
         """Number of time steps since falling bodies were checked."""
 
@@ -108,7 +111,7 @@ class ModelCache:
         result._stale_poses = self._stale_poses
         result._changed_boxes, result._kinematics_driven = list(self._changed_boxes), self._kinematics_driven
         result._fast_bodies, result._scales = set(self._fast_bodies), dict(self._scales)
-        result.unchecked_steps = self.unchecked_steps
+        result.unchecked_steps, result._limited_servos = self.unchecked_steps, set(self._limited_servos)
         return result
 
     # -- state ------------------------------------------------------------------------------------------------
@@ -331,6 +334,16 @@ class ModelCache:
         if not self.stale and self._compiled is not None:
             set_commands(self._compiled, self.builder.actuators.commands)
 
+    def _report_limited(self, stiffness: Mapping[str, float]) -> None:
+        for name in sorted(stiffness.keys() - self._limited_servos):
+            actuator = self.builder.actuators.actuators[name]
+            text = (
+                f"the servo {name} has a stiffness of {actuator.stiffness:.3g}, which is unstable with a time step of "
+                f"{self._timestep_s:g} s and what it moves: {stiffness[name]:.3g} is simulated"
+            )
+            self.late_notes.append(SpawnNote(SpawnNoteKind.CLAMPED, (actuator.joint,), text))
+        self._limited_servos |= stiffness.keys()
+
     def enable_kinematic_motion(self, id: BodyId) -> None:
         """Makes kinematic bodies movable in place, when the first of them is moved."""
         group = self.forest.groups.get(id)
@@ -343,6 +356,8 @@ class ModelCache:
         ids = self.registry.ids
         compiled = compile_model(self.model_input(poses))
         compiled.data.time = self.time_s
+        if compiled.actuators.names:
+            self._report_limited(limit_stiffness(compiled))
         changed_boxes: NDArray[np.float64] = np.array(self._changed_boxes).reshape(-1, 2, 3)
         transfer_state(
             self._compiled,

@@ -35,6 +35,7 @@ __all__ = [
     "current_joint_coordinates",
     "find_contacts",
     "ground_last",
+    "limit_stiffness",
     "merge_contacts",
     "scale_model",
     "set_commands",
@@ -254,6 +255,25 @@ def set_commands(compiled: CompiledModel, commands: Mapping[str, float]) -> None
     compiled.data.ctrl[:] = [commands[name] for name in compiled.actuators.names]
 
 
+def limit_stiffness(compiled: CompiledModel) -> dict[str, float]:
+    """Limits the stiffness of servos to half of that with which they become unstable.
+
+    MuJoCo's implicit integration covers the damping d of a servo and not its stiffness k: with the inertia m and the
+    time step h, it is stable for h² k < 4 m + 2 h d.
+
+    Returns:
+        The stiffness of the servos that were limited, by name [N/m] or [Nm/rad].
+    """
+    model, dofs = compiled.model, compiled.actuators.dofs
+    stiffness, damping = -model.actuator_biasprm[:, 1], -model.actuator_biasprm[:, 2]
+    step_s = model.opt.timestep
+    inertia = 1.0 / np.maximum(model.dof_invweight0[dofs], 1e-12)
+    largest = (2.0 * inertia + step_s * damping) / step_s**2
+    limited = np.flatnonzero(stiffness > largest)
+    model.actuator_gainprm[limited, 0], model.actuator_biasprm[limited, 1] = largest[limited], -largest[limited]
+    return {compiled.actuators.names[row]: float(largest[row]) for row in limited.tolist()}
+
+
 def actuator_states(compiled: CompiledModel, actuators: ActuatorSet) -> dict[str, ActuatorState]:
     """See `Engine.actuator_states`."""
     names, data = compiled.actuators.names, compiled.data
@@ -264,13 +284,13 @@ def actuator_states(compiled: CompiledModel, actuators: ActuatorSet) -> dict[str
         data.actuator_force.tolist(),
         data.ctrl.tolist(),
     )
-    states = dict.fromkeys(actuators.actuators, _NOT_SIMULATED)
+    states = {
+        name: ActuatorState(position=0.0, velocity=0.0, effort=0.0, command=actuators.commands.get(name, 0.0))
+        for name in (actuators.actuators if len(names) < len(actuators.actuators) else ())
+    }
     for name, position, velocity, effort, command in zip(names, *columns, strict=True):
         states[name] = ActuatorState(position=position, velocity=velocity, effort=effort, command=command)
     return states
-
-
-_NOT_SIMULATED = ActuatorState(position=0.0, velocity=0.0, effort=0.0, command=0.0)
 
 
 def current_joint_coordinates(
