@@ -45,6 +45,8 @@ _HELD_DRIVE_SPEED = 0.5
 _HELD_CLEARANCE_M = 0.015
 _POSE_JOINTS = 6
 """Joints that an arm needs to take its hand to any pose in reach."""
+_FOLLOWING_SPEED = 0.15
+"""Fraction of its velocity limits with which a base moves along with an arm."""
 _EMPTY_M = 0.003
 """A closed gripper with a smaller opening has nothing between its fingers."""
 _MAX_DEPTH_M = 0.004
@@ -324,8 +326,8 @@ class Manipulator:
             bases = np.array([self.base_of(root) for root in path.roots])
             steps = np.diff(bases, axis=0)
             turns = np.abs(np.diff(np.unwrap(bases[:, 2])))
-            drive = np.hypot(steps[:, 0], steps[:, 1]) / (0.3 * base.velocity)
-            least = np.maximum(least, np.maximum(drive, turns / (0.3 * base.turn_velocity)))
+            drive = np.hypot(steps[:, 0], steps[:, 1]) / (_FOLLOWING_SPEED * base.velocity)
+            least = np.maximum(least, np.maximum(drive, turns / (_FOLLOWING_SPEED * base.turn_velocity)))
         return np.asarray(least)
 
     def _steer(self, at_s: float, times: Array, bases: Array) -> None:

@@ -284,7 +284,7 @@ class _Search:
         """Whether the robot would touch something there; strictly if its hand may not touch the target either."""
         state, place = {**positions, **self.fingers}, base if self.moves_base else None
         hit = self.checker.find_at(state, place)
-        if hit is None and strictly:
+        if hit is None and strictly and self.hand.held is None:
             hit = self.strict.find_at(state, place)
         if hit is not None:
             self._count(f"there {hit}")
