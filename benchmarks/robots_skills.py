@@ -69,12 +69,10 @@ def _line(what: str, result: SkillResult, depths: _Depths, wall_s: float) -> Non
 
 def open_and_close(sim: Simulation, robot: Robot, fronts: list[str]) -> None:
     """Opens and closes each front, from the same state."""
-    state = sim.run_on_engine(lambda engine: engine.save_state())
     names = fronts or [row.front.rpartition("#")[2] for row in sim.ask("openings")]
     opened, closed, deepest = 0, 0, 0.0
     for front in names:
-        sim.run_on_engine(lambda engine: engine.restore_state(state), edits=True)
-        robot.stop()
+        sim.reset()
         result, depths, wall_s = _perform(robot, "open", {"thing": front})
         _line(f"open {front}", result, depths, wall_s)
         opened += bool(result)
@@ -84,17 +82,15 @@ def open_and_close(sim: Simulation, robot: Robot, fronts: list[str]) -> None:
             _line(f"close {front}", result, depths, wall_s)
             closed += bool(result)
             deepest = max(deepest, depths.depth_m)
-    sim.run_on_engine(lambda engine: engine.restore_state(state), edits=True)
+    sim.reset()
     print(f"opened {opened} of {len(names)}, closed {closed} of {opened}; deepest penetration {deepest * 1000:.1f} mm")
 
 
 def put_milk_away(sim: Simulation, robot: Robot, seeds: int) -> None:
     """Puts a carton from a random place into the fridge, and closes it."""
-    state = sim.run_on_engine(lambda engine: engine.save_state())
     succeeded, deepest = 0, 0.0
     for seed in range(seeds):
-        sim.run_on_engine(lambda engine: engine.restore_state(state), edits=True)
-        robot.stop()
+        sim.reset()
         support = _place_milk(sim, robot, random.Random(seed))
         result, depths, wall_s = _perform(robot, "put_away", {"thing": "milk_carton_1"})
         is_in = any(
@@ -104,7 +100,7 @@ def put_milk_away(sim: Simulation, robot: Robot, seeds: int) -> None:
         _line(f"put_away milk from {support}, seed {seed}", result, depths, wall_s)
         succeeded += bool(result) and is_in and is_closed
         deepest = max(deepest, depths.depth_m)
-    sim.run_on_engine(lambda engine: engine.restore_state(state), edits=True)
+    sim.reset()
     print(f"milk put away {succeeded} of {seeds}; deepest penetration {deepest * 1000:.1f} mm")
 
 

@@ -72,8 +72,12 @@ def test_the_python_of_the_readme_prints_what_its_comments_state(code: str, tmp_
         ("how-to/asking.md", 7),
         ("how-to/current-state.md", 7),
         ("how-to/episode-replay.md", 4),
+        ("how-to/robot-motion.md", 4),
         ("tutorial/first-hour.md", 3),
         ("tutorial/imagination.md", 10),
+        ("tutorial/robot.md", 7),
+        ("how-to/robots.md", 10),
+        ("how-to/robot-learning.md", 6),
     ],
 )
 def test_the_python_of_a_page_prints_what_its_comments_state(name: str, least: int, tmp_path: Path) -> None:

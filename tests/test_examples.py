@@ -33,6 +33,7 @@ EXPECTED_OUTPUT = {
     "11_export.py": "kitchen.glb",
     "12_imagine.py": "10 of 10 samples succeeded",
     "13_episode.py": "at 2.9 s the milk is in nothing",
+    "14_robot.py": "drawer_left_2 is open",
 }
 """A part of what each script prints."""
 

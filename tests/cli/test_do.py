@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from types import MappingProxyType
 
 import pytest
 
 import mindstage.robots.skills.catalog as catalog
+from mindstage.bridge import LocalNode, RosbridgeServer
+from mindstage.engines import MujocoEngine
 from mindstage.episodes import Episode
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots.skills.declaration import ThingName, skill
 from mindstage.robots.skills.task import SkillTask
+from mindstage.ros import RosInterface
+from mindstage.simulation import Simulation
 from tests.cli.runner import Run, WriteMap, json_output
+from tests.engines.scenes import body, world
 
 MUG = '{"the": "object", "name": "Mug1"}'
 
@@ -166,3 +171,37 @@ def test_what_cannot_be_done_exits_with_2_and_the_cause(
     result = run(*(write_map() if each == "MAP" else each for each in arguments))
     assert result.exit_code == 2, result.stdout
     assert cause in result.stderr
+
+
+# -- running simulations -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def address() -> Iterator[str]:
+    """The address of a playing simulation with a robot."""
+    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as simulation:
+        simulation.spawn(world(body("floor", (0.0, 0.0, -0.05), (9.0, 9.0, 0.1))))
+        simulation.add_robot("mobile_manipulator")
+        with LocalNode() as node, RosInterface(simulation, node), RosbridgeServer(node, port=0) as server:
+            simulation.play(speed=4.0)
+            yield f"ros://127.0.0.1:{server.port}"
+            simulation.pause()
+
+
+def test_a_running_robot_performs_skills_and_reports_its_steps(run: Run, address: str) -> None:
+    result = run("do", "go_to x=0.4 y=0.0; doubt", "--running", address)
+    assert result.exit_code == 2, result.stderr
+    assert "drive" in result.stdout, result.stderr
+    assert "go_to succeeded after " in result.stdout
+    assert "doubt unknown after " in result.stdout
+    content = json_output(run("do", "go_to x=0.0 y=0.0", address, "--json"))
+    (done,) = content["skills"]
+    assert (done["outcome"], json.loads(done["args"])) == ("succeeded", {"x": 0.0, "y": 0.0})
+
+
+def test_a_running_robot_refuses_what_is_no_skill(run: Run, address: str) -> None:
+    for command, cause in (("fly", "there is no skill 'fly'"), ('{"an": "action"}', "skills only")):
+        result = run("do", command, "--running", address)
+        assert (result.exit_code, cause in result.stderr) == (2, True), result.stderr
+    options = run("do", "park", "--running", address, "--try-first", 0.5)
+    assert (options.exit_code, "--try-first" in options.stderr) == (2, True)

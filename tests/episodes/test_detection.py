@@ -101,7 +101,8 @@ def test_the_scripted_kitchen_is_detected_with_times_within_a_tenth_of_a_second(
 
 def test_every_kind_of_event_happens_in_the_script() -> None:
     # A collision between hands or fingers that grip from both sides is tested with made-up frames.
-    assert {each.kind for each in kitchen_episode().expected} == set(EpisodeEventKind)
+    detected = set(EpisodeEventKind) - {EpisodeEventKind.PERFORM}  # it is reported, not detected
+    assert {each.kind for each in kitchen_episode().expected} == detected
 
 
 def test_a_wrong_list_scores_badly() -> None:

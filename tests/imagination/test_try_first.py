@@ -19,6 +19,7 @@ from mindstage.imagination import (
     Uncertainty,
     Wait,
     act,
+    imagine,
     try_first,
 )
 from mindstage.knowledge import KnowledgeBase
@@ -143,3 +144,18 @@ def test_a_stopped_plan_stops_its_robot() -> None:
         sim.step(0.5)
         assert robot.base_pose() == pytest.approx(before, abs=1e-3)
         assert 0.0 <= before[0] < 2.5
+
+
+def test_samples_with_skills_are_the_same_in_other_processes_and_again() -> None:
+    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
+        box = body("box", (2.0, 2.0, 0.05), (0.1, 0.1, 0.1), "dynamic", 1.0)
+        sim.spawn(world(body("floor", (0.0, 0.0, -0.05), (9.0, 9.0, 0.1)), box))
+        sim.add_robot("mobile_manipulator")
+        plan = PlanBuilder().perform("go_to", x=0.3, y=0.2).perform("park").uncertain("box", mass=0.1).build()
+        here = imagine(sim, plan, samples=2, width=None)
+        there = imagine(sim, plan, samples=2, width=None, workers=2)
+        assert here.succeeded == 2, here
+        assert here.results == there.results
+        assert [done.skill for done in here.results[0].skills] == ["go_to", "park"]
+        assert here.replay(1).result == here.results[1]
+        assert sim.robot().base_pose() == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from mindstage.engines.base import Contact
+from mindstage.engines.base import Contact, Engine
 from mindstage.engines.mujoco.engine import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots.kinematics import RobotKinematics
@@ -47,11 +47,12 @@ def robot_in(
     at: Vector = (0.0, 0.0, 0.0),
     robot: str | RobotModel = "mobile_manipulator",
     floor: tuple[float, float] = FLOOR,
+    engine: Engine | None = None,
 ) -> Iterator[Robot]:
     """A simulation of a floor around the origin, some bodies and a robot."""
     ground = box("floor", (0.0, 0.0, -0.05), (*floor, 0.1))
     world = World(iri=Iri("http://example.org/room#map"), name="room", bodies=(ground, *bodies))
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False, threaded=False) as simulation:
+    with Simulation(KnowledgeBase(), engine or MujocoEngine(), shapes=False, threaded=False) as simulation:
         report = simulation.spawn(world)
         assert report.ok, report
         yield simulation.add_robot(robot, Pose(at))

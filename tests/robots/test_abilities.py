@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import pytest
 
 from mindstage.errors import RobotModelError, RobotNotFoundError
@@ -29,6 +30,7 @@ from mindstage.robots.model import (
     RobotSensor,
     SensorType,
 )
+from mindstage.robots.models.reading import load_model
 from mindstage.robots.self_models import add_self_model, component_class, read_self_model
 from mindstage.robots.skills.catalog import SKILLS
 from mindstage.robots.skills.declaration import SkillNeed
@@ -303,6 +305,36 @@ def test_a_self_model_adds_its_arms_to_a_description(self_model: Path) -> None:
     assert any("mobile" in note.text for note in joined.notes) is False
     profile = profile_of_model(joined)
     assert any(component_class("Camera") in each.classes for each in profile.components)
+
+
+def test_arm_and_gripper_of_a_robot_are_those_of_its_srdf(tmp_path: Path) -> None:
+    known = load_model("mobile_manipulator")
+    path = tmp_path / "manipulator.ttl"
+    names = {"arm": ("lift_link", "hand_link"), "gripper": ("gripper_link", "left_finger_link", "right_finger_link")}
+    classes = {"arm": "ArmComponent", "gripper": "GripperComponent"}
+    links = {link for each in names.values() for link in each}
+    path.write_text(
+        """@prefix comp: <http://knowrob.org/kb/srdl2-comp.owl#> . @prefix r: <http://e.org/r#> .
+        @prefix knowrob: <http://knowrob.org/kb/knowrob.owl#> . @prefix owl: <http://www.w3.org/2002/07/owl#> .
+        <http://e.org/r> a owl:Ontology . r:robot a knowrob:Robot ; comp:subComponent r:arm, r:gripper .
+        """
+        + "".join(
+            f"r:{name} a comp:ComponentComposition, comp:{classes[name]} ; comp:baseLinkOfComposition r:{first} ; "
+            f"comp:endLinkOfComposition {', '.join(f'r:{end}' for end in ends)} .\n"
+            for name, (first, *ends) in names.items()
+        )
+        + "".join(f'r:{link} a comp:UrdfLink ; comp:urdfName "{link}" .\n' for link in sorted(links)),
+        encoding="utf-8",
+    )
+    bare = msgspec.structs.replace(known, arms=(), grippers=())
+    joined = add_self_model(bare, read_self_model(path))
+    (arm,), (gripper,) = joined.arms, joined.grippers
+    assert (arm.joints, arm.tip_link, arm.gripper) == (known.arms[0].joints, "hand_link", "gripper")
+    expected = known.grippers[0]
+    assert (gripper.type, gripper.joints) == (expected.type, expected.joints)
+    assert gripper.max_opening_m == pytest.approx(expected.max_opening_m, abs=0.005)
+    without = msgspec.structs.replace(known, arms=(msgspec.structs.replace(known.arms[0], gripper=None),), grippers=())
+    assert add_self_model(without, read_self_model(path)).arms[0].gripper == "gripper"
 
 
 def test_an_arm_that_the_description_names_is_not_added_again(self_model: Path) -> None:

@@ -8,6 +8,7 @@ from math import cos, pi, sin
 import numpy as np
 import pytest
 
+from mindstage.engines import NullEngine
 from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.planning import find_arm, interpolated, plan_arm, plan_line, plan_path
@@ -203,6 +204,15 @@ def test_interpolated_rotations_turn_evenly(share: float) -> None:
     found = interpolated(a, b, share)
     assert found[:3] == pytest.approx(share * b[:3])
     assert found[3:] == pytest.approx([cos(0.7 * share), 0.0, 0.0, sin(0.7 * share)])
+
+
+def test_motions_are_planned_in_the_world_of_an_engine_without_physics() -> None:
+    with robot_in(WALL, engine=NullEngine()) as robot:
+        trajectory = plan_arm(robot, "", Pose(LEFT))
+        assert tips(robot, trajectory)[-1, :3] == pytest.approx(LEFT, abs=0.001)
+        with pytest.raises(UnreachableError) as caught:
+            plan_arm(robot, "", Pose((0.7, 0.0, 0.9)))
+        assert caught.value.obstacle == "wall"
 
 
 def test_unknown_arms_joints_and_missing_poses_are_refused() -> None:

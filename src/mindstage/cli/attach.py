@@ -6,9 +6,11 @@ simulation evaluates everything, with its knowledge base, its state and its limi
 
 from __future__ import annotations
 
+import json
 import os
 import sys
-from collections.abc import Collection, Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +26,7 @@ from mindstage.errors import (
     MindstageError,
     ServiceCallError,
     ServiceNotFoundError,
+    ServiceTimeoutError,
 )
 
 if TYPE_CHECKING:
@@ -43,6 +46,12 @@ __all__ = [
 _CONNECT_TIMEOUT_S = 5.0
 _CALL_MARGIN_S = 5.0
 """Added to the time limit of a query, so that the limit of the simulation ends first [s]."""
+_STALL_S = 20.0
+"""A skill is canceled if simulated time does not pass for this wall time [s]."""
+_POLL_S = 0.2
+_NAMESPACE = "unreal"
+"""The default of servers."""
+_PERFORM_TYPE = "mindstage_msgs/Perform"
 _CALL_TIMEOUT_S = 60.0
 """Longest time for a question, which has no time limit of its own [s]."""
 _MAX_MESSAGE_BYTES = 64 << 20
@@ -52,11 +61,12 @@ _START_HINT = "start one with mindstage demo, spawn, serve or prolog --viewport,
 class RunningSimulation:
     """A connection to a running simulation that answers queries."""
 
-    def __init__(self, client: RosbridgeClient, *, address: str, service: str) -> None:
+    def __init__(self, client: RosbridgeClient, *, address: str, service: str, namespace: str) -> None:
         self.address = address
         """For display, without the token."""
         self._client = client
         self._service = service
+        self._namespace = namespace
 
     def query(self, language: str, query: str, *, timeout_s: float | None = None, **fields: object) -> dict[str, Any]:
         """Runs a query.
@@ -99,6 +109,85 @@ class RunningSimulation:
         if not isinstance(result, dict):
             raise MindstageError(response.refusal.text or "the simulation rejected the query without a reason")
         return result
+
+    def perform(
+        self,
+        skill: str,
+        args: Mapping[str, object],
+        *,
+        robot: str = "",
+        deadline_s: float = 0.0,
+        on_step: Callable[[str], object] = lambda step: None,
+        cancel: Callable[[], bool] = lambda: False,
+    ) -> dict[str, Any]:
+        """Lets a robot of the simulation perform a skill, and waits for its end.
+
+        Args:
+            skill: the name of the skill.
+            args: its arguments.
+            robot: the name of the robot; empty for the only one.
+            deadline_s: limit of the simulated time [s]; 0 for none.
+            on_step: called with what the robot does, when that changes.
+            cancel: asked a few times a second; true cancels the skill.
+
+        Returns:
+            The fields of the result of `mindstage_msgs/Perform`.
+
+        Raises:
+            MindstageError: the skill was refused, or simulated time stands still.
+            BridgeError: the simulation does not answer, or has no robots.
+        """
+        from mindstage.msgs import decode, encode, mindstage_msgs
+
+        name = f"/{self._namespace}/mindstage/perform"
+        progress = _Progress(on_step)
+        given = json.dumps(dict(args))
+        goal = mindstage_msgs.Perform.Goal(skill=skill, args=given, robot=robot, deadline_s=deadline_s)
+        handle = self._client.send_goal(name, _PERFORM_TYPE, encode(goal), on_feedback=progress.update)
+        is_canceled = False
+        while True:
+            try:
+                values = handle.wait(_POLL_S).values
+                break
+            except ServiceNotFoundError as error:
+                cause = f"the rosbridge there has no action {name}; robots are served by mindstage serve"
+                raise ConnectionLostError(self.address, cause=cause) from error
+            except ServiceTimeoutError:
+                stalled = progress.stands_still_s > _STALL_S
+                if not is_canceled and (cancel() or stalled):
+                    is_canceled = True
+                    handle.cancel()
+                    deadline = time.monotonic() + _CALL_MARGIN_S
+                if is_canceled and time.monotonic() > deadline:
+                    raise
+        if is_canceled and not cancel():
+            raise MindstageError(f"simulated time has stood still for {_STALL_S:g} s; let the simulation play")
+        result = decode(mindstage_msgs.Perform.Result, values, strict=True)
+        if result.refusal.text:
+            raise MindstageError(result.refusal.text)
+        fields: dict[str, Any] = encode(result)
+        return fields
+
+
+class _Progress:
+    """What the feedback of a skill says, and since when simulated time stands still."""
+
+    def __init__(self, on_step: Callable[[str], object]) -> None:
+        self._on_step, self._step, self._elapsed_s = on_step, "", -1.0
+        self._changed_s = time.monotonic()
+
+    def update(self, values: Mapping[str, Any]) -> None:
+        """Takes feedback; called in another thread."""
+        if values.get("elapsed_s") != self._elapsed_s:
+            self._elapsed_s, self._changed_s = values.get("elapsed_s", 0.0), time.monotonic()
+        if (step := values.get("step", "")) and step != self._step:
+            self._step = step
+            self._on_step(step)
+
+    @property
+    def stands_still_s(self) -> float:
+        """Wall time since simulated time has changed [s]."""
+        return time.monotonic() - self._changed_s
 
 
 def running_target(
@@ -157,11 +246,11 @@ def open_running(target: str) -> Iterator[RunningSimulation]:
         token = remote.token or os.environ.get("MINDSTAGE_TOKEN", "")
         address, url, service = str(remote), remote.url, _service_name(target, remote)
         hint = "add ?token=… to the address, or set MINDSTAGE_TOKEN"
-        authorities = remote.authorities
+        authorities, namespace = remote.authorities, remote.namespace
     else:
         record = _choose(target)
         address, url, service, token = str(record), record.url, f"/{QUERY_SERVICE}", record.token
-        hint, authorities = "", None
+        hint, authorities, namespace = "", None, _NAMESPACE
     limits = BridgeLimits(message_bytes=_MAX_MESSAGE_BYTES, waiting_bytes=_MAX_MESSAGE_BYTES)
     client = RosbridgeClient(url, token=token or None, tls_authorities=authorities, limits=limits)
     try:
@@ -172,7 +261,7 @@ def open_running(target: str) -> Iterator[RunningSimulation]:
         except ConnectionLostError as error:
             cause = f"{error.cause}; is mindstage serve running there, and is the port that of its rosbridge?"
             raise ConnectionLostError(address, cause=cause) from error
-        yield RunningSimulation(client, address=address, service=service)
+        yield RunningSimulation(client, address=address, service=service, namespace=namespace)
     finally:
         client.close()
 

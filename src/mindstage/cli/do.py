@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mindstage.cli.attach import open_running, running_target
 from mindstage.cli.imagine import Budget, Samples, Seed, Uncertainties, Workers, deviations_of, interruptible
 from mindstage.cli.options import (
     DEFAULT_READING,
@@ -22,6 +23,7 @@ from mindstage.cli.options import (
     MapName,
     MapReading,
     PlainBoxes,
+    Running,
     Strict,
     Verbose,
     finite,
@@ -32,7 +34,7 @@ from mindstage.cli.simulate import spawned_map
 
 if TYPE_CHECKING:
     from mindstage.cli.simulate import SpawnedMap
-    from mindstage.imagination import Plan, PlanFile, SampleResult, TryFirstResult
+    from mindstage.imagination import Perform, Plan, PlanFile, SampleResult, TryFirstResult
     from mindstage.robots.model import RobotModel
     from mindstage.robots.robot import Robot
     from mindstage.robots.skills.declaration import SkillStep
@@ -123,9 +125,11 @@ SettleSeconds = Annotated[
 
 
 def do(
+    context: typer.Context,
     command: Command = None,
     maps: OptionalMaps = None,
     *,
+    running: Running = None,
     robot: RobotName = "mobile_manipulator",
     self_model: SelfModelFile = None,
     at: At = None,
@@ -150,6 +154,9 @@ def do(
     as_json: AsJson = False,
 ) -> ExitCode:
     """Let a robot do something in a map; exit 0 if it succeeds, 1 if it fails or is not done, 2 if that is unknown."""
+    allowed = {"command", "running", "deadline", "as_json"}
+    if (target := running_target(context, running, maps, allowed=allowed)) is not None:
+        return _do_running(target, command or "", deadline_s=deadline, as_json=as_json)
     task, sources = _arguments(command, plan, maps or [])
     options: dict[str, Any] = {"uncertainty": [deviations_of(text) for text in uncertainty or ()], "samples": samples}
     options |= {"seed": seed, "budget_s": budget, "workers": workers}
@@ -163,10 +170,10 @@ def do(
         out=out,
         trial=options,
     )
-    running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
+    used_engine = make_engine(engine)  # before the map is read, so that a wrong name fails at once
     model = _model(robot, self_model)
     with spawned_map(
-        sources, map_name, running, reading=reading, strict=strict, assets=assets, plain_boxes=plain_boxes
+        sources, map_name, used_engine, reading=reading, strict=strict, assets=assets, plain_boxes=plain_boxes
     ) as spawned:
         return _do_in(spawned, model, wanted, verbose=verbose, as_json=as_json)
 
@@ -223,6 +230,48 @@ def _do_in(spawned: SpawnedMap, model: RobotModel, wanted: _Wanted, *, verbose: 
     return codes.get(None if result is None else result.outcome.value, ExitCode.ERROR)
 
 
+# -- in a running simulation -------------------------------------------------------------------------------------------
+
+
+def _do_running(target: str, command: str, *, deadline_s: float, as_json: bool) -> ExitCode:
+    """Lets the robot of a running simulation perform skills; a failed one is the last.
+
+    Raises:
+        InvalidArgumentError: the command is no list of skills.
+    """
+    from mindstage.errors import InvalidArgumentError
+
+    if not command or command.startswith(("{", "[")) or Path(command).suffix in {".yaml", ".yml", ".json"}:
+        remedy = "give a skill with its arguments, as in 'park'; plans and designators need a map"
+        raise InvalidArgumentError("do", cause="a running simulation performs skills only", remedy=remedy)
+    results: list[dict[str, Any]] = []
+    with interruptible() as interrupted, open_running(target) as simulation:
+        for step in _commands(command, deadline_s=deadline_s):
+            found = simulation.perform(
+                step.skill,
+                step.args,
+                deadline_s=deadline_s,
+                on_step=print_line if not as_json else lambda step: None,
+                cancel=interrupted.is_set,
+            )
+            results.append(found)
+            if not as_json:
+                reason = f": {found['reason']}" if found["reason"] else ""
+                print_line(f"{step.skill} {found['outcome']} after {found['duration_s']:.1f} s{reason}")
+                for text in found["assumptions"]:
+                    warn(f"assumed: {text}")
+                if found["suggestion"]:
+                    print_line(f"to try: {found['suggestion']}")
+            if not found["success"] or interrupted.is_set():
+                break
+        if as_json:
+            print_json({"running": simulation.address, "skills": results})
+    if interrupted.is_set():
+        return ExitCode.INTERRUPTED
+    codes = {"succeeded": ExitCode.OK, "failed": ExitCode.NEGATIVE}
+    return codes.get(results[-1]["outcome"], ExitCode.ERROR)
+
+
 # -- what is to be done ------------------------------------------------------------------------------------------------
 
 
@@ -251,7 +300,7 @@ def _task(text: str, simulation: Simulation, *, deadline_s: float) -> tuple[Plan
         InvalidArgumentError: it is none, or its arguments are not valid.
         PlanError: it is no valid plan.
     """
-    from mindstage.imagination import load_plan
+    from mindstage.imagination import Plan, load_plan
 
     path = Path(text)
     if path.suffix in {".yaml", ".yml"} or "\n" in text:
@@ -259,7 +308,7 @@ def _task(text: str, simulation: Simulation, *, deadline_s: float) -> tuple[Plan
     is_file = path.suffix == ".json"
     content = path.read_text(encoding="utf-8") if is_file else text.strip()
     if not content.lstrip().startswith(("{", "[")):
-        return _commands(text, deadline_s=deadline_s), []
+        return Plan(steps=tuple(_commands(text, deadline_s=deadline_s)), name=text), []
     try:
         value = json.loads(content)
     except ValueError:
@@ -278,20 +327,20 @@ def _is_lisp(value: object) -> bool:
     return isinstance(value, list) and bool(value) and isinstance(value[0], str)
 
 
-def _commands(text: str, *, deadline_s: float) -> Plan:
-    """The plan of skills with their arguments, separated by semicolons."""
+def _commands(text: str, *, deadline_s: float) -> list[Perform]:
+    """The skills with their arguments, separated by semicolons."""
     from mindstage.errors import InvalidArgumentError, suggestion
-    from mindstage.imagination import Perform, Plan
+    from mindstage.imagination import Perform
     from mindstage.robots.skills import SKILLS, split_command
 
-    steps = []
+    steps: list[Perform] = []
     for part in filter(None, map(str.strip, text.split(";"))):
         name, words = split_command(part)
         name = name.replace("-", "_")
         if name not in SKILLS:
             raise InvalidArgumentError("do", cause=f"there is no skill {name!r}", remedy=suggestion(name, SKILLS))
         steps.append(Perform(skill=name, args=SKILLS[name].parse(words), deadline_s=deadline_s))
-    return Plan(steps=tuple(steps), name=text)
+    return steps
 
 
 def _designated(value: Any, simulation: Simulation, *, deadline_s: float) -> tuple[Plan, list[str]]:

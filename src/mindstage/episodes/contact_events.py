@@ -464,6 +464,7 @@ class ContactTracker:
     def _update_containment(self, sample: MotionSample, rows: Indices, a: Indices, b: Indices) -> None:
         table = sample.table
         related = ~(table.is_enclosing[a] | table.is_enclosing[b]) & (table.group[a] != table.group[b])
+        related &= ~(table.is_robot_part[a] | table.is_robot_part[b])
         outer, inner = self._shapes.contained(a[related], b[related], min_fraction=_MIN_INSIDE_FRACTION)
         now = dict.fromkeys((table.ids[i], table.ids[o]) for o, i in zip(outer.tolist(), inner.tolist(), strict=True))
         for id in [table.ids[row] for row in rows.tolist()]:

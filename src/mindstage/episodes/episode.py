@@ -30,7 +30,7 @@ from mindstage.episodes.geometry_file import decode_geometry
 from mindstage.episodes.mcap_file import EpisodeFile, EpisodeLoss, FileChunk, StoredMessage
 from mindstage.episodes.messages import ChunkHead, EpisodeDecoder, EpisodeTopic, WorldRecord
 from mindstage.episodes.recorder import EpisodeHeader
-from mindstage.episodes.recording import EpisodeEdit, EpisodeEvent, EpisodeFrame
+from mindstage.episodes.recording import DriveState, EpisodeEdit, EpisodeEvent, EpisodeFrame
 from mindstage.episodes.structure import WorldStructure
 from mindstage.errors import EpisodeFileError, EpisodeTimeError
 from mindstage.knowledge import KnowledgeBase
@@ -55,10 +55,13 @@ class _State:
         self.poses: PoseArray = np.full((len(structure.ids), 7), np.nan)
         self.joints: dict[BodyId, tuple[float, ...]] = {}
         self.contacts: tuple[Contact, ...] = ()
+        self.drives: Mapping[str, DriveState] = {}
+        """Replaced, and never changed."""
 
     def copy(self) -> _State:
         copy = _State(self.structure)
         copy.poses, copy.joints, copy.contacts = self.poses.copy(), dict(self.joints), self.contacts
+        copy.drives = self.drives
         return copy
 
     def use(self, structure: WorldStructure) -> None:
@@ -71,6 +74,8 @@ class _State:
                     poses[row] = self.poses[before.rows[id]]
             self.poses = poses
         self.joints = {id: values for id, values in self.joints.items() if id in structure.joint_names}
+        if not self.drives.keys() <= structure.joint_names.keys():
+            self.drives = {id: each for id, each in self.drives.items() if id in structure.joint_names}
 
     def apply(self, message: StoredMessage) -> None:
         """Applies the message of one topic.
@@ -94,6 +99,8 @@ class _State:
                     raise ValueError(f"a pose of {error.args[0]!r}, which does not exist") from error
             case EpisodeTopic.JOINTS:
                 self._apply_joints(EpisodeDecoder.joints(message.data))
+            case EpisodeTopic.DRIVES:
+                self.drives = {**self.drives, **EpisodeDecoder.drives(message.data)}
             case EpisodeTopic.CONTACTS:
                 self.contacts = EpisodeDecoder.contacts(message.data)
             case _:
@@ -495,6 +502,7 @@ class Episode:
             poses=state.poses.copy(),
             joint_positions=joints if self.header.has_joints else None,
             contacts=state.contacts if self.header.has_contacts else None,
+            drives=state.drives,
             unmoved_poses=state.structure.unmoved_poses,
         )
 

@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from mindstage.engines.base import Contact, PoseArray
-from mindstage.episodes.recording import EpisodeEdit, EpisodeEvent, EpisodeEventKind
+from mindstage.episodes.recording import DriveState, EpisodeEdit, EpisodeEvent, EpisodeEventKind
 from mindstage.scene import Body, BodyId, PrimitiveType, Vector
 from mindstage.scene.transforms import Array
 
@@ -60,6 +60,7 @@ class EpisodeTopic(Enum):
     MARKERS = ("/markers", "visualization_msgs/msg/MarkerArray")
     EDITS = ("/mindstage/edits", "mindstage_msgs/msg/EpisodeEdit")
     EVENTS = ("/mindstage/events", "mindstage_msgs/msg/EpisodeEvent")
+    DRIVES = ("/robot_joint_states", "sensor_msgs/msg/JointState")
 
     @property
     def type(self) -> str:
@@ -274,6 +275,19 @@ def _joint_layout(names: Sequence[str]) -> _Layout:
     return _Layout(writer, stamps=[0], floats=[start], width=len(names))
 
 
+def _drive_layout(names: Sequence[str]) -> _Layout:
+    writer, starts = _CdrWriter(), []
+    writer.stamp(0)
+    writer.string("")
+    writer.strings(names)
+    for _ in DriveState._fields:
+        writer.numbers("I", len(names))
+        writer.align(8)
+        starts.append(len(writer.data))
+        writer.numbers("d", *[0.0] * len(names))
+    return _Layout(writer, stamps=[0], floats=starts, width=len(names))
+
+
 def _contact_layout(pairs: Sequence[tuple[str, str]]) -> _Layout:
     writer, floats = _CdrWriter(), []
     writer.stamp(0)
@@ -313,6 +327,11 @@ class EpisodeEncoder:
         """A `sensor_msgs/JointState`."""
         layout = self._layout(_joint_layout, tuple(positions))
         return layout.encode(time_ns, np.array(list(positions.values()), dtype=float)[None, :])
+
+    def drives(self, time_ns: int, states: Mapping[str, DriveState]) -> bytes:
+        """A `sensor_msgs/JointState` with the states of at least one joint of a robot."""
+        layout = self._layout(_drive_layout, tuple(states))
+        return layout.encode(time_ns, np.array(list(states.values()), dtype=float).T)
 
     def contacts(self, time_ns: int, contacts: Sequence[Contact]) -> bytes:
         """A `mindstage_msgs/EpisodeContacts`."""
@@ -437,6 +456,16 @@ class EpisodeDecoder:
         reader.string()
         names = reader.strings()
         return dict(zip(names, reader.floats(reader.number("I")), strict=True))
+
+    @staticmethod
+    def drives(data: bytes) -> dict[str, DriveState]:
+        """The states of joints of robots by name, of a `sensor_msgs/JointState`."""
+        reader = _CdrReader(data)
+        reader.stamp()
+        reader.string()
+        names = reader.strings()
+        columns = [reader.floats(reader.number("I")) for _ in DriveState._fields]
+        return {name: DriveState(*row) for name, *row in zip(names, *columns, strict=True)}
 
     @staticmethod
     def contacts(data: bytes) -> tuple[Contact, ...]:

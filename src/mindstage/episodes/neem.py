@@ -60,7 +60,11 @@ _NS = 1e-9
 _ROOT, _CLOCK = "map", "world"
 _COMMENT = Iri(RDFS + "comment")
 _ACTION = dul("Action")
-_KIND_OF_CONCEPT = {pattern.concept: EpisodeEventKind(kind) for kind, pattern in EVENT_PATTERNS.items()} | {
+_KIND_OF_CONCEPT = {
+    pattern.concept: EpisodeEventKind(kind)
+    for kind, pattern in EVENT_PATTERNS.items()
+    if kind != EpisodeEventKind.PERFORM  # a task of any kind, as that of a whole NEEM is
+} | {
     soma("ContainmentState"): EpisodeEventKind.CONTAINMENT,
     soma("Holding"): EpisodeEventKind.GRASP,
     soma("Lifting"): EpisodeEventKind.PICK_UP,

@@ -30,12 +30,20 @@ from mindstage.episodes.detection import EventDetector
 from mindstage.episodes.geometry_file import encode_geometry
 from mindstage.episodes.mcap_file import EpisodeFileWriter
 from mindstage.episodes.messages import ChunkHead, EpisodeEncoder, EpisodeTopic
-from mindstage.episodes.recording import EpisodeEdit, EpisodeEvent, EpisodeFrame, Recording
+from mindstage.episodes.recording import (
+    DriveState,
+    EpisodeEdit,
+    EpisodeEvent,
+    EpisodeEventKind,
+    EpisodeFrame,
+    Recording,
+)
 from mindstage.episodes.structure import WorldStructure
 from mindstage.errors import EpisodeError, EpisodeFileError, InvalidArgumentError, MapWriteError, MindstageError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.io.write import write_map
 from mindstage.scene import BodyGeometry, BodyId, GeometryMap, Mobility, World
+from mindstage.simulation.observation import SKILL_EDIT
 
 __all__ = ["EpisodeHeader", "RecordedSimulation", "RecordedState", "Recorder", "RecordingFolder", "write_episode"]
 
@@ -52,6 +60,8 @@ _MAX_RATE_HZ = 1000.0
 _MAX_RESTING_FRAMES = 30
 """Frames without any change after which no more are searched for events until something moves."""
 _STOP_TIMEOUT_S = 60.0
+_DRIVE_DIGITS = (7, 5, 3)
+"""Digits after the point of positions, velocities and efforts, so that a robot at rest is written once."""
 _NONE: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
 _log = logging.getLogger("mindstage.episodes")
 T = TypeVar("T")
@@ -71,6 +81,33 @@ class RecordedState(Protocol):
     @property
     def poses(self) -> PoseArray:
         """N x 7, in the order of `ids`."""
+
+
+class RecordedJoint(Protocol):
+    """The part of `robots.robot.JointState` that is recorded."""
+
+    @property
+    def position(self) -> float:
+        """[m or rad]."""
+
+    @property
+    def velocity(self) -> float:
+        """[m/s or rad/s]."""
+
+    @property
+    def effort(self) -> float:
+        """[N or Nm]."""
+
+
+class RecordedRobot(Protocol):
+    """The part of `Robot` that is recorded."""
+
+    @property
+    def joint_ids(self) -> Mapping[str, BodyId]:
+        """The id of each joint in the world."""
+
+    def read_joint_states(self, engine: Engine) -> Mapping[str, RecordedJoint]:
+        """The state of each joint that moves; called in the engine thread."""
 
 
 class RecordedSimulation(Protocol):
@@ -97,6 +134,10 @@ class RecordedSimulation(Protocol):
     @property
     def immovable(self) -> frozenset[BodyId]:
         """Dynamic bodies that are simulated as static ones."""
+
+    @property
+    def robots(self) -> Mapping[str, RecordedRobot]:
+        """The robots by name."""
 
     def run_on_engine(self, function: Callable[[Engine], T], *, label: str = "") -> T:
         """Runs a function in the engine thread, and publishes the state."""
@@ -137,6 +178,8 @@ class _Capture(NamedTuple):
     contacts: tuple[Contact, ...] | None
     structure: WorldStructure | None
     """None if nothing but poses can have changed."""
+    drives: Mapping[str, DriveState]
+    """The joints of robots by id."""
     geometry: GeometryMap | None
     """The geometry of the bodies, together with the structure."""
     moved: NDArray[np.intp] | None
@@ -179,7 +222,7 @@ class Recorder:
         self.interval_s = 1.0 / rate_hz
         """Simulated time between two frames [s]."""
         self._simulation = simulation
-        self._pending: deque[_Capture | EpisodeEdit | Event] = deque()
+        self._pending: deque[_Capture | EpisodeEdit | EpisodeEvent | Event] = deque()
         self._wake = Event()
         self._has_ended = False
         self._error: Exception | None = None
@@ -194,6 +237,9 @@ class Recorder:
         self._offset_s = 0.0
         self._next_ns = 0
         self._is_edited = True
+        self._performances: dict[str, EpisodeEvent] = {}
+        """The skills that are being performed."""
+        self._performed = 0
         header = EpisodeHeader(
             episode=uuid.uuid4().hex,
             start_unix_s=time.time(),
@@ -294,6 +340,33 @@ class Recorder:
             return
         edit = EpisodeEdit(time_s=self.time_s, kind=kind, client=client, ids=tuple(ids), details=details)
         self._pending.append(edit)
+        if kind == SKILL_EDIT and (event := self._performance(edit)) is not None:
+            self._pending.append(event)
+
+    def _performance(self, edit: EpisodeEdit) -> EpisodeEvent | None:
+        """The event of a skill that begins or ends; None if it had begun before the recording."""
+        details = edit.details
+        key = str(details["performance"])
+        if "outcome" not in details:
+            self._performed += 1
+            call = " ".join([str(details["skill"]), *(f"{name}={value}" for name, value in details["args"].items())])
+            event = EpisodeEvent(
+                id=f"{EpisodeEventKind.PERFORM}_{self._performed}",
+                kind=EpisodeEventKind.PERFORM,
+                begin_s=edit.time_s,
+                end_s=None,
+                thing=edit.ids[0],
+                agent=str(details["agent"]),
+                evidence=(f"{edit.client} performs {call}",),
+            )
+            self._performances[key] = event
+            return event
+        begun = self._performances.pop(key, None)
+        if begun is None:
+            return None
+        reason = f": {details['reason']}" if details.get("reason") else ""
+        evidence = (*begun.evidence, f"{details['outcome']}{reason}")
+        return replace(begun, end_s=max(edit.time_s, begun.begin_s), evidence=evidence)
 
     def on_state(self, state: RecordedState, engine: Engine, *, edited: bool, rebuild_pending: bool) -> None:
         """Records a published state if a frame is due.
@@ -353,6 +426,7 @@ class Recorder:
             self._joints(engine, structure, moved, rebuild_pending=rebuild_pending),
             self._contacts(engine, state.ids, rebuild_pending=rebuild_pending),
             structure,
+            self._drives(engine, moved, rebuild_pending=rebuild_pending),
             geometry,
             moved,
         )
@@ -381,6 +455,20 @@ class Recorder:
             if last.joints.keys() <= joints:
                 return last.joints
         return engine.joint_positions()
+
+    def _drives(
+        self, engine: Engine, moved: NDArray[np.intp] | None, *, rebuild_pending: bool
+    ) -> Mapping[str, DriveState]:
+        """The joints of all robots; those of before if they cannot have changed."""
+        last = self._last
+        if last is not None and (rebuild_pending or (moved is not None and not len(moved))):
+            return last.drives
+        found = {}
+        for robot in self._simulation.robots.values():
+            for name, state in robot.read_joint_states(engine).items():
+                row = (state.position, state.velocity, state.effort)
+                found[str(robot.joint_ids[name])] = DriveState(*map(round, row, _DRIVE_DIGITS))
+        return found
 
     def _contacts(
         self, engine: Engine, ids: tuple[BodyId, ...], *, rebuild_pending: bool
@@ -422,12 +510,14 @@ class Recorder:
             _log.exception("recording of %s failed", self.path)
             self._writer.abort()
 
-    def _write_item(self, item: _Capture | EpisodeEdit | Event) -> None:
+    def _write_item(self, item: _Capture | EpisodeEdit | EpisodeEvent | Event) -> None:
         match item:
             case _Capture():
                 self._writer.add_frame(item)
             case EpisodeEdit():
                 self._writer.add_edit(item)
+            case EpisodeEvent():
+                self._writer.add_events((item,))
             case Event():
                 self._writer.work(all=True)
                 self._writer.flush()
@@ -507,6 +597,7 @@ class _EpisodeWriter:
         self._poses: PoseArray = np.zeros((0, 7))
         self._joints: Mapping[BodyId, tuple[float, ...]] = {}
         self._contacts: tuple[Contact, ...] = ()
+        self._drives: Mapping[str, DriveState] = {}
         self._time_ns = 0
         self._number = -1
         self._base = 0
@@ -586,8 +677,13 @@ class _EpisodeWriter:
         messages.append((EpisodeTopic.MARKERS, self._encode.markers(time_ns, structure.world.bodies)))
         if self._joints:
             messages.append((EpisodeTopic.JOINTS, self._encode.joints(time_ns, self._named(self._joints))))
+        messages += self._drive_messages()
         messages.append((EpisodeTopic.CONTACTS, self._encode.contacts(time_ns, self._contacts)))
         return messages
+
+    def _drive_messages(self) -> list[tuple[EpisodeTopic, bytes]]:
+        states = self._drives
+        return [(EpisodeTopic.DRIVES, self._encode.drives(self._time_ns, states))] if states else []
 
     def _changed_state(self) -> list[tuple[EpisodeTopic, bytes]]:
         structure, time_ns = self._structure, self._time_ns
@@ -598,6 +694,7 @@ class _EpisodeWriter:
             messages.append((EpisodeTopic.TF, self._encode.transforms(time_ns, ids, self._poses[rows])))
         if joints := {id: self._joints[id] for id in sorted(self._changed_joints) if id in self._joints}:
             messages.append((EpisodeTopic.JOINTS, self._encode.joints(time_ns, self._named(joints))))
+        messages += self._drive_messages()
         messages.append((EpisodeTopic.CONTACTS, self._encode.contacts(time_ns, self._contacts)))
         return messages
 
@@ -637,6 +734,10 @@ class _EpisodeWriter:
                 if named := self._named(changed):
                     self._add(EpisodeTopic.JOINTS, self._encode.joints(time_ns, named))
             self._joints = capture.joints
+        if capture.drives != self._drives:
+            self._drives = capture.drives
+            for topic, data in self._drive_messages():
+                self._add(topic, data)
         if capture.contacts is not None and capture.contacts != self._contacts:
             self._contacts = capture.contacts
             self._add(EpisodeTopic.CONTACTS, self._encode.contacts(time_ns, self._contacts))
@@ -659,6 +760,7 @@ class _EpisodeWriter:
             poses=capture.poses,
             joint_positions=capture.joints,
             contacts=capture.contacts,
+            drives=capture.drives,
             unmoved_poses=self._structure.unmoved_poses,
         )
         before, self._detected = self._detected, frame
@@ -707,6 +809,7 @@ class _EpisodeWriter:
         assert capture.structure is not None
         self._structure, self._poses, self._time_ns = capture.structure, capture.poses, capture.time_ns
         self._joints, self._contacts = capture.joints or {}, capture.contacts or ()
+        self._drives = capture.drives
         self._file.add_attachment("episode.json", "application/json", msgspec.json.encode(self._header))
         values = msgspec.to_builtins(self._header, str_keys=True)
         self._file.add_metadata("mindstage", {name: str(value) for name, value in values.items()})
@@ -790,7 +893,9 @@ class _EpisodeWriter:
 
     def add_events(self, events: Sequence[EpisodeEvent]) -> None:
         """Writes events that were not detected here."""
-        if events and self._open_since_s is None:
+        if not events or self._structure is None:
+            return
+        if self._open_since_s is None:
             self._begin_chunk()
         self._add_events(events)
 
@@ -870,7 +975,8 @@ def write_episode(
             time_ns = round((frame.time_s - recording.begin_s) * 1e9)
             geometry = recording.geometry if is_new else None
             joints, contacts = frame.joint_positions, frame.contacts
-            writer.add_frame(_Capture(time_ns, frame.ids, frame.poses, joints, contacts, world, geometry, None))
+            drives = frame.drives
+            writer.add_frame(_Capture(time_ns, frame.ids, frame.poses, joints, contacts, world, drives, geometry, None))
             while edits and edits[0].time_s <= frame.time_s:
                 edit = edits.popleft()
                 writer.add_edit(replace(edit, time_s=edit.time_s - recording.begin_s))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import StrEnum
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import msgspec
 import numpy as np
@@ -23,6 +23,7 @@ from mindstage.scene.transforms import Array, normalize, pose_array, pose_from_a
 
 __all__ = [
     "RESTING_TOLERANCE",
+    "DriveState",
     "EpisodeEdit",
     "EpisodeEvent",
     "EpisodeEventKind",
@@ -35,6 +36,16 @@ RESTING_TOLERANCE = 1e-3
 """A body that was moved when it was spawned keeps its described pose within this of the pose it got [m, rad]."""
 _ROUNDING = 1e-12
 """Poses that differ by less are equal [m, rad]."""
+
+
+class DriveState(NamedTuple):
+    """The state of a joint of a robot, as in `sensor_msgs/JointState`."""
+
+    position: float
+    """As in the description of the robot [m or rad]."""
+    velocity: float
+    effort: float
+    """Of its drive [N or Nm]."""
 
 
 class EpisodeFrame(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -53,6 +64,8 @@ class EpisodeFrame(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Displacement of each joint since it was spawned: x, y, z [m], twist, swing2, swing1 [rad]; None if unknown."""
     contacts: tuple[Contact, ...] | None = None
     """Contacts of the bodies that are awake; None if contacts were not recorded."""
+    drives: Mapping[str, DriveState] = {}
+    """The joints of robots by id."""
     unmoved_poses: PoseArray | None = None
     """n x 7: where the engine has the bodies while their pose is that of `structure`, which may differ: a map rounds
     quaternions, and an engine moves bodies out of what they overlap. None if the poses are those of `structure`."""
@@ -117,6 +130,8 @@ class EpisodeEventKind(StrEnum):
     """The vertical axis of a body turns by more than 45 degrees while nothing holds it."""
     COLLISION = "Colliding"
     """A contact begins with an impulse."""
+    PERFORM = "Performing"
+    """A robot performs a skill."""
 
 
 class EpisodeEvent(msgspec.Struct, frozen=True, kw_only=True):

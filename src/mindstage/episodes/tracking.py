@@ -122,7 +122,7 @@ class JointTable:
 
     @classmethod
     def from_world(cls, world: World, row: Mapping[BodyId, int], before: JointTable | None = None) -> JointTable:
-        """The table of a world.
+        """The table of a world; the joints of robots are not in it, since they neither open nor close.
 
         Args:
             world: the world.
@@ -133,7 +133,12 @@ class JointTable:
         kept: list[tuple[Joint, int, Body, Body]] = []
         for joint in world.joints:
             axis = first_movable_axis(joint)
-            if axis is not None and joint.parent in row and joint.child in row:
+            if (
+                axis is not None
+                and joint.parent in row
+                and joint.child in row
+                and not is_robot_part(bodies[joint.child])
+            ):
                 kept.append((joint, axis, *moving_body(joint, bodies[joint.parent], bodies[joint.child])))
         ranges = [axis_ranges(joint)[axis] for joint, axis, _, _ in kept]
         is_free = np.array([each.motion is AxisMotion.FREE for each in ranges], dtype=bool)
@@ -217,6 +222,8 @@ class BodyTable:
     """Whether it is a body that others can be held by: moved by commands, or a link of a robot."""
     holder: Indices
     """The row of the mover that a body is attached to; -1 for none."""
+    is_robot_part: Mask
+    """Whether it is tagged as a part of a robot, which handles things and is not handled."""
     is_handled: Mask
     """Whether a body is free, or would be if it were not attached to a mover."""
     is_subject: Mask
@@ -250,15 +257,16 @@ class BodyTable:
         is_kinematic = np.array([each is Mobility.KINEMATIC for each in mobility], dtype=bool)
         loose = np.array([each is Mobility.DYNAMIC for each in mobility], dtype=bool)
         robot = {moving for moving, held in joined if is_jointed[held] or is_kinematic[held]}
-        is_robot = np.isin(group, list(robot))
+        is_link = np.array([is_robot_part(body) for body in bodies], dtype=bool)
+        is_robot = np.isin(group, list(robot)) | is_link
         is_mover = (is_kinematic[group] & ~is_jointed) | is_robot
         can_hold = is_mover & (is_kinematic | is_robot)
         holder = np.full(len(bodies), -1, dtype=np.intp)
         for each in frame.structure.attachments:
             child, parent = row.get(each.child, -1), row.get(each.parent, -1)
-            if child >= 0 and parent >= 0 and loose[child] and can_hold[parent]:
+            if child >= 0 and parent >= 0 and loose[child] and can_hold[parent] and not is_link[child]:
                 holder[child] = parent
-        is_free = is_dynamic & ~is_jointed
+        is_free = is_dynamic & ~is_jointed & ~is_link
         same = before is not None and before.ids == frame.ids
         enclosing = (
             before.is_enclosing if before is not None and same else _enclosing_bodies(frame.structure, frame.ids)
@@ -276,6 +284,7 @@ class BodyTable:
             has_gravity=np.array([body.physics.gravity is not False for body in bodies], dtype=bool),
             is_mover=is_mover,
             holder=holder,
+            is_robot_part=is_link,
             is_handled=is_free | (holder >= 0),
             is_subject=(is_free & (group == np.arange(len(group)))) | (holder >= 0),
             is_enclosing=enclosing,
@@ -292,6 +301,11 @@ class BodyTable:
         if self.ids == before.ids:
             return np.arange(len(self.ids))
         return np.array([before.row.get(id, -1) for id in self.ids], dtype=np.intp)
+
+
+def is_robot_part(body: Body) -> bool:
+    """Whether a body is tagged as a part of a robot."""
+    return any(tag.type == "robot" for tag in body.tags)
 
 
 def _enclosing_bodies(world: World, ids: tuple[BodyId, ...]) -> Mask:

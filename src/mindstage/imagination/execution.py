@@ -6,7 +6,7 @@ any process. They are drawn in the order of the bodies for the start, and then i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from math import cos, sin
@@ -48,6 +48,7 @@ from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, Sam
 from mindstage.imagination.watch import EventWatch, WatchBasis
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.rdf import local_name
+from mindstage.robots.robot import Robot
 from mindstage.robots.skills.declaration import ParameterType, SkillOutcome, SkillResult, SkillStep
 from mindstage.scene import BodyId, Iri, Pose, Vector
 from mindstage.scene.transforms import Array, normalize, pose_from_array, quat_multiply, quat_rotate
@@ -511,10 +512,7 @@ class _Sample:
             on_step=self.on_step,
         )
 
-        def held() -> Collection[BodyId]:
-            return robot.held.values()
-
-        self.watch.carried = held
+        self.watch.carried = _Held(robot, self.watch)
         try:
             done = yield from self._watched(motion)
         finally:
@@ -630,6 +628,20 @@ class _Sample:
 
 def _apply_force(id: BodyId, force: Vector, point: Vector | None, engine: Engine) -> None:
     engine.apply_force(id, force, point)
+
+
+class _Held:
+    """What a robot holds, asked for every 0.1 s only, since contacts of the whole world are searched for it."""
+
+    def __init__(self, robot: Robot, watch: EventWatch) -> None:
+        self._robot, self._watch = robot, watch
+        self._known: tuple[BodyId, ...] = ()
+        self._next_s = 0.0
+
+    def __call__(self) -> tuple[BodyId, ...]:
+        if self._watch.time_s >= self._next_s:
+            self._known, self._next_s = tuple(self._robot.held.values()), self._watch.time_s + _CHUNK_S
+        return self._known
 
 
 def _failed_to(done: SkillResult) -> str:

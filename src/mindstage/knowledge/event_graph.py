@@ -75,6 +75,7 @@ EVENT_PATTERNS: Mapping[str, EventPattern] = {
     "Transporting": EventPattern(_ACTION, soma("Transporting"), soma("Location")),
     "Opening": EventPattern(_ACTION, soma("Opening")),
     "Closing": EventPattern(_ACTION, soma("Closing")),
+    "Performing": EventPattern(_ACTION, soma("PhysicalTask")),
     "Sliding": EventPattern(_PROCESS, soma("Rubbing"), soma("Supporter")),
     "Falling": EventPattern(_PROCESS, soma("DirectedMotion")),
     "TippingOver": EventPattern(_PROCESS, soma("Motion")),

@@ -17,6 +17,7 @@ from functools import cache
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from mindstage.errors import KnowledgeError, RobotNotFoundError, suggestion
+from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.questions import (
     AnswerRow,
@@ -32,6 +33,7 @@ from mindstage.robots.model import BaseType, GripperType, RobotComponent, RobotM
 from mindstage.robots.models.catalog import list_models
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.self_models import (
+    ROBOT_CLASS,
     ClassRules,
     annotation_values,
     bundled_rules,
@@ -351,7 +353,7 @@ def can(
     Examples:
         can mobile_manipulator
         can mobile_manipulator OpeningADrawer
-        can panda GoingSomewhere
+        can panda PickingUpAnObject
     """
     rules = _Rules.of(kb)
     for profile in _profiles(kb, present, robot):
@@ -401,7 +403,8 @@ def _missing_ability(
 
 def _no_robot() -> MissingKnowledge:
     reason = "no robot is in the simulation, and no self-model is loaded; give robot, such as robot=mobile_manipulator"
-    return MissingKnowledge(knowrob("Robot"), component_class("subComponent"), reason)
+    claim = Claim(kind=ClaimKind.NO_INSTANCE, object=ROBOT_CLASS)
+    return MissingKnowledge(ROBOT_CLASS, component_class("subComponent"), reason, claims=(claim,))
 
 
 def _unstated(rules: _Rules, action: Iri) -> MissingKnowledge:
@@ -409,7 +412,11 @@ def _unstated(rules: _Rules, action: Iri) -> MissingKnowledge:
     narrower = [each for each in rules.known_actions() if action in rules.above(each)][:_MAX_NAMED]
     hint = f"; ask about {', '.join(map(local_name, narrower))}" if narrower else ""
     reason = f"nothing states what {local_name(action)} needs of a robot{hint}"
-    return MissingKnowledge(action, _ON_CAPABILITY, reason)
+    absent = (
+        Claim(kind=ClaimKind.NO_RESTRICTION, subject=action, property=property)
+        for property in (_ON_CAPABILITY, _ON_COMPONENT)
+    )
+    return MissingKnowledge(action, _ON_CAPABILITY, reason, claims=tuple(absent))
 
 
 class LackRow(AnswerRow, frozen=True, kw_only=True):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -152,6 +153,10 @@ class PathGoal(BaseGoal):
         self._progress = self._rate = self._late_s = 0.0
         self._acceleration = 1.0
 
+    def command_details(self) -> dict[str, Any]:
+        """See `MotionGoal`."""
+        return {"path": [list(pose) for pose in self._path]}
+
     def begin(self, actual: Array) -> None:
         """See `BaseGoal`."""
         points = [actual]
@@ -226,6 +231,10 @@ class VelocityGoal(BaseGoal):
         self._wanted = np.zeros(3)
         """Velocity in the base frame."""
         self._left_s = DRIVE_TIMEOUT_S
+
+    def command_details(self) -> dict[str, Any]:
+        """See `MotionGoal`."""
+        return {"velocity": self._wanted.tolist()}
 
     def command(self, velocity: tuple[float, float, float]) -> None:
         """Sets the velocity in the base frame, for 0.5 s at most."""

@@ -27,8 +27,8 @@ __all__ = ["Collision", "CollisionChecker", "MotionRobot"]
 
 CLEARANCE_M = 0.005
 """Distance that planned motions keep from the place [m]."""
-_SELF_CLEARANCE_M = -0.001
-"""A robot's own links may come so near: neighbors nearly touch."""
+SELF_CLEARANCE_M = -0.003
+"""A robot's own links may come so near: the hulls of neighbors overlap a little where their meshes do not."""
 _START_SLACK_M = 0.001
 """A pair that is too near at the start may come nearer by this [m]."""
 
@@ -257,7 +257,7 @@ class CollisionChecker:
             return []
         rows = self._contacts.body_rows(geoms)
         own = self._is_own[rows]
-        near = distances < np.where(own.all(axis=1), _SELF_CLEARANCE_M, self._clearance_m)
+        near = distances < np.where(own.all(axis=1), SELF_CLEARANCE_M, self._clearance_m)
         touching = (self._is_hand[rows] & self._may_be_touched[rows[:, ::-1]]).any(axis=1)
         found = []
         for number in np.flatnonzero(near & ~touching).tolist():

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from enum import StrEnum
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -258,6 +259,10 @@ class MotionGoal:
                 stalled=stalled,
             )
 
+    def command_details(self) -> dict[str, Any]:
+        """What was commanded, as JSON values."""
+        return {}
+
     def errors(self) -> dict[str, float]:
         """The difference of what is desired and the state, by name."""
         if self.feedback is None:
@@ -294,6 +299,11 @@ class JointGoal(MotionGoal):
     def spline(self) -> JointSpline:
         """Its positions over time."""
         return self._spline
+
+    def command_details(self) -> dict[str, Any]:
+        """See `MotionGoal`."""
+        ends = dict(zip(self._spline.joints, self._spline.end.tolist(), strict=True))
+        return {"positions": ends, "duration_s": round(self._spline.duration_s, 6)}
 
     def relaxation(self) -> MotionGoal:
         """The motion after it was blocked."""
@@ -404,7 +414,7 @@ class GripperGoal(MotionGoal):
         super().__init__("gripper", (each.actuator for each in drives))
         self._gripper = gripper
         self._drives = tuple(drives)
-        self._opening_m = opening_m
+        self._opening_m, self._force_n = opening_m, force_n
         closed, opened = np.array(gripper.closed_positions), np.array(gripper.open_positions)
         self._target = closed + opening_m / gripper.max_opening_m * (opened - closed)
         travel = np.maximum(np.abs(opened - closed), 1e-9)
@@ -418,6 +428,10 @@ class GripperGoal(MotionGoal):
         self._starts_open = self._still_s = 0.0
         slowest = float((np.abs(opened - closed) / self._speed).max())
         self._timeout_s = _GRIPPER_TIMEOUT_S + 2.0 * slowest
+
+    def command_details(self) -> dict[str, Any]:
+        """See `MotionGoal`."""
+        return {"gripper": self._gripper.name, "opening_m": self._opening_m, "max_force_n": self._force_n}
 
     def opening(self, positions: Array) -> float:
         """The opening of the gripper at positions of its joints [m]."""

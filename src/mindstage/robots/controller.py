@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from mindstage.engines.base import Capability, Engine
 from mindstage.errors import CommandRefusedError
@@ -40,8 +41,16 @@ class RobotController:
     def __init__(self, drives: RobotDrives) -> None:
         self.drives = drives
         self._goals: tuple[MotionGoal, ...] = ()
+        self._on_end: Callable[[MotionGoal], None] | None = None
         self._time_s = -math.inf
         """Simulated time of the last update, or of the start of the first goal after that [s]."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_on_end": None}
+
+    def on_end(self, callback: Callable[[MotionGoal], None]) -> None:
+        """Sets the function that is called in the engine thread when a goal has ended; copies do not have it."""
+        self._on_end = callback
 
     @property
     def is_active(self) -> bool:
@@ -70,6 +79,8 @@ class RobotController:
         for goal in self._goals:
             commands |= goal.update(view)
         engine.set_commands(commands)
+        for goal in self._goals:
+            self._report(goal)
         self._goals = tuple(each for goal in self._goals if (each := _next(goal)) is not None)
 
     def copy(self) -> RobotController:
@@ -199,6 +210,7 @@ class RobotController:
         for goal in self._goals:
             if goal.actuators & set(base.actuators):
                 goal.end(MotionOutcome.CANCELED, "the base was put elsewhere", failure=MotionFailure.RESET)
+                self._report(goal)
         self._goals = tuple(goal for goal in self._goals if goal.result is None)
         engine.set_pose(base.root, base.root_pose(pose))
         states = engine.actuator_states()
@@ -230,6 +242,7 @@ class RobotController:
         """Ends a goal, and stops those of its joints that a newer goal does not use."""
         brake = goal.brake(view, used) if goal.kind != "stop" else None
         goal.end(MotionOutcome.CANCELED, reason, failure=failure, error=goal.errors())
+        self._report(goal)
         kept = tuple(each for each in self._goals if each is not goal)
         self._goals = kept if brake is None else (*kept, brake)
 
@@ -266,9 +279,14 @@ class RobotController:
     def _refused(self, command: str, cause: str, remedy: str) -> CommandRefusedError:
         return CommandRefusedError(self.drives.robot, command=command, cause=cause, remedy=remedy)
 
+    def _report(self, goal: MotionGoal) -> None:
+        if goal.result is not None and goal.kind != "stop" and self._on_end is not None:
+            self._on_end(goal)
+
     def _end_all(self, reason: str) -> None:
         for goal in self._goals:
             goal.end(MotionOutcome.CANCELED, reason, failure=MotionFailure.RESET)
+            self._report(goal)
         self._goals, self._time_s = (), -math.inf
 
 

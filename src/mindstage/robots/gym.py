@@ -34,6 +34,7 @@ from mindstage.robots.skills.catalog import start_skill
 from mindstage.robots.skills.declaration import SkillResult
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.scene import Body, BodyId, Iri, Pose
+from mindstage.scene.floor_plan import free_floor_place
 from mindstage.scene.transforms import Array, pose_from_array, pose_inverse, pose_multiply
 from mindstage.simulation.simulation import Simulation
 from mindstage.simulation.state import poses_in
@@ -64,10 +65,8 @@ _GRIPPER_STEP_M = 1e-3
 _SETTLE_S = 0.5
 _FLOOR_RADIUS_M = 0.3
 _ROBOT_HEIGHT_M = 1.6
-_STAND_DISTANCES = (0.6, 0.8, 1.0, 1.4)
-"""Distances from what is handled at which a place for the robot is looked for [m]."""
-_STAND_TURNS = tuple(math.radians(angle) for angle in (0, 45, -45, 90, -90, 135, -135, 180))
-"""Directions in which it is looked for, relative to the front [rad]."""
+_FRONT_M = 0.65
+"""Distance from a handle at which a robot rather stands [m]."""
 _LOWEST_M, _HIGHEST_M = 0.1, 1.9
 """Heights of handles that a robot may reach [m]."""
 _GRASPABLE_M = 0.09
@@ -193,9 +192,9 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         """Changes the map before the first episode about a thing; returns whether it did."""
         return False
 
-    def away(self, thing: BodyId) -> tuple[float, float]:
-        """The horizontal direction from the goal in which the robot rather stands."""
-        return 1.0, 0.0
+    def front(self, thing: BodyId) -> Array | None:
+        """The horizontal direction from the goal in which the robot rather stands; None for any."""
+        return None
 
     # -- Gymnasium -----------------------------------------------------------------------------------------------------
 
@@ -299,7 +298,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
             goal = self.goal(thing)
             (pose,) = self._poses((goal,))
             self._empty.run_on_engine(lambda engine: engine.set_pose(goal, pose_from_array(pose)), edits=True)
-            self._stands[thing] = _free_stand(self._empty, goal, np.array(self.away(thing)))
+            self._stands[thing] = _free_stand(self._empty, goal, self.front(thing))
         return self._stands[thing]
 
     def _restore_start(self, thing: BodyId) -> None:
@@ -459,11 +458,10 @@ class OpenEnv(RobotTaskEnv):
         """Its handle."""
         return self._handles[thing]
 
-    def away(self, thing: BodyId) -> tuple[float, float]:
-        """In front of what it closes."""
+    def front(self, thing: BodyId) -> Array | None:
+        """From what it closes to its handle."""
         handle, holder = self._poses((self._handles[thing], self._holders[thing]))
-        x, y = (handle[:2] - holder[:2]).tolist()
-        return x, y
+        return handle[:2] - holder[:2]
 
     def progress(self) -> TaskProgress:
         """By `openings` and `distance`."""
@@ -683,28 +681,27 @@ def _best_support(simulation: Simulation, rows: Sequence[tuple[BodyId, BodyId]])
     return counts.most_common(1)[0][0]
 
 
-def _free_stand(simulation: Simulation, goal: BodyId, away: Array) -> Array:
-    """A free place on the floor near a body: x, y [m] and the yaw towards the body, by the question `path`.
+def _free_stand(simulation: Simulation, goal: BodyId, front: Array | None) -> Array:
+    """The free place on the floor nearest to a body: x, y [m] and the yaw towards the body.
 
-    Places are tried around the body, those in the direction `away` first.
+    Args:
+        simulation: the place, without the robot.
+        goal: the body.
+        front: the horizontal direction from the body in which a robot rather stands; None for any.
 
     Raises:
         InvalidArgumentError: there is none.
     """
     center = poses_in(simulation.state, {goal})[goal][:2]
-    front = math.atan2(away[1], away[0])
-    for distance in _STAND_DISTANCES:
-        for turn in _STAND_TURNS:
-            direction = np.array([math.cos(front + turn), math.sin(front + turn)])
-            x, y = (center + distance * direction).tolist()
-            where = f"{x:.3f} {y:.3f}"
-            rows = simulation.ask(
-                "path", start_position=where, goal=goal, radius=_FLOOR_RADIUS_M, height=_ROBOT_HEIGHT_M
-            )
-            if rows:
-                stand = np.array(rows[0].points[-1])
-                return np.array([*stand, math.atan2(*(center - stand)[::-1])])
-    raise InvalidArgumentError(goal, cause="no robot gets near it on the floor", remedy="give the pose of the robot")
+    x, y = (center if front is None else center + _FRONT_M * front / max(float(np.linalg.norm(front)), 1e-6)).tolist()
+    place = free_floor_place(
+        simulation.snapshot(), simulation.geometry, radius=_FLOOR_RADIUS_M, height=_ROBOT_HEIGHT_M, near=(x, y)
+    )
+    if place is None:
+        cause = "no robot has room on the floor"
+        raise InvalidArgumentError(goal, cause=cause, remedy="give the pose of the robot")
+    stand = np.array(place[:2])
+    return np.array([*stand, math.atan2(*(center - stand)[::-1])])
 
 
 _STEPS = {OpenEnv: 300, PickEnv: 300, PlaceEnv: 500, PutAwayEnv: 1000}

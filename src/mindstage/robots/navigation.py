@@ -273,11 +273,12 @@ class _Way:
 
     def candidates(self, corners: Array) -> Iterator[list[tuple[float, float, float]]]:
         """Paths along corners, with different headings."""
-        kept = [corners[0], *(b for a, b in pairwise(corners) if np.hypot(*(b - a)) > 1e-6)]
-        if len(kept) < 2:
+        without_cells = np.vstack([corners[:1], corners[2:-2], corners[-1:]])  # of the ends, which are near cells
+        variants = [_distinct(each) for each in (without_cells, corners)]
+        if len(variants[-1]) < 2:
             yield [self.goal]
             return
-        for points in (self._rounded(np.array(kept)), np.array(kept)):
+        for points in (shape for each in variants if len(each) > 1 for shape in (self._rounded(each), each)):
             steps = np.diff(points, axis=0)
             lengths = np.hypot(steps[:, 0], steps[:, 1])
             headings = np.arctan2(steps[:, 1], steps[:, 0])
@@ -374,6 +375,11 @@ def _search(way: _Way, end_s: float, seed: int) -> BasePath | None:
         found.append((x, y, before))
     found[-1] = (way.goal[0], way.goal[1], before + _wrapped(way.goal[2] - before))
     return tuple(found) if way.first_obstacle(found) is None else None
+
+
+def _distinct(points: Array) -> Array:
+    """Points without those that are equal to the one before."""
+    return np.array([points[0], *(b for a, b in pairwise(points) if np.hypot(*(b - a)) > 1e-6)])
 
 
 def _wrapped(angle: float) -> float:

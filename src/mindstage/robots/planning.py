@@ -19,11 +19,11 @@ import ompl.geometric
 import ompl.util
 
 from mindstage.errors import InvalidArgumentError, UnreachableError
-from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker, MotionRobot
+from mindstage.robots.collisions import CLEARANCE_M, SELF_CLEARANCE_M, Collision, CollisionChecker, MotionRobot
 from mindstage.robots.kinematics import IkResult, IkTolerance, RobotKinematics
 from mindstage.robots.model import Arm, RobotJointType
 from mindstage.robots.retiming import MotionLimits, resting_path, retimed, rounded_polyline, spline_path
-from mindstage.robots.trajectories import JointTrajectory
+from mindstage.robots.trajectories import JointTrajectory, spline_of
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import Array, normalized_pose_array, quat_angle
 
@@ -33,7 +33,17 @@ _STEP = 0.05
 """Distance between two states that are checked [rad]."""
 _SLIDE_SCALE = 0.4
 """Displacement of a prismatic joint that counts as much as one radian [m]."""
+_TRIALS = 3
+_MORE_S = 1.0
+"""Wall time that a repeated search has at least [s]."""
+_TEST_PERIOD_S = 0.004
+_TEST_STEP = 0.015
+"""Distance between two states of a finished trajectory that are tested [rad]."""
+_TEST_SLACK_M = 0.001
+"""How much nearer they may be than the states of the path [m]."""
 _MAX_GOALS = 6
+_FREQUENT = 0.2
+"""Obstacles that were met by less than this part of the most frequent one are not named."""
 _SHORTCUT_S = 0.4
 """Wall time for shortcuts after a path was found [s]."""
 _SLICE_S = 0.25
@@ -90,6 +100,7 @@ class _ArmTask:
         self.checker = CollisionChecker(
             robot, joints=self.arm.joints, ignore=ignore, touch=touch, clearance_m=clearance_m
         )
+        self.step, self.clearance_m = _STEP, clearance_m
         self.hits: Counter[BodyId | None] = Counter()
         """How often each obstacle was met."""
 
@@ -105,11 +116,29 @@ class _ArmTask:
 
     def first_collision(self, a: Array, b: Array) -> Collision | None:
         """The first collision on the straight line between two states in joint space."""
-        count = max(1, ceil(float(np.linalg.norm((b - a) / self.scale)) / _STEP))
+        count = max(1, ceil(float(np.linalg.norm((b - a) / self.scale)) / self.step))
         for share in np.linspace(0.0, 1.0, count + 1)[1:]:
             if (found := self.collision(a + share * (b - a))) is not None:
                 return found
         return None
+
+    def keeps_away(self, trajectory: JointTrajectory) -> bool:
+        """Whether a trajectory, as it is executed, keeps nearly the distances that its states have."""
+        joints = {joint.name: joint for joint in self.joints}
+        state = dict(zip(self.arm.joints, trajectory.points[0].positions, strict=True))
+        spline = spline_of(trajectory, robot=self.robot.name, limits=joints, state=state)
+        own = self.robot.placed.link_ids.values()
+        last: Array | None = None
+        for t in np.arange(0.0, spline.duration_s, _TEST_PERIOD_S).tolist():
+            values, _ = spline.sample(t)
+            if last is not None and np.linalg.norm((values - last) / self.scale) < _TEST_STEP:
+                continue
+            last, found = values, self.checker.find(values)
+            if found is not None:
+                least = SELF_CLEARANCE_M if found.obstacle in own else self.clearance_m
+                if found.distance_m < least - _TEST_SLACK_M:
+                    return False
+        return True
 
     def unreachable(self, target: str, reason: str, obstacle: BodyId | None = None) -> UnreachableError:
         return UnreachableError(self.robot.name, target=target, reason=reason, obstacle=obstacle)
@@ -161,8 +190,16 @@ def plan_arm(
     goals = _goals(task, target, free, end_s)
     for goal in goals[:2]:  # often nothing is in the way
         if task.first_collision(task.start, goal) is None:
-            return _timed(task, np.array([task.start, goal]))
-    return _timed(task, _search(task, goals, _target_text(target), end_s, seed))
+            trajectory = _timed(task, np.array([task.start, goal]))
+            if task.keeps_away(trajectory):
+                return trajectory
+    for number in range(_TRIALS):
+        trajectory = _timed(task, _search(task, goals, _target_text(target), end_s, seed + number))
+        if task.keeps_away(trajectory):
+            break
+        task.step /= 2  # it grazes something between two states that were tested
+        end_s = max(end_s, time.monotonic() + _MORE_S)
+    return trajectory
 
 
 def plan_line(
@@ -339,11 +376,11 @@ def _search(task: _ArmTask, goals: Sequence[Array], text: str, end_s: float, see
     setup = ompl.geometric.SimpleSetup(space)
 
     def values_of(state: Any) -> Array:
-        return np.array([state[row] for row in range(count)]) * task.scale
+        return np.asarray(np.array([state[row] for row in range(count)]) * task.scale)
 
     setup.setStateValidityChecker(lambda state: task.is_free(values_of(state)))
     information = setup.getSpaceInformation()
-    information.setStateValidityCheckingResolution(_STEP / space.getMaximumExtent())
+    information.setStateValidityCheckingResolution(task.step / space.getMaximumExtent())
     setup.setStartState(_state(space, task.start / task.scale))
     goal_states = ompl.base.GoalStates(information)
     for goal in goals:
@@ -370,12 +407,15 @@ def _state(space: Any, values: Array) -> Any:
 
 
 def _not_found(task: _ArmTask, text: str, goals: int) -> UnreachableError:
-    hits = [(obstacle, count) for obstacle, count in task.hits.most_common() if obstacle is not None]
     own = set(task.robot.placed.link_ids.values())
-    others = [obstacle for obstacle, _ in hits if obstacle not in own] or [obstacle for obstacle, _ in hits]
+    hits = {obstacle: count for obstacle, count in task.hits.most_common() if obstacle is not None}
+    most = max(hits.values(), default=0)
+    frequent = [obstacle for obstacle, count in hits.items() if count > _FREQUENT * most]
+    others = [obstacle for obstacle in frequent if obstacle not in own]
+    names = ", ".join(others[:3]) or ", ".join(f"its own {obstacle}" for obstacle in frequent[:3])
     where = f" to any of {goals} configurations there" if goals > 1 else ""
-    blocked = f"; {', '.join(others[:3])} in the way" if others else ""
-    return task.unreachable(text, f"no way was found in time{where}{blocked}", others[0] if others else None)
+    blocked = f"; {names} in the way" if names else ""
+    return task.unreachable(text, f"no way was found in time{where}{blocked}", (others or [*frequent, None])[0])
 
 
 def _timed(task: _ArmTask, points: Array) -> JointTrajectory:

@@ -11,7 +11,9 @@ which its caller steps the simulation; a generator that is closed stops what it 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+import uuid
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -22,7 +24,7 @@ import numpy as np
 from mindstage.engines.base import Capability, Engine, SpawnReport
 from mindstage.engines.kinematic_tree import movable_axes
 from mindstage.errors import BodyNotFoundError, CommandRefusedError, RobotModelError, RobotNotFoundError
-from mindstage.robots.control import MotionGoal, MotionResult, gripper_opening, held_bodies
+from mindstage.robots.control import MotionGoal, MotionOutcome, MotionResult, gripper_opening, held_bodies
 from mindstage.robots.controller import RobotController
 from mindstage.robots.drives import drives_of, planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.model import Gripper, RobotModel
@@ -32,6 +34,7 @@ from mindstage.robots.world import RobotWorld, robot_world
 from mindstage.scene import IDENTITY, BodyId, Pose
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
 from mindstage.simulation.controllers import ControllerSchedule
+from mindstage.simulation.observation import SKILL_EDIT
 from mindstage.simulation.state import EngineSession, poses_in
 
 __all__ = ["JointState", "Odometry", "Robot", "place_robot"]
@@ -42,11 +45,29 @@ _WAIT_S = 0.02
 """Simulated time between two checks of a goal [s]."""
 
 
+class ReportFunction(Protocol):
+    """Reports an edit or a request to observers, by default of the client of this thread."""
+
+    def __call__(
+        self,
+        kind: str,
+        *,
+        ids: Iterable[BodyId] = (),
+        details: Mapping[str, Any] | None = None,
+        client: str | None = None,
+    ) -> None:
+        """See `simulation.observation.Observers.report`."""
+
+
 class RobotSession(EngineSession, Protocol):
     """The part of `Simulation` that robots use."""
 
     def ask(self, question: str, /, *positional: object, **args: object) -> Sequence[Any]:
         """All answers to a question about the current state."""
+
+    @property
+    def report(self) -> ReportFunction:
+        """Reports an edit or a request to observers."""
 
 
 class JointState(msgspec.Struct, frozen=True, kw_only=True):
@@ -103,9 +124,12 @@ class Robot:
         self.controller = controller
         self.report = report
         self._placed = placed
+        self._root = placed.link_ids[model.root]
+        controller.on_end(self._report_end)
         self._seen: tuple[BodyId, ...] | None = None
         """The ids for which `exists` was computed."""
         self._exists = True
+        self._last_goal: MotionGoal | None = None
         joints = {joint.id: joint for joint in placed.world.joints}
         self._axes = {
             name: (id, axes[0].index) for name, id in placed.joint_ids.items() if (axes := movable_axes(joints[id]))
@@ -149,30 +173,29 @@ class Robot:
 
     def joint_states(self) -> dict[str, JointState]:
         """The state of each joint that moves, in the order of the model."""
+        return self.session.run_on_engine(self.read_joint_states, label="joint states")
+
+    def read_joint_states(self, engine: Engine) -> dict[str, JointState]:
+        """The same for callers in the engine thread."""
         drives, zero = self.controller.drives.joints, self._placed.zero
-
-        def read(engine: Engine) -> dict[str, JointState]:
-            has_actuators = Capability.ACTUATORS in engine.capabilities
-            states = engine.actuator_states() if has_actuators else {}
-            driven = {name for name, drive in drives.items() if drive.actuator in states}
-            coordinates: Mapping[BodyId, tuple[float, ...]] = {}
-            if driven != self._axes.keys():
-                if Capability.JOINTS not in engine.capabilities:
-                    return {name: JointState(position=zero.get(name, 0.0)) for name in self._axes}
-                coordinates = engine.joint_positions()
-            found = {}
-            for name, (id, index) in self._axes.items():
-                if name in driven:
-                    state = states[drives[name].actuator]
-                    position, velocity, effort = state.position, state.velocity, state.effort
-                elif id in coordinates:
-                    position, velocity, effort = coordinates[id][index], 0.0, 0.0
-                else:
-                    raise BodyNotFoundError(id, known=tuple(coordinates))
-                found[name] = JointState(position=position + zero.get(name, 0.0), velocity=velocity, effort=effort)
-            return self._with_mimics(found)
-
-        return self.session.run_on_engine(read, label="joint states")
+        states = engine.actuator_states() if Capability.ACTUATORS in engine.capabilities else {}
+        driven = {name for name, drive in drives.items() if drive.actuator in states}
+        coordinates: Mapping[BodyId, tuple[float, ...]] = {}
+        if driven != self._axes.keys():
+            if Capability.JOINTS not in engine.capabilities:
+                return {name: JointState(position=zero.get(name, 0.0)) for name in self._axes}
+            coordinates = engine.joint_positions()
+        found = {}
+        for name, (id, index) in self._axes.items():
+            if name in driven:
+                state = states[drives[name].actuator]
+                position, velocity, effort = state.position, state.velocity, state.effort
+            elif id in coordinates:
+                position, velocity, effort = coordinates[id][index], 0.0, 0.0
+            else:
+                raise BodyNotFoundError(id, known=tuple(coordinates))
+            found[name] = JointState(position=position + zero.get(name, 0.0), velocity=velocity, effort=effort)
+        return self._with_mimics(found)
 
     def joint_positions(self) -> dict[str, float]:
         """The position of each joint that moves [m or rad], as in its description."""
@@ -477,7 +500,45 @@ class Robot:
             self.session.step(left_s)
 
     def _start(self, start: Callable[[Engine], MotionGoal], label: str) -> MotionGoal:
-        return self.session.run_on_engine(start, label=label)
+        goal = self.session.run_on_engine(start, label=label)
+        if goal is not self._last_goal:  # a velocity is commanded again and again
+            self._last_goal = goal
+            details = {"robot": self.name, "motion": goal.kind, **goal.command_details()}
+            self.session.report("command", ids=(self._root,), details=details)
+        return goal
+
+    def _report_end(self, goal: MotionGoal) -> None:
+        """Reports the end of a motion to observers; called in the engine thread."""
+        if goal.result is not None:
+            details = {"robot": self.name, "motion": goal.kind, **msgspec.to_builtins(goal.result)}
+            self.session.report("motion", ids=(self._root,), details=details, client=self.name)
+
+    @contextmanager
+    def performing(self, skill: str, args: Mapping[str, object]) -> Iterator[Callable[[str, str], None]]:
+        """In the context the robot performs a skill, which recordings have as an event.
+
+        Args:
+            skill: the name of the skill.
+            args: its arguments, as JSON values.
+
+        Yields:
+            A function that takes the outcome and the reason; without a call the skill was canceled.
+        """
+        present = set(self.session.state.ids)
+        things = tuple(BodyId(str(value)) for value in args.values() if str(value) in present)
+        details = {"performance": uuid.uuid4().hex, "skill": skill, "args": dict(args), "agent": self._root}
+        end: dict[str, str] = {}
+
+        def finish(outcome: str, reason: str) -> None:
+            end.update(outcome=outcome, reason=reason)
+
+        ids = (*things, self._root)
+        self.session.report(SKILL_EDIT, ids=ids, details=details, client=self.name)
+        try:
+            yield finish
+        finally:
+            result = end or {"outcome": MotionOutcome.CANCELED.value, "reason": ""}
+            self.session.report(SKILL_EDIT, ids=ids, details=details | result, client=self.name)
 
     # -- copies --------------------------------------------------------------------------------------------
 

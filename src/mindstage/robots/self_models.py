@@ -21,7 +21,9 @@ from mindstage.knowledge.questions import QuestionContext
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.vocabulary import knowrob
-from mindstage.robots.model import Arm, BaseType, ModelNote, RobotComponent, RobotJoint, RobotModel
+from mindstage.robots.model import Arm, BaseType, Gripper, ModelNote, RobotComponent, RobotJoint, RobotModel
+from mindstage.robots.models.grippers import analyze_gripper
+from mindstage.robots.models.link_tree import LinkTree
 from mindstage.scene import Iri, Literal
 
 __all__ = [
@@ -260,10 +262,11 @@ def _urdf_name(reasoner: Reasoner, link: Iri) -> str:
 
 
 def add_self_model(model: RobotModel, self_model: SelfModel) -> RobotModel:
-    """Adds to a model what an ontology states about the robot: components, capabilities, arms that it lacks.
+    """Adds to a model what an ontology states about the robot: components, capabilities, arms and grippers it lacks.
 
     An arm is a group of links of the class `ArmComponent`; its joints are those from the joint that moves the first
-    link to the last link. What does not agree with the description becomes a note.
+    link to the last link. A gripper is a group of the class `ManipulationEntity`, whose first link carries the fingers.
+    What does not agree with the description becomes a note.
 
     Args:
         model: the model, from a URDF or another description.
@@ -271,22 +274,22 @@ def add_self_model(model: RobotModel, self_model: SelfModel) -> RobotModel:
     """
     rules = bundled_rules()
     links = {link.name for link in model.links}
-    notes, arms = list(model.notes), list(model.arms)
+    notes = list(model.notes)
+    known: list[RobotComponent] = []
     for component in self_model.components:
-        unknown = [link for link in component.links if link not in links]
-        if unknown:
+        if unknown := [link for link in component.links if link not in links]:
             text = f"the self-model's {component.name} has links that the description lacks: {', '.join(unknown)}"
             notes.append(ModelNote(subject=component.name, text=text, is_guess=False))
-        elif _is_a(rules, component, _ARM) and len(component.links) > 1:
-            arm = _arm_of(model, component)
-            if arm is None:
-                text = "no joint of the self-model's arm has a drive"
-                notes.append(ModelNote(subject=component.name, text=text, is_guess=False))
-            elif not any(set(arm.joints) <= set(other.joints) for other in arms):
-                arms.append(arm)
-        elif _is_a(rules, component, _END_EFFECTOR) and not _has_gripper(model, component):
-            text = "it is a gripper in the self-model, which does not state how its fingers grasp"
-            notes.append(ModelNote(subject=component.name, text=text, is_guess=False))
+        elif component.links:
+            known.append(component)
+    grippers = list(model.grippers)
+    for component in known:
+        if _is_a(rules, component, _END_EFFECTOR) and not _has_gripper(model, grippers, component):
+            grippers += _gripper_of(model, component, notes)
+    arms = [_with_gripper(model, arm, grippers) for arm in model.arms]
+    for component in known:
+        if _is_a(rules, component, _ARM) and len(component.links) > 1:
+            arms += _missing_arm(model, component, grippers, arms, notes)
     stated_mobile = any(_is_a(rules, each, _BASE) for each in self_model.components)
     if stated_mobile and model.base.type is BaseType.FIXED:
         text = "the self-model states a mobile base, and the description a fixed one"
@@ -294,6 +297,7 @@ def add_self_model(model: RobotModel, self_model: SelfModel) -> RobotModel:
     return msgspec.structs.replace(
         model,
         arms=tuple(arms),
+        grippers=tuple(grippers),
         notes=tuple(notes),
         components=(*model.components, *self_model.components),
         capabilities=tuple(dict.fromkeys((*model.capabilities, *self_model.capabilities))),
@@ -304,27 +308,50 @@ def _is_a(rules: ClassRules, component: RobotComponent, cls: Iri) -> bool:
     return any(rules.is_a(each, cls) for each in component.classes)
 
 
-def _has_gripper(model: RobotModel, component: RobotComponent) -> bool:
-    below = _below(model, component.links[0]) if component.links else set()
-    return any(gripper.link in below for gripper in model.grippers)
+def _has_gripper(model: RobotModel, grippers: Iterable[Gripper], component: RobotComponent) -> bool:
+    below = _below(model, component.links[0])
+    return any(gripper.link in below for gripper in grippers)
 
 
-def _arm_of(model: RobotModel, component: RobotComponent) -> Arm | None:
-    """The arm from the first link of a group to that of its last links to which most drives lead."""
+def _gripper_of(model: RobotModel, component: RobotComponent, notes: list[ModelNote]) -> list[Gripper]:
+    """The gripper that a group of links is, if its fingers have drives and shapes."""
+    palm = component.links[0]
+    below = _below(model, palm)
+    joints = [joint for joint in model.joints if joint.is_movable and joint.parent in below]
+    tree = LinkTree(model.links, model.joints)
+    found = analyze_gripper(tree, component.name, palm, joints, notes) if joints else None
+    if found is None:
+        text = "it is a gripper in the self-model, but no joint beyond its first link moves fingers with shapes"
+        notes.append(ModelNote(subject=component.name, text=text, is_guess=False))
+    return [] if found is None else [found]
+
+
+def _with_gripper(model: RobotModel, arm: Arm, grippers: Sequence[Gripper]) -> Arm:
+    """The arm with the gripper beyond its tip."""
+    below = _below(model, arm.tip_link)
+    found = next((each.name for each in grippers if each.link in below), None)
+    return arm if arm.gripper is not None else msgspec.structs.replace(arm, gripper=found)
+
+
+def _missing_arm(
+    model: RobotModel,
+    component: RobotComponent,
+    grippers: Sequence[Gripper],
+    arms: Sequence[Arm],
+    notes: list[ModelNote],
+) -> list[Arm]:
+    """The arm from the first link of a group to that of its last links to which most drives lead, if it is new."""
     base, *ends = component.links
     chains = {end: _chain(model, base, end) for end in ends}
     tip = max(chains, key=lambda end: (len(_actuated(chains[end])), -ends.index(end)))
-    joints = _actuated(chains[tip])
+    joints = tuple(joint.name for joint in _actuated(chains[tip]))
     if not joints:
-        return None
-    gripper = next((each.name for each in model.grippers if each.link in _below(model, tip)), None)
-    return Arm(
-        name=component.name,
-        joints=tuple(joint.name for joint in joints),
-        base_link=chains[tip][0].parent,
-        tip_link=tip,
-        gripper=gripper,
-    )
+        text = "no joint of the self-model's arm has a drive"
+        notes.append(ModelNote(subject=component.name, text=text, is_guess=False))
+    if not joints or any(set(joints) <= set(arm.joints) for arm in arms):
+        return []
+    arm = Arm(name=component.name, joints=joints, base_link=chains[tip][0].parent, tip_link=tip)
+    return [_with_gripper(model, arm, grippers)]
 
 
 def _chain(model: RobotModel, base: str, end: str) -> list[RobotJoint]:

@@ -41,6 +41,7 @@ def add_standing_robot(
     source: str | os.PathLike[str] | RobotModel,
     place: tuple[float, float, float] | None = None,
     *,
+    near: tuple[float, float] | None = None,
     name: str = "",
 ) -> Robot:
     """Adds a robot that stands on the floor.
@@ -50,6 +51,7 @@ def add_standing_robot(
         source: the name of a known model, the path of a description, or a model.
         place: x, y [m] and yaw [rad] in the world frame; by default a free place in the middle of the floor, away from
             everything else.
+        near: x, y [m] of a point; the free place is then the nearest one to it.
         name: its name; by default that of the model.
 
     Raises:
@@ -63,7 +65,7 @@ def add_standing_robot(
         (x, y, yaw), level = place, find_floor(BodyBoxes.from_bodies(world.bodies))[0]
     else:
         radius = model.base.radius_m or _FIXED_RADIUS_M
-        found = free_floor_place(world, stage.geometry, radius=radius, height=_HEIGHT_M)
+        found = free_floor_place(world, stage.geometry, radius=radius, height=_HEIGHT_M, near=near)
         if found is None:
             cause = f"nowhere on the floor is room for a radius of {radius:.2f} m"
             raise CommandRefusedError(name or model.name, command="to stand", cause=cause, remedy="name a place")

@@ -399,7 +399,12 @@ _CLEARANCES_M = (0.8, 0.5, 0.3, 0.15, 0.05)
 
 
 def free_floor_place(
-    world: World, geometry: GeometryMap, *, radius: float, height: float
+    world: World,
+    geometry: GeometryMap,
+    *,
+    radius: float,
+    height: float,
+    near: tuple[float, float] | None = None,
 ) -> tuple[float, float, float] | None:
     """A place on the floor where something fits, in the middle of the floor and away from everything else.
 
@@ -408,6 +413,7 @@ def free_floor_place(
         geometry: their shapes.
         radius: radius of what is to stand there [m].
         height: its height [m].
+        near: x, y [m] of a point; the place is then the nearest one to it where it fits.
 
     Returns:
         x, y and the height of the floor [m]; None if it fits nowhere.
@@ -417,7 +423,7 @@ def free_floor_place(
     slabs = {bodies.bodies[row].id for row in floor}
     enclosing = set(SpatialRelations(world).enclosing_bodies)
     scene = ShapeScene(world.bodies, geometry)
-    for clearance in _CLEARANCES_M:
+    for clearance in _CLEARANCES_M if near is None else _CLEARANCES_M[-1:]:
         plan = FloorPlan(
             world,
             scene,
@@ -430,7 +436,8 @@ def free_floor_place(
         cells = np.flatnonzero(plan.is_free)
         if len(cells):
             centers = plan.centers(cells)
-            x, y = centers[np.argmin(np.linalg.norm(centers - centers.mean(axis=0), axis=1))].tolist()
+            middle = centers.mean(axis=0) if near is None else np.array(near)
+            x, y = centers[np.argmin(np.linalg.norm(centers - middle, axis=1))].tolist()
             return x, y, level
     return None
 

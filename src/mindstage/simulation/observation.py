@@ -19,6 +19,7 @@ from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap
 from mindstage.simulation.state import StateSnapshot
 
 __all__ = [
+    "SKILL_EDIT",
     "ClientDirectory",
     "ConnectedClient",
     "ObservedEngine",
@@ -29,6 +30,8 @@ __all__ = [
 ]
 
 _client: ContextVar[str] = ContextVar("client", default="Python")
+SKILL_EDIT = "skill"
+"""The kind of the edits that report the begin and the end of a skill; see `Robot.performing`."""
 _COMPOUND = {"reset", "clear", "undo", "redo", "place"}
 """Labels of calls that consist of several edits, and are reported as one."""
 _UNDONE = {"check rest", "mark start"}

@@ -146,6 +146,7 @@ class Simulation:
         self._highlights = Highlights()
         self._markers = MarkerStore()
         self._observers = Observers()
+        self.report = self._observers.report
         self._recorder: Recorder | None = None
         self._error = ""
         self._engine_error: EngineError | None = None

@@ -23,13 +23,13 @@ from mindstage.errors import CommandRefusedError, InvalidArgumentError, Mindstag
 from mindstage.knowledge.names import EntityType
 from mindstage.robots.base_placement import reachable_region
 from mindstage.robots.kinematics import RobotKinematics
-from mindstage.robots.model import Arm, RobotJointType, RobotModel
+from mindstage.robots.model import Arm, RobotJointType
 from mindstage.robots.models.catalog import list_models
-from mindstage.robots.models.reading import load_model
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills.catalog import SKILLS, start_skill
 from mindstage.robots.skills.declaration import ParameterType, SkillParameter, SkillResult, SkillSpec, SkillStep
-from mindstage.scene import Pose, Quaternion, Vector
+from mindstage.robots.standing import add_standing_robot
+from mindstage.scene import Vector
 from mindstage.scene.transforms import Array, normalize
 from mindstage.simulation import Simulation
 from mindstage.simulation.observation import as_client
@@ -54,10 +54,6 @@ _COMPLETIONS = {
     ParameterType.SUPPORT: EntityType.INDIVIDUAL,
     ParameterType.CLASS: EntityType.CLASS,
 }
-_MIN_RADIUS_M = 0.2
-_ROBOT_HEIGHT_M = 1.5
-_MAX_PLACE_DISTANCE_M = 3.0
-"""Distance from the center of the view up to which a free place is looked for [m]."""
 _HANDLE_SCALE = 0.25
 _REGION_COLOR = (34, 158, 84)
 _REGION_POINT_M = 0.012
@@ -428,27 +424,11 @@ class RobotHandler:
         if request.model not in known:
             remedy = f"choose one of {', '.join(known)}"
             raise InvalidArgumentError(request.model, cause="there is no such model in the catalog", remedy=remedy)
-        model = load_model(request.model)
-        robot = self._simulation.add_robot(model, self._free_place(session, model, request.at))
+        center = self._view_center(session)
+        near = None if center is None else center[:2]
+        robot = add_standing_robot(self._simulation, request.model, request.at, near=near)
         self.publish()
         return robot.name
-
-    def _free_place(self, session: ClientSession, model: RobotModel, at: tuple[float, float, float] | None) -> Pose:
-        """The given place, or the free one on the floor nearest to the center of the view."""
-        if at is not None:
-            return Pose((at[0], at[1], 0.0), _yaw_quaternion(at[2]))
-        x, y, _ = self._view_center(session) or (0.0, 0.0, 0.0)
-        radius = max(model.base.radius_m, _MIN_RADIUS_M)
-        for distance in np.arange(0.0, _MAX_PLACE_DISTANCE_M, radius).tolist():
-            count = max(1, round(2 * math.pi * distance / radius / 2))
-            for angle in np.linspace(0.0, 2 * math.pi, count, endpoint=False).tolist():
-                place = f"{x + distance * math.cos(angle):.3f} {y + distance * math.sin(angle):.3f}"
-                rows = self._simulation.ask(
-                    "path", start_position=place, goal_position=place, radius=radius, height=_ROBOT_HEIGHT_M
-                )
-                for row in rows:
-                    return Pose((*row.points[-1], row.level))
-        return Pose((x, y, 0.0))  # there is no floor
 
     def _remove(self, _: ClientSession, request: RobotRequest) -> None:
         robot = self._robot(request.robot)
@@ -595,10 +575,6 @@ def _described(robot: Robot) -> dict[str, object]:
         "notes": [f"{each.subject}: {each.text}" if each.subject else each.text for each in model.notes],
         "source": model.source,
     }
-
-
-def _yaw_quaternion(yaw: float) -> Quaternion:
-    return math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)
 
 
 def _arm(robot: Robot, name: str) -> Arm:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pickle
 import re
+import subprocess
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -359,7 +361,7 @@ def test_the_parts_of_the_bundled_robot() -> None:
         ("ur5", BaseType.FIXED, {"manipulator": 6}, []),
         ("pr2_mjcf", BaseType.PLANAR, {"l_arm": 7, "r_arm": 7}, []),
         ("baxter", BaseType.FIXED, {"left_arm": 7, "right_arm": 7}, None),
-        ("talos", BaseType.FIXED, {"left_arm": 7, "right_arm": 7}, None),
+        ("talos", BaseType.FIXED, {"l_arm": 7, "r_arm": 7}, None),
     ],
 )
 def test_the_parts_of_known_robots(
@@ -391,6 +393,21 @@ def test_sections_of_a_telescope_move_together() -> None:
         assert mimic is not None
         assert mimic.joint == "joint_arm_l3"
     assert not any("wheel" in joint.name for joint in model.actuated_joints)
+
+
+@pytest.mark.parametrize(
+    ("urdf", "srdf"),
+    [
+        ("talos_data/robots/talos_reduced.urdf", "talos.srdf"),
+        ("ur_description/urdf/ur5_robot.urdf", "ur5.srdf"),
+        ("ur_description/urdf/ur5_gripper.urdf", "ur5_gripper.srdf"),
+        ("pr2_description/urdf/pr2.urdf", "pr2.srdf"),
+        ("ur_description/urdf/ur10_robot.urdf", None),
+    ],
+)
+def test_the_srdf_near_a_description_is_found(urdf: str, srdf: str | None) -> None:
+    notes = [note.text for note in load_model(EXAMPLES / urdf).notes if "SRDF" in note.text]
+    assert notes == ([] if srdf is None else [f"{srdf} is its SRDF, by its name"])
 
 
 def test_guesses_without_srdf_are_noted(tmp_path: Path) -> None:
@@ -445,3 +462,14 @@ def test_a_description_is_found_by_name_in_a_folder(tmp_path: Path) -> None:
     path = written(folder, TWO_LINKS, "pair.urdf")
     assert find_model("pair", folders=[tmp_path]).path == path
     assert load_model("pair", folders=[tmp_path]).name == "pair"
+
+
+def test_the_code_of_the_document_prints_what_it_says() -> None:
+    text = (Path(__file__).parents[3] / "docs" / "how-to" / "robot-models.md").read_text(encoding="utf-8")
+    code = "\n".join(re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL))
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    assert run.returncode == 0, run.stderr
+    said = re.findall(r"  # (.*)$", code, re.MULTILINE)
+    assert run.stdout.splitlines()[: len(said)] == said
+    names = {name for row in re.findall(r"^\| `[a-z-]+` \| (.*) \|$", text, re.MULTILINE) for name in row.split(", ")}
+    assert {name.strip("`") for name in names} == {model.name for model in list_models() if model.package}

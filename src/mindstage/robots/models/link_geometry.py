@@ -87,7 +87,7 @@ def read_link_geometries(
         The geometry of the links that have any, and notes on meshes that could not be used.
     """
     files = {
-        part.mesh: mesh_file(part.mesh, path, packages)
+        part.mesh: _mesh_file(part.mesh, path, packages)
         for link in robot.links
         for part in (*link.visuals, *link.collisions)
         if part.mesh is not None
@@ -110,7 +110,7 @@ def read_link_geometries(
     return geometries, [*_missing_notes(robot, found), *_rejection_notes(robot, found, rejected)]
 
 
-def mesh_file(name: str, urdf_path: Path, packages: RosPackagePath) -> Path | None:
+def _mesh_file(name: str, urdf_path: Path, packages: RosPackagePath) -> Path | None:
     """Returns the file of a mesh, or None if it does not exist."""
     if name.startswith("package:"):
         try:  # some files have a third slash
@@ -120,8 +120,9 @@ def mesh_file(name: str, urdf_path: Path, packages: RosPackagePath) -> Path | No
     parts = urlsplit(name)
     if parts.scheme not in ("", "file"):
         return None
-    path = urdf_path.parent / unquote(parts.path)
-    return path if path.is_file() else None
+    # Files that are included from a folder of macros are relative to the folder above it.
+    candidates = (folder / unquote(parts.path) for folder in list(urdf_path.resolve().parents)[:2])
+    return next((each for each in candidates if each.is_file()), None)
 
 
 def _missing_notes(robot: UrdfRobot, found: Mapping[str, Path]) -> list[ModelNote]:

@@ -76,11 +76,14 @@ def load_model(
     folders = tuple(folders)
     found = ModelSource(path=source) if isinstance(source, Path) else find_model(source, folders=folders)
     path, name = found.path, name or found.name
-    srdf = srdf or found.srdf or _srdf_beside(path)
-    semantic = Srdf() if srdf is None else read_srdf(srdf)
-    if _is_mjcf(path):
-        return _assemble(_from_mjcf(path, found.mimics), semantic, path, name)
-    return _assemble(_from_urdf(path, found.mimics, folders, cache), semantic, path, name)
+    is_mjcf = _is_mjcf(path)
+    description = _from_mjcf(path, found.mimics) if is_mjcf else _from_urdf(path, found.mimics, folders, cache)
+    stated = srdf or found.srdf
+    used = stated or _srdf_beside(path)
+    if used is not None and stated is None:
+        note = ModelNote(subject="", text=f"{used.name} is its SRDF, by its name")
+        description = replace(description, notes=(*description.notes, note))
+    return _assemble(description, Srdf() if used is None else read_srdf(used), path, name)
 
 
 class _Description(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -213,11 +216,16 @@ def _package_folders(path: Path) -> list[Path]:
 
 
 def _srdf_beside(path: Path) -> Path | None:
-    """The SRDF of the same name beside a description, or in a folder `srdf` beside or above it."""
-    stem = path.name.split(".")[0]
-    candidates = [path.with_name(f"{stem}.srdf")]
-    candidates += [folder / "srdf" / f"{stem}.srdf" for folder in list(path.parents)[:2]]
-    return next((each for each in candidates if each.is_file()), None)
+    """The SRDF of a description, beside it or in a folder `srdf` beside or above it.
+
+    Its name is that of the description, or the longest one with which that begins: `talos.srdf` for
+    `talos_reduced.urdf`.
+    """
+    stem = re.split(r"\.(?:urdf|xacro|xml|mjcf)\b", path.name)[0]
+    folders = [path.parent, *(folder / "srdf" for folder in list(path.parents)[:2])]
+    found = [each for folder in folders if folder.is_dir() for each in sorted(folder.glob("*.srdf"))]
+    fitting = [each for each in found if re.match(re.escape(each.stem) + r"(?![a-zA-Z0-9])", stem)]
+    return max(fitting, key=lambda each: len(each.stem), default=None)
 
 
 def _inertia(inertial: UrdfInertial) -> tuple[Inertia, str]:

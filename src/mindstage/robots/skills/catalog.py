@@ -109,7 +109,9 @@ def _performing(
 ) -> Generator[float, None, SkillResult]:
     task = SkillTask(robot, seed=seed, on_step=on_step)
     try:
-        end = yield from _until_deadline(task, spec, args, deadline_s)
+        with robot.performing(spec.name, args) as finish:
+            end = yield from _until_deadline(task, spec, args, deadline_s)
+            finish(end.outcome, end.reason)
     except BaseException:
         robot.stop()
         raise

@@ -32,10 +32,13 @@ _STEP_M = 0.02
 """Distance of the handle between neighboring poses of its path."""
 _FACING = 0.7
 """Least cosine between the direction of approach and the outward direction of the front."""
+_WHOLE_GRASPS, _PART_GRASPS = 6, 6
 _BACK_M = 0.1
 """Distance from which a handle is approached, and to which the gripper withdraws."""
+_LET_GO_M = 0.05
+"""By how much the gripper opens to let go of a handle."""
 _PUSH_BACK_M = 0.1
-_PRESS_M = 0.006
+_PRESS_M = 0.004
 """How far the gripper is ahead of the front that it pushes."""
 _MAX_UP = 0.5
 """Largest upward component of the direction in which a hand points that pushes."""
@@ -134,21 +137,20 @@ def _moving_once(task: SkillTask, opening: Opening, fraction: float, *, is_first
         yield from _pushing(task, hand, opening, handle, path, error)
         return
     yield from hand.driving_to(stance.base, why=f"to reach {handle}")
-    yield from hand.opening()
+    yield from hand.opening(stance.grasp.opening_m(hand.gripper.max_opening_m))
     yield from hand.moving_to(stance.start, why=f"in front of {handle}")
     grasp = stance.grasp.in_world(surroundings.pose(handle))
     yield from hand.moving_straight(grasp, why=f"to {handle}", may_touch=True)
     try:
         if stance.grasp.is_by_friction:
-            result = yield from hand.closing()
-            if not result.stalled:
+            if not (yield from hand.closing()):
                 raise task.failure(f"the gripper closed without {handle} between its fingers", "approach it again")
         else:
             task.assume(f"{handle} was fixed to the gripper by a spring: {stance.why}")
         word = "close" if fraction < opening.openness else "open"
         with task.step(word, f"{word} {opening.front} to {fraction:.0%}"):
             yield from _moving_handle(task, hand, opening, handle, path, stance)
-    except SkillFailedError:
+    except (SkillFailedError, UnreachableError, CommandRefusedError):
         yield from _letting_go(hand, handle)
         raise
     finally:
@@ -195,7 +197,7 @@ def _pushing(
     with task.step("push", f"push {opening.front}"):
         at = pose_multiply(fronts, stance.grasp.pose)
         pressed = at.copy()
-        pressed[:, :3] += _PRESS_M * _directions(at[:, :3])
+        pressed[:, :3] += _PRESS_M * np.linspace(1.0, 0.0, len(at))[:, None] * _directions(at[:, :3])
         motion = hand.path(pressed, may_drive=hand.is_mobile)
         if motion.reached >= 2:
             yield from hand.following(motion, speed=0.4, cartesian_speed=0.15)
@@ -225,7 +227,7 @@ def _moving_handle(
         if np.linalg.norm(slipped) > _SLIP_M:
             raise task.failure(f"{handle} slipped out of the gripper", "grasp it again, or move it with less speed")
 
-    result = yield from hand.following(motion, speed=0.4, cartesian_speed=0.2, on_tick=check)
+    result = yield from hand.following(motion, speed=0.4, cartesian_speed=0.15, on_tick=check)
     if not result:
         raise task.failure(result.reason, "move what is in the way")
 
@@ -246,7 +248,7 @@ def _vector(values: Array) -> tuple[float, float, float]:
 
 def _letting_go(hand: Manipulator, handle: BodyId) -> SkillMotion:
     """Opens the gripper and withdraws it."""
-    yield from hand.opening()
+    yield from hand.opening(hand.robot.opening(hand.gripper.name) + _LET_GO_M)
     back = pose_multiply(hand.grasp_pose, np.array([-_BACK_M, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
     with hand.task.step("move", f"move the gripper away from {handle}"):
         yield from hand.withdrawing(back)
@@ -274,6 +276,13 @@ def _front_path(opening: Opening, surroundings: Surroundings, handle: BodyId, ta
     )
 
 
+def _with_parts(grasps: list[Grasp]) -> list[Grasp]:
+    """Grasps of a handle, with some of its parts among the first: the bar may be too near to a wall, its end not."""
+    whole = [each for each in grasps if each.is_whole]
+    parts = [each for each in grasps if not each.is_whole]
+    return [*whole[:_WHOLE_GRASPS], *parts[:_PART_GRASPS], *whole[_WHOLE_GRASPS:]]
+
+
 def _find_stance(
     hand: Manipulator,
     opening: Opening,
@@ -292,7 +301,7 @@ def _find_stance(
     grasps.sort(key=lambda each: (not each.is_whole, not each.is_central, -round(facing(each), 2)))
     request = StanceRequest(
         handle,
-        grasps,
+        _with_parts(grasps),
         path.handles,
         _BACK_M,
         joint=opening.joint.id,

@@ -32,10 +32,12 @@ __all__ = ["Grasp", "GripperShape", "grasps_of", "pushes_of", "weld_grasps_of"]
 
 _CLEARANCE_M = 0.006
 """Least distance of each open finger from what is grasped."""
+_ROOM_M = 0.025
+"""Distance of each open finger from what it is to grasp, where the gripper opens that far."""
 _SHIFTS = (0.0, 0.25, -0.25)
 """Grasped places along a long box, as fractions of its length."""
 _LONG_M = 0.09
-_TIP_GAP_M = 0.004
+_TIP_GAP_M = 0.006
 """Least distance of the finger tips from what is behind a thing, such as the front behind a handle."""
 _MIN_OVERLAP_M = 0.008
 """Least length of the fingers beside what is grasped."""
@@ -107,6 +109,14 @@ class Grasp(NamedTuple):
     """Whether the whole body is between the fingers, rather than a part of it."""
     is_central: bool
     """Whether it is grasped at its middle."""
+
+    def opening_m(self, largest_m: float) -> float:
+        """The opening with which the gripper comes [m].
+
+        Args:
+            largest_m: the largest opening of the gripper.
+        """
+        return min(self.width_m + 2 * _ROOM_M, largest_m)
 
     def in_world(self, body_pose: Array) -> Array:
         """The grasp frame in the world frame."""

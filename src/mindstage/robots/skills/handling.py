@@ -45,7 +45,7 @@ _FREE_PLACES = 60
 """Number of free places that are looked for."""
 _PLACES = 10
 """Number of free places that are tried."""
-_PLACE_BUDGET_S = 6.0
+_PLACE_BUDGET_S = 4.0
 """Limit of the wall time for each [s]."""
 _CLOSE_M = 0.5
 """Places that are nearer than this to where the base can stand are equally good."""
@@ -181,13 +181,12 @@ def _grasping(
         task.moved[id] = None
         if not stays:
             yield from hand.driving_to(stance.base, why=f"to reach {id}")
-        yield from hand.opening(min(stance.grasp.width_m + 2 * _ROOM_M, hand.gripper.max_opening_m))
+        yield from hand.opening(stance.grasp.opening_m(hand.gripper.max_opening_m))
         yield from hand.moving_to(stance.start, why=f"in front of {id}", touch=(id,))
         yield from hand.moving_straight(stance.grasp.in_world(surroundings.pose(id)), why=f"to {id}", may_touch=True)
         held_by_friction = False
         if stance.grasp.is_by_friction:
-            result = yield from hand.closing()
-            held_by_friction = result.stalled
+            held_by_friction = yield from hand.closing()
         if not held_by_friction:
             _fix(task, hand, id, "the fingers do not hold it by friction")
         relative = pose_multiply(pose_inverse(hand.grasp_pose), surroundings.pose(id))
@@ -363,6 +362,7 @@ def _support(surroundings: Surroundings, id: BodyId, holder: BodyId, *, inside: 
 
 def _placing(task: SkillTask, hand: Manipulator, id: BodyId, support: BodyId, *, inside: bool) -> SkillMotion:
     """Takes what is held to a free place, releases it and withdraws."""
+    task.moved[id] = None
     surroundings = task.surroundings()
     places = surroundings.free_places(id, support, inside=inside, count=_FREE_PLACES)
     if not places:
@@ -401,16 +401,7 @@ def _standing_for(
     floor = FloorMap(hand.robot) if hand.is_mobile else None
     error: UnreachableError | None = None
     for pose in _nearest_to_floor([normalized_pose_array(each) for each in places], floor)[:_PLACES]:
-        options = [
-            Grasp(
-                pose_multiply(_spun(pose, turn) + raised, in_hand),
-                0.0,
-                is_by_friction=True,
-                is_whole=True,
-                is_central=True,
-            )
-            for turn in (0.0, pi)
-        ]
+        options = _options(pose + raised, in_hand, floor)
         request = StanceRequest(
             id,
             options,
@@ -435,6 +426,17 @@ def _standing_for(
         reason=error.reason if error else "there is none",
         obstacle=error.obstacle if error else None,
     )
+
+
+def _options(pose: Array, in_hand: Array, floor: FloorMap | None) -> list[Grasp]:
+    """The grasp with which a thing is held, at a place and turned there, those that come from the free floor first."""
+    found = [pose_multiply(_spun(pose, pi / 4 * number), in_hand) for number in range(8)]
+    if floor is not None:
+        standing = floor.plan.centers(np.flatnonzero(np.isfinite(floor.lengths)))
+        if len(standing):
+            towards = pose[:2] - standing[np.argmin(np.hypot(*(standing - pose[:2]).T))]
+            found.sort(key=lambda at: -round(float(quat_rotate(at[3:], (1.0, 0.0, 0.0))[:2] @ towards), 3))
+    return [Grasp(at, 0.0, is_by_friction=True, is_whole=True, is_central=True) for at in found]
 
 
 def _nearest_to_floor(poses: Sequence[Array], floor: FloorMap | None) -> list[Array]:

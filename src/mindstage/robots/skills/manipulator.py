@@ -11,6 +11,7 @@ from math import cos, hypot, pi, sin
 
 import numpy as np
 
+from mindstage.engines.base import Capability, Contact, Engine
 from mindstage.errors import UnreachableError
 from mindstage.robots.collisions import CLEARANCE_M
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
@@ -34,7 +35,7 @@ _BASE_GAIN = 3.0
 """Velocity of the base by its error [1/s]."""
 _TICK_S = 0.04
 """The interval at which the base is commanded while it moves with the arm [s]."""
-_PLANNING_S = 10.0
+_PLANNING_S = 20.0
 """Limit of the wall time of one plan of an arm [s]."""
 _OPENING_TOLERANCE_M = 0.03
 """An opening that is smaller than wanted by less is enough: what is grasped has room."""
@@ -44,11 +45,15 @@ _HELD_DRIVE_SPEED = 0.5
 _HELD_CLEARANCE_M = 0.015
 _POSE_JOINTS = 6
 """Joints that an arm needs to take its hand to any pose in reach."""
-_PARKING_S = 4.0
+_EMPTY_M = 0.003
+"""A closed gripper with a smaller opening has nothing between its fingers."""
+_MAX_DEPTH_M = 0.004
+"""A motion ends when a part of the robot is pressed deeper than this into something."""
+_PARKING_S = 8.0
 """Limit of the wall time in which a way of the arm to its rest position is looked for, before the base moves [s]."""
 _ROOMS_M = (0.35, 0.2)
 """How far the base drives away to give an arm room."""
-_ROOM_S = 1.0
+_ROOM_S = 2.0
 """Limit of the wall time for each direction [s]."""
 _NEAR_M, _NEAR_RAD = 0.02, 0.04
 """A base that is nearer to where it is to stand does not drive."""
@@ -58,6 +63,14 @@ def planar_pose(base: BasePose) -> Array:
     """A pose on the floor, seven numbers."""
     x, y, yaw = base
     return np.array([x, y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)])
+
+
+def _deepest(engine: Engine, own: frozenset[BodyId]) -> Contact | None:
+    """The deepest of the contacts of some bodies that are too deep."""
+    if Capability.CONTACTS not in engine.capabilities:
+        return None
+    found = [each for each in engine.contacts() if each.depth_m > _MAX_DEPTH_M and (each.a in own or each.b in own)]
+    return max(found, key=lambda each: each.depth_m, default=None)
 
 
 class Manipulator:
@@ -158,7 +171,7 @@ class Manipulator:
         """
         with self.task.step("move", f"move the arm {why}"):
             trajectory = self._plan(target, touch, free, budget_s)
-            result = yield from self.robot.following(trajectory)
+            result = yield from self._guarded(self.robot.following(trajectory))
             self._require(result, "move what is in the way of the arm")
 
     def _plan(
@@ -194,7 +207,7 @@ class Manipulator:
             may_touch: whether it is enough to be stopped by a contact on the way.
         """
         with self.task.step("move", f"move the gripper {why}"):
-            path = self.path(interpolated_poses(self.grasp_pose, target), may_drive=self.needs_base)
+            path = self.path(interpolated_poses(self.grasp_pose, target), may_drive=self.is_mobile)
             if not path.is_complete:
                 raise self.task.failure(f"the gripper cannot move straight {why}: {path.reason}", "stand elsewhere")
             result = yield from self.following(path, speed=speed)
@@ -209,16 +222,20 @@ class Manipulator:
 
     def path(self, poses: Array, *, free: str = "", may_drive: bool = False) -> ArmPath:
         """The motion of the arm from its present state along poses of the grasp frame, n x 7."""
-        return follow_poses(
+        now = self.robot.joint_positions()
+        found = follow_poses(
             self.kinematics,
             self.arm,
             poses,
             root=self.root_pose,
-            seed=self.robot.joint_positions(),
+            seed=now,
             free=free,
             may_drive=may_drive,
             from_seed=True,
         )
+        if found.reached:
+            found.positions[0] = [now[name] for name in found.joints]  # its first pose is the present one
+        return found
 
     def following(
         self,
@@ -243,7 +260,7 @@ class Manipulator:
         times = np.array([point.time_s for point in trajectory.points])
         bases = np.array([self.base_of(root) for root in path.roots])
         bases[:, 2] = np.unwrap(bases[:, 2])
-        motion = self.robot.following(trajectory)
+        motion = self._guarded(self.robot.following(trajectory))
         start_s = self.task.time_s
         try:
             while True:
@@ -262,6 +279,28 @@ class Manipulator:
             motion.close()
             if path.moves_base:
                 self.robot.drive(0.0, 0.0, 0.0)
+
+    def _guarded(self, motion: Generator[float, None, MotionResult]) -> Generator[float, None, MotionResult]:
+        """A motion that ends when a part of the robot is pressed into something."""
+        own = frozenset(self.robot.link_ids.values())
+        try:
+            while True:
+                try:
+                    duration_s = next(motion)
+                except StopIteration as end:
+                    result: MotionResult = end.value
+                    return result
+                yield duration_s
+                pressed = self.task.session.run_on_engine(lambda engine: _deepest(engine, own), label="contacts")
+                if pressed is not None:
+                    a, b = (pressed.a, pressed.b) if pressed.a in own else (pressed.b, pressed.a)
+                    reason = f"{a} is pressed {pressed.depth_m * 1000:.1f} mm into {b}"
+                    obstacles = () if b is None else (b,)
+                    return MotionResult(
+                        outcome=MotionOutcome.FAILED, reason=reason, failure=MotionFailure.BLOCKED, obstacles=obstacles
+                    )
+        finally:
+            motion.close()
 
     def _least_durations(self, path: ArmPath, cartesian_speed: float) -> Array:
         frame = self.kinematics.frame_of(self.arm)
@@ -304,11 +343,11 @@ class Manipulator:
             if self.robot.opening(self.gripper.name) < wanted - _OPENING_TOLERANCE_M:
                 self._require(result, "give the fingers room")
 
-    def closing(self) -> Generator[float, None, MotionResult]:
+    def closing(self) -> Generator[float, None, bool]:
         """Closes the gripper with its largest force; returns whether something is between the fingers."""
         with self.task.step("close gripper", "close the gripper"):
-            result = yield from self.robot.gripping(self.gripper.name, 0.0)
-        return result
+            yield from self.robot.gripping(self.gripper.name, 0.0)
+        return self.robot.opening(self.gripper.name) > _EMPTY_M
 
     def parking(self, *, touch: Collection[BodyId] = ()) -> SkillMotion:
         """Folds the arm."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import atan2, cos, pi, sin
-from time import monotonic
+from time import thread_time
 from typing import NamedTuple
 
 import numpy as np
@@ -26,9 +26,9 @@ _BEARINGS_RAD = (0.0, 0.35, -0.35, 0.7, -0.7, 1.1, -1.1, 1.5, -1.5, 1.9, -1.9)
 """Directions in which the base stands, relative to that from which the hand comes."""
 _HEADINGS_RAD = (0.0, 0.5, -0.5, 1.0, -1.0, pi / 2, -pi / 2)
 """Headings of the base, relative to that towards what is grasped."""
-_BUDGET_S = 25.0
-"""Limit of the wall time [s]."""
-_WAY_BUDGET_S = 3.0
+_BUDGET_S = 15.0
+"""Limit of the processor time [s]."""
+_WAY_BUDGET_S = 5.0
 """Limit of the wall time in which a way to a place is looked for [s]."""
 _GOOD_ENOUGH = 0.98
 """Part of the path beyond which no better stance is looked for."""
@@ -38,7 +38,7 @@ _OUTSIDE_M = 0.1
 _MAX_WAY_M = 0.45
 _CHECKED_EVERY = 3
 """Of the poses of a path, every third one is tested for collisions."""
-_MAX_GRASPS = 10
+_MAX_GRASPS = 12
 """Number of grasps that are tried at each place."""
 
 
@@ -87,7 +87,7 @@ class StanceRequest(NamedTuple):
     stays: bool = False
     """Whether the base must stay where it is."""
     budget_s: float = _BUDGET_S
-    """Limit of the wall time [s]."""
+    """Limit of the processor time [s]."""
 
 
 def find_stance(hand: Manipulator, request: StanceRequest, floor: FloorMap | None = None) -> Stance:
@@ -125,14 +125,11 @@ class _Search:
             base_moves=self.moves_base,
             touch={request.target, *request.touched},
         )
-        fingers = hand.gripper.closed_positions if request.is_closed else hand.gripper.open_positions
-        if hand.held is not None:
-            fingers = tuple(self.positions[name] for name in hand.gripper.joints)
-        self.fingers = dict(zip(hand.gripper.joints, fingers, strict=True))
+        self.fingers: dict[str, float] = {}
         self.reasons: dict[str, int] = {}
         self.blocked = 0
         """Number of places that are not free."""
-        self.deadline = monotonic() + request.budget_s
+        self.deadline = thread_time() + request.budget_s
 
     def find(self) -> Stance:
         """See `find_stance`."""
@@ -147,7 +144,7 @@ class _Search:
                 best = stance
                 if best is not None and best.reach >= _GOOD_ENOUGH:
                     return best
-            if monotonic() > self.deadline:
+            if thread_time() > self.deadline:
                 break
         if best is None:
             none = "there is no free place to stand near it" if self.blocked else "no grasp of it fits the gripper"
@@ -192,6 +189,7 @@ class _Search:
 
     def _try(self, base: BasePose, grasp: Grasp, number: int) -> Stance | None:
         hand, request = self.hand, self.request
+        self.fingers = self._fingers(grasp)
         at = grasp.in_world(request.poses[0])
         adjusts = hand.needs_base and self.moves_base
         found = hand.kinematics.solve_ik(
@@ -227,6 +225,15 @@ class _Search:
             self._count(path.reason or "the robot would touch something on the way")
             return None
         return Stance(start.base, grasp, number, start.positions, reach, start.back_m, path.reason)
+
+    def _fingers(self, grasp: Grasp) -> dict[str, float]:
+        """Positions of the fingers on the way to a grasp; those of now if something is held."""
+        gripper = self.hand.gripper
+        if self.hand.held is not None:
+            return {name: self.positions[name] for name in gripper.joints}
+        share = 0.0 if self.request.is_closed else grasp.opening_m(gripper.max_opening_m) / gripper.max_opening_m
+        closed, opened = np.array(gripper.closed_positions), np.array(gripper.open_positions)
+        return dict(zip(gripper.joints, (closed + share * (opened - closed)).tolist(), strict=True))
 
     def _stands_free(self, base: BasePose) -> bool:
         if self.floor is None:

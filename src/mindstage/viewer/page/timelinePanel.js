@@ -13,7 +13,7 @@ const MAX_BARS = 3000;
 const COLORS = {
   Contact: "#8a94a0", Colliding: "#d6336c", SupportedBy: "#7a8f2a", ContainedIn: "#4c8f5c", Grasping: "#e8590c",
   PickingUp: "#f08c00", PuttingDown: "#b8860b", Transporting: "#c2410c", Sliding: "#0c8599", Opening: "#1971c2",
-  Closing: "#4263eb", Falling: "#9c36b5", TippingOver: "#c026a3",
+  Closing: "#4263eb", Falling: "#9c36b5", Performing: "#5c940d", TippingOver: "#c026a3",
 };
 
 const timeText = (time) => `${formatNumber(Math.floor(time / 60), 0)}:${(time % 60).toFixed(2).padStart(5, "0")}`;
