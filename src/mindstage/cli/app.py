@@ -114,7 +114,8 @@ def main() -> None:
         print("mindstage: this is a bug in Mindstage, please report it", file=sys.stderr)  # noqa: T201
         sys.exit(ExitCode.ERROR)
     finally:
-        gc.freeze()  # a collection at exit would find nothing either
+        if "ompl" not in sys.modules:  # its bindings print all that is not collected at exit
+            gc.freeze()  # a collection at exit would find nothing either
 
 
 def _on_signal(number: int, _: object) -> NoReturn:
