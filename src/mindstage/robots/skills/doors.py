@@ -207,7 +207,8 @@ def _pushing(
 def _directions(points: Array) -> Array:
     """The direction of a path at each of its points."""
     steps = np.gradient(points, axis=0)
-    return steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), 1e-9)
+    directions: Array = steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), 1e-9)
+    return directions
 
 
 def _moving_handle(

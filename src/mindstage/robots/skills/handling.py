@@ -45,7 +45,9 @@ _FREE_PLACES = 60
 """Number of free places that are looked for."""
 _PLACES = 10
 """Number of free places that are tried."""
-_PLACE_BUDGET_S = 4.0
+_TURNS = 4
+"""Number of ways in which a thing is turned at each place."""
+_PLACE_BUDGET_S = 6.0
 """Limit of the wall time for each [s]."""
 _CLOSE_M = 0.5
 """Places that are nearer than this to where the base can stand are equally good."""
@@ -436,7 +438,7 @@ def _options(pose: Array, in_hand: Array, floor: FloorMap | None) -> list[Grasp]
         if len(standing):
             towards = pose[:2] - standing[np.argmin(np.hypot(*(standing - pose[:2]).T))]
             found.sort(key=lambda at: -round(float(quat_rotate(at[3:], (1.0, 0.0, 0.0))[:2] @ towards), 3))
-    return [Grasp(at, 0.0, is_by_friction=True, is_whole=True, is_central=True) for at in found]
+    return [Grasp(at, 0.0, is_by_friction=True, is_whole=True, is_central=True) for at in found[:_TURNS]]
 
 
 def _nearest_to_floor(poses: Sequence[Array], floor: FloorMap | None) -> list[Array]:
@@ -495,12 +497,12 @@ def _tilting(task: SkillTask, hand: Manipulator, id: BodyId, target: BodyId) -> 
     options = []
     for sign in (1.0, -1.0):
         rim = np.array([*((low + high) / 2)[:2], high[2] + _POUR_GAP_M])
-        poses = []
+        tilted = list[Array]()
         for angle in np.linspace(0.0, sign * _POUR_ANGLE_RAD, _POUR_STEPS):
             spin = np.array([cos(angle / 2), *(sin(angle / 2) * axis)])
             corner = quat_rotate(spin, -sign * side * half_width + np.array([0.0, 0.0, half_height]))
-            poses.append(np.concatenate([rim - corner, quat_multiply(spin, now[3:])]))
-        options.append(np.array(poses))
+            tilted.append(np.concatenate([rim - corner, quat_multiply(spin, now[3:])]))
+        options.append(np.array(tilted))
     stance, poses = _pour_stance(hand, id, target, options, in_hand)
     with task.step("pour", f"pour {id} into {target}"):
         yield from hand.driving_to(stance.base, why=f"to reach {target}")
