@@ -317,6 +317,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
             changed = self.prepare(thing)
             if changed:
                 self.simulation.step(_SETTLE_S)
+                self._stands.pop(thing, None)  # the thing is elsewhere now
             self._starts[thing] = self.simulation.run_on_engine(lambda engine: engine.save_state()) if changed else None
         elif (state := self._starts[thing]) is not None:
             self.simulation.run_on_engine(lambda engine: engine.restore_state(state), edits=True)

@@ -45,6 +45,8 @@ _FREE_PLACES = 60
 """Number of free places that are looked for."""
 _PLACES = 10
 """Number of free places that are tried."""
+_MAX_STANCES = 4
+"""Number of stances that are tried if the arm finds no way."""
 _TURNS = 4
 """Number of ways in which a thing is turned at each place."""
 _PLACE_BUDGET_S = 6.0
@@ -181,10 +183,7 @@ def _grasping(
         except UnreachableError as error:
             stance, request = _weld_stance(task, hand, surroundings, id, error, stays=stays)
         task.moved[id] = None
-        if not stays:
-            yield from hand.driving_to(stance.base, why=f"to reach {id}")
-        yield from hand.opening(stance.grasp.opening_m(hand.gripper.max_opening_m))
-        yield from hand.moving_to(stance.start, why=f"in front of {id}", touch=(id,))
+        stance = yield from _standing_before(hand, request, stance)
         yield from hand.moving_straight(stance.grasp.in_world(surroundings.pose(id)), why=f"to {id}", may_touch=True)
         held_by_friction = False
         if stance.grasp.is_by_friction:
@@ -197,6 +196,23 @@ def _grasping(
         if np.linalg.norm(drift) > _DRIFT_M:
             raise task.failure(f"{id} slipped out of the gripper while it was lifted", "grasp it again")
     return stance
+
+
+def _standing_before(hand: Manipulator, request: StanceRequest, stance: Stance) -> Generator[float, None, Stance]:
+    """Drives to where a thing is grasped, and takes the open hand in front of it, by the first grasp with a way."""
+    for _ in range(_MAX_STANCES):
+        if not request.stays:
+            yield from hand.driving_to(stance.base, why=f"to reach {request.target}")
+        yield from hand.opening(stance.grasp.opening_m(hand.gripper.max_opening_m))
+        try:
+            yield from hand.moving_to(stance.start, why=f"in front of {request.target}", touch=(request.target,))
+        except UnreachableError:
+            others = [each for each in request.grasps if each is not stance.grasp]
+            request = request._replace(grasps=others)
+            stance = find_stance(hand, request)
+            continue
+        return stance
+    raise UnreachableError(hand.robot.name, target=request.target, reason="the arm has no way to any of its grasps")
 
 
 def _lifting(hand: Manipulator, id: BodyId) -> SkillMotion:
