@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mindstage import KnowledgeBase, MujocoEngine, Simulation
+from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills.catalog import SKILLS
 from mindstage.scene import Pose
@@ -229,3 +229,17 @@ def test_a_robot_that_performs_a_skill_is_not_moved_by_hand(fake: FakePage, robo
         fake.ask("robots.skill", robot=NAME, skill="park", args={})
     fake.ask("robots.stop", robot=NAME)
     fake.ask("robots.move_joint", robot=NAME, joint="head_pan_joint", position=0.1)
+
+
+def test_an_engine_without_actuators_shows_robots_and_refuses_motions() -> None:
+    with Simulation(KnowledgeBase(), NullEngine()) as simulation:
+        simulation.spawn(kitchenette())
+        with Viewer(simulation, port=0) as viewer:
+            page = FakePage(viewer.channel)
+            name = page.ask("robots.add", model=NAME, at=[0.0, -1.2, 0.5])
+            assert [each["name"] for each in page.latest_value("robots")] == [name]
+            assert simulation.robot(name).base_pose() == pytest.approx((0.0, -1.2, 0.5))
+            with pytest.raises(RequestFailedError, match="no actuators"):
+                page.ask("robots.move_joint", robot=name, joint="head_pan_joint", position=0.1)
+            page.ask("robots.remove", robot=name)
+            assert page.latest_value("robots") == []

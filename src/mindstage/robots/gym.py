@@ -26,9 +26,10 @@ from numpy.typing import NDArray
 
 from mindstage import api
 from mindstage.engines.base import SavedState
-from mindstage.errors import InvalidArgumentError, SimulationDivergedError
+from mindstage.errors import CommandRefusedError, InvalidArgumentError, SimulationDivergedError
 from mindstage.knowledge.rdf import local_name
-from mindstage.robots.model import BaseType, RobotJoint
+from mindstage.robots.control import MotionGoal
+from mindstage.robots.model import BaseType, RobotJoint, RobotJointType
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills.catalog import start_skill
 from mindstage.robots.skills.declaration import SkillResult
@@ -59,8 +60,8 @@ _SPEED = 0.8
 """Share of the velocity limits that an action of 1 commands."""
 _DEFAULT_VELOCITY = 1.0
 """Velocity of joints whose description has no limit [m/s or rad/s]."""
-_STILL = 1e-3
-"""A smaller action leaves a joint where it is."""
+_TOLERANCES = {True: 0.005, False: 0.02}
+"""A prismatic [m] or revolute joint [rad] that is farther from its command starts from where it is."""
 _GRIPPER_STEP_M = 1e-3
 _SETTLE_S = 0.5
 _FLOOR_RADIUS_M = 0.3
@@ -169,6 +170,9 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         self._progress = TaskProgress(share=0.0, gap_m=0.0, done=False, why="")
         self._openings: dict[str, float] = {}
         self._start_s = 0.0
+        self._targets: dict[str, float] = {}
+        """Where the joints were commanded to be."""
+        self._motion: MotionGoal | None = None
 
     # -- tasks ---------------------------------------------------------------------------------------------------------
 
@@ -218,6 +222,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         if self.robot.model.base.type is not BaseType.FIXED:
             self.robot.set_base_pose(*(self._stand(self.thing) + noise).tolist())
         self._openings = {each.name: self.robot.opening(each.name) for each in self.robot.model.grippers}
+        self._targets, self._motion = {}, None
         self._start_s = self.simulation.state.time_s
         self._progress = self.progress()
         return self._observation(), self._info()
@@ -225,15 +230,19 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Commands the robot for one period; see `action_names`."""
         before, values = self._progress, np.clip(np.asarray(action, dtype=float), -1.0, 1.0)
+        refused = ""
         try:
-            self._command(dict(zip(self.action_names, values.tolist(), strict=True)))
+            try:
+                self._command(dict(zip(self.action_names, values.tolist(), strict=True)))
+            except CommandRefusedError as error:
+                refused = str(error)
             self.simulation.step(self._period_s)
         except SimulationDivergedError as error:
             return self._observation(), 0.0, False, True, self._info() | {"reason": str(error)}
         now = self._progress = self.progress()
         reward = _PROGRESS_REWARD * (now.share - before.share) + _APPROACH_REWARD * (before.gap_m - now.gap_m)
         reward += _SUCCESS_REWARD * now.done - _ACTION_COST * float(values @ values) / len(values)
-        return self._observation(), float(reward), now.done, False, self._info()
+        return self._observation(), float(reward), now.done, False, self._info() | {"refused": refused}
 
     def close(self) -> None:
         """Closes the simulation."""
@@ -246,6 +255,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
             "is_success": self._progress.done,
             "reason": self._progress.why,
             "time_s": self.simulation.state.time_s - self._start_s,
+            "refused": "",
         }
 
     # -- the robot -----------------------------------------------------------------------------------------------------
@@ -307,22 +317,26 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
             changed = self.prepare(thing)
             if changed:
                 self.simulation.step(_SETTLE_S)
+                self._stands.pop(thing, None)  # the thing is elsewhere now
             self._starts[thing] = self.simulation.run_on_engine(lambda engine: engine.save_state()) if changed else None
         elif (state := self._starts[thing]) is not None:
             self.simulation.run_on_engine(lambda engine: engine.restore_state(state), edits=True)
 
     def _command(self, action: dict[str, float]) -> None:
-        robot, model, now = self.robot, self.robot.model, self.robot.joint_positions()
-        moved: dict[str, float] = {}
+        """Commands joints, grippers and base.
+
+        Raises:
+            CommandRefusedError: a velocity would be beyond its limit, since a joint is not where it was commanded.
+        """
+        robot, model, targets = self.robot, self.robot.model, self._reference()
         for joint in self._joints:
-            value = action[joint.name]
-            if abs(value) > _STILL:
-                step = value * _SPEED * (joint.velocity or _DEFAULT_VELOCITY) * self._period_s
-                low, high = _limits(joint)
-                moved[joint.name] = min(max(now[joint.name] + step, low), high)
-        if moved:
-            point = TrajectoryPoint(positions=tuple(moved.values()), time_s=self._period_s)
-            robot.start_trajectory(JointTrajectory(tuple(moved), (point,)))
+            step = action[joint.name] * _SPEED * (joint.velocity or _DEFAULT_VELOCITY) * self._period_s
+            low, high = _limits(joint)
+            targets[joint.name] = min(max(targets[joint.name] + step, low), high)
+        point = TrajectoryPoint(positions=tuple(targets.values()), time_s=self._period_s)
+        self._targets = {}
+        self._motion = robot.start_trajectory(JointTrajectory(tuple(targets), (point,)))
+        self._targets = targets
         for gripper in model.grippers:
             opening = (action[gripper.name] + 1.0) / 2.0 * gripper.max_opening_m
             if abs(opening - self._openings[gripper.name]) > _GRIPPER_STEP_M:
@@ -332,6 +346,17 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
             direction = np.array([action["base.forward"], action.get("base.left", 0.0)])
             vx, vy = (model.base.velocity * direction / max(1.0, float(np.linalg.norm(direction)))).tolist()
             robot.drive(vx, vy, action["base.turn"] * model.base.turn_velocity)
+
+    def _reference(self) -> dict[str, float]:
+        """Where each joint is commanded to be, from which the next command starts; where it is, if it is elsewhere."""
+        now, is_moving = self.robot.joint_positions(), self._motion is not None and self._motion.result is None
+        found = {}
+        for joint in self._joints:
+            position = now[joint.name]
+            target = self._targets.get(joint.name, position)
+            tolerance = _TOLERANCES[joint.type is RobotJointType.PRISMATIC]
+            found[joint.name] = target if is_moving or abs(target - position) <= tolerance else position
+        return found
 
     # -- spaces --------------------------------------------------------------------------------------------------------
 

@@ -10,16 +10,14 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from functools import cache
 from math import acos, ceil, pi, radians
 from typing import Any
 
 import numpy as np
-import ompl.base
-import ompl.geometric
-import ompl.util
 
-from mindstage.errors import InvalidArgumentError, UnreachableError
-from mindstage.robots.collisions import CLEARANCE_M, SELF_CLEARANCE_M, Collision, CollisionChecker, MotionRobot
+from mindstage.errors import InvalidArgumentError, RobotLibraryError, UnreachableError
+from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker, MotionRobot
 from mindstage.robots.kinematics import IkResult, IkTolerance, RobotKinematics
 from mindstage.robots.model import Arm, RobotJointType
 from mindstage.robots.retiming import MotionLimits, resting_path, retimed, rounded_polyline, spline_path
@@ -27,7 +25,7 @@ from mindstage.robots.trajectories import JointTrajectory, spline_of
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import Array, normalized_pose_array, quat_angle
 
-__all__ = ["find_arm", "interpolated", "plan_arm", "plan_line", "plan_path"]
+__all__ = ["find_arm", "interpolated", "load_ompl", "plan_arm", "plan_line", "plan_path"]
 
 _STEP = 0.05
 """Distance between two states that are checked [rad]."""
@@ -53,6 +51,29 @@ _LINE_STEP_M, _LINE_STEP_RAD = 0.01, radians(3.0)
 _JUMP = 0.35
 """A joint that changes by more between two poses of a line has changed to another solution [rad, or scaled m]."""
 _LINE_TOLERANCE = IkTolerance(position_m=0.002, rotation_rad=radians(1.0))
+
+
+@cache
+def _ompl() -> Any:
+    try:
+        import ompl.base
+        import ompl.geometric
+        import ompl.util
+    except ImportError as error:
+        raise RobotLibraryError(error.name or "ompl") from error
+    ompl.util.setLogLevel(ompl.util.LOG_NONE)
+    return ompl
+
+
+def load_ompl(seed: int) -> Any:
+    """The library for path planning, silent, with a seed of its random numbers.
+
+    Raises:
+        RobotLibraryError: it is not installed.
+    """
+    ompl = _ompl()
+    ompl.util.RNG.setSeed(seed)
+    return ompl
 
 
 def find_arm(robot: MotionRobot, arm: Arm | str = "") -> Arm:
@@ -100,7 +121,7 @@ class _ArmTask:
         self.checker = CollisionChecker(
             robot, joints=self.arm.joints, ignore=ignore, touch=touch, clearance_m=clearance_m
         )
-        self.step, self.clearance_m = _STEP, clearance_m
+        self.step = _STEP
         self.hits: Counter[BodyId | None] = Counter()
         """How often each obstacle was met."""
 
@@ -127,17 +148,14 @@ class _ArmTask:
         joints = {joint.name: joint for joint in self.joints}
         state = dict(zip(self.arm.joints, trajectory.points[0].positions, strict=True))
         spline = spline_of(trajectory, robot=self.robot.name, limits=joints, state=state)
-        own = self.robot.placed.link_ids.values()
         last: Array | None = None
         for t in np.arange(0.0, spline.duration_s, _TEST_PERIOD_S).tolist():
             values, _ = spline.sample(t)
             if last is not None and np.linalg.norm((values - last) / self.scale) < _TEST_STEP:
                 continue
             last, found = values, self.checker.find(values)
-            if found is not None:
-                least = SELF_CLEARANCE_M if found.obstacle in own else self.clearance_m
-                if found.distance_m < least - _TEST_SLACK_M:
-                    return False
+            if found is not None and found.distance_m < found.least_m - _TEST_SLACK_M:
+                return False
         return True
 
     def unreachable(self, target: str, reason: str, obstacle: BodyId | None = None) -> UnreachableError:
@@ -363,8 +381,7 @@ def _search(task: _ArmTask, goals: Sequence[Array], text: str, end_s: float, see
     Raises:
         UnreachableError: none was found in time.
     """
-    ompl.util.setLogLevel(ompl.util.LOG_NONE)
-    ompl.util.RNG.setSeed(seed)
+    ompl = load_ompl(seed)
     count = len(task.joints)
     space = ompl.base.RealVectorStateSpace(count)
     bounds = ompl.base.RealVectorBounds(count)
@@ -415,7 +432,8 @@ def _not_found(task: _ArmTask, text: str, goals: int) -> UnreachableError:
     names = ", ".join(others[:3]) or ", ".join(f"its own {obstacle}" for obstacle in frequent[:3])
     where = f" to any of {goals} configurations there" if goals > 1 else ""
     blocked = f"; {names} in the way" if names else ""
-    return task.unreachable(text, f"no way was found in time{where}{blocked}", (others or [*frequent, None])[0])
+    obstacle = next(iter(others or frequent), None)
+    return task.unreachable(text, f"no way was found in time{where}{blocked}", obstacle)
 
 
 def _timed(task: _ArmTask, points: Array) -> JointTrajectory:
