@@ -67,7 +67,7 @@ def _line(what: str, result: SkillResult, depths: _Depths, wall_s: float) -> Non
         print(f"{'':46}assumed: {each}")
 
 
-def open_and_close(sim: Simulation, robot: Robot, fronts: list[str]) -> None:
+def open_and_close(sim: Simulation, robot: Robot, fronts: list[str], *, closes: bool) -> None:
     """Opens and closes each front, from the same state."""
     names = fronts or [row.front.rpartition("#")[2] for row in sim.ask("openings")]
     opened, closed, deepest = 0, 0, 0.0
@@ -77,7 +77,7 @@ def open_and_close(sim: Simulation, robot: Robot, fronts: list[str]) -> None:
         _line(f"open {front}", result, depths, wall_s)
         opened += bool(result)
         deepest = max(deepest, depths.depth_m)
-        if result:
+        if result and closes:
             result, depths, wall_s = _perform(robot, "close", {"thing": front})
             _line(f"close {front}", result, depths, wall_s)
             closed += bool(result)
@@ -128,6 +128,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robot", default="mobile_manipulator")
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--open-only", action="store_true", help="do not close what was opened")
     parser.add_argument("--fronts", nargs="*", help="these fronts only; none without names")
     options = parser.parse_args()
     with ms.open("bundled:kitchen") as sim:
@@ -137,7 +138,7 @@ def main() -> None:
             if options.seeds:
                 put_milk_away(sim, robot, options.seeds)
             if options.fronts is None or options.fronts:
-                open_and_close(sim, robot, options.fronts or [])
+                open_and_close(sim, robot, options.fronts or [], closes=not options.open_only)
         except MindstageError as error:
             print(f"error: {error}")
 

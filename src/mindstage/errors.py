@@ -47,6 +47,7 @@
     ├── RobotError                      a robot that cannot be read or commanded (exit code 2)
     │   ├── RobotModelError             a description of a robot that cannot be read
     │   ├── RobotNotFoundError          no robot has that name
+    │   ├── RobotLibraryError           a library that robots need is not installed
     │   ├── CommandRefusedError         a command that is beyond a limit, or that the robot cannot execute
     │   └── SkillFailedError            a skill of a robot failed, with what to try
     ├── SimulationError                 failure of the simulation thread (exit code 2)
@@ -144,6 +145,7 @@ __all__ = [
     "ReasonerUnavailableError",
     "RestoreError",
     "RobotError",
+    "RobotLibraryError",
     "RobotModelError",
     "RobotNotFoundError",
     "SentenceNotUnderstoodError",
@@ -834,6 +836,15 @@ class RobotNotFoundError(RobotError):
     _: KW_ONLY
     remedy: str
     """What exists, or how a model is installed."""
+
+
+@dataclass(eq=False)
+class RobotLibraryError(RobotError):
+    """A library for inverse kinematics or motion planning is not installed."""
+
+    template = "{library} is not installed; install it with: pip install 'mindstage[robots]'"
+
+    library: str
 
 
 @dataclass(eq=False)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
 import pytest
 
-from mindstage.errors import InvalidArgumentError
+from mindstage.errors import InvalidArgumentError, RobotLibraryError
+from mindstage.robots import kinematics, planning
 from mindstage.robots.kinematics import BASE_JOINTS, RobotKinematics
 from mindstage.robots.model import (
     Arm,
@@ -60,8 +62,8 @@ def closed_form(lift: float, shoulder: float, elbow: float) -> tuple[float, floa
 
 @pytest.mark.parametrize("positions", [(0.0, 0.0, 0.0), (0.2, 0.7, -1.1), (0.5, -2.0, 2.2)])
 def test_forward_kinematics_is_the_closed_form(positions: tuple[float, float, float]) -> None:
-    kinematics = RobotKinematics(planar_arm())
-    pose = kinematics.pose("hand", dict(zip(("lift", "shoulder", "elbow"), positions, strict=True)))
+    robot = RobotKinematics(planar_arm())
+    pose = robot.pose("hand", dict(zip(("lift", "shoulder", "elbow"), positions, strict=True)))
     assert pose[:3] == pytest.approx(closed_form(*positions))
     yaw = 2 * atan2(pose[6], pose[3])
     assert cos(yaw - positions[1] - positions[2]) == pytest.approx(1.0)
@@ -72,10 +74,36 @@ def test_a_joint_that_mimics_another_one_follows_it() -> None:
     assert 2 * atan2(pose[6], pose[3]) == pytest.approx(0.8 + (-0.8 + 0.1))
 
 
+def test_segments_that_follow_a_telescope_count_for_its_reach() -> None:
+    segments = [
+        RobotJoint(
+            name=f"segment_{n}", type=RobotJointType.PRISMATIC, parent=f"link_{n}", child=f"link_{n + 1}",
+            axis=(1.0, 0.0, 0.0), lower=0.0, upper=0.2,
+            mimic=RobotMimic(joint="segment_0") if n else None,
+        )
+        for n in range(3)
+    ]  # fmt: skip
+    wrist = RobotJoint(
+        name="wrist", type=RobotJointType.REVOLUTE, parent="link_3", child="hand", axis=(0.0, 0.0, 1.0),
+        lower=-2.0, upper=2.0,
+    )  # fmt: skip
+    links = tuple(RobotLink(name=name) for name in ("link_0", "link_1", "link_2", "link_3", "hand"))
+    arm = Arm(name="arm", joints=("segment_0", "wrist"), base_link="link_0", tip_link="hand")
+    base = RobotBase(type=BaseType.FIXED, link="link_0")
+    model = RobotModel(name="telescope", links=links, joints=(*segments, wrist), base=base, arms=(arm,))
+    robot = RobotKinematics(model)
+    found = robot.solve_ik("hand", Pose((0.57, 0.0, 0.0), (cos(0.4), 0.0, 0.0, sin(0.4))))
+    assert found, found.reason
+    assert found.positions == pytest.approx({"segment_0": 0.19, "wrist": 0.8}, abs=1e-3)
+    assert robot.pose("hand", found.positions)[0] == pytest.approx(0.57, abs=1e-3)
+    far = robot.solve_ik("hand", Pose((0.7, 0.0, 0.0)))
+    assert far.reason == "the target is 0.1 m beyond reach"
+
+
 def test_inverse_kinematics_finds_the_closed_form() -> None:
-    kinematics = RobotKinematics(planar_arm())
+    robot = RobotKinematics(planar_arm())
     x, y, z = closed_form(0.3, 0.6, 1.2)
-    found = kinematics.solve_ik("hand", Pose((x, y, z)), free="xyz", seed={"elbow": 0.5})
+    found = robot.solve_ik("hand", Pose((x, y, z)), free="xyz", seed={"elbow": 0.5})
     assert found, found.reason
     cosine = ((x - 0.1) ** 2 + y**2 - UPPER_M**2 - LOWER_M**2) / (2 * UPPER_M * LOWER_M)
     assert abs(cos(found.positions["elbow"]) - cosine) < 5e-3
@@ -91,12 +119,12 @@ def test_both_solutions_are_found() -> None:
 
 
 def test_a_root_pose_moves_the_target() -> None:
-    kinematics = RobotKinematics(planar_arm())
+    robot = RobotKinematics(planar_arm())
     root = normalized_pose_array(Pose((2.0, 1.0, 0.0), (cos(pi / 4), 0.0, 0.0, sin(pi / 4))))
     x, y, z = closed_form(0.1, 0.3, 0.4)
-    found = kinematics.solve_ik("hand", Pose((2.0 - y, 1.0 + x, z)), free="xyz", root_pose=root)
+    found = robot.solve_ik("hand", Pose((2.0 - y, 1.0 + x, z)), free="xyz", root_pose=root)
     assert found, found.reason
-    assert kinematics.pose("hand", found.positions, root_pose=root)[:3] == pytest.approx((2 - y, 1 + x, z), abs=1e-3)
+    assert robot.pose("hand", found.positions, root_pose=root)[:3] == pytest.approx((2 - y, 1 + x, z), abs=1e-3)
 
 
 def test_a_target_beyond_reach_is_reported_with_the_distance() -> None:
@@ -122,31 +150,46 @@ def test_the_limit_of_the_elbow_is_named_and_kept() -> None:
 
 
 def test_joints_that_may_not_move_keep_their_positions() -> None:
-    kinematics = RobotKinematics(planar_arm())
+    robot = RobotKinematics(planar_arm())
     seed = {"lift": 0.2, "shoulder": 0.3, "elbow": 0.9}
     x, y, _ = closed_form(0.2, -0.5, 1.3)
-    found = kinematics.solve_ik("hand", Pose((x, y, 0.7)), joints=("shoulder", "elbow"), seed=seed, free="xyz")
+    found = robot.solve_ik("hand", Pose((x, y, 0.7)), joints=("shoulder", "elbow"), seed=seed, free="xyz")
     assert found, found.reason
     assert set(found.positions) == {"shoulder", "elbow"}
-    assert not kinematics.solve_ik("hand", Pose((x, y, 0.8)), joints=("shoulder", "elbow"), seed=seed, free="xyz")
+    assert not robot.solve_ik("hand", Pose((x, y, 0.8)), joints=("shoulder", "elbow"), seed=seed, free="xyz")
 
 
 def test_a_base_that_drives_brings_the_hand_anywhere_on_the_floor() -> None:
-    kinematics = RobotKinematics(planar_arm(base=BaseType.PLANAR))
+    robot = RobotKinematics(planar_arm(base=BaseType.PLANAR))
     joints = (*BASE_JOINTS, "lift", "shoulder", "elbow")
     target = Pose((4.0, -3.0, 0.8), (cos(1.0), 0.0, 0.0, sin(1.0)))
-    found = kinematics.solve_ik("hand", target, joints=joints)
+    found = robot.solve_ik("hand", target, joints=joints)
     assert found, found.reason
-    pose = kinematics.pose("hand", found.positions, root_pose=np.array(found.root_pose))
+    pose = robot.pose("hand", found.positions, root_pose=np.array(found.root_pose))
     assert pose == pytest.approx(pose_array([target])[0], abs=2e-3)
     assert hypot(*found.root_pose[:2]) > 3.0
 
 
+@pytest.mark.parametrize(("library", "use"), [("mink", "_libraries"), ("daqp", "_libraries"), ("ompl.base", "_ompl")])
+def test_a_library_that_is_not_installed_is_named_with_the_remedy(
+    library: str, use: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = planning if use == "_ompl" else kinematics
+    load = getattr(module, use)
+    load.cache_clear()
+    monkeypatch.setitem(sys.modules, library, None)
+    try:
+        with pytest.raises(RobotLibraryError, match=rf"{library} is not installed.*mindstage\[robots\]"):
+            load()
+    finally:
+        load.cache_clear()
+
+
 def test_unknown_frames_and_joints_are_refused() -> None:
-    kinematics = RobotKinematics(planar_arm())
+    robot = RobotKinematics(planar_arm())
     with pytest.raises(InvalidArgumentError, match=r"palm: .*no such gripper or link.*hand"):
-        kinematics.pose("palm", {})
+        robot.pose("palm", {})
     with pytest.raises(InvalidArgumentError, match=r"wrist: .*no such joint"):
-        kinematics.solve_ik("hand", Pose(), joints=("wrist",))
+        robot.solve_ik("hand", Pose(), joints=("wrist",))
     with pytest.raises(InvalidArgumentError, match="none of the joints moves it"):
-        kinematics.solve_ik("tower", Pose(), joints=("elbow",))
+        robot.solve_ik("tower", Pose(), joints=("elbow",))

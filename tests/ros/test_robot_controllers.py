@@ -133,6 +133,19 @@ def test_tolerances_that_are_not_kept_abort_the_goal(robot_client: RobotClient) 
     assert "elbow_joint" in result["error_string"]
 
 
+def test_a_reset_of_the_world_ends_a_goal_with_the_reason(
+    robot_client: RobotClient, robot_simulation: Simulation
+) -> None:
+    goal = robot_client.follow(moved(robot_client, elbow_joint=-0.8), 3.0)
+    eventually(lambda: len(goal.feedback) >= 3)
+    robot_simulation.reset()
+    status, result = goal.wait()
+    assert status == "ABORTED"
+    assert "reset" in result["error_string"]
+    again = moved(robot_client, elbow_joint=-0.1)
+    assert robot_client.follow(again, 0.5).wait()[0] == "SUCCEEDED"
+
+
 @pytest.mark.parametrize("clock", ["simulated", "wall"])
 def test_a_trajectory_with_a_later_start_waits_for_it(robot_client: RobotClient, clock: str) -> None:
     before = robot_client.joints()["elbow_joint"]

@@ -12,7 +12,7 @@ from tests.engines.scenes import body, world
 
 from mindstage.scene import NO_GEOMETRY, Body, World
 from mindstage.scene.bounding_boxes import footprints
-from mindstage.scene.floor_plan import FloorPath, FloorPlan, find_floor, wall_rooms
+from mindstage.scene.floor_plan import FloorPath, FloorPlan, find_floor, free_floor_place, wall_rooms
 from mindstage.scene.proximity import BodyBoxes
 from mindstage.scene.ray_casting import ShapeScene
 from mindstage.scene.transforms import normalize
@@ -180,3 +180,23 @@ def test_free_cells_are_those_that_a_search_through_all_footprints_finds(radius:
         near = plan.cells_near(footprints(placed)[at + 1][None], 0.4)
         assert np.array_equal(near, np.flatnonzero((apart[at + 1] <= 0.4) & plan.is_free.reshape(-1)))
         assert np.isinf(length) or len(near)
+
+
+def test_a_free_place_is_on_the_floor_and_away_from_everything_tall() -> None:
+    floor = body("floor", (0.0, 0.0, 0.45), (4.0, 4.0, 0.1))
+    table, rug = body("table", (0.0, 0.0, 0.9), (1.0, 1.0, 0.8)), body("rug", (1.2, 1.2, 0.505), (0.5, 0.5, 0.01))
+    scene = world(floor, table, rug)
+    place = free_floor_place(scene, NO_GEOMETRY, radius=0.3, height=1.5)
+    assert place is not None
+    x, y, level = place
+    assert level == pytest.approx(0.5)
+    assert max(abs(x), abs(y)) <= 2.0
+    assert np.hypot(max(abs(x) - 0.5, 0.0), max(abs(y) - 0.5, 0.0)) >= 0.3
+    assert free_floor_place(scene, NO_GEOMETRY, radius=1.9, height=1.5) is None
+
+
+def test_a_free_place_keeps_the_largest_clearance_that_there_is() -> None:
+    floor, pillar = body("floor", (0.0, 0.0, -0.05), (6.0, 4.0, 0.1)), body("pillar", (-2.0, 0.0, 1.0), (0.4, 0.4, 2.0))
+    place = free_floor_place(world(floor, pillar), NO_GEOMETRY, radius=0.3, height=1.5)
+    assert place is not None
+    assert np.hypot(place[0] + 2.0, place[1]) - 0.2 >= 0.3 + 0.8 - 0.05

@@ -20,6 +20,27 @@ const MIMIC_GAIN: float = 0.3
 ## Largest force [N] or torque [Nm] that moves a coupled joint.
 const MIMIC_FORCE: float = 1000.0
 
+## Smallest ratio of the masses of two weightless bodies that are locked to each other.
+const LOCKED_MASS_RATIO: float = 0.2
+## Parameters of springs: stiffness, damping, equilibrium.
+const LINEAR_SPRING: Array[int] = [
+	PhysicsServer3D.G6DOF_JOINT_LINEAR_SPRING_STIFFNESS,
+	PhysicsServer3D.G6DOF_JOINT_LINEAR_SPRING_DAMPING,
+	PhysicsServer3D.G6DOF_JOINT_LINEAR_SPRING_EQUILIBRIUM_POINT,
+]
+const ANGULAR_SPRING: Array[int] = [
+	PhysicsServer3D.G6DOF_JOINT_ANGULAR_SPRING_STIFFNESS,
+	PhysicsServer3D.G6DOF_JOINT_ANGULAR_SPRING_DAMPING,
+	PhysicsServer3D.G6DOF_JOINT_ANGULAR_SPRING_EQUILIBRIUM_POINT,
+]
+## The flags that enable springs and motors, of linear and of angular axes.
+const SPRING_FLAGS: Array[int] = [
+	PhysicsServer3D.G6DOF_JOINT_FLAG_ENABLE_LINEAR_SPRING, PhysicsServer3D.G6DOF_JOINT_FLAG_ENABLE_ANGULAR_SPRING
+]
+const MOTOR_FLAGS: Array[int] = [
+	PhysicsServer3D.G6DOF_JOINT_FLAG_ENABLE_LINEAR_MOTOR, PhysicsServer3D.G6DOF_JOINT_FLAG_ENABLE_MOTOR
+]
+
 ## The joint's frame relative to the nodes of its two groups.
 @export var frame_a: Transform3D
 @export var frame_b: Transform3D
@@ -136,8 +157,15 @@ func exert(drive: MindstageDrive, command: float) -> void:
 	if not get_rid().is_valid():
 		return
 	drive.last_position = drive_position(drive)
-	var motor: Vector2 = drive.motor(command, drive.last_position, velocity_along(drive.axis))
-	_set_motor(drive.axis, motor.x, motor.y)
+	drive.update(command, drive.last_position, velocity_along(drive.axis))
+	var kind: int = 0 if drive.axis < 3 else 1
+	var flag: Callable = PhysicsServer3D.generic_6dof_joint_set_flag
+	flag.call(get_rid(), drive.axis % 3, MOTOR_FLAGS[kind], not drive.is_spring)
+	flag.call(get_rid(), drive.axis % 3, SPRING_FLAGS[kind], drive.is_spring)
+	if drive.is_spring:
+		_set_spring(drive)
+	else:
+		_set_motor(drive.axis, drive.target_velocity, drive.force)
 
 
 ## The position of an actuator, in which full turns are counted [m or rad].
@@ -156,6 +184,59 @@ func keep_turns(earlier: MindstageJoint) -> void:
 				drive.last_position = other.last_position
 
 
+## Moves the frames of a joint with a linear drive to the height of the center of mass, if that changes nothing else: a
+## base that was pushed at its foot would tilt within the solver's accuracy.
+func center_frames() -> void:
+	if not drives.any(func(each: MindstageDrive) -> bool: return each.axis < 3):
+		return
+	var free: Array = range(3).filter(func(index: int) -> bool: return axes[3 + index][0] != LOCKED)
+	if free.size() > 1:
+		return
+	var end: MindstageRigidGroup = group_b if group_b.is_dynamic() else group_a
+	var frame: Transform3D = frame_b if end == group_b else frame_a
+	var center: Vector3 = frame.affine_inverse() * MindstageMassProperties.center_of_mass(end)
+	if free.size() == 1:
+		var axis: Vector3 = Vector3.ZERO
+		axis[free[0]] = 1.0
+		center = axis * center.dot(axis)
+	frame_a = frame_a.translated_local(center)
+	frame_b = frame_b.translated_local(center)
+
+
+## Adds the inertia of the drives to the weightless body that they move, about all axes: without it, the light links at
+## the end of an arm tremble.
+func add_armature() -> void:
+	if not group_b.is_dynamic() or group_b.gravity_factor > 0.0:
+		return
+	var rigid: RigidBody3D = group_b.node as RigidBody3D
+	for drive: MindstageDrive in drives:
+		if drive.axis < 3:
+			rigid.mass += drive.armature
+		elif drive.armature > 0.0:
+			var own: Vector3 = (
+				rigid.inertia if rigid.inertia != Vector3.ZERO else MindstageMassProperties.moments(group_b)
+			)
+			rigid.inertia = own + drive.armature * Vector3.ONE
+
+
+## Makes a light weightless body heavier that is locked to a heavy one, as links of robots are that only carry
+## others. The solver cannot hold bodies together whose masses differ by orders of magnitude.
+func balance_locked() -> void:
+	if axes.any(func(axis: PackedFloat64Array) -> bool: return axis[0] != LOCKED):
+		return
+	if not (group_a.is_dynamic() and group_b.is_dynamic()):
+		return
+	if group_a.gravity_factor > 0.0 or group_b.gravity_factor > 0.0:
+		return
+	var a: RigidBody3D = group_a.node as RigidBody3D
+	var b: RigidBody3D = group_b.node as RigidBody3D
+	var light: RigidBody3D = a if a.mass < b.mass else b
+	var heavy: MindstageRigidGroup = group_b if light == a else group_a
+	if light.mass < LOCKED_MASS_RATIO * heavy.mass_kg():
+		light.mass = LOCKED_MASS_RATIO * heavy.mass_kg()
+		light.inertia = LOCKED_MASS_RATIO * MindstageMassProperties.moments(heavy).maxf(1e-5)
+
+
 ## The velocity along or about an axis [m/s or rad/s].
 func velocity_along(axis: int) -> float:
 	var direction: Vector3 = (group_a.current_transform() * frame_a).basis[axis % 3]
@@ -163,6 +244,16 @@ func velocity_along(axis: int) -> float:
 		return direction.dot(group_b.angular_velocity() - group_a.angular_velocity())
 	var point: Vector3 = group_b.current_transform() * frame_b.origin
 	return direction.dot(group_b.velocity_at(point) - group_a.velocity_at(point))
+
+
+func _set_spring(drive: MindstageDrive) -> void:
+	var is_linear: bool = drive.axis < 3
+	# Godot's angles are of the first body relative to the second.
+	var rest: float = drive.equilibrium if is_linear else -wrapf(drive.equilibrium, -PI, PI)
+	var values: PackedFloat64Array = [drive.spring_stiffness, drive.spring_damping, rest]
+	for index: int in 3:
+		var param: int = LINEAR_SPRING[index] if is_linear else ANGULAR_SPRING[index]
+		PhysicsServer3D.generic_6dof_joint_set_param(get_rid(), drive.axis % 3, param, values[index])
 
 
 func _set_motor(axis: int, velocity: float, force: float) -> void:

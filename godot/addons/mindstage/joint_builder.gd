@@ -100,12 +100,15 @@ func _new_joint(
 		joint.mimic_offset = follows.get("offset", 0.0)
 	joint.drives = MindstageDrive.from_frames(frames)
 	joint.is_driven = frames.get("is_driven", false)
+	joint.center_frames()
 	if old != null:
 		joint.keep_turns(old)
 	joint.collide_connected = joint_data.get("disable_collision") == false
 	joint.transform = child.last_transform * child.transform_in_group().affine_inverse() * joint.frame_b
 	physics_scene.simulation.add_child(joint)
 	joint.set_node_paths()
+	joint.add_armature()
+	joint.balance_locked()
 	joint.create()
 	return joint
 

@@ -372,6 +372,7 @@ class DriveModelDelta(FrozenStruct, frozen=True, kw_only=True):
     effort_limit: float
     stiffness: float = 0.0
     damping: float = 0.0
+    armature: float = 0.0
     friction: float = 0.0
 
 

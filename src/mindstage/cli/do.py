@@ -410,7 +410,7 @@ def _perform(
     from mindstage.imagination import act, try_first
 
     if wanted.at_least is None:
-        return act(simulation, plan, stop=cancel, on_step=on_step), None
+        return act(simulation, plan, seed=wanted.trial["seed"], stop=cancel, on_step=on_step), None
     tried = try_first(simulation, plan, at_least=wanted.at_least, cancel=cancel, on_step=on_step, **wanted.trial)
     return tried.result, tried
 

@@ -203,8 +203,7 @@ def serve(
 ) -> ExitCode:
     """Serve a simulation to ROS clients over rosbridge, under the names of the Unreal plugin."""
     from mindstage.bridge import LocalNode
-    from mindstage.msgs import RosVersion
-    from mindstage.ros import RosInterface
+    from mindstage.ros import RosInterface, RosVersion
 
     _check_options(context, connect=connect, tls_authorities=tls_authorities, namespace=namespace, worlds=worlds)
     access = server_access(host, "" if connect else token, tls_cert, tls_key, limits, origins=origins or [])
@@ -215,8 +214,7 @@ def serve(
         simulation = resources.enter_context(made)
         refused: list[Refusal] = []  # appended on the bridge's thread
         node = resources.enter_context(_connect(connect, token, tls_authorities, refused) if connect else LocalNode())
-        spawned = _spawn(simulation, world, assets=None if plain_boxes else assets, as_json=as_json)
-        spawned |= _add_robots(simulation, added_robots or (), as_json=as_json)
+        spawned = _spawn(simulation, world, added_robots, assets=None if plain_boxes else assets, as_json=as_json)
         ros = RosVersion.ONE if ros1 else RosVersion.TWO
         interface = RosInterface(
             simulation, node, namespace=namespace, ros=ros, folder=worlds, episodes=episodes, on_quit=quitting.set
@@ -318,6 +316,19 @@ def _connect(url: str, token: str | None, authorities: Path | None, refused: lis
 
 
 def _spawn(
+    simulation: Simulation,
+    world: World | None,
+    robots: Sequence[str] | None,
+    *,
+    assets: list[Path] | None,
+    as_json: bool,
+) -> dict[str, object]:
+    """Spawns the map, and adds the robots; returns what JSON has of it."""
+    spawned = _spawn_map(simulation, world, assets=assets, as_json=as_json)
+    return spawned | _add_robots(simulation, robots or (), as_json=as_json)
+
+
+def _spawn_map(
     simulation: Simulation, world: World | None, *, assets: list[Path] | None, as_json: bool
 ) -> dict[str, object]:
     if world is None:

@@ -81,6 +81,7 @@ def act(
     simulation: Simulation,
     plan: Plan | PlanFile | str | os.PathLike[str],
     *,
+    seed: int = 0,
     stop: Callable[[], bool] = never,
     on_poses: Callable[[float, tuple[BodyId, ...], PoseArray], None] | None = None,
     on_step: Callable[[SkillStep], object] | None = None,
@@ -92,6 +93,7 @@ def act(
     Args:
         simulation: the simulation, which changes.
         plan: the plan, or the path or text of one.
+        seed: of what skills sample.
         stop: asked at least every 0.1 s of simulated time; true ends the plan, and robots stop.
         on_poses: called with the time since the start [s], the ids and the poses (n x 7), at least every 0.1 s.
         on_step: called when a step of a skill begins, and when it ends.
@@ -103,7 +105,7 @@ def act(
     if isinstance(file, PlanFile):
         file.validate(simulation)
     given = file.plan if isinstance(file, PlanFile) else file
-    runner = PlanRunner(simulation, msgspec.structs.replace(given, uncertainty=()))
+    runner = PlanRunner(simulation, msgspec.structs.replace(given, uncertainty=()), seed=seed)
     sample = runner.begin(simulation, 0, on_poses=on_poses, on_step=on_step)
     reason: Exception | None = None
     while True:
@@ -184,7 +186,7 @@ def try_first(
         reason = reason or _change(before.ids, before.poses, simulation)
     if reason:
         return TryFirstResult(verdict=verdict, at_least=at_least, result=None, reason=reason)
-    result = act(simulation, verdict.plan, stop=cancel, on_poses=on_poses, on_step=on_step)
+    result = act(simulation, verdict.plan, seed=seed, stop=cancel, on_poses=on_poses, on_step=on_step)
     return TryFirstResult(verdict=verdict, at_least=at_least, result=result, reason="")
 
 

@@ -99,8 +99,8 @@ class _Placing:
         self.reasons: Counter[_Reason] = Counter()
         limits = np.array([self.kinematics.limits(joint) for joint in self.arm.joints])
         self.is_limited = np.isfinite(limits).all(axis=1)
-        self.middle = np.where(self.is_limited, limits.mean(axis=1), 0.0)
-        self.half = np.where(self.is_limited, (limits[:, 1] - limits[:, 0]) / 2, 1.0)
+        ranges = np.where(self.is_limited[:, None], limits, [-pi, pi])
+        self.middle, self.half = ranges.mean(axis=1), (ranges[:, 1] - ranges[:, 0]) / 2
         self.reach_m, self.side = self._extent()
 
     def _extent(self) -> tuple[float, float]:

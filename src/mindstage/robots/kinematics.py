@@ -8,18 +8,17 @@ given, otherwise in the frame of the root link. The joints of a base that drives
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from itertools import pairwise
 from math import degrees, inf, pi, radians
 from typing import Any, NamedTuple
 
-import daqp
-import mink
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.engines.mujoco.kinematics import FRAME_SITE, ChainJoint, ChainJointType, compile_chain
-from mindstage.errors import InvalidArgumentError
+from mindstage.errors import InvalidArgumentError, RobotLibraryError
 from mindstage.robots.model import Arm, BaseType, RobotJoint, RobotJointType, RobotModel
 from mindstage.scene import Pose
 from mindstage.scene.transforms import (
@@ -28,6 +27,7 @@ from mindstage.scene.transforms import (
     normalized_pose_array,
     pose_inverse,
     pose_multiply,
+    quaternion_from_matrix,
 )
 
 __all__ = ["BASE_JOINTS", "IkResult", "IkTolerance", "RobotKinematics"]
@@ -51,6 +51,7 @@ _STALL_ITERATIONS = 8
 _PRECISION = 0.1
 """Iterations go on until the error is this part of the tolerance."""
 _DESCENTS = 8
+_MIN_REACH_M = 0.05
 _AT_LIMIT = 1e-4
 """A joint nearer to its limit is at it [m or rad]."""
 
@@ -83,6 +84,28 @@ class IkResult(msgspec.Struct, frozen=True, kw_only=True):
         return self.reached
 
 
+class _Libraries(NamedTuple):
+    """The libraries for inverse kinematics; they are loaded when the first chain is made."""
+
+    mink: Any
+    daqp: Any
+
+
+@cache
+def _libraries() -> _Libraries:
+    """Loads the libraries.
+
+    Raises:
+        RobotLibraryError: one is not installed.
+    """
+    try:
+        import daqp
+        import mink
+    except ImportError as error:
+        raise RobotLibraryError(error.name or "mink") from error
+    return _Libraries(mink, daqp)
+
+
 class _Chain:
     """The joints from the root to a frame, as a model."""
 
@@ -108,7 +131,7 @@ class _Chain:
         self.names = tuple(joint.name for joint in joints)
         self.index = {name: number for number, name in enumerate(self.names)}
         self.model: Any = compile_chain(joints, pose_multiply(pending, offset))
-        self.configuration: Any = mink.Configuration(self.model)
+        self.configuration: Any = _libraries().mink.Configuration(self.model)
         self.is_limited = np.asarray(self.model.jnt_limited, dtype=bool)
         self.lower = np.where(self.is_limited, self.model.jnt_range[:, 0], -inf)
         self.upper = np.where(self.is_limited, self.model.jnt_range[:, 1], inf)
@@ -143,8 +166,7 @@ class _Chain:
         data = self.configuration.data
         found = np.empty(7)
         found[:3] = data.site_xpos[0]
-        w, x, y, z = mink.SO3.from_matrix(data.site_xmat[0].reshape(3, 3)).wxyz
-        found[3:] = w, x, y, z
+        found[3:] = quaternion_from_matrix(data.site_xmat[0].reshape(3, 3))
         return found
 
 
@@ -373,6 +395,7 @@ class RobotKinematics:
         if root_pose is not None:
             goal = pose_multiply(pose_inverse(root_pose), goal)
         is_fixed = np.array([axis not in free for axis in "xyz"])
+        mink = _libraries().mink
         task = mink.FrameTask(FRAME_SITE, "site", 1.0, _ORIENTATION_COST * is_fixed, lm_damping=_LM_DAMPING)
         task.set_target(mink.SE3(wxyz_xyz=np.concatenate([goal[3:], goal[:3]])))
         q = chain.coordinates(seed)
@@ -439,7 +462,8 @@ class RobotKinematics:
         """Why a target is not reached, and the joints whose limits prevent it."""
         beyond, reach = self._beyond_reach(problem)
         if beyond > 0.0:
-            return f"the target is {beyond:.3g} m beyond the reach of {reach:.3g} m", ()
+            text = f"the reach of {reach:.3g} m" if reach > _MIN_REACH_M else "reach"
+            return f"the target is {beyond:.3g} m beyond {text}", ()
         chain, limits, texts = problem.chain, [], []
         chain.configuration.update(attempt.q)
         jacobian, error, _ = problem.frame_task.compute_qp_residual(chain.configuration)
@@ -498,7 +522,7 @@ def _bounded_step(hessian: Array, gradient: Array, lower: Array, upper: Array) -
     if np.all(step >= lower) and np.all(step <= upper):
         return np.asarray(step)
     count = len(gradient)
-    found, _, status, _ = daqp.solve(
+    found, _, status, _ = _libraries().daqp.solve(
         hessian, gradient, np.zeros((0, count)), upper, lower, np.zeros(count, dtype=np.int32)
     )
     return np.asarray(found) if status > 0 else np.clip(step, lower, upper)

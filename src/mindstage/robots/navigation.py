@@ -15,13 +15,11 @@ from math import atan2, ceil, hypot, pi
 from typing import Any
 
 import numpy as np
-import ompl.base
-import ompl.geometric
-import ompl.util
 
 from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.robots.collisions import CollisionChecker, MotionRobot
 from mindstage.robots.model import BaseType
+from mindstage.robots.planning import load_ompl
 from mindstage.scene import BodyId
 from mindstage.scene.bounding_boxes import Indices
 from mindstage.scene.floor_plan import FloorPlan, find_floor
@@ -333,8 +331,7 @@ def _search(way: _Way, end_s: float, seed: int) -> BasePath | None:
     """A path of the whole robot in positions and headings, by RRT-Connect; None if none was found in time."""
     if (left_s := end_s - time.monotonic()) <= 0.0:
         return None
-    ompl.util.setLogLevel(ompl.util.LOG_NONE)
-    ompl.util.RNG.setSeed(seed)
+    ompl = load_ompl(seed)
     space: Any = ompl.base.ReedsSheppStateSpace(_TURN_M) if way.is_differential else ompl.base.SE2StateSpace()
     bounds = ompl.base.RealVectorBounds(2)
     floor = np.array([way.start[:2], way.goal[:2]])

@@ -10,15 +10,13 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from functools import cache
 from math import acos, ceil, pi, radians
 from typing import Any
 
 import numpy as np
-import ompl.base
-import ompl.geometric
-import ompl.util
 
-from mindstage.errors import InvalidArgumentError, UnreachableError
+from mindstage.errors import InvalidArgumentError, RobotLibraryError, UnreachableError
 from mindstage.robots.collisions import CLEARANCE_M, SELF_CLEARANCE_M, Collision, CollisionChecker, MotionRobot
 from mindstage.robots.kinematics import IkResult, IkTolerance, RobotKinematics
 from mindstage.robots.model import Arm, RobotJointType
@@ -27,7 +25,7 @@ from mindstage.robots.trajectories import JointTrajectory, spline_of
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import Array, normalized_pose_array, quat_angle
 
-__all__ = ["find_arm", "interpolated", "plan_arm", "plan_line", "plan_path"]
+__all__ = ["find_arm", "interpolated", "load_ompl", "plan_arm", "plan_line", "plan_path"]
 
 _STEP = 0.05
 """Distance between two states that are checked [rad]."""
@@ -53,6 +51,29 @@ _LINE_STEP_M, _LINE_STEP_RAD = 0.01, radians(3.0)
 _JUMP = 0.35
 """A joint that changes by more between two poses of a line has changed to another solution [rad, or scaled m]."""
 _LINE_TOLERANCE = IkTolerance(position_m=0.002, rotation_rad=radians(1.0))
+
+
+@cache
+def _ompl() -> Any:
+    try:
+        import ompl.base
+        import ompl.geometric
+        import ompl.util
+    except ImportError as error:
+        raise RobotLibraryError(error.name or "ompl") from error
+    ompl.util.setLogLevel(ompl.util.LOG_NONE)
+    return ompl
+
+
+def load_ompl(seed: int) -> Any:
+    """The library for path planning, silent, with a seed of its random numbers.
+
+    Raises:
+        RobotLibraryError: it is not installed.
+    """
+    ompl = _ompl()
+    ompl.util.RNG.setSeed(seed)
+    return ompl
 
 
 def find_arm(robot: MotionRobot, arm: Arm | str = "") -> Arm:
@@ -363,8 +384,7 @@ def _search(task: _ArmTask, goals: Sequence[Array], text: str, end_s: float, see
     Raises:
         UnreachableError: none was found in time.
     """
-    ompl.util.setLogLevel(ompl.util.LOG_NONE)
-    ompl.util.RNG.setSeed(seed)
+    ompl = load_ompl(seed)
     count = len(task.joints)
     space = ompl.base.RealVectorStateSpace(count)
     bounds = ompl.base.RealVectorBounds(count)
@@ -415,7 +435,8 @@ def _not_found(task: _ArmTask, text: str, goals: int) -> UnreachableError:
     names = ", ".join(others[:3]) or ", ".join(f"its own {obstacle}" for obstacle in frequent[:3])
     where = f" to any of {goals} configurations there" if goals > 1 else ""
     blocked = f"; {names} in the way" if names else ""
-    return task.unreachable(text, f"no way was found in time{where}{blocked}", (others or [*frequent, None])[0])
+    obstacle = next(iter(others or frequent), None)
+    return task.unreachable(text, f"no way was found in time{where}{blocked}", obstacle)
 
 
 def _timed(task: _ArmTask, points: Array) -> JointTrajectory:

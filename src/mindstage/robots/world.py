@@ -14,6 +14,7 @@ from urllib.parse import quote
 import msgspec
 import numpy as np
 
+from mindstage.knowledge.vocabulary import URDF_LINK
 from mindstage.robots.forward_kinematics import link_poses, rest_positions
 from mindstage.robots.model import BaseType, RobotJoint, RobotJointType, RobotLink, RobotModel
 from mindstage.robots.models.link_geometry import hull_shape
@@ -45,7 +46,7 @@ from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_a
 
 __all__ = ["ROBOT_PART_CLASS", "RobotWorld", "robot_world"]
 
-ROBOT_PART_CLASS = Iri("http://knowrob.org/kb/urdf.owl#Link")
+ROBOT_PART_CLASS = URDF_LINK
 """The class of the bodies of a robot."""
 _GROUND_CLEARANCE_M = 0.015
 """The collision shapes of a base that drives begin at this height: it moves without wheels, and must not rub."""

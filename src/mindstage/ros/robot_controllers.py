@@ -166,7 +166,7 @@ def await_motion(motion: MotionGoal, context: GoalContext, make_feedback: Callab
         motion.cancel()
         _await_end(motion)
         raise
-    if motion.result.outcome is MotionOutcome.CANCELED:
+    if motion.result.outcome is MotionOutcome.CANCELED and motion.result.failure is not MotionFailure.RESET:
         raise GoalCanceledError(reason=motion.result.reason)
     return motion.result
 

@@ -114,11 +114,10 @@ class RobotInterfaces:
 
     def publish(self, snapshot: StateSnapshot) -> None:
         """Publishes the state of all robots."""
-        with self._lock:
-            interfaces = tuple(self._interfaces.values())
-        for each in interfaces:
-            if each.robot.exists:
-                each.publish(snapshot)
+        with self._lock:  # a topic that was withdrawn meanwhile would be announced again
+            for each in self._interfaces.values():
+                if each.robot.exists:
+                    each.publish(snapshot)
 
     def publish_status(self) -> None:
         """Publishes the status of the goals in ROS 1; to be called regularly."""

@@ -433,13 +433,21 @@ def free_floor_place(
             floor=[row for row, body in enumerate(world.bodies) if body.id in slabs],
             ignored=[row for row, body in enumerate(world.bodies) if body.id in enclosing],
         )
-        cells = np.flatnonzero(plan.is_free)
+        cells = np.flatnonzero(plan.is_free & (_edge_distances(plan.is_floor) * plan.cell >= radius))
         if len(cells):
             centers = plan.centers(cells)
             middle = centers.mean(axis=0) if near is None else np.array(near)
             x, y = centers[np.argmin(np.linalg.norm(centers - middle, axis=1))].tolist()
             return x, y, level
     return None
+
+
+def _edge_distances(is_floor: NDArray[np.bool_]) -> Array:
+    """The distance of each cell from the nearest one that is not floor, in cells."""
+    from scipy.ndimage import distance_transform_edt  # see above
+
+    distances: Array = distance_transform_edt(np.pad(is_floor, 1))
+    return distances[1:-1, 1:-1]
 
 
 def _trace(previous: Indices, goal: int) -> Indices:

@@ -361,6 +361,7 @@ def test_the_parts_of_the_bundled_robot() -> None:
         ("ur5", BaseType.FIXED, {"manipulator": 6}, []),
         ("pr2_mjcf", BaseType.PLANAR, {"l_arm": 7, "r_arm": 7}, []),
         ("baxter", BaseType.FIXED, {"left_arm": 7, "right_arm": 7}, None),
+        ("tiago_pro", BaseType.PLANAR, {"left_arm": 7, "right_arm": 7}, [0.079, 0.079]),
         ("talos", BaseType.FIXED, {"l_arm": 7, "r_arm": 7}, None),
     ],
 )
@@ -384,6 +385,19 @@ def test_the_grasp_frame_of_a_panda_is_its_tool_center_point() -> None:
     assert quat_angle(gripper.grasp_pose.quaternion, (2**-0.5, 0.0, -(2**-0.5), 0.0)) < 1e-6
     assert gripper.open_positions == pytest.approx((0.04,))
     assert gripper.closed_positions == pytest.approx((0.0,), abs=1e-4)
+
+
+def test_fingers_on_parallel_cranks_are_a_pair_of_tips() -> None:
+    gripper = known_model("tiago_pro").grippers[0]
+    assert gripper.type is GripperType.PARALLEL
+    assert gripper.finger_links == ("gripper_left_fingertip_left_link", "gripper_left_fingertip_right_link")
+    assert gripper.joints == ("gripper_left_finger_joint",)
+
+
+def test_a_hand_is_no_parallel_gripper() -> None:
+    (hand,) = known_model("tiago").grippers
+    assert hand.type is GripperType.OTHER
+    assert len(hand.finger_links) >= 5
 
 
 def test_sections_of_a_telescope_move_together() -> None:

@@ -161,10 +161,11 @@ def _drive_change(axis: int, actuator: Actuator) -> DriveModelDelta:
     return DriveModelDelta(
         name=actuator.name,
         axis=axis,
-        mode=actuator.mode.value,
+        mode=str(actuator.mode),
         effort_limit=actuator.effort_limit,
         stiffness=actuator.stiffness,
         damping=actuator.damping,
+        armature=actuator.armature,
         friction=actuator.friction,
     )
 

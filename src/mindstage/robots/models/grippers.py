@@ -56,6 +56,9 @@ def analyze_gripper(
         return None
     positions = _Positions(tree, link, fingers, joints)
     opened, closed = positions.limits()
+    if positions.keep_tips(opened, closed):
+        fingers = [finger for branch in positions.branches for finger in branch]
+        opened, closed = positions.limits()
     between = positions.closing_frame(opened, closed)
     if between is None or len(fingers) < 2:
         notes.append(
@@ -164,6 +167,27 @@ class _Positions:
             opened[joint.name], closed[joint.name] = (lower, upper) if low > high else (upper, lower)
         return opened, closed
 
+    def keep_tips(self, opened: Mapping[str, float], closed: Mapping[str, float]) -> bool:
+        """Keeps the farthest branch of each side of a gripper whose fingers have several links on parallel cranks.
+
+        Such fingers close loops, which a tree of links describes as branches that follow one drive. Hands, with several
+        fingers against one thumb, stay as they are.
+        """
+        if len(self.branches) < 4 or len(self.drives) > 2:
+            return False
+        points = self.fingers(opened)
+        centers = np.array([each.mean(axis=0) for each in points])
+        moved = np.array([each.mean(axis=0) for each in self.fingers(closed)]) - centers
+        axis = np.linalg.svd(moved - moved.mean(axis=0))[2][0]
+        along, sides = (moved - moved.mean(axis=0)) @ axis, (centers - centers.mean(axis=0)) @ axis
+        on_one_side = sides > 0.0
+        if (along * sides >= 0.0).any() or 2 * int(on_one_side.sum()) != len(self.branches):
+            return False  # not all of them move towards the middle, or they are no pairs
+        reach = np.array([float(np.linalg.norm(each, axis=1).max()) for each in points])
+        kept = [int(np.argmax(np.where(side, reach, -1.0))) for side in (on_one_side, ~on_one_side)]
+        self.branches = [self.branches[row] for row in kept]
+        return True
+
     def closing_frame(self, opened: Mapping[str, float], closed: Mapping[str, float]) -> Array | None:
         """Unit vector in the frame of the palm, from the second finger to the first, along which they close."""
         centers = [np.array([points.mean(axis=0) for points in self.fingers(each)]) for each in (opened, closed)]
@@ -184,7 +208,7 @@ class _Positions:
         if direction[largest] < 0.0 and len(self.branches) == 2:  # along an axis of the palm rather than against it
             self.branches.reverse()
             direction = -direction
-        return direction
+        return np.asarray(direction)
 
 
 def _grasp_frame(

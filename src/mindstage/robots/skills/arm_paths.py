@@ -6,7 +6,7 @@ not change its configuration on the way; where that fails, the base moves along.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -142,7 +142,7 @@ def _is_near(arm: Arm, before: Mapping[str, float], after: Mapping[str, float]) 
 
 
 def timed(
-    path: ArmPath, joints: Mapping[str, RobotJoint], *, speed: float = 0.5, least_s: Sequence[float] = ()
+    path: ArmPath, joints: Mapping[str, RobotJoint], *, speed: float = 0.5, least_s: Array | None = None
 ) -> JointTrajectory:
     """A path with times, from rest to rest, within a fraction of the velocity limits.
 
@@ -155,7 +155,7 @@ def timed(
     limits = np.array([speed * (joints[name].velocity or _DEFAULT_VELOCITY) for name in path.joints])
     steps = np.abs(np.diff(path.positions, axis=0))
     durations = np.maximum((steps / limits).max(axis=1), 0.02)
-    if len(least_s):
+    if least_s is not None:
         durations = np.maximum(durations, least_s)
     times = np.concatenate([[0.0], np.cumsum(durations)])
     times = _with_ramps(times)

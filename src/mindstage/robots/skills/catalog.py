@@ -108,15 +108,15 @@ def _performing(
     on_step: Callable[[SkillStep], object] | None,
 ) -> Generator[float, None, SkillResult]:
     task = SkillTask(robot, seed=seed, on_step=on_step)
-    try:
-        with robot.performing(spec.name, args) as finish:
+    with robot.performing(spec.name, args) as report:
+        try:
             end = yield from _until_deadline(task, spec, args, deadline_s)
-            finish(end.outcome, end.reason)
-    except BaseException:
-        robot.stop()
-        raise
-    if end.outcome is not SkillOutcome.SUCCEEDED:
-        robot.stop()
+        except BaseException:
+            robot.stop()
+            raise
+        if end.outcome is not SkillOutcome.SUCCEEDED:
+            robot.stop()
+        report(end.outcome, end.reason)
     return SkillResult(
         outcome=end.outcome,
         skill=spec.name,

@@ -104,16 +104,19 @@ def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMot
     task.opened[opening.front] = None
     verb = "close" if fraction < opening.openness else "open"
     last: SkillFailedError | UnreachableError | CommandRefusedError | None = None
-    for number in range(_MAX_ROUNDS):
+    is_fixed = False
+    for _ in range(_MAX_ROUNDS):
         before = opening.openness
         if abs(before - fraction) <= _TOLERANCE:
             return
         try:
-            yield from _moving_once(task, opening, fraction, is_first=number == 0)
+            yield from _moving_once(task, opening, fraction, is_fixed=is_fixed)
         except (SkillFailedError, UnreachableError, CommandRefusedError) as error:
             last = error
         if abs(opening.openness - before) < _LEAST_PROGRESS:
-            break
+            if is_fixed or not isinstance(last, SkillFailedError):
+                break
+            is_fixed = True  # the fingers do not hold this handle
     if abs(opening.openness - fraction) > _TOLERANCE:
         reason = getattr(last, "reason", "") or str(last or "the handle cannot be moved farther")
         raise task.failure(
@@ -122,8 +125,15 @@ def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMot
         )
 
 
-def _moving_once(task: SkillTask, opening: Opening, fraction: float, *, is_first: bool) -> SkillMotion:
-    """Grasps the handle, moves it as far as possible from one stance, and releases it."""
+def _moving_once(task: SkillTask, opening: Opening, fraction: float, *, is_fixed: bool) -> SkillMotion:
+    """Grasps the handle, moves it as far as possible from one stance, and releases it.
+
+    Args:
+        task: the skill.
+        opening: the door or drawer.
+        fraction: where to, from 0 to 1.
+        is_fixed: whether the handle is fixed to the gripper by a spring, instead of being held by friction.
+    """
     hand = free_hand(task, f"to move {opening.front}")
     surroundings = task.surroundings()
     handle = opening.handle or opening.front
@@ -142,14 +152,14 @@ def _moving_once(task: SkillTask, opening: Opening, fraction: float, *, is_first
     grasp = stance.grasp.in_world(surroundings.pose(handle))
     yield from hand.moving_straight(grasp, why=f"to {handle}", may_touch=True)
     try:
-        if stance.grasp.is_by_friction:
-            if not (yield from hand.closing()):
-                raise task.failure(f"the gripper closed without {handle} between its fingers", "approach it again")
-        else:
-            task.assume(f"{handle} was fixed to the gripper by a spring: {stance.why}")
+        is_between = yield from hand.closing()
+        if is_fixed:
+            task.assume(f"{handle} was fixed to the {hand.gripper.name} by a spring: the fingers do not hold it")
+        elif not is_between:
+            raise task.failure(f"the gripper closed without {handle} between its fingers", "approach it again")
         word = "close" if fraction < opening.openness else "open"
         with task.step(word, f"{word} {opening.front} to {fraction:.0%}"):
-            yield from _moving_handle(task, hand, opening, handle, path, stance)
+            yield from _moving_handle(task, hand, opening, handle, path, is_fixed=is_fixed)
     except (SkillFailedError, UnreachableError, CommandRefusedError):
         yield from _letting_go(hand, handle)
         raise
@@ -207,11 +217,12 @@ def _pushing(
 def _directions(points: Array) -> Array:
     """The direction of a path at each of its points."""
     steps = np.gradient(points, axis=0)
-    return steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), 1e-9)
+    directions: Array = steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), 1e-9)
+    return directions
 
 
 def _moving_handle(
-    task: SkillTask, hand: Manipulator, opening: Opening, handle: BodyId, path: _FrontPath, stance: Stance
+    task: SkillTask, hand: Manipulator, opening: Opening, handle: BodyId, path: _FrontPath, *, is_fixed: bool
 ) -> SkillMotion:
     """Moves the grasped handle along its path."""
     surroundings = task.surroundings()
@@ -221,7 +232,7 @@ def _moving_handle(
         raise task.failure(f"{handle} cannot be moved: {motion.reason}", "stand elsewhere")
 
     def check() -> None:
-        if not stance.grasp.is_by_friction:
+        if is_fixed:
             _pull_along(task, opening, handle, surroundings, hand, from_handle)
         slipped = pose_multiply(pose_inverse(surroundings.pose(handle)), hand.grasp_pose)[:3] - from_handle[:3]
         if np.linalg.norm(slipped) > _SLIP_M:

@@ -198,7 +198,7 @@ def pushes_of(
     normal_axis = int(np.argmax(np.abs(outward)))
     normal = np.eye(3)[normal_axis] * np.sign(outward[normal_axis])
     across = [axis for axis in range(3) if axis != normal_axis]
-    edge_axis = max(across, key=lambda axis: abs(edge[axis] - middle[axis]) / max(half[axis], 1e-6))
+    edge_axis = max(across, key=lambda axis: abs(edge[axis] - middle[axis]) / max(float(half[axis]), 1e-6))
     along_axis = next(axis for axis in across if axis != edge_axis)
     to_edge = np.eye(3)[edge_axis] * (np.sign(edge[edge_axis] - middle[edge_axis]) or 1.0)
     along = np.eye(3)[along_axis]

@@ -45,7 +45,11 @@ _FREE_PLACES = 60
 """Number of free places that are looked for."""
 _PLACES = 10
 """Number of free places that are tried."""
-_PLACE_BUDGET_S = 4.0
+_MAX_STANCES = 4
+"""Number of stances that are tried if the arm finds no way."""
+_TURNS = 4
+"""Number of ways in which a thing is turned at each place."""
+_PLACE_BUDGET_S = 6.0
 """Limit of the wall time for each [s]."""
 _CLOSE_M = 0.5
 """Places that are nearer than this to where the base can stand are equally good."""
@@ -179,10 +183,7 @@ def _grasping(
         except UnreachableError as error:
             stance, request = _weld_stance(task, hand, surroundings, id, error, stays=stays)
         task.moved[id] = None
-        if not stays:
-            yield from hand.driving_to(stance.base, why=f"to reach {id}")
-        yield from hand.opening(stance.grasp.opening_m(hand.gripper.max_opening_m))
-        yield from hand.moving_to(stance.start, why=f"in front of {id}", touch=(id,))
+        stance = yield from _standing_before(hand, request, stance)
         yield from hand.moving_straight(stance.grasp.in_world(surroundings.pose(id)), why=f"to {id}", may_touch=True)
         held_by_friction = False
         if stance.grasp.is_by_friction:
@@ -195,6 +196,23 @@ def _grasping(
         if np.linalg.norm(drift) > _DRIFT_M:
             raise task.failure(f"{id} slipped out of the gripper while it was lifted", "grasp it again")
     return stance
+
+
+def _standing_before(hand: Manipulator, request: StanceRequest, stance: Stance) -> Generator[float, None, Stance]:
+    """Drives to where a thing is grasped, and takes the open hand in front of it, by the first grasp with a way."""
+    for _ in range(_MAX_STANCES):
+        if not request.stays:
+            yield from hand.driving_to(stance.base, why=f"to reach {request.target}")
+        yield from hand.opening(stance.grasp.opening_m(hand.gripper.max_opening_m))
+        try:
+            yield from hand.moving_to(stance.start, why=f"in front of {request.target}", touch=(request.target,))
+        except UnreachableError:
+            others = [each for each in request.grasps if each is not stance.grasp]
+            request = request._replace(grasps=others)
+            stance = find_stance(hand, request)
+            continue
+        return stance
+    raise UnreachableError(hand.robot.name, target=request.target, reason="the arm has no way to any of its grasps")
 
 
 def _lifting(hand: Manipulator, id: BodyId) -> SkillMotion:
@@ -436,7 +454,7 @@ def _options(pose: Array, in_hand: Array, floor: FloorMap | None) -> list[Grasp]
         if len(standing):
             towards = pose[:2] - standing[np.argmin(np.hypot(*(standing - pose[:2]).T))]
             found.sort(key=lambda at: -round(float(quat_rotate(at[3:], (1.0, 0.0, 0.0))[:2] @ towards), 3))
-    return [Grasp(at, 0.0, is_by_friction=True, is_whole=True, is_central=True) for at in found]
+    return [Grasp(at, 0.0, is_by_friction=True, is_whole=True, is_central=True) for at in found[:_TURNS]]
 
 
 def _nearest_to_floor(poses: Sequence[Array], floor: FloorMap | None) -> list[Array]:
@@ -495,12 +513,12 @@ def _tilting(task: SkillTask, hand: Manipulator, id: BodyId, target: BodyId) -> 
     options = []
     for sign in (1.0, -1.0):
         rim = np.array([*((low + high) / 2)[:2], high[2] + _POUR_GAP_M])
-        poses = []
+        tilted = list[Array]()
         for angle in np.linspace(0.0, sign * _POUR_ANGLE_RAD, _POUR_STEPS):
             spin = np.array([cos(angle / 2), *(sin(angle / 2) * axis)])
             corner = quat_rotate(spin, -sign * side * half_width + np.array([0.0, 0.0, half_height]))
-            poses.append(np.concatenate([rim - corner, quat_multiply(spin, now[3:])]))
-        options.append(np.array(poses))
+            tilted.append(np.concatenate([rim - corner, quat_multiply(spin, now[3:])]))
+        options.append(np.array(tilted))
     stance, poses = _pour_stance(hand, id, target, options, in_hand)
     with task.step("pour", f"pour {id} into {target}"):
         yield from hand.driving_to(stance.base, why=f"to reach {target}")

@@ -11,7 +11,7 @@ from math import cos, hypot, pi, sin
 
 import numpy as np
 
-from mindstage.engines.base import Capability, Contact, Engine
+from mindstage.engines.base import Capability, Engine
 from mindstage.errors import UnreachableError
 from mindstage.robots.collisions import CLEARANCE_M
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
@@ -45,10 +45,14 @@ _HELD_DRIVE_SPEED = 0.5
 _HELD_CLEARANCE_M = 0.015
 _POSE_JOINTS = 6
 """Joints that an arm needs to take its hand to any pose in reach."""
+_FOLLOWING_SPEED = 0.15
+"""Fraction of its velocity limits with which a base moves along with an arm."""
 _EMPTY_M = 0.003
 """A closed gripper with a smaller opening has nothing between its fingers."""
 _MAX_DEPTH_M = 0.004
 """A motion ends when a part of the robot is pressed deeper than this into something."""
+_DEEPER_M = 0.0005
+"""What was pressed before a motion may be so much deeper during it."""
 _PARKING_S = 8.0
 """Limit of the wall time in which a way of the arm to its rest position is looked for, before the base moves [s]."""
 _ROOMS_M = (0.35, 0.2)
@@ -65,12 +69,19 @@ def planar_pose(base: BasePose) -> Array:
     return np.array([x, y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)])
 
 
-def _deepest(engine: Engine, own: frozenset[BodyId]) -> Contact | None:
-    """The deepest of the contacts of some bodies that are too deep."""
-    if Capability.CONTACTS not in engine.capabilities:
-        return None
-    found = [each for each in engine.contacts() if each.depth_m > _MAX_DEPTH_M and (each.a in own or each.b in own)]
-    return max(found, key=lambda each: each.depth_m, default=None)
+def _pressed(task: SkillTask, own: frozenset[BodyId]) -> dict[tuple[BodyId, BodyId | None], float]:
+    """The contacts of a robot's links that are too deep, with their depths [m], the deepest first."""
+
+    def read(engine: Engine) -> dict[tuple[BodyId, BodyId | None], float]:
+        if Capability.CONTACTS not in engine.capabilities:
+            return {}
+        deep = [each for each in engine.contacts() if each.depth_m > _MAX_DEPTH_M and (each.a in own or each.b in own)]
+        return {
+            (each.a, each.b) if each.a in own or each.b is None else (each.b, each.a): each.depth_m
+            for each in sorted(deep, key=lambda each: -each.depth_m)
+        }
+
+    return task.session.run_on_engine(read, label="contacts")
 
 
 class Manipulator:
@@ -283,6 +294,7 @@ class Manipulator:
     def _guarded(self, motion: Generator[float, None, MotionResult]) -> Generator[float, None, MotionResult]:
         """A motion that ends when a part of the robot is pressed into something."""
         own = frozenset(self.robot.link_ids.values())
+        before = _pressed(self.task, own)
         try:
             while True:
                 try:
@@ -291,10 +303,11 @@ class Manipulator:
                     result: MotionResult = end.value
                     return result
                 yield duration_s
-                pressed = self.task.session.run_on_engine(lambda engine: _deepest(engine, own), label="contacts")
-                if pressed is not None:
-                    a, b = (pressed.a, pressed.b) if pressed.a in own else (pressed.b, pressed.a)
-                    reason = f"{a} is pressed {pressed.depth_m * 1000:.1f} mm into {b}"
+                now = _pressed(self.task, own)
+                deeper = [pair for pair, depth_m in now.items() if depth_m > before.get(pair, 0.0) + _DEEPER_M]
+                if deeper:
+                    a, b = deeper[0]
+                    reason = f"{a} is pressed {now[deeper[0]] * 1000:.1f} mm into {b}"
                     obstacles = () if b is None else (b,)
                     return MotionResult(
                         outcome=MotionOutcome.FAILED, reason=reason, failure=MotionFailure.BLOCKED, obstacles=obstacles
@@ -313,8 +326,8 @@ class Manipulator:
             bases = np.array([self.base_of(root) for root in path.roots])
             steps = np.diff(bases, axis=0)
             turns = np.abs(np.diff(np.unwrap(bases[:, 2])))
-            drive = np.hypot(steps[:, 0], steps[:, 1]) / (0.3 * base.velocity)
-            least = np.maximum(least, np.maximum(drive, turns / (0.3 * base.turn_velocity)))
+            drive = np.hypot(steps[:, 0], steps[:, 1]) / (_FOLLOWING_SPEED * base.velocity)
+            least = np.maximum(least, np.maximum(drive, turns / (_FOLLOWING_SPEED * base.turn_velocity)))
         return np.asarray(least)
 
     def _steer(self, at_s: float, times: Array, bases: Array) -> None:

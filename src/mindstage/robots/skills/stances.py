@@ -36,6 +36,8 @@ _IK_ATTEMPTS = 5
 _OUTSIDE_M = 0.1
 """Distance from a container at which the straight line into it begins."""
 _MAX_WAY_M = 0.45
+_TOUCH_M = 0.001
+"""Distance at which the hand counts as touching its target."""
 _CHECKED_EVERY = 3
 """Of the poses of a path, every third one is tested for collisions."""
 _MAX_GRASPS = 12
@@ -125,6 +127,13 @@ class _Search:
             base_moves=self.moves_base,
             touch={request.target, *request.touched},
         )
+        self.strict = CollisionChecker(
+            robot,
+            joints=(*hand.arm.joints, *hand.gripper.joints),
+            base_moves=self.moves_base,
+            clearance_m=_TOUCH_M,
+        )
+        """For the way to the target, on which the hand touches nothing either."""
         self.fingers: dict[str, float] = {}
         self.reasons: dict[str, int] = {}
         self.blocked = 0
@@ -261,7 +270,7 @@ class _Search:
         last = -1
         for row in range(approach.reached):
             if (row % 2 == 0 or row == approach.reached - 1) and self._hits(
-                approach.at(row), self.hand.base_of(approach.roots[row])
+                approach.at(row), self.hand.base_of(approach.roots[row]), strictly=True
             ):
                 break
             last = row
@@ -271,9 +280,12 @@ class _Search:
             return None
         return _Start(approach.at(last), length, self.hand.base_of(approach.roots[last]))
 
-    def _hits(self, positions: dict[str, float], base: BasePose) -> bool:
-        """Whether the robot would touch something there."""
-        hit = self.checker.find_at({**positions, **self.fingers}, base if self.moves_base else None)
+    def _hits(self, positions: dict[str, float], base: BasePose, *, strictly: bool = False) -> bool:
+        """Whether the robot would touch something there; strictly if its hand may not touch the target either."""
+        state, place = {**positions, **self.fingers}, base if self.moves_base else None
+        hit = self.checker.find_at(state, place)
+        if hit is None and strictly and self.hand.held is None:
+            hit = self.strict.find_at(state, place)
         if hit is not None:
             self._count(f"there {hit}")
         return hit is not None
@@ -289,7 +301,8 @@ class _Search:
 
     def _move_joint(self, row: int) -> None:
         if self.request.joint is not None:
-            self.checker.set_joint(self.request.joint, self.request.joint_positions[row])
+            for checker in (self.checker, self.strict) if row == 0 else (self.checker,):
+                checker.set_joint(self.request.joint, self.request.joint_positions[row])
 
     def _count(self, reason: str) -> None:
         self.reasons[reason] = self.reasons.get(reason, 0) + 1

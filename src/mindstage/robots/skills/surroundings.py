@@ -7,7 +7,6 @@ in, where its kind is stored: these are answers to declared questions about the 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from typing import Any, Protocol
 
 import msgspec
 import numpy as np
@@ -15,24 +14,17 @@ import numpy as np
 from mindstage.errors import AmbiguousNameError, BodyNotFoundError, NameNotFoundError, closest_names
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.rdf import local_name
+from mindstage.robots.robot import RobotSession
 from mindstage.scene import Body, BodyId, Iri, Pose, World
 from mindstage.scene.geometry import BodyGeometry
 from mindstage.scene.transforms import Array, normalize, pose_inverse, pose_multiply, quat_rotate
 from mindstage.simulation.joint_motion import SimulationJoint, find_joint
-from mindstage.simulation.state import EngineSession
 
-__all__ = ["Opening", "SkillSession", "Surroundings"]
+__all__ = ["Opening", "Surroundings"]
 
 _RELATIONS = {True: "into", False: "onto"}
 _CLOSED_SHARE = 0.05
 """A door or drawer that is open by less counts as closed."""
-
-
-class SkillSession(EngineSession, Protocol):
-    """The part of `Simulation` that skills use."""
-
-    def ask(self, question: str, /, *positional: object, **args: object) -> Sequence[Any]:
-        """All answers to a question about the current state."""
 
 
 class Opening(msgspec.Struct, frozen=True, eq=False, kw_only=True):
@@ -58,7 +50,7 @@ class Opening(msgspec.Struct, frozen=True, eq=False, kw_only=True):
 class Surroundings:
     """Answers about the things of a running world; a new one is made after bodies were added or removed."""
 
-    def __init__(self, session: SkillSession, *, ignored: Collection[BodyId] = ()) -> None:
+    def __init__(self, session: RobotSession, *, ignored: Collection[BodyId] = ()) -> None:
         """Takes a snapshot of the world.
 
         Args:

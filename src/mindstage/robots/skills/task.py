@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import cast
 
 from msgspec.structs import replace
 
@@ -13,7 +12,7 @@ from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.model import BaseType
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills.declaration import SkillMotion, SkillNeed, SkillSpec, SkillState, SkillStep
-from mindstage.robots.skills.surroundings import SkillSession, Surroundings
+from mindstage.robots.skills.surroundings import Surroundings
 from mindstage.scene import BodyId
 
 __all__ = ["SkillTask"]
@@ -31,7 +30,7 @@ class SkillTask:
             on_step: called when a step begins, and when it ends.
         """
         self.robot = robot
-        self.session = cast("SkillSession", robot.session)
+        self.session = robot.session
         self.kinematics = RobotKinematics(robot.model)
         self.seed = seed
         self.assumptions: list[str] = []

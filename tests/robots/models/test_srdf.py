@@ -1,0 +1,95 @@
+"""Reading of SRDF."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mindstage.errors import RobotModelError
+from mindstage.robots.model import BaseType
+from mindstage.robots.models.reading import load_model
+from mindstage.robots.models.srdf import read_srdf
+
+TEXT = """
+<robot name="r">
+  <virtual_joint name="world" type="planar" parent_frame="odom" child_link="base"/>
+  <joint_property joint_name="world" property_name="motion_model" value="diff_drive"/>
+  <group name="arm"><chain base_link="base" tip_link="tool"/><joint name="extra"/></group>
+  <group name="all"><group name="arm"/><link name="camera"/></group>
+  <end_effector name="hand" parent_link="tool" group="fingers" parent_group="arm"/>
+  <group_state name="home" group="arm">
+    <joint name="a" value="0.5"/><joint name="floating" value="0 0 0 0 0 0 1"/><joint name="bad" value="x"/>
+  </group_state>
+  <disable_collisions link1="b" link2="a" reason="Adjacent"/>
+  <disable_collisions link1="c" link2="c"/>
+</robot>
+"""
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "robot.srdf"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_contents_of_a_file(tmp_path: Path) -> None:
+    srdf = read_srdf(written(tmp_path, TEXT))
+    arm = srdf.group("arm")
+    assert arm is not None
+    assert (arm.chains, arm.joints) == ((("base", "tool"),), ("extra",))
+    everything = srdf.group("all")
+    assert everything is not None
+    assert (everything.groups, everything.links) == (("arm",), ("camera",))
+    assert srdf.group("nothing") is None
+    (effector,) = srdf.end_effectors
+    assert (effector.name, effector.parent_link, effector.group, effector.parent_group) == (
+        "hand", "tool", "fingers", "arm",
+    )  # fmt: skip
+    assert srdf.states == (("arm", "home", (("a", 0.5),)),)
+    assert srdf.disabled_collisions == {("a", "b")}
+    assert srdf.virtual_joints[0].motion_model == "diff_drive"
+
+
+@pytest.mark.parametrize(
+    ("text", "cause"), [("<sdf/>", "<sdf>"), ("<robot>", "not well-formed"), ("<!DOCTYPE r><robot/>", "document type")]
+)
+def test_a_file_that_is_no_srdf(tmp_path: Path, text: str, cause: str) -> None:
+    with pytest.raises(RobotModelError, match=cause):
+        read_srdf(written(tmp_path, text))
+
+
+def test_a_file_that_does_not_exist(tmp_path: Path) -> None:
+    with pytest.raises(RobotModelError, match="No such file"):
+        read_srdf(tmp_path / "robot.srdf")
+
+
+CHAIN = "".join(
+    f'<link name="l{number}"><collision><geometry><box size=".1 .1 .1"/></geometry></collision></link>'
+    + (
+        f'<joint name="j{number}" type="revolute"><parent link="l{number - 1}"/><child link="l{number}"/>'
+        '<origin xyz="0 0 .2"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="9" velocity="1"/></joint>'
+        if number
+        else ""
+    )
+    for number in range(7)
+)
+
+
+def test_groups_that_contain_each_other_end(tmp_path: Path) -> None:
+    (tmp_path / "robot.urdf").write_text(f'<robot name="r">{CHAIN}</robot>', encoding="utf-8")
+    written(
+        tmp_path,
+        '<robot name="r"><virtual_joint name="w" type="planar" parent_frame="odom" child_link="l0"/>'
+        '<group name="arm"><group name="both"/><chain base_link="l0" tip_link="l6"/></group>'
+        '<group name="both"><group name="arm"/></group>'
+        '<group_state name="rest" group="arm">'
+        + "".join(f'<joint name="j{number}" value="9"/>' for number in range(1, 7))
+        + "</group_state></robot>",
+    )
+    model = load_model(tmp_path / "robot.urdf")
+    assert model.base.type is BaseType.PLANAR
+    (arm,) = model.arms
+    assert arm.joints == tuple(f"j{number}" for number in range(1, 7))
+    assert arm.rest_positions == (2.0,) * 6  # not beyond the limits
+    assert dict(model.home_positions) == dict(zip(arm.joints, arm.rest_positions, strict=True))
