@@ -127,8 +127,8 @@ def test_a_robot_that_is_added_while_programs_are_connected_is_offered_and_withd
         add = ("/unreal/mindstage/add_robot", "mindstage_msgs/AddRobot")
         added = client.call(*add, source="mobile_manipulator", name="rob", pose=pose)
         assert (added["success"], added["name"]) == (True, "rob")
-        goal = client.follow({"lift_joint": 0.3}, 0.5)
-        assert goal.wait()[0] == "SUCCEEDED"
+        status, result = client.follow({"lift_joint": 0.3}, 1.0).wait()
+        assert status == "SUCCEEDED", result
         assert "base_footprint" in client.ros.get_param("/robot_description")
         again = client.call(*add, source="mobile_manipulator", name="rob", pose=pose)
         assert not again["success"]
@@ -166,7 +166,7 @@ def test_a_second_robot_has_its_name_as_its_namespace(
     playing.add_robot("mobile_manipulator", Pose((-0.3, -0.8, 0.0)), name="two")
     with RosInterface(playing, node):
         first, second = RobotClient(server.port), RobotClient(server.port, "/two")
-        goal = second.follow({"lift_joint": 0.3}, 0.6)
+        goal = second.follow({"lift_joint": 0.3}, 1.0)
         assert goal.wait()[0] == "SUCCEEDED"
         assert second.joints()["lift_joint"] == pytest.approx(0.3, abs=0.01)
         assert first.joints()["lift_joint"] == pytest.approx(0.42, abs=0.01)
@@ -189,7 +189,7 @@ def test_an_interface_without_a_namespace_keeps_its_own_names(
     playing.add_robot("mobile_manipulator", Pose((-0.3, 0.0, 0.0)), name="rob")
     with RosInterface(playing, node, namespace=""):
         client = RobotClient(server.port, "/rob")
-        assert client.follow({"lift_joint": 0.3}, 0.5).wait()[0] == "SUCCEEDED"
+        assert client.follow({"lift_joint": 0.3}, 1.0).wait()[0] == "SUCCEEDED"
         place = client.wait_for("/joint_states")
         assert place["name"] == ["DrawerSlide", "FridgeHinge"]
         client.close()
