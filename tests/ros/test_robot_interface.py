@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.io.sources import RosPackagePath
 from mindstage.knowledge.urdf.parse import read_urdf
+from mindstage.robots import robot as robot_module
 from mindstage.robots.forward_kinematics import link_poses as model_poses
 from mindstage.robots.models.reading import load_model
 from mindstage.ros import RosInterface, RosVersion
@@ -138,6 +140,27 @@ def test_a_robot_that_is_added_while_programs_are_connected_is_offered_and_withd
         )
         eventually(lambda: "/arm_controller/follow_joint_trajectory/goal" not in client.ros.get_topics())
         assert "Mug" in client.ros.get_param("/robot_description")
+        client.close()
+
+
+def test_a_robot_that_takes_long_to_add_is_offered_when_it_is_complete(
+    playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place_robot = robot_module.place_robot
+
+    def slow(*args: Any, **options: Any) -> Any:
+        placed = place_robot(*args, **options)
+        time.sleep(0.6)  # its bodies are published before it is a robot
+        return placed
+
+    monkeypatch.setattr(robot_module, "place_robot", slow)
+    node, server = node_and_server
+    with RosInterface(playing, node):
+        client = RobotClient(server.port)
+        client.wait_for("/tf", 3)
+        playing.add_robot("mobile_manipulator", Pose((-0.3, 0.0, 0.0)))
+        eventually(lambda: "/arm_controller/follow_joint_trajectory/goal" in client.ros.get_topics())
+        eventually(lambda: transforms(client).get("lift_link", ("",))[0] == "base_link")
         client.close()
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from mindstage.engines.base import Capability, Engine
 from mindstage.errors import UnreachableError
-from mindstage.robots.collisions import CLEARANCE_M
+from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.model import Arm, BaseType, Gripper
@@ -55,7 +55,7 @@ _DEEPER_M = 0.0005
 """What was pressed before a motion may be so much deeper during it."""
 _PARKING_S = 8.0
 """Limit of the wall time in which a way of the arm to its rest position is looked for, before the base moves [s]."""
-_ROOMS_M = (0.35, 0.2)
+_ROOMS_M = (0.35, 0.5, 0.2)
 """How far the base drives away to give an arm room."""
 _ROOM_S = 2.0
 """Limit of the wall time for each direction [s]."""
@@ -375,21 +375,27 @@ class Manipulator:
         except UnreachableError:
             if not self.is_mobile:
                 raise
-            yield from self._making_room()
+            yield from self._making_room(rest)
             yield from self.moving_to(rest, why="to its rest position", touch=touch)
 
-    def _making_room(self) -> SkillMotion:
-        """Drives a little away from what is in front of the robot, so that the arm gets room.
+    def _making_room(self, rest: Mapping[str, float]) -> SkillMotion:
+        """Drives a little away from what is in front of the robot, to where the arm can be folded.
+
+        Args:
+            rest: positions of the folded arm [m or rad].
 
         Raises:
             UnreachableError: there is no room.
         """
         x, y, yaw = self.robot.base_pose()
         error: UnreachableError | None = None
+        checker = CollisionChecker(self.robot, joints=self.arm.joints, base_moves=True)
         for distance in _ROOMS_M:
             for turn in (pi, 0.75 * pi, -0.75 * pi, pi / 2, -pi / 2):
                 away = (x + distance * cos(yaw + turn), y + distance * sin(yaw + turn), yaw)
                 try:
+                    if (hit := checker.find_at(rest, away)) is not None:
+                        raise UnreachableError(self.robot.name, target="its rest position", reason=f"there {hit}")
                     path = plan_base(self.robot, away, budget_s=_ROOM_S)
                 except UnreachableError as found:
                     error = found

@@ -1,0 +1,119 @@
+"""Grasps by the geometry of things, and the times of paths."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mindstage.robots.kinematics import RobotKinematics
+from mindstage.robots.model import RobotModel
+from mindstage.robots.models.reading import load_model
+from mindstage.robots.skills.arm_paths import follow_poses, interpolated_poses, timed
+from mindstage.robots.skills.grasps import Grasp, GripperShape, grasps_of, pushes_of, weld_grasps_of
+from mindstage.scene import Body, BodyId, Iri, Pose, Vector
+from mindstage.scene.transforms import Array, quat_angle, quat_rotate
+
+UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def model() -> RobotModel:
+    return load_model("mobile_manipulator")
+
+
+@pytest.fixture(scope="module")
+def shape(model: RobotModel) -> GripperShape:
+    return GripperShape.of(model, model.grippers[0], RobotKinematics(model))
+
+
+def box(size: Vector) -> Body:
+    return Body(id=BodyId("box"), iri=Iri("urn:box"), cls=Iri("urn:Box"), pose=Pose(), size=size)
+
+
+def grasps(model: RobotModel, shape: GripperShape, size: Vector) -> list[Grasp]:
+    return list(grasps_of(box(size), None, UPRIGHT, model.grippers[0], shape))
+
+
+def axis(grasp: Grasp, number: int) -> Array:
+    return quat_rotate(grasp.pose[3:], np.eye(3)[number])
+
+
+def test_the_extents_of_the_gripper_are_those_of_its_description(shape: GripperShape) -> None:
+    assert shape.opening == pytest.approx(0.12)
+    assert shape.tip == pytest.approx(0.025, abs=1e-6)
+    assert shape.palm == pytest.approx(0.065, abs=1e-6)
+
+
+def test_fingers_close_across_the_narrow_sides_only(model: RobotModel, shape: GripperShape) -> None:
+    found = grasps(model, shape, (0.07, 0.3, 0.2))
+    assert found
+    assert all(abs(axis(each, 1)[0]) == pytest.approx(1.0) for each in found)
+    assert {round(each.width_m, 3) for each in found} == {0.07}
+
+
+def test_what_is_too_wide_has_no_grasp_by_friction_but_sides_to_fix_it_at(
+    model: RobotModel, shape: GripperShape
+) -> None:
+    assert not grasps(model, shape, (0.3, 0.3, 0.3))
+    fixed = list(weld_grasps_of(box((0.3, 0.3, 0.3)), None, UPRIGHT, shape))
+    assert fixed
+    for each in fixed:
+        tip = each.pose[:3] + axis(each, 0) * shape.tip
+        assert np.abs(tip).max() == pytest.approx(0.155, abs=1e-6)  # 5 mm in front of a side
+
+
+def test_hands_do_not_come_from_below(model: RobotModel, shape: GripperShape) -> None:
+    assert all(axis(each, 0)[2] < 0.4 for each in grasps(model, shape, (0.07, 0.07, 0.2)))
+
+
+def test_finger_tips_stay_in_front_of_what_is_behind(model: RobotModel, shape: GripperShape) -> None:
+    """A handle of 4 cm depth is on a door."""
+    for each in grasps(model, shape, (0.04, 0.02, 0.4)):
+        x = axis(each, 0)
+        if abs(x[0]) > 0.99:
+            assert (each.pose[:3] + x * shape.tip) @ x <= 0.02 - 0.005
+
+
+def test_a_push_touches_the_outer_side_with_the_fingers(shape: GripperShape) -> None:
+    door = box((0.02, 0.6, 1.4))
+    outward, edge = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.28, 0.0])
+    pushes = list(pushes_of(door, None, outward, edge, shape))
+    assert pushes
+    for each in pushes:
+        assert each.pose[0] > 0.01  # in front of it
+        assert 0.0 < each.pose[1] < 0.4  # near its free edge
+
+
+def test_a_line_is_followed_within_the_limits_and_from_rest_to_rest(model: RobotModel) -> None:
+    kinematics, arm = RobotKinematics(model), model.arms[0]
+    ready = {name: value for group, state, values in model.group_states if state == "ready" for name, value in values}
+    start = kinematics.pose("gripper", ready)
+    end = start + np.array([0.1, 0.05, 0.05, 0.0, 0.0, 0.0, 0.0])
+    line = interpolated_poses(start, end)
+    path = follow_poses(kinematics, arm, line, root=UPRIGHT, seed=ready, from_seed=True)
+    assert path.is_complete, path.reason
+    for row, pose in enumerate(line):
+        reached = kinematics.pose("gripper", path.at(row))
+        assert reached[:3] == pytest.approx(pose[:3], abs=0.002)
+        assert float(quat_angle(reached[3:], pose[3:])) < 0.02
+    joints = {joint.name: joint for joint in model.joints}
+    trajectory = timed(path, joints, speed=0.3)
+    assert trajectory.points[0].velocities == pytest.approx(np.zeros(len(arm.joints)))
+    assert trajectory.points[-1].velocities == pytest.approx(np.zeros(len(arm.joints)))
+    for point in trajectory.points:
+        for name, velocity in zip(trajectory.joints, point.velocities or (), strict=True):
+            assert abs(velocity) <= 0.31 * (joints[name].velocity or 1.0)
+
+
+def test_a_path_beyond_reach_ends_where_the_arm_ends(model: RobotModel) -> None:
+    kinematics, arm = RobotKinematics(model), model.arms[0]
+    ready = {name: value for group, state, values in model.group_states if state == "ready" for name, value in values}
+    start = kinematics.pose("gripper", ready)
+    line = interpolated_poses(start, start + np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    path = follow_poses(kinematics, arm, line, root=UPRIGHT, seed=ready, from_seed=True)
+    assert not path.is_complete
+    assert 1 < path.reached < len(line)
+    assert path.reason
+    driven = follow_poses(kinematics, arm, line, root=UPRIGHT, seed=ready, from_seed=True, may_drive=True)
+    assert driven.is_complete
+    assert driven.moves_base
