@@ -239,7 +239,7 @@ def _moving_handle(
         if np.linalg.norm(slipped) > _SLIP_M:
             raise task.failure(f"{handle} slipped out of the gripper", "grasp it again, or move it with less speed")
 
-    result = yield from hand.following(motion, speed=0.4, cartesian_speed=0.15, on_tick=check)
+    result = yield from hand.following(motion, speed=0.4, cartesian_speed=0.08, on_tick=check)
     if not result:
         raise task.failure(result.reason, "move what is in the way")
 
