@@ -19,7 +19,12 @@ import gymnasium
 from benchmarks import Measure
 from mindstage.robots.gym import EpisodeScore, play_randomly, play_skill
 
-_TASKS: dict[str, dict[str, Any]] = {"Open": {}, "Pick": {}, "Place": {}, "PutAway": {"thing": "milk_carton_1"}}
+_TASKS: dict[str, dict[str, Any]] = {
+    "Open": {},
+    "Pick": {},
+    "Place": {},
+    "PutAway": {"thing": "milk_carton_1", "start_on": "counter_left"},
+}
 _RESETS, _ACTIONS = 9, 40
 
 

@@ -22,6 +22,7 @@ from typer.testing import CliRunner
 
 from mindstage.cli.app import app
 from mindstage.knowledge import bundled_kitchen, bundled_ontology
+from tests.kitchenette import kitchenette
 from tests.knowledge.sparql_server import SparqlServer
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -106,11 +107,16 @@ def test_the_python_about_stores_runs(tmp_path: Path, oxigraph: Path) -> None:
 
 
 def test_the_python_about_remote_engines_runs() -> None:
-    from mindstage import KnowledgeBase, NullEngine, Simulation
+    from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
     from mindstage.bridge import LocalNode, RosbridgeServer
     from mindstage.ros import RosInterface
 
-    (code,) = blocks("python", page("how-to/engines.md"))
+    drives, code = blocks("python", page("how-to/engines.md"))
+    with contextlib.closing(MujocoEngine()) as engine:
+        engine.spawn(kitchenette())
+        drives = drives.replace("drawer_slide", "DrawerSlide").replace('"drawer"', '"Drawer"')
+        exec(compile(drives, "engines.md", "exec"), {"engine": engine})
+        assert abs(engine.actuator_states()["pull"].position) == pytest.approx(0.3, abs=0.01)
     with contextlib.ExitStack() as stack:
         sim = stack.enter_context(Simulation(KnowledgeBase(), NullEngine()))
         node = stack.enter_context(LocalNode())

@@ -244,6 +244,7 @@ def test_putting_away_begins_in_the_open_and_ends_in_a_closed_place() -> None:
     assert "not in fridge" in info["reason"]
     assert not env.progress().done
     fresh = poses_in(env.simulation.state, {BodyId("milk_carton_1")})
+    assert np.linalg.norm(fresh[BodyId("milk_carton_1")][:2] - env.robot.base_pose()[:2]) < 1.3, "it stands near it"
     env.reset(seed=1)
     again = poses_in(env.simulation.state, {BodyId("milk_carton_1")})
     assert np.allclose(fresh[BodyId("milk_carton_1")], again[BodyId("milk_carton_1")], atol=1e-6)

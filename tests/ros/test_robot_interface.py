@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.io.sources import RosPackagePath
 from mindstage.knowledge.urdf.parse import read_urdf
+from mindstage.robots import robot as robot_module
 from mindstage.robots.forward_kinematics import link_poses as model_poses
 from mindstage.robots.models.reading import load_model
 from mindstage.ros import RosInterface, RosVersion
@@ -127,8 +129,8 @@ def test_a_robot_that_is_added_while_programs_are_connected_is_offered_and_withd
         add = ("/unreal/mindstage/add_robot", "mindstage_msgs/AddRobot")
         added = client.call(*add, source="mobile_manipulator", name="rob", pose=pose)
         assert (added["success"], added["name"]) == (True, "rob")
-        goal = client.follow({"lift_joint": 0.3}, 0.5)
-        assert goal.wait()[0] == "SUCCEEDED"
+        status, result = client.follow({"lift_joint": 0.3}, 1.0).wait()
+        assert status == "SUCCEEDED", result
         assert "base_footprint" in client.ros.get_param("/robot_description")
         again = client.call(*add, source="mobile_manipulator", name="rob", pose=pose)
         assert not again["success"]
@@ -138,6 +140,27 @@ def test_a_robot_that_is_added_while_programs_are_connected_is_offered_and_withd
         )
         eventually(lambda: "/arm_controller/follow_joint_trajectory/goal" not in client.ros.get_topics())
         assert "Mug" in client.ros.get_param("/robot_description")
+        client.close()
+
+
+def test_a_robot_that_takes_long_to_add_is_offered_when_it_is_complete(
+    playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place_robot = robot_module.place_robot
+
+    def slow(*args: Any, **options: Any) -> Any:
+        placed = place_robot(*args, **options)
+        time.sleep(0.6)  # its bodies are published before it is a robot
+        return placed
+
+    monkeypatch.setattr(robot_module, "place_robot", slow)
+    node, server = node_and_server
+    with RosInterface(playing, node):
+        client = RobotClient(server.port)
+        client.wait_for("/tf", 3)
+        playing.add_robot("mobile_manipulator", Pose((-0.3, 0.0, 0.0)))
+        eventually(lambda: "/arm_controller/follow_joint_trajectory/goal" in client.ros.get_topics())
+        eventually(lambda: transforms(client).get("lift_link", ("",))[0] == "base_link")
         client.close()
 
 
@@ -166,7 +189,7 @@ def test_a_second_robot_has_its_name_as_its_namespace(
     playing.add_robot("mobile_manipulator", Pose((-0.3, -0.8, 0.0)), name="two")
     with RosInterface(playing, node):
         first, second = RobotClient(server.port), RobotClient(server.port, "/two")
-        goal = second.follow({"lift_joint": 0.3}, 0.6)
+        goal = second.follow({"lift_joint": 0.3}, 1.0)
         assert goal.wait()[0] == "SUCCEEDED"
         assert second.joints()["lift_joint"] == pytest.approx(0.3, abs=0.01)
         assert first.joints()["lift_joint"] == pytest.approx(0.42, abs=0.01)
@@ -189,7 +212,7 @@ def test_an_interface_without_a_namespace_keeps_its_own_names(
     playing.add_robot("mobile_manipulator", Pose((-0.3, 0.0, 0.0)), name="rob")
     with RosInterface(playing, node, namespace=""):
         client = RobotClient(server.port, "/rob")
-        assert client.follow({"lift_joint": 0.3}, 0.5).wait()[0] == "SUCCEEDED"
+        assert client.follow({"lift_joint": 0.3}, 1.0).wait()[0] == "SUCCEEDED"
         place = client.wait_for("/joint_states")
         assert place["name"] == ["DrawerSlide", "FridgeHinge"]
         client.close()

@@ -27,8 +27,11 @@ __all__ = ["Collision", "CollisionChecker", "MotionRobot"]
 
 CLEARANCE_M = 0.005
 """Distance that planned motions keep from the place [m]."""
-SELF_CLEARANCE_M = -0.003
-"""A robot's own links may come so near: the hulls of neighbors overlap a little where their meshes do not."""
+_SELF_CLEARANCE_M = -0.0005
+"""A robot's own links may come so near; contacts of the simulation would stop them."""
+_NEIGHBOR_CLEARANCE_M, _NEIGHBOR_JOINTS = -0.003, 2
+"""Links with at most so many joints between them may come so near: their hulls overlap a little where their meshes do
+not."""
 _START_SLACK_M = 0.001
 """A pair that is too near at the start may come nearer by this [m]."""
 
@@ -75,6 +78,8 @@ class Collision(msgspec.Struct, frozen=True, kw_only=True):
     """None for a ground plane that the engine has added."""
     distance_m: float
     """Negative if they penetrate [m]."""
+    least_m: float = 0.0
+    """The distance that they may have [m]."""
 
     def __str__(self) -> str:
         other = "the ground" if self.obstacle is None else self.obstacle
@@ -96,6 +101,17 @@ def _moved_links(model: RobotModel, joints: Iterable[str]) -> frozenset[str]:
         each for each in model.joints if each.name in names or (each.mimic is not None and each.mimic.joint in names)
     ]
     return frozenset(link for each in drives for link in links_moved_by(model, each))
+
+
+def _joints_between(model: RobotModel) -> dict[tuple[str, str], int]:
+    """For each link and those before it, the number of movable joints between them."""
+    found: dict[tuple[str, str], int] = {(link.name, link.name): 0 for link in model.links}
+    before: dict[str, list[str]] = {link.name: [link.name] for link in model.links}
+    for joint in model.joints:  # parents come first
+        for ancestor in before[joint.parent]:
+            found[joint.child, ancestor] = found[joint.parent, ancestor] + joint.is_movable
+        before[joint.child] = [*before[joint.parent], joint.child]
+    return found
 
 
 def _hand_links(model: RobotModel) -> frozenset[str]:
@@ -160,7 +176,7 @@ class CollisionChecker:
         self._root_in_base = planar_multiply(planar_inverse(robot.base_pose()), at)
         self._classify(touch)
         nearest: dict[tuple[int, int], float] = {}
-        for row, other, distance in self._too_near({}):
+        for row, other, distance, _ in self._too_near({}):
             key = (min(row, other), max(row, other))
             nearest[key] = min(distance, nearest.get(key, distance))
         self._allowed = {key: distance - _START_SLACK_M for key, distance in nearest.items()}
@@ -175,6 +191,17 @@ class CollisionChecker:
         self._is_own = np.array([id in links or id in held for id in ids])
         self._is_hand = np.array([id in hands for id in ids])
         self._may_be_touched = np.array([id in touch for id in ids])
+        depth = _joints_between(self._robot.model)
+        names = [name for name, id in link_ids.items() if id in ids]
+        self._own_number = np.full(len(ids), len(names), dtype=np.intp)  # what is held has the last number
+        rows = {id: row for row, id in enumerate(ids)}
+        for number, name in enumerate(names):
+            self._own_number[rows[link_ids[name]]] = number
+        self._self_clearance = np.full((len(names) + 1, len(names) + 1), _SELF_CLEARANCE_M)
+        for a, first in enumerate(names):
+            for b, second in enumerate(names):
+                if depth.get((first, second), _NEIGHBOR_JOINTS + 1) <= _NEIGHBOR_JOINTS:
+                    self._self_clearance[a, b] = self._self_clearance[b, a] = _NEIGHBOR_CLEARANCE_M
 
     def _set_joints(self) -> None:
         """Computes the map from values of `joints` to coordinates."""
@@ -220,12 +247,12 @@ class CollisionChecker:
         found = self._too_near(self._allowed)
         if not found:
             return None
-        row, other, distance = min(found, key=lambda each: each[2])
+        row, other, distance, least = min(found, key=lambda each: each[2])
         if not self._is_own[row] or (self._is_own[other] and other < row):
             row, other = other, row
         part, obstacle = contacts.ids[row], contacts.ids[other]
         assert part is not None  # the ground is not a part of a robot
-        return Collision(part=part, obstacle=obstacle, distance_m=distance)
+        return Collision(part=part, obstacle=obstacle, distance_m=distance, least_m=least)
 
     def set_joint(self, joint: BodyId, position: float) -> None:
         """Moves a joint of the place, such as that of a door, for all states that are tested from now on.
@@ -250,20 +277,21 @@ class CollisionChecker:
         """Whether a state is free of collisions; see `find`."""
         return self.find(values) is None
 
-    def _too_near(self, allowed: Mapping[tuple[int, int], float]) -> list[tuple[int, int, float]]:
-        """Rows and distances of the pairs that are nearer than they may be."""
+    def _too_near(self, allowed: Mapping[tuple[int, int], float]) -> list[tuple[int, int, float, float]]:
+        """Rows, distances and least distances of the pairs that are nearer than they may be."""
         geoms, distances = self._contacts.near_geoms()
         if not len(distances):
             return []
         rows = self._contacts.body_rows(geoms)
-        own = self._is_own[rows]
-        near = distances < np.where(own.all(axis=1), SELF_CLEARANCE_M, self._clearance_m)
+        both = self._is_own[rows].all(axis=1)
+        own = self._own_number[rows]
+        least = np.where(both, self._self_clearance[own[:, 0], own[:, 1]], self._clearance_m)
         touching = (self._is_hand[rows] & self._may_be_touched[rows[:, ::-1]]).any(axis=1)
         found = []
-        for number in np.flatnonzero(near & ~touching).tolist():
+        for number in np.flatnonzero((distances < least) & ~touching).tolist():
             row, other = rows[number].tolist()
             distance = float(distances[number])
             limit = allowed.get((min(row, other), max(row, other)))
             if limit is None or distance < limit:
-                found.append((row, other, distance))
+                found.append((row, other, distance, float(least[number])))
         return found

@@ -317,6 +317,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
             changed = self.prepare(thing)
             if changed:
                 self.simulation.step(_SETTLE_S)
+                self._stands.pop(thing, None)  # the thing is elsewhere now
             self._starts[thing] = self.simulation.run_on_engine(lambda engine: engine.save_state()) if changed else None
         elif (state := self._starts[thing]) is not None:
             self.simulation.run_on_engine(lambda engine: engine.restore_state(state), edits=True)
@@ -575,12 +576,23 @@ class PlaceEnv(PickEnv):
 class PutAwayEnv(PickEnv):
     """Bringing a thing to where its kind belongs, and closing what was opened for that."""
 
+    def __init__(self, map: str = "bundled:kitchen", *, start_on: str = "", **options: Any) -> None:
+        """See `RobotTaskEnv`.
+
+        Args:
+            map: see `RobotTaskEnv`.
+            start_on: what the thing is on at the start; by default what most things of the map are on.
+            **options: see `RobotTaskEnv`; `thing` is a loose body.
+        """
+        self._start_on = start_on
+        super().__init__(map, **options)
+
     def things(self) -> Iterator[BodyId]:
         """The loose bodies that the gripper can hold, and whose kind belongs into something of the map."""
         bodies = {body.id: body for body in self.simulation.snapshot().bodies}
         self._places: dict[BodyId, BodyId] = {}
         rows = [(self._body(row.thing), self._body(row.other)) for row in self._ask("where_is", relation="on")]
-        self._counter = _best_support(self.simulation, rows)
+        self._counter = BodyId(self._start_on) if self._start_on else _best_support(self.simulation, rows)
         closable = {self._body(row.thing) for row in self._ask("openings")}
         fronts = {self._body(row.front) for row in self._ask("openings")}
         for body in bodies.values():
@@ -592,7 +604,7 @@ class PutAwayEnv(PickEnv):
                 yield body.id
 
     def prepare(self, thing: BodyId) -> bool:
-        """Puts the thing onto what most things of the map are on."""
+        """Puts the thing onto where it is at the start."""
         self.simulation.place(thing, on=self._counter)
         return True
 

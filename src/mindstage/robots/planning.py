@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from mindstage.errors import InvalidArgumentError, RobotLibraryError, UnreachableError
-from mindstage.robots.collisions import CLEARANCE_M, SELF_CLEARANCE_M, Collision, CollisionChecker, MotionRobot
+from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker, MotionRobot
 from mindstage.robots.kinematics import IkResult, IkTolerance, RobotKinematics
 from mindstage.robots.model import Arm, RobotJointType
 from mindstage.robots.retiming import MotionLimits, resting_path, retimed, rounded_polyline, spline_path
@@ -121,7 +121,7 @@ class _ArmTask:
         self.checker = CollisionChecker(
             robot, joints=self.arm.joints, ignore=ignore, touch=touch, clearance_m=clearance_m
         )
-        self.step, self.clearance_m = _STEP, clearance_m
+        self.step = _STEP
         self.hits: Counter[BodyId | None] = Counter()
         """How often each obstacle was met."""
 
@@ -148,17 +148,14 @@ class _ArmTask:
         joints = {joint.name: joint for joint in self.joints}
         state = dict(zip(self.arm.joints, trajectory.points[0].positions, strict=True))
         spline = spline_of(trajectory, robot=self.robot.name, limits=joints, state=state)
-        own = self.robot.placed.link_ids.values()
         last: Array | None = None
         for t in np.arange(0.0, spline.duration_s, _TEST_PERIOD_S).tolist():
             values, _ = spline.sample(t)
             if last is not None and np.linalg.norm((values - last) / self.scale) < _TEST_STEP:
                 continue
             last, found = values, self.checker.find(values)
-            if found is not None:
-                least = SELF_CLEARANCE_M if found.obstacle in own else self.clearance_m
-                if found.distance_m < least - _TEST_SLACK_M:
-                    return False
+            if found is not None and found.distance_m < found.least_m - _TEST_SLACK_M:
+                return False
         return True
 
     def unreachable(self, target: str, reason: str, obstacle: BodyId | None = None) -> UnreachableError:

@@ -152,9 +152,9 @@ class DescriptionPublisher:
         self._place = "/".join(("", *filter(None, namespace.split("/"))))
         self._entities: dict[str, World] = {}
         self._publishers: dict[str, Publisher[std_msgs.String]] = {}
-        self._published: dict[str, tuple[int, str]] = {}
-        """Revision of the last description of each topic, and its text."""
-        self._revision = -1
+        self._published: dict[str, tuple[object, str]] = {}
+        """Version of the world of the last description of each topic, and its text."""
+        self._version: object = None
         self._add(self._place)
         self._parameters.set_computed(f"/{_TOPIC}", self._default_description)
         self._closing = threading.Event()
@@ -172,15 +172,16 @@ class DescriptionPublisher:
                 _log.exception("robot_description could not be published")
 
     def _publish_changes(self) -> None:
-        revision = self._state_reader.state().revision
-        if revision != self._revision:
+        self._state_reader.state()  # raises the error of an engine that has failed
+        version = self._state_reader.version()
+        if version != self._version:
             self._update_entities()
-            self._revision = revision
+            self._version = version
         for topic, publisher in self._publishers.items():
-            before, text = self._published.get(topic, (-1, ""))
-            if before != revision and publisher.has_subscribers:
+            before, text = self._published.get(topic, (None, ""))
+            if before != version and publisher.has_subscribers:
                 description = self._describe(topic)
-                self._published[topic] = revision, description
+                self._published[topic] = version, description
                 if description != text:
                     publisher.publish(std_msgs.String(data=description))
 

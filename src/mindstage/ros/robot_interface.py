@@ -99,7 +99,7 @@ class RobotInterfaces:
         self._parameters = parameters
         self._lock = threading.RLock()
         self._closed = False
-        self._revision = -1
+        self._version: object = None
         self._has_skills = False
         self._interfaces: dict[str, _RobotInterface] = {}
         self._refused: dict[str, Robot] = {}
@@ -109,7 +109,7 @@ class RobotInterfaces:
     def update(self) -> None:
         """Offers the robots that were added, and withdraws those that were removed; to be called regularly."""
         with self._lock:
-            if not self._closed and self._state_reader.simulation.state.revision != self._revision:
+            if not self._closed and self._state_reader.version() != self._version:
                 self._update(raises=False)
 
     def publish(self, snapshot: StateSnapshot) -> None:
@@ -136,7 +136,7 @@ class RobotInterfaces:
             self._skill_actions.close()
 
     def _update(self, *, raises: bool) -> None:
-        self._revision = self._state_reader.simulation.state.revision
+        self._version = self._state_reader.version()
         namespaces, robots = self._state_reader.robot_namespaces(), self._state_reader.simulation.robots
         for name, interface in list(self._interfaces.items()):
             if robots.get(name) is not interface.robot:

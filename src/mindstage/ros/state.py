@@ -93,7 +93,7 @@ class StateReader:
         self._lock = threading.Lock()
         self.frame_names = FrameNames()
         """The frame ids of bodies and joints."""
-        self._tree: tuple[int, float, FrameTree] | None = None
+        self._tree: tuple[tuple[int, tuple[str, ...]], float, FrameTree] | None = None
         self._namespaces: dict[str, str] = {}
 
     def state(self) -> StateSnapshot:
@@ -174,6 +174,10 @@ class StateReader:
         world_from_frame = normalized_pose_array(pose_from_array(self.pose(name)))
         return pose_from_array(pose_multiply(world_from_frame, normalized_pose_array(pose)))
 
+    def version(self) -> tuple[int, tuple[str, ...]]:
+        """Returns a value that differs after each edit: the revision, and the robots, which exist a little later."""
+        return self.simulation.state.revision, tuple(self.simulation.robots)
+
     def robot_namespaces(self) -> dict[str, str]:
         """Returns the namespace of each robot: none for the first one, so that its names are those of a real robot.
 
@@ -199,12 +203,13 @@ class StateReader:
         Args:
             now_s: time of a monotonic clock [s]; None computes the tree of the current world in any case.
         """
-        revision, tree = self.state().revision, self._tree
-        if tree is None or (tree[0] != revision and (now_s is None or now_s - tree[1] >= _TREE_INTERVAL_S)):
+        self.state()  # raises the error of an engine that has failed
+        version, tree = self.version(), self._tree
+        if tree is None or (tree[0] != version and (now_s is None or now_s - tree[1] >= _TREE_INTERVAL_S)):
             namespaces, robots = self.robot_namespaces(), self.simulation.robots
             frames = [robot_frames(robots[name], space) for name, space in namespaces.items() if name in robots]
             computed = FrameTree(self.world(), self.simulation.worlds, self.frame_names, frames)
-            self._tree = tree = (revision, now_s or 0.0, computed)
+            self._tree = tree = (version, now_s or 0.0, computed)
         return tree[2]
 
     def not_found_error(self, id: str, known: Iterable[str]) -> BodyNotFoundError:
