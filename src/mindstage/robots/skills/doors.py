@@ -44,8 +44,8 @@ _MAX_UP = 0.5
 """Largest upward component of the direction in which a hand points that pushes."""
 _SLIP_M = 0.04
 """A handle that is farther from the gripper than when it was grasped has slipped."""
-_TOLERANCE = 0.04
-"""Permitted error of the openness."""
+_TOLERANCES = {True: 0.07, False: 0.04}
+"""Permitted error of the openness when a front is opened, and when it is closed."""
 _MAX_ROUNDS = 4
 """How often the handle is grasped anew to move the front farther."""
 _LEAST_PROGRESS = 0.08
@@ -80,7 +80,7 @@ def close_thing(task: SkillTask, thing: ThingName) -> SkillMotion:
     if not openings:
         surroundings.opening(id)  # raises, with what can be closed
     for opening in openings:
-        if opening.openness > _TOLERANCE or len(openings) == 1:
+        if opening.openness > _TOLERANCES[False] or len(openings) == 1:
             yield from moving_front(task, opening, 0.0)
 
 
@@ -103,11 +103,12 @@ def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMot
     """
     task.opened[opening.front] = None
     verb = "close" if fraction < opening.openness else "open"
+    tolerance = _TOLERANCES[verb == "open"]
     last: SkillFailedError | UnreachableError | CommandRefusedError | None = None
     is_fixed = False
     for _ in range(_MAX_ROUNDS):
         before = opening.openness
-        if abs(before - fraction) <= _TOLERANCE:
+        if abs(before - fraction) <= tolerance:
             return
         try:
             yield from _moving_once(task, opening, fraction, is_fixed=is_fixed)
@@ -117,7 +118,7 @@ def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMot
             if is_fixed or not isinstance(last, SkillFailedError):
                 break
             is_fixed = True  # the fingers do not hold this handle
-    if abs(opening.openness - fraction) > _TOLERANCE:
+    if abs(opening.openness - fraction) > tolerance:
         reason = getattr(last, "reason", "") or str(last or "the handle cannot be moved farther")
         raise task.failure(
             f"{opening.front} is {opening.openness:.0%} open instead of {fraction:.0%}: {reason}",
@@ -238,7 +239,7 @@ def _moving_handle(
         if np.linalg.norm(slipped) > _SLIP_M:
             raise task.failure(f"{handle} slipped out of the gripper", "grasp it again, or move it with less speed")
 
-    result = yield from hand.following(motion, speed=0.4, cartesian_speed=0.15, on_tick=check)
+    result = yield from hand.following(motion, speed=0.4, cartesian_speed=0.08, on_tick=check)
     if not result:
         raise task.failure(result.reason, "move what is in the way")
 
