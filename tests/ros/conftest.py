@@ -6,7 +6,7 @@ import fcntl
 import os
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,19 @@ def knowledge() -> Iterator[KnowledgeBase]:
 @pytest.fixture(scope="session")
 def real_rosbridge(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealRosbridge]:
     """A real ROS 1 with rosbridge_suite; one for each process of pytest-xdist, prepared once for all of them."""
+    with _started_rosbridge(tmp_path_factory) as rosbridge:
+        yield rosbridge
+
+
+@pytest.fixture(scope="module")
+def own_rosbridge(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealRosbridge]:
+    """One for the tests of a module, since it keeps the services of closed connections."""
+    with _started_rosbridge(tmp_path_factory) as rosbridge:
+        yield rosbridge
+
+
+@contextmanager
+def _started_rosbridge(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealRosbridge]:
     script = Path(os.environ.get("MINDSTAGE_DATA") or ROOT.parent / "shared" / "data").parent / "rosbridge" / "start.sh"
     if not script.is_file():
         missing(f"no rosbridge for tests at {script}; name the folder beside it with MINDSTAGE_DATA")

@@ -125,13 +125,13 @@ def simulation() -> Iterator[Simulation]:
         yield simulation
 
 
-def test_rospy_uses_the_robot_as_a_real_one(real_rosbridge: RealRosbridge, simulation: Simulation) -> None:
-    build_defined_packages(real_rosbridge.folder / "generated", real_rosbridge.folder / "src")
-    errors = len(real_rosbridge.log_errors)
-    with RosbridgeClient(real_rosbridge.url) as client:
+def test_rospy_uses_the_robot_as_a_real_one(own_rosbridge: RealRosbridge, simulation: Simulation) -> None:
+    build_defined_packages(own_rosbridge.folder / "generated", own_rosbridge.folder / "src")
+    errors = len(own_rosbridge.log_errors)
+    with RosbridgeClient(own_rosbridge.url) as client:
         client.wait_connected(TIMEOUT_S)
         with RosInterface(simulation, client, ros=RosVersion.ONE, namespace="plant"):
-            found: dict[str, Any] = json.loads(real_rosbridge.run(ROSPY, timeout_s=120.0))
+            found: dict[str, Any] = json.loads(own_rosbridge.run(ROSPY, timeout_s=120.0))
             refusals = [each for each in client.refusals if "plant" not in each.cause]
     assert refusals == []
     assert found["reached"] == [SUCCEEDED, 0, True, True, ["elbow_joint"]]
@@ -144,5 +144,5 @@ def test_rospy_uses_the_robot_as_a_real_one(real_rosbridge: RealRosbridge, simul
     assert {"arm_controller", "gripper_controller", "head_controller"} <= set(found["controllers"])
     assert found["description"]
     assert found["frames"] == ["odom", "base_link"]
-    assert real_rosbridge.log_errors[errors:] == []
+    assert own_rosbridge.log_errors[errors:] == []
     print(f"a trajectory is canceled within {found['cancel_s']:.2f} s of wall time")

@@ -331,7 +331,8 @@ def _commands(text: str, *, deadline_s: float) -> list[Perform]:
     """The skills with their arguments, separated by semicolons."""
     from mindstage.errors import InvalidArgumentError, suggestion
     from mindstage.imagination import Perform
-    from mindstage.robots.skills import SKILLS, split_command
+    from mindstage.robots.skills.catalog import SKILLS
+    from mindstage.robots.skills.declaration import split_command
 
     steps: list[Perform] = []
     for part in filter(None, map(str.strip, text.split(";"))):
