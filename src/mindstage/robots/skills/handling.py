@@ -358,8 +358,6 @@ def _weld_stance(
     """A stance from which the finger tips reach a side of a thing, which is then fixed to them."""
     pose = surroundings.pose(id)
     grasps = list(weld_grasps_of(surroundings.body(id), surroundings.geometry(id), pose, hand.shape))
-    towards = _from_floor(hand, pose, floor)
-    grasps.sort(key=lambda each: -round(float(quat_rotate(each.in_world(pose)[3:], (1.0, 0.0, 0.0))[:2] @ towards), 1))
     request = StanceRequest(id, grasps, pose[None], _BACK_M, stays=stays)
     try:
         return find_stance(hand, request, floor), request
