@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from math import atan2, cos, pi, sin
 from time import thread_time
@@ -43,8 +44,10 @@ _TOUCH_M = 0.001
 """Distance at which the hand counts as touching its target."""
 _CHECKED_EVERY = 3
 """Of the poses of a path, every third one is tested for collisions."""
-_BEYOND = "beyond the reach"
-"""Part of the reason of a place that is too far away; every other reason comes from one that is nearer."""
+_TOO_FAR = (re.compile(r"target is ([-+.\de]+) m beyond"), re.compile(r"([-+.\de]+) mm and .* are missing"))
+"""Reasons of places from which the hand does not get to the grasp: every other reason comes from a better place."""
+_MAX_NAMES = 3
+_TOO_FAR_UNITS_M = (1.0, 0.001)
 _MAX_GRASPS = 12
 """Number of grasps that are tried at each place."""
 
@@ -169,18 +172,21 @@ class _Search:
         robot, target = self.hand.robot.name, self.request.target
         if not self.request.grasps:
             return UnreachableError(robot, target=target, reason="no grasp of it fits the gripper")
-        stages = {True: dict[str, int](), False: dict[str, int]()}
-        for each, count in self.reasons.items():
-            stages[_BEYOND in each][each] = count
-        found = stages[False] or stages[True]
-        reasons = [max(found, key=lambda each: found[each])] if found else []
+        near = {each: count for each, count in self.reasons.items() if _shortfall(each) is None}
+        if near:
+            return UnreachableError(robot, target=target, reason=max(near, key=lambda each: near[each]))
+        reasons = sorted(self.reasons, key=lambda each: _shortfall(each) or 0.0)[:1]
         names: tuple[BodyId, ...] = ()
-        if self.blocked and self.floor is not None and not stages[False]:
-            names = self.floor.blockers(*self.request.grasps[0].in_world(self.request.poses[0])[:2].tolist())
-            text = f"{self.blocked} places to stand near it are not free"
-            reasons.insert(0, f"{text}: {', '.join(names)} in the way of its base" if names else text)
+        if self.blocked and self.floor is not None:
+            at = self.request.grasps[0].in_world(self.request.poses[0])[:2].tolist()
+            names = tuple(each for each in self.floor.blockers(*at) if each != target)[:_MAX_NAMES]
+            text = f"{self.blocked} places to stand nearer are not free"
+            reasons.append(f"{text}: in the way of the base are {', '.join(names)}" if names else text)
         return UnreachableError(
-            robot, target=target, reason="; ".join(reasons) or "it was not found in time", obstacle=next(iter(names), None)
+            robot,
+            target=target,
+            reason="; ".join(reasons) or "it was not found in time",
+            obstacle=next(iter(names), None),
         )
 
     def _can_drive_to(self, base: BasePose) -> bool:
@@ -344,6 +350,14 @@ class _Search:
 
     def _count(self, reason: str) -> None:
         self.reasons[reason] = self.reasons.get(reason, 0) + 1
+
+
+def _shortfall(reason: str) -> float | None:
+    """By how much a hand does not get to a grasp [m]; None if a reason is another one."""
+    for pattern, unit in zip(_TOO_FAR, _TOO_FAR_UNITS_M, strict=True):
+        if (found := pattern.search(reason)) is not None:
+            return float(found[1]) * unit
+    return None
 
 
 def _way_out(at: Array, container: tuple[Array, Array] | None) -> float:
