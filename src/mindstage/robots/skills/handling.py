@@ -27,7 +27,7 @@ from mindstage.scene.transforms import (
     quat_rotate,
 )
 
-__all__ = ["grasp", "pick", "pick_up", "place", "pour", "put_down", "release"]
+__all__ = ["grasp", "pick", "pick_up", "place", "pour", "put_down", "release", "stance_to_reach"]
 
 _NEEDS = (SkillNeed.ARM, SkillNeed.GRIPPER)
 _BACK_M = 0.12
@@ -59,6 +59,7 @@ _ROOM_M = 0.03
 """By how much the gripper opens beyond what it held."""
 _TIGHT_ROOM_M = 0.008
 """Distance of each open finger from a thing whose neighbors are near."""
+_TIGHT_BUDGET_S = 5.0
 _WIDE_OPEN = 0.9
 """A door or drawer that is open by more is not opened farther."""
 _FARTHER = 0.05
@@ -258,6 +259,18 @@ def _found_stance(
     return _weld_stance(hand, surroundings, id, cause, floor, stays=stays)
 
 
+def stance_to_reach(hand: Manipulator, surroundings: Surroundings, id: BodyId) -> Stance:
+    """How the hand gets in front of a thing from where the robot stands.
+
+    Raises:
+        UnreachableError: it does not.
+    """
+    try:
+        return _friction_stance(hand, surroundings, id, None, upright=None, stays=True)[0]
+    except UnreachableError as error:
+        return _weld_stance(hand, surroundings, id, error, None, stays=True)[0]
+
+
 def _with_front(cause: UnreachableError, opening: Opening, reason: str) -> UnreachableError:
     """The error about a thing that is not reached, and what is in front of it cannot be opened farther."""
     text = f"{cause.reason}; {opening.front} is {opening.openness:.0%} open and cannot be opened farther: {reason}"
@@ -284,7 +297,8 @@ def _friction_stance(
     except UnreachableError:
         if not request.grasps:
             raise
-        request = request._replace(grasps=[each._replace(room_m=_TIGHT_ROOM_M) for each in request.grasps])
+        tight = [each._replace(room_m=_TIGHT_ROOM_M) for each in request.grasps]
+        request = request._replace(grasps=tight, budget_s=_TIGHT_BUDGET_S)
         return find_stance(hand, request, floor), request
 
 
@@ -591,18 +605,22 @@ def _tilting(task: SkillTask, hand: Manipulator, id: BodyId, target: BodyId) -> 
     own_low, own_high = surroundings.box(id)
     now = surroundings.pose(id)
     half_height, half_width = (own_high - own_low)[2] / 2, max((own_high - own_low)[:2]) / 2
-    x = quat_rotate(hand.grasp_pose[3:], (1.0, 0.0, 0.0))
-    axis = np.array([x[0], x[1], 0.0]) / max(float(np.hypot(x[0], x[1])), 1e-6)
+    x, y = (quat_rotate(hand.grasp_pose[3:], each) for each in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+    level = x if np.hypot(x[0], x[1]) >= np.hypot(y[0], y[1]) else y  # a hand from above tilts it about the fingers
+    axis = np.array([level[0], level[1], 0.0]) / max(float(np.hypot(level[0], level[1])), 1e-6)
     side = np.cross(axis, (0.0, 0.0, 1.0))
     in_hand = pose_multiply(pose_inverse(now), hand.grasp_pose)
+    up = np.array([0.0, 0.0, half_height])
     options = []
     for sign in (1.0, -1.0):
-        rim = np.array([*((low + high) / 2)[:2], high[2] + _POUR_GAP_M])
         tilted = list[Array]()
         for angle in np.linspace(0.0, sign * _POUR_ANGLE_RAD, _POUR_STEPS):
             spin = np.array([cos(angle / 2), *(sin(angle / 2) * axis)])
-            corner = quat_rotate(spin, -sign * side * half_width + np.array([0.0, 0.0, half_height]))
-            tilted.append(np.concatenate([rim - corner, quat_multiply(spin, now[3:])]))
+            corners = [quat_rotate(spin, a * side * half_width + b * up) for a in (1.0, -1.0) for b in (1.0, -1.0)]
+            lip = quat_rotate(spin, sign * side * half_width + up)  # where it flows out: over the middle of the target
+            lowest = min(float(each[2]) for each in corners)
+            at = [*(((low + high) / 2)[:2] - lip[:2]), high[2] + _POUR_GAP_M - lowest]
+            tilted.append(np.concatenate([at, quat_multiply(spin, now[3:])]))
         options.append(np.array(tilted))
     stance, poses = _pour_stance(hand, id, target, options, in_hand)
     with task.step("pour", f"pour {id} into {target}"):
