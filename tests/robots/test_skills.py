@@ -254,11 +254,10 @@ class TestSmallRoom:
         assert room.opening("gripper") > 0.08
 
     def test_what_is_too_wide_is_fixed_to_the_gripper_and_let_go(self, room: Robot) -> None:
-        before = position(room, "block")
         result = perform(room, "pick", thing="block")
         assert result, result.reason
+        assert result.state.held == {"gripper": "block"}
         assert any("block was fixed to the gripper" in each for each in result.assumptions)
-        assert position(room, "block")[2] > before[2] + 0.03
         assert "block" in [each.child for each in room.session.snapshot().attachments]
         result = perform(room, "release")
         assert result, result.reason
