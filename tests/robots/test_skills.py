@@ -21,6 +21,7 @@ from mindstage.robots.skills import (
     start_skill,
 )
 from mindstage.robots.skills.surroundings import Surroundings
+from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId, Mobility, Pose
 from mindstage.scene.transforms import quat_rotate
 from mindstage.simulation import Simulation
@@ -300,7 +301,7 @@ class TestSmallRoom:
 
 class TestKitchenSurroundings:
     def test_doors_handles_and_what_they_close(self, kitchen: Simulation, robot: Robot) -> None:
-        surroundings = Surroundings(kitchen)
+        surroundings = SkillTask(robot).surroundings()
         door = surroundings.opening(BodyId("fridge"))
         assert (door.front, door.handle, door.container) == ("fridge_door", "fridge_door_handle", "fridge")
         assert door.is_closed
@@ -310,7 +311,7 @@ class TestKitchenSurroundings:
         assert surroundings.storage_places(milk) == ["fridge"]
         kitchen.joint("fridge_door").open(0.6)
         kitchen.step(0.1)
-        surroundings = Surroundings(kitchen)
+        surroundings = SkillTask(robot).surroundings()
         assert surroundings.closed_in_front_of(milk) == []
         assert [each.front for each in surroundings.in_front_of(milk)] == ["fridge_door"]
         assert surroundings.openings_of(BodyId("fridge"))[0].openness == pytest.approx(0.6, abs=0.05)
