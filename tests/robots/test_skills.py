@@ -20,8 +20,12 @@ from mindstage.robots.skills import (
     split_command,
     start_skill,
 )
-from mindstage.scene import BodyId, Pose
+from mindstage.robots.skills.surroundings import Surroundings
+from mindstage.robots.skills.task import SkillTask
+from mindstage.scene import BodyId, Mobility, Pose
+from mindstage.scene.transforms import quat_rotate
 from mindstage.simulation import Simulation
+from tests.robots.rooms import box, robot_in
 
 
 @pytest.fixture(scope="module")
@@ -189,3 +193,136 @@ class TestSkills:
             assert imagined.run(start_skill(imagined, "go_to", {"x": 0.3, "y": 0.6}))
             assert imagined.base_pose()[0] == pytest.approx(0.3, abs=0.02)
         assert robot.base_pose() == pytest.approx(before, abs=1e-6)
+
+
+@pytest.fixture(scope="module")
+def room() -> Iterator[Robot]:
+    """A counter with a mug, a basin and a block that is too wide for the gripper."""
+    bodies = (
+        box("counter", (1.2, 0.0, 0.35), (0.6, 1.2, 0.7)),
+        box("mug", (1.0, 0.2, 0.76), (0.06, 0.06, 0.12), Mobility.DYNAMIC, 0.2),
+        box("basin", (1.05, -0.3, 0.75), (0.2, 0.2, 0.1)),
+        box("block", (1.05, 0.48, 0.78), (0.16, 0.16, 0.16), Mobility.DYNAMIC, 0.3),
+    )
+    with robot_in(*bodies, floor=(4.0, 4.0), at=(0.45, 0.0, 0.0)) as robot:
+        robot.session.step(0.2)
+        yield robot
+
+
+def position(robot: Robot, id: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    return np.array(robot.session.snapshot().body(BodyId(id)).pose.position)
+
+
+class TestSmallRoom:
+    @pytest.fixture(autouse=True)
+    def start(self, room: Robot) -> None:
+        room.session.reset()
+        room.session.step(0.2)
+
+    def test_the_gripper_reaches_in_front_of_a_thing_and_leaves_it(self, room: Robot) -> None:
+        before = position(room, "mug")
+        result = perform(room, "reach", thing="mug")
+        assert result, result.reason
+        assert 0.05 < np.linalg.norm(room.grasp_pose("gripper")[:3] - before) < 0.25
+        assert position(room, "mug") == pytest.approx(before, abs=0.002)
+        assert not result.state.held
+        assert room.base_pose() == pytest.approx((0.45, 0.0, 0.0), abs=0.02)
+
+    def test_a_thing_is_grasped_from_where_the_robot_stands_and_released(self, room: Robot) -> None:
+        before = position(room, "mug")
+        result = perform(room, "grasp", thing="mug")
+        assert result, result.reason
+        assert result.state.held == {"gripper": "mug"}
+        assert position(room, "mug")[2] > before[2] + 0.03
+        assert not result.assumptions  # by friction
+        assert "drive" not in [each.name for each in result.steps]
+        result = perform(room, "release")
+        assert result, result.reason
+        assert not result.state.held
+        assert result.state.supports == {"mug": "on counter"}
+
+    def test_grasping_what_is_held_does_nothing_and_a_second_thing_is_refused(self, room: Robot) -> None:
+        assert perform(room, "grasp", thing="mug")
+        assert perform(room, "grasp", thing="mug").duration_s == 0.0
+        result = perform(room, "grasp", thing="block")
+        assert result.outcome is SkillOutcome.FAILED
+        assert "no gripper is free" in result.reason
+        assert "mug" in result.suggestion
+
+    def test_releasing_nothing_opens_the_gripper(self, room: Robot) -> None:
+        result = perform(room, "release")
+        assert result, result.reason
+        assert room.opening("gripper") > 0.08
+
+    def test_what_is_too_wide_is_fixed_to_the_gripper_and_let_go(self, room: Robot) -> None:
+        result = perform(room, "pick", thing="block")
+        assert result, result.reason
+        assert result.state.held == {"gripper": "block"}
+        assert any("block was fixed to the gripper" in each for each in result.assumptions)
+        assert "block" in [each.child for each in room.session.snapshot().attachments]
+        result = perform(room, "release")
+        assert result, result.reason
+        assert "block" not in [each.child for each in room.session.snapshot().attachments]
+
+    def test_a_thing_is_tilted_with_its_lip_over_the_target(self, room: Robot) -> None:
+        tilts, lips = [], []
+        motion = start_skill(room, "pour", {"thing": "mug", "into": "basin"})
+        result = None
+        while result is None:
+            try:
+                room.session.step(next(motion))
+            except StopIteration as end:
+                result = end.value
+            pose = room.session.snapshot().body(BodyId("mug")).pose
+            up = quat_rotate(np.array(pose.quaternion), (0.0, 0.0, 1.0))
+            tilts.append(float(np.arccos(np.clip(up[2], -1.0, 1.0))))
+            lips.append(np.array(pose.position) + 0.06 * up)
+        assert result.outcome is SkillOutcome.UNKNOWN  # liquids are not simulated
+        assert "whether it was full is not known" in result.reason
+        assert max(tilts) > 1.7
+        over = lips[int(np.argmax(tilts))]
+        assert over[:2] == pytest.approx((1.05, -0.3), abs=0.1)
+        assert over[2] > 0.8
+        assert tilts[-1] < 0.15
+        assert result.state.held == {"gripper": "mug"}
+
+    def test_surroundings_know_boxes_supports_and_names(self, room: Robot) -> None:
+        surroundings = Surroundings(room.session, ignored=set(room.link_ids.values()))
+        low, high = surroundings.box(BodyId("mug"))
+        assert low == pytest.approx((0.97, 0.17, 0.7), abs=0.01)
+        assert high == pytest.approx((1.03, 0.23, 0.82), abs=0.01)
+        assert surroundings.find("mug") == "mug"
+        assert surroundings.find("http://example.org/room#mug") == "mug"
+        assert surroundings.support_of(BodyId("mug")) == "on counter"
+        assert surroundings.support_of(BodyId("counter")) != "on counter"
+        assert surroundings.openings() == ()
+        assert not set(room.link_ids.values()) & set(surroundings.bodies())
+
+
+class TestKitchenSurroundings:
+    def test_doors_handles_and_what_they_close(self, kitchen: Simulation, robot: Robot) -> None:
+        surroundings = SkillTask(robot).surroundings()
+        door = surroundings.opening(BodyId("fridge"))
+        assert (door.front, door.handle, door.container) == ("fridge_door", "fridge_door_handle", "fridge")
+        assert door.is_closed
+        milk = BodyId("milk_carton_1")
+        assert surroundings.containers_of(milk)[0] == "fridge"
+        assert [each.front for each in surroundings.closed_in_front_of(milk)] == ["fridge_door"]
+        assert surroundings.storage_places(milk) == ["fridge"]
+        kitchen.joint("fridge_door").open(0.6)
+        kitchen.step(0.1)
+        surroundings = SkillTask(robot).surroundings()
+        assert surroundings.closed_in_front_of(milk) == []
+        assert [each.front for each in surroundings.in_front_of(milk)] == ["fridge_door"]
+        assert surroundings.openings_of(BodyId("fridge"))[0].openness == pytest.approx(0.6, abs=0.05)
+
+    def test_a_kind_is_fetched_and_the_one_that_nothing_closes_comes_first(
+        self, kitchen: Simulation, robot: Robot
+    ) -> None:
+        kitchen.place("milk_carton_1", on="counter_left")
+        start = robot.base_pose()
+        result = perform(robot, "fetch", kind="MilkCarton")
+        assert result, result.reason
+        assert result.state.held == {"gripper": "milk_carton_1"}
+        assert robot.base_pose()[:2] == pytest.approx(start[:2], abs=0.03)
+        assert kitchen.joint("fridge_door").openness < 0.02

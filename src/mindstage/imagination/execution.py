@@ -803,8 +803,9 @@ class _Validator:
         try:
             self.simulation.knowledge.names.find_thing(name, kind)
         except KnowledgeError as error:
-            near = suggestion(name, self.simulation.state.ids)
-            self._fail(path, f"{error}; {near}" if kind is EntityType.INDIVIDUAL else str(error), error)
+            similar = getattr(error, "suggestions", ())
+            near = "" if similar or kind is EntityType.CLASS else f"; {suggestion(name, self.simulation.state.ids)}"
+            self._fail(path, f"{error}{near}", error)
 
     def _check_new(self, path: str, cls: str) -> None:
         try:

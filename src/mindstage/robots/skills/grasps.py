@@ -109,6 +109,8 @@ class Grasp(NamedTuple):
     """Whether the whole body is between the fingers, rather than a part of it."""
     is_central: bool
     """Whether it is grasped at its middle."""
+    room_m: float = _ROOM_M
+    """Distance of each open finger from what is grasped, where the gripper opens that far."""
 
     def opening_m(self, largest_m: float) -> float:
         """The opening with which the gripper comes [m].
@@ -116,7 +118,7 @@ class Grasp(NamedTuple):
         Args:
             largest_m: the largest opening of the gripper.
         """
-        return min(self.width_m + 2 * _ROOM_M, largest_m)
+        return min(self.width_m + 2 * self.room_m, largest_m)
 
     def in_world(self, body_pose: Array) -> Array:
         """The grasp frame in the world frame."""

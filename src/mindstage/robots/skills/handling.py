@@ -27,7 +27,7 @@ from mindstage.scene.transforms import (
     quat_rotate,
 )
 
-__all__ = ["grasp", "pick", "pick_up", "place", "pour", "put_down", "release"]
+__all__ = ["grasp", "pick", "pick_up", "place", "pour", "put_down", "release", "stance_to_reach"]
 
 _NEEDS = (SkillNeed.ARM, SkillNeed.GRIPPER)
 _BACK_M = 0.12
@@ -57,6 +57,13 @@ _CARRY_DISTANCES_M, _CARRY_HEIGHTS_M = (0.35, 0.42, 0.5), (0.9, 1.05, 0.75)
 """Where in front of the base things are carried."""
 _ROOM_M = 0.03
 """By how much the gripper opens beyond what it held."""
+_TIGHT_ROOM_M = 0.008
+"""Distance of each open finger from a thing whose neighbors are near."""
+_TIGHT_BUDGET_S = 5.0
+_WIDE_OPEN = 0.9
+"""A door or drawer that is open by more is not opened farther."""
+_FARTHER = 0.05
+"""Least change of the openness after which a thing behind it is looked for again."""
 _POUR_ANGLE_RAD, _POUR_STEPS, _POUR_GAP_M, _POUR_S = 1.9, 20, 0.06, 2.0
 
 
@@ -177,11 +184,7 @@ def _grasping(
 ) -> Generator[float, None, Stance]:
     """Grasps a thing and lifts it; by friction if that is possible, otherwise it is fixed to the gripper."""
     with task.step("grasp", f"grasp {id}"):
-        request = _grasp_request(hand, surroundings, id, upright=upright, stays=stays)
-        try:
-            stance = find_stance(hand, request)
-        except UnreachableError as error:
-            stance, request = _weld_stance(task, hand, surroundings, id, error, stays=stays)
+        stance, request = yield from _found_stance(task, hand, surroundings, id, upright=upright, stays=stays)
         task.moved[id] = None
         stance = yield from _standing_before(hand, request, stance)
         yield from hand.moving_straight(stance.grasp.in_world(surroundings.pose(id)), why=f"to {id}", may_touch=True)
@@ -220,21 +223,108 @@ def _lifting(hand: Manipulator, id: BodyId) -> SkillMotion:
     yield from hand.moving_straight(up, why=f"up with {id}", speed=0.2, may_touch=True)
 
 
+def _found_stance(
+    task: SkillTask,
+    hand: Manipulator,
+    surroundings: Surroundings,
+    id: BodyId,
+    *,
+    upright: bool | None,
+    stays: bool,
+) -> Generator[float, None, tuple[Stance, StanceRequest]]:
+    """A stance for a grasp by friction, otherwise one from which the thing is fixed to the gripper.
+
+    What is in front of the thing is opened farther if it is not reached otherwise.
+    """
+    floor = FloorMap(hand.robot) if hand.is_mobile and not stays else None
+    try:
+        return _friction_stance(hand, surroundings, id, floor, upright=upright, stays=stays)
+    except UnreachableError as error:
+        cause = error
+    for opening in [] if stays else surroundings.in_front_of(id):
+        before = opening.openness
+        if before > _WIDE_OPEN:
+            continue
+        try:
+            yield from moving_front(task, opening, 1.0)
+            yield from hand.parking()
+        except (SkillFailedError, UnreachableError) as error:
+            if opening.openness < before + _FARTHER:
+                raise _with_front(cause, opening, error.reason) from None
+        surroundings, floor = task.surroundings(), FloorMap(hand.robot)
+        try:
+            return _friction_stance(hand, surroundings, id, floor, upright=upright, stays=stays)
+        except UnreachableError as error:
+            cause = error
+    return _weld_stance(hand, surroundings, id, cause, floor, stays=stays)
+
+
+def stance_to_reach(hand: Manipulator, surroundings: Surroundings, id: BodyId) -> Stance:
+    """How the hand gets in front of a thing from where the robot stands.
+
+    Raises:
+        UnreachableError: it does not.
+    """
+    try:
+        return _friction_stance(hand, surroundings, id, None, upright=None, stays=True)[0]
+    except UnreachableError as error:
+        return _weld_stance(hand, surroundings, id, error, None, stays=True)[0]
+
+
+def _with_front(cause: UnreachableError, opening: Opening, reason: str) -> UnreachableError:
+    """The error about a thing that is not reached, and what is in front of it cannot be opened farther."""
+    text = f"{cause.reason}; {opening.front} is {opening.openness:.0%} open and cannot be opened farther: {reason}"
+    return UnreachableError(cause.robot, target=cause.target, reason=text, obstacle=cause.obstacle)
+
+
+def _friction_stance(
+    hand: Manipulator,
+    surroundings: Surroundings,
+    id: BodyId,
+    floor: FloorMap | None,
+    *,
+    upright: bool | None,
+    stays: bool,
+) -> tuple[Stance, StanceRequest]:
+    """A stance for a grasp by friction; with the gripper just wider than the thing if there is no room for more.
+
+    Raises:
+        UnreachableError: there is none.
+    """
+    request = _grasp_request(hand, surroundings, id, floor, upright=upright, stays=stays)
+    try:
+        return find_stance(hand, request, floor), request
+    except UnreachableError:
+        if not request.grasps:
+            raise
+        tight = [each._replace(room_m=_TIGHT_ROOM_M) for each in request.grasps]
+        request = request._replace(grasps=tight, budget_s=_TIGHT_BUDGET_S)
+        return find_stance(hand, request, floor), request
+
+
 def _grasp_request(
-    hand: Manipulator, surroundings: Surroundings, id: BodyId, *, upright: bool | None, stays: bool
+    hand: Manipulator,
+    surroundings: Surroundings,
+    id: BodyId,
+    floor: FloorMap | None,
+    *,
+    upright: bool | None,
+    stays: bool,
 ) -> StanceRequest:
     body, pose = surroundings.body(id), surroundings.pose(id)
     found = list(grasps_of(body, surroundings.geometry(id), pose, hand.gripper, hand.shape))
     is_tall = (body.size or (0.0, 0.0, 0.0))[2] > 0.09
     from_side = is_tall if upright is None else upright
     level = surroundings.box(id)[0][2]
+    towards = _from_floor(hand, pose, floor)
 
     def cost(each: Grasp) -> tuple[float, ...]:
         at = each.in_world(pose)
         x = quat_rotate(at[3:], (1.0, 0.0, 0.0))
         steep = abs(x[2]) if from_side else 1.0 + x[2]
         low = max(0.0, level + 0.05 - at[2]) if from_side else 0.0
-        return (not each.is_whole, round(float(steep), 1), round(float(low), 2), not each.is_central)
+        aside = round(1.0 - float(x[:2] @ towards), 1)
+        return (not each.is_whole, round(float(steep), 1), aside, round(float(low), 2), not each.is_central)
 
     found.sort(key=cost)
     if upright:
@@ -246,6 +336,17 @@ def _grasp_request(
     inside = surroundings.containers_of(id)
     container = surroundings.box(inside[0]) if inside else None
     return StanceRequest(id, chosen, lifted, _BACK_M, container=container, least=0.9, stays=stays)
+
+
+def _from_floor(hand: Manipulator, pose: Array, floor: FloorMap | None) -> Array:
+    """The horizontal direction, of length 1, from where the base can stand to a pose; from the base if it stays."""
+    start = np.array(hand.robot.base_pose()[:2])
+    if floor is not None:
+        standing = floor.plan.centers(np.flatnonzero(np.isfinite(floor.lengths)))
+        if len(standing):
+            start = standing[np.argmin(np.hypot(*(standing - pose[:2]).T))]
+    towards: Array = (pose[:2] - start) / max(float(np.hypot(*(pose[:2] - start))), 1e-9)
+    return towards
 
 
 def _in_many_directions(grasps: Sequence[Grasp], pose: Array) -> list[Grasp]:
@@ -260,11 +361,11 @@ def _in_many_directions(grasps: Sequence[Grasp], pose: Array) -> list[Grasp]:
 
 
 def _weld_stance(
-    task: SkillTask,
     hand: Manipulator,
     surroundings: Surroundings,
     id: BodyId,
     error: UnreachableError,
+    floor: FloorMap | None,
     *,
     stays: bool,
 ) -> tuple[Stance, StanceRequest]:
@@ -273,7 +374,7 @@ def _weld_stance(
     grasps = list(weld_grasps_of(surroundings.body(id), surroundings.geometry(id), pose, hand.shape))
     request = StanceRequest(id, grasps, pose[None], _BACK_M, stays=stays)
     try:
-        return find_stance(hand, request), request
+        return find_stance(hand, request, floor), request
     except UnreachableError:
         raise error from None
 
@@ -419,7 +520,7 @@ def _standing_for(
     floor = FloorMap(hand.robot) if hand.is_mobile else None
     error: UnreachableError | None = None
     for pose in _nearest_to_floor([normalized_pose_array(each) for each in places], floor)[:_PLACES]:
-        options = _options(pose + raised, in_hand, floor)
+        options = _options(hand, pose + raised, in_hand, floor)
         request = StanceRequest(
             id,
             options,
@@ -446,14 +547,12 @@ def _standing_for(
     )
 
 
-def _options(pose: Array, in_hand: Array, floor: FloorMap | None) -> list[Grasp]:
+def _options(hand: Manipulator, pose: Array, in_hand: Array, floor: FloorMap | None) -> list[Grasp]:
     """The grasp with which a thing is held, at a place and turned there, those that come from the free floor first."""
     found = [pose_multiply(_spun(pose, pi / 4 * number), in_hand) for number in range(8)]
     if floor is not None:
-        standing = floor.plan.centers(np.flatnonzero(np.isfinite(floor.lengths)))
-        if len(standing):
-            towards = pose[:2] - standing[np.argmin(np.hypot(*(standing - pose[:2]).T))]
-            found.sort(key=lambda at: -round(float(quat_rotate(at[3:], (1.0, 0.0, 0.0))[:2] @ towards), 3))
+        towards = _from_floor(hand, pose, floor)
+        found.sort(key=lambda at: -round(float(quat_rotate(at[3:], (1.0, 0.0, 0.0))[:2] @ towards), 2))
     return [Grasp(at, 0.0, is_by_friction=True, is_whole=True, is_central=True) for at in found[:_TURNS]]
 
 
@@ -506,18 +605,22 @@ def _tilting(task: SkillTask, hand: Manipulator, id: BodyId, target: BodyId) -> 
     own_low, own_high = surroundings.box(id)
     now = surroundings.pose(id)
     half_height, half_width = (own_high - own_low)[2] / 2, max((own_high - own_low)[:2]) / 2
-    x = quat_rotate(hand.grasp_pose[3:], (1.0, 0.0, 0.0))
-    axis = np.array([x[0], x[1], 0.0]) / max(float(np.hypot(x[0], x[1])), 1e-6)
+    x, y = (quat_rotate(hand.grasp_pose[3:], each) for each in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+    level = x if np.hypot(x[0], x[1]) >= np.hypot(y[0], y[1]) else y  # a hand from above tilts it about the fingers
+    axis = np.array([level[0], level[1], 0.0]) / max(float(np.hypot(level[0], level[1])), 1e-6)
     side = np.cross(axis, (0.0, 0.0, 1.0))
     in_hand = pose_multiply(pose_inverse(now), hand.grasp_pose)
+    up = np.array([0.0, 0.0, half_height])
     options = []
     for sign in (1.0, -1.0):
-        rim = np.array([*((low + high) / 2)[:2], high[2] + _POUR_GAP_M])
         tilted = list[Array]()
         for angle in np.linspace(0.0, sign * _POUR_ANGLE_RAD, _POUR_STEPS):
             spin = np.array([cos(angle / 2), *(sin(angle / 2) * axis)])
-            corner = quat_rotate(spin, -sign * side * half_width + np.array([0.0, 0.0, half_height]))
-            tilted.append(np.concatenate([rim - corner, quat_multiply(spin, now[3:])]))
+            corners = [quat_rotate(spin, a * side * half_width + b * up) for a in (1.0, -1.0) for b in (1.0, -1.0)]
+            lip = quat_rotate(spin, sign * side * half_width + up)  # where it flows out: over the middle of the target
+            lowest = min(float(each[2]) for each in corners)
+            at = [*(((low + high) / 2)[:2] - lip[:2]), high[2] + _POUR_GAP_M - lowest]
+            tilted.append(np.concatenate([at, quat_multiply(spin, now[3:])]))
         options.append(np.array(tilted))
     stance, poses = _pour_stance(hand, id, target, options, in_hand)
     with task.step("pour", f"pour {id} into {target}"):

@@ -10,9 +10,8 @@ from mindstage.errors import UnreachableError
 from mindstage.robots.model import Head
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.skills.declaration import AngleRad, LengthM, SkillMotion, SkillNeed, ThingName, skill
-from mindstage.robots.skills.grasps import grasps_of, weld_grasps_of
+from mindstage.robots.skills.handling import stance_to_reach
 from mindstage.robots.skills.manipulator import BasePose, hands_of
-from mindstage.robots.skills.stances import StanceRequest, find_stance
 from mindstage.robots.skills.surroundings import Surroundings
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId
@@ -24,7 +23,6 @@ _DISTANCES_M = (0.65, 0.8, 1.0, 0.5, 1.3)
 """Distances of the base from the nearest side of a thing, the preferred first."""
 _BEARINGS = 16
 _HEAD_STEPS = 40
-_BACK_M = 0.08
 
 
 @skill(needs=(SkillNeed.MOBILE_BASE,), alternatives=(("thing",), ("x", "y", "yaw")))
@@ -186,10 +184,8 @@ def reach(
         return
     surroundings = task.surroundings()
     id = surroundings.find(thing)
-    body, geometry, pose = surroundings.body(id), surroundings.geometry(id), surroundings.pose(id)
-    grasps = list(grasps_of(body, geometry, pose, hand.gripper, hand.shape))
-    grasps = grasps or list(weld_grasps_of(body, geometry, pose, hand.shape))
-    stance = find_stance(hand, StanceRequest(id, grasps, pose[None], _BACK_M, stays=True))
+    stance = stance_to_reach(hand, surroundings, id)
+    yield from hand.opening(stance.grasp.opening_m(hand.gripper.max_opening_m))
     yield from hand.moving_to(stance.start, why=f"in front of {id}")
 
 

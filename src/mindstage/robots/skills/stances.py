@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from math import atan2, cos, pi, sin
 from time import thread_time
@@ -26,6 +27,9 @@ _BEARINGS_RAD = (0.0, 0.35, -0.35, 0.7, -0.7, 1.1, -1.1, 1.5, -1.5, 1.9, -1.9)
 """Directions in which the base stands, relative to that from which the hand comes."""
 _HEADINGS_RAD = (0.0, 0.5, -0.5, 1.0, -1.0, pi / 2, -pi / 2)
 """Headings of the base, relative to that towards what is grasped."""
+_OTHER_DISTANCE_M, _OTHER_PLACES, _APART_M = 0.75, 16, 0.12
+"""The preferred distance of further places, their number, and the least distance between two of them."""
+_OTHER_HEADINGS_RAD = (0.0, 0.5, -0.5)
 _BUDGET_S = 15.0
 """Limit of the processor time [s]."""
 _WAY_BUDGET_S = 5.0
@@ -40,6 +44,10 @@ _TOUCH_M = 0.001
 """Distance at which the hand counts as touching its target."""
 _CHECKED_EVERY = 3
 """Of the poses of a path, every third one is tested for collisions."""
+_TOO_FAR = (re.compile(r"target is ([-+.\de]+) m beyond"), re.compile(r"([-+.\de]+) mm and .* are missing"))
+"""Reasons of places from which the hand does not get to the grasp: every other reason comes from a better place."""
+_MAX_NAMES = 3
+_TOO_FAR_UNITS_M = (1.0, 0.001)
 _MAX_GRASPS = 12
 """Number of grasps that are tried at each place."""
 
@@ -156,10 +164,30 @@ class _Search:
             if thread_time() > self.deadline:
                 break
         if best is None:
-            none = "there is no free place to stand near it" if self.blocked else "no grasp of it fits the gripper"
-            reason = max(self.reasons, key=lambda each: self.reasons[each], default=none)
-            raise UnreachableError(self.hand.robot.name, target=self.request.target, reason=reason)
+            raise self._failure()
         return best
+
+    def _failure(self) -> UnreachableError:
+        """The error: the commonest reason of the attempts that got farthest, and what stands in the way."""
+        robot, target = self.hand.robot.name, self.request.target
+        if not self.request.grasps:
+            return UnreachableError(robot, target=target, reason="no grasp of it fits the gripper")
+        near = {each: count for each, count in self.reasons.items() if _shortfall(each) is None}
+        if near:
+            return UnreachableError(robot, target=target, reason=max(near, key=lambda each: near[each]))
+        reasons = sorted(self.reasons, key=lambda each: _shortfall(each) or 0.0)[:1]
+        names: tuple[BodyId, ...] = ()
+        if self.blocked and self.floor is not None:
+            at = self.request.grasps[0].in_world(self.request.poses[0])[:2].tolist()
+            names = tuple(each for each in self.floor.blockers(*at) if each != target)[:_MAX_NAMES]
+            text = f"{self.blocked} places to stand nearer are not free"
+            reasons.append(f"{text}: in the way of the base are {', '.join(names)}" if names else text)
+        return UnreachableError(
+            robot,
+            target=target,
+            reason="; ".join(reasons) or "it was not found in time",
+            obstacle=next(iter(names), None),
+        )
 
     def _can_drive_to(self, base: BasePose) -> bool:
         if not self.moves_base or np.allclose(base, self.here, atol=1e-6):
@@ -195,6 +223,22 @@ class _Search:
                 facing = atan2(target[1] - y, target[0] - x)
                 for heading in _HEADINGS_RAD:
                     yield (float(x), float(y), facing + heading)
+        yield from self._other_bases(target, floor)
+
+    def _other_bases(self, target: Array, floor: FloorMap) -> Iterator[BasePose]:
+        """Places anywhere on the free floor around the target, for where most of it is taken."""
+        points = floor.plan.centers(np.flatnonzero(np.isfinite(floor.lengths)))
+        distances = np.hypot(*(points - target[:2]).T)
+        near = (distances >= min(_DISTANCES_M)) & (distances <= max(_DISTANCES_M))
+        points = points[near][np.argsort(np.abs(distances[near] - _OTHER_DISTANCE_M))]
+        chosen = list[Array]()
+        while len(points) and len(chosen) < _OTHER_PLACES:
+            chosen.append(points[0])
+            points = points[np.hypot(*(points - points[0]).T) >= _APART_M]
+        for x, y in chosen:
+            facing = atan2(target[1] - y, target[0] - x)
+            for heading in _OTHER_HEADINGS_RAD:
+                yield (float(x), float(y), facing + heading)
 
     def _try(self, base: BasePose, grasp: Grasp, number: int) -> Stance | None:
         hand, request = self.hand, self.request
@@ -306,6 +350,14 @@ class _Search:
 
     def _count(self, reason: str) -> None:
         self.reasons[reason] = self.reasons.get(reason, 0) + 1
+
+
+def _shortfall(reason: str) -> float | None:
+    """By how much a hand does not get to a grasp [m]; None if a reason is another one."""
+    for pattern, unit in zip(_TOO_FAR, _TOO_FAR_UNITS_M, strict=True):
+        if (found := pattern.search(reason)) is not None:
+            return float(found[1]) * unit
+    return None
 
 
 def _way_out(at: Array, container: tuple[Array, Array] | None) -> float:

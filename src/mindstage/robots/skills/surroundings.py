@@ -202,9 +202,13 @@ class Surroundings:
         found = [self._by_iri[row.other] for row in rows if row.other in self._by_iri]
         return sorted(dict.fromkeys(found), key=lambda each: float(np.prod(self._bodies[each].size or (np.inf,))))
 
+    def in_front_of(self, thing: BodyId) -> list[Opening]:
+        """The doors or drawers that have to be open to get to a thing, open or not."""
+        return self._fronts(self.containers_of(thing), self.pose(thing)[:3])
+
     def closed_in_front_of(self, thing: BodyId) -> list[Opening]:
         """The closed doors or drawers that have to be opened to get to a thing."""
-        return self._closing(self.containers_of(thing), self.pose(thing)[:3])
+        return [each for each in self.in_front_of(thing) if each.is_closed]
 
     def closed_on(self, holder: BodyId, point: Array | None = None) -> list[Opening]:
         """The closed doors or drawers that have to be opened to put something into a container.
@@ -216,20 +220,20 @@ class Surroundings:
         own = [each for each in self.openings() if each.front == holder]
         if own:
             return [each for each in own if each.is_closed]
-        return self._closing([holder], self.pose(holder)[:3] if point is None else point)
+        fronts = self._fronts([holder], self.pose(holder)[:3] if point is None else point)
+        return [each for each in fronts if each.is_closed]
 
-    def _closing(self, containers: Sequence[BodyId], point: Array) -> list[Opening]:
-        """The closed fronts of containers; of several doors of one, that which is in front of the point."""
+    def _fronts(self, containers: Sequence[BodyId], point: Array) -> list[Opening]:
+        """The fronts of containers; of several doors of one, that which is in front of the point."""
         found: dict[BodyId, Opening] = {}
         for container in containers:
             drawers = [each for each in self.openings() if each.front == container]
             if drawers:  # the other fronts of its furniture do not close a drawer
-                return [each for each in drawers if each.is_closed]
+                return drawers
             doors = [each for each in self.openings() if each.container == container and not each.joint.is_prismatic]
             if doors:
                 nearest = min(doors, key=lambda each: self._offset(each, point))
-                if nearest.is_closed:
-                    found[nearest.front] = nearest
+                found[nearest.front] = nearest
         return list(found.values())
 
     def _offset(self, opening: Opening, point: Array) -> float:
