@@ -42,8 +42,10 @@ _PRESS_M = 0.004
 """How far the gripper is ahead of the front that it pushes."""
 _MAX_UP = 0.5
 """Largest upward component of the direction in which a hand points that pushes."""
-_SLIP_M = 0.04
-"""A handle that is farther from the gripper than when it was grasped has slipped."""
+_SLIP_M = {False: 0.04, True: 0.07}
+"""A handle that is farther from the gripper than when it was grasped has slipped; by friction, and fixed by a spring."""
+_LEAD_RATE, _MAX_LEAD_M = 16.0, 0.3
+"""How fast the target of the spring moves ahead by the distance of the handle from the gripper [1/s], and how far."""
 _TOLERANCES = {True: 0.07, False: 0.04}
 """Permitted error of the openness when a front is opened, and when it is closed."""
 _MAX_ROUNDS = 4
@@ -232,11 +234,13 @@ def _moving_handle(
     if motion.reached < 2:
         raise task.failure(f"{handle} cannot be moved: {motion.reason}", "stand elsewhere")
 
+    spring = _Spring(task, opening, handle, surroundings, from_handle) if is_fixed else None
+
     def check() -> None:
-        if is_fixed:
-            _pull_along(task, opening, handle, surroundings, hand, from_handle)
+        if spring is not None:
+            spring.pull_to(hand.grasp_pose)
         slipped = pose_multiply(pose_inverse(surroundings.pose(handle)), hand.grasp_pose)[:3] - from_handle[:3]
-        if np.linalg.norm(slipped) > _SLIP_M:
+        if np.linalg.norm(slipped) > _SLIP_M[is_fixed]:
             raise task.failure(f"{handle} slipped out of the gripper", "grasp it again, or move it with less speed")
 
     result = yield from hand.following(motion, speed=0.4, cartesian_speed=0.08, on_tick=check)
@@ -244,13 +248,31 @@ def _moving_handle(
         raise task.failure(result.reason, "move what is in the way")
 
 
-def _pull_along(
-    task: SkillTask, opening: Opening, handle: BodyId, surroundings: Surroundings, hand: Manipulator, offset: Array
-) -> None:
-    """Pulls the handle to where the gripper holds it, with the force of an arm."""
-    target = pose_multiply(hand.grasp_pose, pose_inverse(offset))[:3]
-    point = pose_multiply(pose_inverse(surroundings.pose(opening.front)), surroundings.pose(handle))[:3]
-    task.session.pull(opening.front, point=_vector(point), target=_vector(target))
+class _Spring:
+    """Pulls a handle to where the gripper holds it, with the force of an arm.
+
+    The pull's spring alone gives way by several centimeters to the friction of a loaded drawer, so that its target
+    moves ahead of the gripper as long as the handle stays behind.
+    """
+
+    def __init__(
+        self, task: SkillTask, opening: Opening, handle: BodyId, surroundings: Surroundings, offset: Array
+    ) -> None:
+        self.task, self.front, self.handle, self.surroundings = task, opening.front, handle, surroundings
+        self.to_handle = pose_inverse(offset)
+        point = pose_multiply(pose_inverse(surroundings.pose(self.front)), surroundings.pose(handle))[:3]
+        self.point = _vector(point)
+        self.lead, self.last_s = np.zeros(3), task.time_s
+
+    def pull_to(self, grasp_pose: Array) -> None:
+        """Pulls to the present pose of the grasp frame, seven numbers."""
+        wanted = pose_multiply(grasp_pose, self.to_handle)[:3]
+        behind = wanted - self.surroundings.pose(self.handle)[:3]
+        now_s = self.task.time_s
+        self.lead += _LEAD_RATE * (now_s - self.last_s) * behind
+        self.lead *= min(1.0, _MAX_LEAD_M / max(float(np.linalg.norm(self.lead)), 1e-9))
+        self.last_s = now_s
+        self.task.session.pull(self.front, point=self.point, target=_vector(wanted + self.lead))
 
 
 def _vector(values: Array) -> tuple[float, float, float]:
