@@ -17,6 +17,7 @@ from mindstage.scene import BodyId
 from mindstage.scene.transforms import (
     Array,
     normalized_pose_array,
+    pose_from_array,
     pose_inverse,
     pose_multiply,
     quat_conjugate,
@@ -43,7 +44,7 @@ _PRESS_M = 0.004
 _MAX_UP = 0.5
 """Largest upward component of the direction in which a hand points that pushes."""
 _SLIP_M = {False: 0.04, True: 0.07}
-"""A handle that is farther from the gripper than when it was grasped has slipped; by friction, and fixed by a spring."""
+"""A handle that is farther from the gripper than when it was grasped has slipped; held by friction, and by a spring."""
 _LEAD_RATE, _MAX_LEAD_M = 16.0, 0.3
 """How fast the target of the spring moves ahead by the distance of the handle from the gripper [1/s], and how far."""
 _TOLERANCES = {True: 0.07, False: 0.04}
@@ -145,7 +146,7 @@ def _moving_once(task: SkillTask, opening: Opening, fraction: float, *, is_fixed
     try:
         stance = _find_stance(hand, opening, handle, path, surroundings)
     except UnreachableError as error:
-        if fraction > opening.openness:
+        if fraction > opening.openness and (opening.joint.is_prismatic or opening.is_closed):
             raise
         yield from _pushing(task, hand, opening, handle, path, error)
         return
@@ -174,7 +175,9 @@ def _moving_once(task: SkillTask, opening: Opening, fraction: float, *, is_fixed
 def _pushing(
     task: SkillTask, hand: Manipulator, opening: Opening, handle: BodyId, path: _FrontPath, cause: UnreachableError
 ) -> SkillMotion:
-    """Closes a front whose handle is out of reach by pushing its outer side with the closed gripper.
+    """Moves a front whose handle is out of reach by pushing a side with the closed gripper.
+
+    It is closed by its outer side; a door that is open a little is opened farther by its inner one.
 
     Raises:
         UnreachableError: that side is out of reach, too; with the reason for the handle.
@@ -182,7 +185,10 @@ def _pushing(
     surroundings = task.surroundings()
     front = surroundings.pose(opening.front)
     body, geometry = surroundings.body(opening.front), surroundings.geometry(opening.front)
-    outward = quat_rotate(quat_conjugate(front[3:]), path.outward)
+    is_closing = abs(path.positions[-1] - opening.joint.closed_position) < abs(
+        path.positions[0] - opening.joint.closed_position
+    )
+    outward = quat_rotate(quat_conjugate(front[3:]), path.outward if is_closing else -path.outward)
     edge = pose_multiply(pose_inverse(front), surroundings.pose(handle))[:3]
     pushes = [
         each
@@ -340,6 +346,7 @@ def _find_stance(
         _BACK_M,
         joint=opening.joint.id,
         joint_positions=path.positions.tolist(),
+        moved={opening.front: opening.joint.pose_at(path.positions[-1]), handle: pose_from_array(path.handles[-1])},
         touched=(opening.front,),
     )
     return find_stance(hand, request)

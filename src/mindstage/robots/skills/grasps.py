@@ -74,6 +74,9 @@ class GripperShape(NamedTuple):
     tips: tuple[float, ...] = ()
     """`tip` at equal steps from closed to open; the tips of fingers that turn move forwards when they close."""
 
+    middles: tuple[float, ...] = ()
+    """How far the middles of the fingers are in front of the grasp frame, as `tips`."""
+
     def tip_from(self, width: float) -> float:
         """How far the finger tips are in front of the grasp frame while they close on what has a width [m]."""
         if len(self.tips) < 2:
@@ -83,6 +86,13 @@ class GripperShape(NamedTuple):
         ends = np.interp((first, last), shares, self.tips)
         between = np.asarray(self.tips)[(shares > first) & (shares < last)]
         return float(max(ends.max(), between.max(initial=0.0)))
+
+    def pads_at(self, width: float) -> float:
+        """How much farther than open the pads are in front of the grasp frame when they touch what has a width [m]."""
+        if len(self.middles) < 2:
+            return 0.0
+        shares = np.linspace(0.0, 1.0, len(self.middles))
+        return float(np.interp(_clipped(width / self.opening), shares, self.middles)) - self.middles[-1]
 
     @classmethod
     def of(cls, model: RobotModel, gripper: Gripper, kinematics: RobotKinematics) -> GripperShape:
@@ -103,17 +113,16 @@ class GripperShape(NamedTuple):
 
         closed = [extents(link, gripper.closed_positions) for link in gripper.finger_links]
         opened, shut = np.array(gripper.open_positions), np.array(gripper.closed_positions)
-        tips = tuple(
-            max(
-                (float(extents(link, shut + share * (opened - shut))[1][0]) for link in gripper.finger_links),
-                default=0.0,
-            )
+        sampled = [
+            [extents(link, shut + share * (opened - shut)) for link in gripper.finger_links]
             for share in np.linspace(0.0, 1.0, _TIP_SAMPLES)
-        )
+        ]
+        tips = tuple(max((float(high[0]) for _, high in each), default=0.0) for each in sampled)
+        middles = tuple(max((float(low[0] + high[0]) / 2 for low, high in each), default=0.0) for each in sampled)
         palm = -float(extents(gripper.link, gripper.open_positions)[1][0])
         sides = np.array([np.maximum(np.abs(low), np.abs(high)) for low, high in closed]).reshape(-1, 3)
         _, width, height = sides.max(axis=0, initial=0.0).tolist()
-        return cls(gripper.max_opening_m, tips[-1], max(palm, 0.0), width, height, tips)
+        return cls(gripper.max_opening_m, tips[-1], max(palm, 0.0), width, height, tips, middles)
 
 
 class Grasp(NamedTuple):
@@ -273,8 +282,9 @@ def _grasps_from(
     axes = rotation_matrix(box.pose[3:]).T
     half = box.extent(inward) / 2
     behind = whole.end(inward) - (box.end(inward) - 2 * half)  # from the near side to the far one of the whole body
-    tip = shape.tip_from(float(box.size[closing]))
-    depth = min(half, shape.palm - _PALM_GAP_M, behind - tip - _TIP_GAP_M)
+    width = float(box.size[closing])
+    tip = shape.tip_from(width)
+    depth = min(half - shape.pads_at(width), shape.palm - _PALM_GAP_M, behind - tip - _TIP_GAP_M)
     if depth + tip < min(_MIN_OVERLAP_M, half) or shape.palm < _PALM_GAP_M:
         return
     along = np.cross(inward, axes[closing])
