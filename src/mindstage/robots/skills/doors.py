@@ -13,7 +13,7 @@ from mindstage.robots.skills.manipulator import Manipulator, free_hand
 from mindstage.robots.skills.stances import Stance, StanceRequest, find_stance
 from mindstage.robots.skills.surroundings import Opening, Surroundings
 from mindstage.robots.skills.task import SkillTask
-from mindstage.scene import BodyId
+from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import (
     Array,
     normalized_pose_array,
@@ -33,6 +33,8 @@ _STEP_M = 0.02
 """Distance of the handle between neighboring poses of its path."""
 _FACING = 0.7
 """Least cosine between the direction of approach and the outward direction of the front."""
+_LEVEL_M = 0.05
+"""A handle whose height changes by less is on a door with a vertical axis."""
 _WHOLE_GRASPS, _PART_GRASPS = 6, 6
 _BACK_M = 0.1
 """Distance from which a handle is approached, and to which the gripper withdraws."""
@@ -323,6 +325,14 @@ def _with_parts(grasps: list[Grasp]) -> list[Grasp]:
     return [*whole[:_WHOLE_GRASPS], *parts[:_PART_GRASPS], *whole[_WHOLE_GRASPS:]]
 
 
+def _moved_door(opening: Opening, handle: BodyId, path: _FrontPath) -> dict[BodyId, Pose]:
+    """Where a door with a vertical axis, which may shut in the base, and its handle are at the end; else empty."""
+    is_level = float(np.ptp(path.handles[:, 2])) < _LEVEL_M
+    if opening.joint.is_prismatic or not is_level:
+        return {}
+    return {opening.front: opening.joint.pose_at(float(path.positions[-1])), handle: pose_from_array(path.handles[-1])}
+
+
 def _find_stance(
     hand: Manipulator,
     opening: Opening,
@@ -346,7 +356,7 @@ def _find_stance(
         _BACK_M,
         joint=opening.joint.id,
         joint_positions=path.positions.tolist(),
-        moved={opening.front: opening.joint.pose_at(path.positions[-1]), handle: pose_from_array(path.handles[-1])},
+        moved=_moved_door(opening, handle, path),
         touched=(opening.front,),
     )
     return find_stance(hand, request)
