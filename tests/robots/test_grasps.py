@@ -74,6 +74,18 @@ def test_finger_tips_stay_in_front_of_what_is_behind(model: RobotModel, shape: G
             assert (each.pose[:3] + x * shape.tip) @ x <= 0.02 - 0.005
 
 
+def test_the_tips_of_fingers_that_turn_are_those_of_the_opening_with_which_they_come() -> None:
+    """The fingers of Stretch turn: nearly closed around a bar they reach 4 cm farther than open."""
+    stretch = load_model("stretch")
+    found = GripperShape.of(stretch, stretch.grippers[0], RobotKinematics(stretch))
+    assert found.tip_from(0.02) > found.tip + 0.04
+    assert found.tip_from(0.2) < found.tip_from(0.1) < found.tip_from(0.02)
+    handle = [each for each in grasps(stretch, found, (0.04, 0.02, 0.4)) if abs(axis(each, 0)[0]) > 0.99]
+    assert handle
+    for each in handle:
+        assert (each.pose[:3] + axis(each, 0) * found.tip_from(0.02)) @ axis(each, 0) <= 0.02 - 0.005
+
+
 def test_a_push_touches_the_outer_side_with_the_fingers(shape: GripperShape) -> None:
     door = box((0.02, 0.6, 1.4))
     outward, edge = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.28, 0.0])

@@ -256,14 +256,15 @@ def links_moved_by(model: RobotModel, joint: RobotJoint) -> frozenset[str]:
 
 
 def finger_links_by_finger(model: RobotModel, gripper: Gripper) -> tuple[frozenset[str], ...]:
-    """The finger links of a gripper in groups, one for each finger."""
+    """The links of each finger of a gripper: its finger links, and those that carry them."""
     parents = {each.child: each.parent for each in model.joints}
     groups: dict[str, set[str]] = {}
     for link in gripper.finger_links:
-        first = link
+        first, carriers = link, {link}
         while parents.get(first, gripper.link) != gripper.link:
             first = parents[first]
-        groups.setdefault(first, set()).add(link)
+            carriers.add(first)
+        groups.setdefault(first, set()).update(carriers)
     return tuple(frozenset(each) for each in groups.values())
 
 

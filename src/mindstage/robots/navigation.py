@@ -8,19 +8,20 @@ something, OMPL searches in positions and headings of the whole robot.
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
 from math import atan2, ceil, hypot, pi
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.robots.collisions import CollisionChecker, MotionRobot
 from mindstage.robots.model import BaseType
 from mindstage.robots.planning import load_ompl
-from mindstage.scene import BodyId
+from mindstage.scene import BodyId, Pose
 from mindstage.scene.bounding_boxes import Indices
 from mindstage.scene.floor_plan import FloorPlan, find_floor
 from mindstage.scene.proximity import BodyBoxes
@@ -55,18 +56,24 @@ _SHORTCUT_S = 0.5
 class FloorMap:
     """Where the base of a robot can stand, and which way leads there; a copy of the present state."""
 
-    def __init__(self, robot: MotionRobot, *, ignore: Collection[BodyId] = ()) -> None:
+    def __init__(
+        self, robot: MotionRobot, *, ignore: Collection[BodyId] = (), moved: Mapping[BodyId, Pose] | None = None
+    ) -> None:
         """Computes the free floor for a disc around the base.
 
         Args:
             robot: the robot.
             ignore: bodies that are no obstacles.
+            moved: poses of bodies that are to be somewhere else than now, such as a door that will be open.
         """
         self.robot = robot
         session, base = robot.session, robot.model.base
         world, geometry = session.snapshot(), session.geometry
         own = {*robot.placed.link_ids.values(), *robot.held.values(), *(body.id for body in robot.placed.world.bodies)}
         bottom = float(robot.link_pose(base.link)[2]) - base.height_m
+        if moved:
+            placed = [replace(body, pose=moved.get(body.id, body.pose)) for body in world.bodies]
+            world = replace(world, bodies=tuple(placed))
         bodies = world.bodies
         scene = ShapeScene(bodies, geometry)
         owned = np.isin(scene.owner, [row for row, body in enumerate(bodies) if body.id in own])

@@ -13,10 +13,11 @@ from mindstage.robots.skills.manipulator import Manipulator, free_hand
 from mindstage.robots.skills.stances import Stance, StanceRequest, find_stance
 from mindstage.robots.skills.surroundings import Opening, Surroundings
 from mindstage.robots.skills.task import SkillTask
-from mindstage.scene import BodyId
+from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import (
     Array,
     normalized_pose_array,
+    pose_from_array,
     pose_inverse,
     pose_multiply,
     quat_conjugate,
@@ -32,6 +33,8 @@ _STEP_M = 0.02
 """Distance of the handle between neighboring poses of its path."""
 _FACING = 0.7
 """Least cosine between the direction of approach and the outward direction of the front."""
+_LEVEL_M = 0.05
+"""A handle whose height changes by less is on a door with a vertical axis."""
 _WHOLE_GRASPS, _PART_GRASPS = 6, 6
 _BACK_M = 0.1
 """Distance from which a handle is approached, and to which the gripper withdraws."""
@@ -42,8 +45,10 @@ _PRESS_M = 0.004
 """How far the gripper is ahead of the front that it pushes."""
 _MAX_UP = 0.5
 """Largest upward component of the direction in which a hand points that pushes."""
-_SLIP_M = 0.04
-"""A handle that is farther from the gripper than when it was grasped has slipped."""
+_SLIP_M = {False: 0.04, True: 0.07}
+"""A handle that is farther from the gripper than when it was grasped has slipped; held by friction, and by a spring."""
+_LEAD_RATE, _MAX_LEAD_M = 16.0, 0.3
+"""How fast the target of the spring moves ahead by the distance of the handle from the gripper [1/s], and how far."""
 _TOLERANCES = {True: 0.07, False: 0.04}
 """Permitted error of the openness when a front is opened, and when it is closed."""
 _MAX_ROUNDS = 4
@@ -143,7 +148,7 @@ def _moving_once(task: SkillTask, opening: Opening, fraction: float, *, is_fixed
     try:
         stance = _find_stance(hand, opening, handle, path, surroundings)
     except UnreachableError as error:
-        if fraction > opening.openness:
+        if fraction > opening.openness and (opening.joint.is_prismatic or opening.is_closed):
             raise
         yield from _pushing(task, hand, opening, handle, path, error)
         return
@@ -172,7 +177,9 @@ def _moving_once(task: SkillTask, opening: Opening, fraction: float, *, is_fixed
 def _pushing(
     task: SkillTask, hand: Manipulator, opening: Opening, handle: BodyId, path: _FrontPath, cause: UnreachableError
 ) -> SkillMotion:
-    """Closes a front whose handle is out of reach by pushing its outer side with the closed gripper.
+    """Moves a front whose handle is out of reach by pushing a side with the closed gripper.
+
+    It is closed by its outer side; a door that is open a little is opened farther by its inner one.
 
     Raises:
         UnreachableError: that side is out of reach, too; with the reason for the handle.
@@ -180,7 +187,10 @@ def _pushing(
     surroundings = task.surroundings()
     front = surroundings.pose(opening.front)
     body, geometry = surroundings.body(opening.front), surroundings.geometry(opening.front)
-    outward = quat_rotate(quat_conjugate(front[3:]), path.outward)
+    is_closing = abs(path.positions[-1] - opening.joint.closed_position) < abs(
+        path.positions[0] - opening.joint.closed_position
+    )
+    outward = quat_rotate(quat_conjugate(front[3:]), path.outward if is_closing else -path.outward)
     edge = pose_multiply(pose_inverse(front), surroundings.pose(handle))[:3]
     pushes = [
         each
@@ -232,11 +242,13 @@ def _moving_handle(
     if motion.reached < 2:
         raise task.failure(f"{handle} cannot be moved: {motion.reason}", "stand elsewhere")
 
+    spring = _Spring(task, opening, handle, surroundings, from_handle) if is_fixed else None
+
     def check() -> None:
-        if is_fixed:
-            _pull_along(task, opening, handle, surroundings, hand, from_handle)
+        if spring is not None:
+            spring.pull_to(hand.grasp_pose)
         slipped = pose_multiply(pose_inverse(surroundings.pose(handle)), hand.grasp_pose)[:3] - from_handle[:3]
-        if np.linalg.norm(slipped) > _SLIP_M:
+        if np.linalg.norm(slipped) > _SLIP_M[is_fixed]:
             raise task.failure(f"{handle} slipped out of the gripper", "grasp it again, or move it with less speed")
 
     result = yield from hand.following(motion, speed=0.4, cartesian_speed=0.08, on_tick=check)
@@ -244,13 +256,31 @@ def _moving_handle(
         raise task.failure(result.reason, "move what is in the way")
 
 
-def _pull_along(
-    task: SkillTask, opening: Opening, handle: BodyId, surroundings: Surroundings, hand: Manipulator, offset: Array
-) -> None:
-    """Pulls the handle to where the gripper holds it, with the force of an arm."""
-    target = pose_multiply(hand.grasp_pose, pose_inverse(offset))[:3]
-    point = pose_multiply(pose_inverse(surroundings.pose(opening.front)), surroundings.pose(handle))[:3]
-    task.session.pull(opening.front, point=_vector(point), target=_vector(target))
+class _Spring:
+    """Pulls a handle to where the gripper holds it, with the force of an arm.
+
+    The pull's spring alone gives way by several centimeters to the friction of a loaded drawer, so that its target
+    moves ahead of the gripper as long as the handle stays behind.
+    """
+
+    def __init__(
+        self, task: SkillTask, opening: Opening, handle: BodyId, surroundings: Surroundings, offset: Array
+    ) -> None:
+        self.task, self.front, self.handle, self.surroundings = task, opening.front, handle, surroundings
+        self.to_handle = pose_inverse(offset)
+        point = pose_multiply(pose_inverse(surroundings.pose(self.front)), surroundings.pose(handle))[:3]
+        self.point = _vector(point)
+        self.lead, self.last_s = np.zeros(3), task.time_s
+
+    def pull_to(self, grasp_pose: Array) -> None:
+        """Pulls to the present pose of the grasp frame, seven numbers."""
+        wanted = pose_multiply(grasp_pose, self.to_handle)[:3]
+        behind = wanted - self.surroundings.pose(self.handle)[:3]
+        now_s = self.task.time_s
+        self.lead += _LEAD_RATE * (now_s - self.last_s) * behind
+        self.lead *= min(1.0, _MAX_LEAD_M / max(float(np.linalg.norm(self.lead)), 1e-9))
+        self.last_s = now_s
+        self.task.session.pull(self.front, point=self.point, target=_vector(wanted + self.lead))
 
 
 def _vector(values: Array) -> tuple[float, float, float]:
@@ -295,6 +325,14 @@ def _with_parts(grasps: list[Grasp]) -> list[Grasp]:
     return [*whole[:_WHOLE_GRASPS], *parts[:_PART_GRASPS], *whole[_WHOLE_GRASPS:]]
 
 
+def _moved_door(opening: Opening, handle: BodyId, path: _FrontPath) -> dict[BodyId, Pose]:
+    """Where a door with a vertical axis, which may shut in the base, and its handle are at the end; else empty."""
+    is_level = float(np.ptp(path.handles[:, 2])) < _LEVEL_M
+    if opening.joint.is_prismatic or not is_level:
+        return {}
+    return {opening.front: opening.joint.pose_at(float(path.positions[-1])), handle: pose_from_array(path.handles[-1])}
+
+
 def _find_stance(
     hand: Manipulator,
     opening: Opening,
@@ -318,6 +356,7 @@ def _find_stance(
         _BACK_M,
         joint=opening.joint.id,
         joint_positions=path.positions.tolist(),
+        moved=_moved_door(opening, handle, path),
         touched=(opening.front,),
     )
     return find_stance(hand, request)

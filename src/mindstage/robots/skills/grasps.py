@@ -41,6 +41,8 @@ _TIP_GAP_M = 0.006
 """Least distance of the finger tips from what is behind a thing, such as the front behind a handle."""
 _MIN_OVERLAP_M = 0.008
 """Least length of the fingers beside what is grasped."""
+_TIP_SAMPLES = 9
+"""Number of openings at which the finger tips are located."""
 _PALM_GAP_M = 0.012
 """Least distance of the palm from what is grasped."""
 _ANGLES = 12
@@ -69,13 +71,35 @@ class GripperShape(NamedTuple):
     """Half of the extent of the closed fingers along y."""
     half_height: float
     """Half of their extent along z."""
+    tips: tuple[float, ...] = ()
+    """`tip` at equal steps from closed to open; the tips of fingers that turn move forwards when they close."""
+
+    middles: tuple[float, ...] = ()
+    """How far the middles of the fingers are in front of the grasp frame, as `tips`."""
+
+    def tip_from(self, width: float) -> float:
+        """How far the finger tips are in front of the grasp frame while they close on what has a width [m]."""
+        if len(self.tips) < 2:
+            return self.tip
+        first, last = (_clipped(each / self.opening) for each in (width, width + 2 * _ROOM_M))
+        shares = np.linspace(0.0, 1.0, len(self.tips))
+        ends = np.interp((first, last), shares, self.tips)
+        between = np.asarray(self.tips)[(shares > first) & (shares < last)]
+        return float(max(ends.max(), between.max(initial=0.0)))
+
+    def pads_at(self, width: float) -> float:
+        """How much farther than open the pads are in front of the grasp frame when they touch what has a width [m]."""
+        if len(self.middles) < 2:
+            return 0.0
+        shares = np.linspace(0.0, 1.0, len(self.middles))
+        return float(np.interp(_clipped(width / self.opening), shares, self.middles)) - self.middles[-1]
 
     @classmethod
     def of(cls, model: RobotModel, gripper: Gripper, kinematics: RobotKinematics) -> GripperShape:
         """The extents of a gripper, from the collision shapes of its links."""
         geometries = {link.name: link.geometry for link in model.links}
 
-        def extents(link: str, positions: Sequence[float]) -> tuple[Array, Array]:
+        def extents(link: str, positions: Sequence[float] | Array) -> tuple[Array, Array]:
             """The lowest and the highest coordinates of a link in the grasp frame."""
             geometry = geometries.get(link)
             if geometry is None or not geometry.collision_shapes:
@@ -87,13 +111,18 @@ class GripperShape(NamedTuple):
             placed = local[:3] + quat_rotate(local[3:], corners)
             return placed.min(axis=0), placed.max(axis=0)
 
-        is_open = [extents(link, gripper.open_positions) for link in gripper.finger_links]
         closed = [extents(link, gripper.closed_positions) for link in gripper.finger_links]
-        tip = max((float(high[0]) for _, high in is_open), default=0.0)
+        opened, shut = np.array(gripper.open_positions), np.array(gripper.closed_positions)
+        sampled = [
+            [extents(link, shut + share * (opened - shut)) for link in gripper.finger_links]
+            for share in np.linspace(0.0, 1.0, _TIP_SAMPLES)
+        ]
+        tips = tuple(max((float(high[0]) for _, high in each), default=0.0) for each in sampled)
+        middles = tuple(max((float(low[0] + high[0]) / 2 for low, high in each), default=0.0) for each in sampled)
         palm = -float(extents(gripper.link, gripper.open_positions)[1][0])
         sides = np.array([np.maximum(np.abs(low), np.abs(high)) for low, high in closed]).reshape(-1, 3)
         _, width, height = sides.max(axis=0, initial=0.0).tolist()
-        return cls(gripper.max_opening_m, tip, max(palm, 0.0), width, height)
+        return cls(gripper.max_opening_m, tips[-1], max(palm, 0.0), width, height, tips, middles)
 
 
 class Grasp(NamedTuple):
@@ -174,7 +203,7 @@ def weld_grasps_of(body: Body, geometry: BodyGeometry | None, body_pose: Array, 
             inward[axis] = -sign
             if quat_rotate(body_pose[3:], inward)[2] > _MAX_UP:
                 continue
-            origin = middle - inward * (half[axis] + shape.tip + _WELD_GAP_M)
+            origin = middle - inward * (half[axis] + shape.tip_from(0.0) + _WELD_GAP_M)
             for other in (each for each in range(3) if each != axis):
                 across = np.eye(3)[other]
                 pose = np.concatenate([origin, _rotation(inward, across)])
@@ -213,12 +242,16 @@ def pushes_of(
             options = (
                 (lying + normal * shape.half_width, -to_edge, sign * normal),
                 (lying + normal * shape.half_height, -to_edge, sign * along),
-                (pointing + normal * shape.tip, -normal, sign * along),
-                (pointing + normal * shape.tip, -normal, sign * to_edge),
+                (pointing + normal * shape.tip_from(0.0), -normal, sign * along),
+                (pointing + normal * shape.tip_from(0.0), -normal, sign * to_edge),
             )
             for origin, x, y in options:
                 pose = np.concatenate([origin + normal * _PUSH_GAP_M, _rotation(x, y)])
                 yield Grasp(pose, 0.0, is_by_friction=False, is_whole=True, is_central=True)
+
+
+def _clipped(share: float) -> float:
+    return min(max(share, 0.0), 1.0)
 
 
 def _shapes_of(body: Body, geometry: BodyGeometry | None) -> tuple[CollisionShape, ...]:
@@ -251,8 +284,10 @@ def _grasps_from(
     axes = rotation_matrix(box.pose[3:]).T
     half = box.extent(inward) / 2
     behind = whole.end(inward) - (box.end(inward) - 2 * half)  # from the near side to the far one of the whole body
-    depth = min(half, shape.palm - _PALM_GAP_M, behind - shape.tip - _TIP_GAP_M)
-    if depth + shape.tip < min(_MIN_OVERLAP_M, half) or shape.palm < _PALM_GAP_M:
+    width = float(box.size[closing])
+    tip = shape.tip_from(width)
+    depth = min(half - shape.pads_at(width), shape.palm - _PALM_GAP_M, behind - tip - _TIP_GAP_M)
+    if depth + tip < min(_MIN_OVERLAP_M, half) or shape.palm < _PALM_GAP_M:
         return
     along = np.cross(inward, axes[closing])
     length = box.extent(along)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import atan2, cos, pi, sin
 from time import thread_time
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.skills.arm_paths import ArmPath, driven_joints, follow_poses, interpolated_poses
 from mindstage.robots.skills.grasps import Grasp
 from mindstage.robots.skills.manipulator import BasePose, Manipulator
-from mindstage.scene import BodyId
+from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import Array, pose_multiply, quat_rotate
 
 __all__ = ["Stance", "StanceRequest", "find_stance"]
@@ -34,6 +34,8 @@ _BUDGET_S = 15.0
 """Limit of the processor time [s]."""
 _WAY_BUDGET_S = 5.0
 """Limit of the wall time in which a way to a place is looked for [s]."""
+_SHUT_IN = 0.5
+"""Weight of a path at whose end the base has no way back, as between an open door and a wall."""
 _GOOD_ENOUGH = 0.98
 """Part of the path beyond which no better stance is looked for."""
 _IK_ATTEMPTS = 5
@@ -88,6 +90,8 @@ class StanceRequest(NamedTuple):
     """The joint of a door or drawer that moves with the target."""
     joint_positions: Sequence[float] = ()
     """Its positions along the path [m or rad]."""
+    moved: Mapping[BodyId, Pose] = {}
+    """Where the door or drawer and its parts are at the end of the path."""
     touched: Sequence[BodyId] = ()
     """Bodies that the hand, or what it holds, may touch."""
     least: float = 0.3
@@ -126,6 +130,8 @@ class _Search:
     def __init__(self, hand: Manipulator, request: StanceRequest, floor: FloorMap | None) -> None:
         self.hand, self.request, self.floor = hand, request, floor
         robot = hand.robot
+        self.later: FloorMap | None = None
+        """The free floor after the path."""
         self.here = robot.base_pose()
         self.positions = robot.joint_positions()
         self.moves_base = hand.is_mobile and not request.stays
@@ -277,7 +283,17 @@ class _Search:
         if reach < request.least:
             self._count(path.reason or "the robot would touch something on the way")
             return None
+        if not self._has_way_back(hand.base_of(path.roots[path.reached - 1])):
+            reach *= _SHUT_IN
         return Stance(start.base, grasp, number, start.positions, reach, start.back_m, path.reason)
+
+    def _has_way_back(self, base: BasePose) -> bool:
+        """Whether the base is not shut in when the door or drawer has been moved."""
+        if not self.moves_base or not self.request.moved:
+            return True
+        if self.later is None:
+            self.later = FloorMap(self.hand.robot, moved=self.request.moved)
+        return self.later.is_reachable(base[0], base[1])
 
     def _fingers(self, grasp: Grasp) -> dict[str, float]:
         """Positions of the fingers on the way to a grasp; those of now if something is held."""
