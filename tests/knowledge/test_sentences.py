@@ -47,6 +47,10 @@ def room(tmp_path: Path) -> KnowledgeBase:
 
 
 UNDERSTOOD = {
+    # robots
+    "what can the robot do?": "can",
+    "Can the robot do cooking?": "can action=CookingFood",
+    "what is missing for baking?": "missing_for_action action=BakingFood",
     # where things are
     "where is the milk?": "where_is thing=Milk",
     "Where's the fridge": "where_is thing=fridge",
