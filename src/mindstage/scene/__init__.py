@@ -3,8 +3,9 @@
 A module is imported when one of its names is first used: questions about classes need no NumPy.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from mindstage.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from mindstage.scene.blank_node_matching import Statement
@@ -106,15 +107,4 @@ __all__ = [
 _MODULES = ("model", "geometry", "blank_node_matching", "world_diff")
 """The modules of these names; those that most programs need first."""
 
-
-def __getattr__(name: str) -> object:
-    for module in map(import_module, (f"{__name__}.{each}" for each in (_MODULES if name in __all__ else ()))):
-        if name in module.__all__:
-            value: object = getattr(module, name)
-            globals()[name] = value
-            return value
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazy_names(__name__, [f"{__name__}.{each}" for each in _MODULES])

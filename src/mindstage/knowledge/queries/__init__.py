@@ -3,8 +3,9 @@
 A module is imported when one of its names is first used: a question needs none of the others.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from mindstage.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from mindstage.knowledge.queries.individuals import (
@@ -229,15 +230,4 @@ _MODULES = (
     ),
 )
 
-
-def __getattr__(name: str) -> object:
-    for module in map(import_module, _MODULES if name in __all__ else ()):
-        if name in module.__all__:
-            value: object = getattr(module, name)
-            globals()[name] = value
-            return value
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazy_names(__name__, _MODULES)

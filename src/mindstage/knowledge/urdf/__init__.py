@@ -4,8 +4,9 @@ A robot description is converted to a map in the vocabulary of dialect 1, so tha
 treat it as any other map. XML elements without an equivalent are kept as text facts of their link or joint.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from mindstage.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from mindstage.knowledge.urdf.in_maps import ClassNameIndex, is_urdf
@@ -17,15 +18,4 @@ __all__ = ["ClassNameIndex", "UrdfRobot", "UrdfWorld", "is_urdf", "read_urdf", "
 
 _MODULES = ("in_maps", "model", "parse", "to_world")
 
-
-def __getattr__(name: str) -> object:
-    for module in map(import_module, (f"{__name__}.{each}" for each in (_MODULES if name in __all__ else ()))):
-        if name in module.__all__:
-            value: object = getattr(module, name)
-            globals()[name] = value
-            return value
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazy_names(__name__, [f"{__name__}.{each}" for each in _MODULES])

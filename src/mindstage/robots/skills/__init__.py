@@ -3,8 +3,9 @@
 A module is imported when one of its names is first used: the declarations are cheap, motion planning is not.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from mindstage.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from mindstage.robots.skills.catalog import SKILLS, start_skill
@@ -34,16 +35,4 @@ __all__ = [
     "start_skill",
 ]
 
-
-def __getattr__(name: str) -> object:
-    for module in ("declaration", "catalog") if name in __all__ else ():
-        found = import_module(f"{__name__}.{module}")
-        if name in found.__all__:
-            value: object = getattr(found, name)
-            globals()[name] = value
-            return value
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazy_names(__name__, [f"{__name__}.{each}" for each in ("declaration", "catalog")])
