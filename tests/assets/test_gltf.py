@@ -13,8 +13,9 @@ import trimesh
 from hypothesis import given, settings
 from msgspec.structs import replace
 
-from mindstage.assets.gltf import _PRIMITIVES, geometry_to_glb, world_to_glb
+from mindstage.assets.gltf import _PRIMITIVES, GltfWriter, geometry_to_glb, world_to_glb
 from mindstage.errors import MapWriteError
+from mindstage.geometry import build_geometry, template_by_name
 from mindstage.scene import (
     AttachedLight,
     Attachment,
@@ -33,6 +34,7 @@ from mindstage.scene import (
     World,
 )
 from mindstage.scene.transforms import normalized_pose_array, rotation_matrix
+from mindstage.textures import TextureMap, texture_set
 from tests.kitchenette import kitchenette
 from tests.worlds import worlds
 
@@ -233,3 +235,78 @@ def test_the_header_has_the_version_and_the_length_of_the_binary_chunk() -> None
     (binary_length,) = struct.unpack_from("<I", data, 20 + json_length)
     assert document["asset"]["version"] == "2.0"
     assert document["buffers"] == [{"byteLength": binary_length}]
+
+
+# -- procedural textures -----------------------------------------------------------------------------------------------
+
+
+def board(size: tuple[float, float, float], texture: str = "oak_board") -> BodyGeometry:
+    material = PbrMaterial(name="wood", color=(0.7, 0.5, 0.3), roughness=0.6, texture=texture)
+    return build_geometry(template_by_name("panel"), size, materials={"body": material})
+
+
+def test_procedural_textures_are_embedded_once_per_file() -> None:
+    other = replace(CUP, id=BodyId("other"), iri=Iri(M + "other"))
+    geometry = {CUP.id: board((0.1, 0.5, 0.02)), other.id: board((0.2, 0.3, 0.02))}
+    data = world_to_glb(world_of(CUP, other), geometry=geometry).data
+    file = json_chunk(data)
+    (material,) = file["materials"]
+    assert len(file["meshes"]) == 2
+    assert len(file["images"]) == len(file["textures"]) == 3
+    assert file["samplers"] == [{"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}]
+    pbr = material["pbrMetallicRoughness"]
+    indices = [
+        each["index"] for each in (pbr["baseColorTexture"], pbr["metallicRoughnessTexture"], material["normalTexture"])
+    ]
+    assert sorted(indices) == [0, 1, 2]
+    assert material["extras"] == {"texture": "oak_board"}
+    for index in indices:
+        image = file["images"][file["textures"][index]["source"]]
+        view = file["bufferViews"][image["bufferView"]]
+        start = data.index(b"BIN\0") + 4 + view["byteOffset"]
+        assert image["mimeType"] == "image/jpeg"
+        assert data[start : start + 2] == b"\xff\xd8"
+        assert data[start + view["byteLength"] - 2 : start + view["byteLength"]] == b"\xff\xd9"
+    for mesh in file["meshes"]:
+        for primitive in mesh["primitives"]:
+            counts = {file["accessors"][index]["count"] for index in primitive["attributes"].values()}
+            assert len(counts) == 1
+            assert "TEXCOORD_0" in primitive["attributes"]
+
+
+def test_an_importer_reads_the_maps_of_a_procedural_texture() -> None:
+    geometry = board((0.1, 0.5, 0.02))
+    scene = trimesh.load(io.BytesIO(world_to_glb(world_of(CUP), geometry={CUP.id: geometry}).data), file_type="glb")
+    assert isinstance(scene, trimesh.Scene)
+    (mesh,) = scene.geometry.values()
+    material = mesh.visual.material
+    texture = texture_set("oak_board")
+    for image, expected in (
+        (material.baseColorTexture, texture.color),
+        (material.normalTexture, texture.normal),
+        (np.asarray(material.metallicRoughnessTexture)[..., 1], texture.roughness),
+    ):
+        assert np.abs(np.asarray(image, dtype=float) - expected).mean() < 6.0, "JPEG is nearly exact"
+    assert np.asarray(material.metallicRoughnessTexture)[..., 2].mean() > 250
+    uv = geometry.visuals[0].uv
+    assert uv is not None
+    np.testing.assert_allclose(mesh.visual.uv, uv, atol=1e-5)
+
+
+def test_textures_of_other_files_are_named_by_their_address() -> None:
+    def address(name: str, map: TextureMap) -> str | None:
+        return f"/t/{name}-{map}.jpg" if map is TextureMap.COLOR else None
+
+    file = GltfWriter("board", texture_uri=address)
+    file.nodes.append({})
+    file.visual_primitive(board((0.1, 0.5, 0.02)).visuals[0])
+    document = json_chunk(file.data())
+    assert document["images"] == [{"uri": "/t/oak_board-color.jpg"}]
+    assert "normalTexture" not in document["materials"][0]
+
+
+def test_a_texture_without_texture_coordinates_is_left_out() -> None:
+    plain = VisualMesh(*CORNER, material=PbrMaterial(texture="oak_board"))
+    file = json_chunk(world_to_glb(world_of(CUP), geometry={CUP.id: BodyGeometry("k", (plain,), ())}).data)
+    assert "images" not in file
+    assert "extras" not in file["materials"][0]

@@ -20,11 +20,16 @@ def visual_bounds(geometry: BodyGeometry) -> tuple[Array, Array]:
 
 
 def is_closed(visual: VisualMesh) -> bool:
-    """Returns whether each edge is used exactly once in each direction."""
-    edges = visual.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
+    """Returns whether each edge is used equally often in each direction.
+
+    Vertices at one place count as one: they are duplicated where texture coordinates are discontinuous.
+    """
+    _, number = np.unique(visual.points, axis=0, return_inverse=True)
+    edges = number.reshape(-1)[visual.faces][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
+    edges = edges[edges[:, 0] != edges[:, 1]]
     there = edges[:, 0] * len(visual.points) + edges[:, 1]
     back = edges[:, 1] * len(visual.points) + edges[:, 0]
-    return len(np.unique(there)) == len(there) and np.array_equal(np.sort(there), np.sort(back))
+    return np.array_equal(np.sort(there), np.sort(back))
 
 
 def volume(visual: VisualMesh) -> float:

@@ -43,6 +43,8 @@ def _of_info(info: Any, name: str) -> st.SearchStrategy[Any]:
             return st.integers(0, 6)
         case msgspec.inspect.BoolType():
             return st.booleans()
+        case msgspec.inspect.StrType():
+            return st.sampled_from(["", "milk", "dishwasher tablets"])
         case msgspec.inspect.LiteralType(values=values):
             return st.sampled_from(values)
         case msgspec.inspect.EnumType():

@@ -294,3 +294,75 @@ def test_additional_community_ontologies_change_no_shape(shared_data: Path) -> N
     for cls in {body.cls for body in alone.world().bodies}:
         ours, both = alone.shape_rule(cls), beside.shape_rule(cls)
         assert (ours.shape_type, ours.materials, ours.light) == (both.shape_type, both.materials, both.light), cls
+
+
+# -- textures ----------------------------------------------------------------------------------------------------------
+
+
+def texture(knowledge: KnowledgeBase, name: str, role: str = DEFAULT_ROLE) -> str:
+    return rule(knowledge, name).materials[role].pbr_material.texture
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("Floor", "floor_tiles"),
+        ("WallOfAConstruction", "plaster"),
+        ("CounterTop", "granite"),
+        ("Table-PieceOfFurniture", "oak_staves"),
+        ("Refrigerator", "enamel"),
+        ("Dishwasher", "enamel"),
+        ("Sofa-PieceOfFurniture", "upholstery"),
+        ("WindowCurtain", "linen"),
+        ("Bread", "bread_crust"),
+        ("CerealBowl", "glazed_ceramic"),
+    ],
+)
+def test_bundled_classes_have_textures_of_their_substance(
+    bundled_knowledge: KnowledgeBase, name: str, expected: str
+) -> None:
+    assert texture(bundled_knowledge, name if name != "CerealBowl" else MS + "CerealBowl") == expected
+
+
+def test_a_texture_is_inherited_until_a_more_specific_material(load_turtle: LoadTurtle) -> None:
+    knowledge = load_turtle(
+        """
+        my:Bench a owl:Class ; rdfs:subClassOf knowrob:Table-PieceOfFurniture .
+        my:SteelBench2 a owl:Class ; rdfs:subClassOf my:Bench ; ms:madeOf ms:SteelMaterial .
+        my:PlainBench a owl:Class ; rdfs:subClassOf my:Bench ; ms:texture "none" .
+        my:OwnMaterial a owl:NamedIndividual ; ms:texture "walnut_board" ; ms:inColour "#8a6242" .
+        my:OwnBench a owl:Class ; rdfs:subClassOf my:Bench ; ms:madeOf my:OwnMaterial ; ms:inColour "#102030" .
+        """
+    )
+    found = {name: rule(knowledge, MY + name).default_material.pbr_material for name in ("Bench", "OwnBench")}
+    assert found["Bench"].texture == "oak_staves"
+    assert texture(knowledge, MY + "SteelBench2") == "brushed_steel"
+    assert texture(knowledge, MY + "PlainBench") == ""
+    assert found["OwnBench"].texture == "walnut_board"
+    assert hex_color(found["OwnBench"].color) == "#102030", "the color is the class's own"
+
+
+@pytest.mark.parametrize("subject", ["my:Thing", "my:Stuff"])
+def test_an_unknown_texture_is_reported_with_similar_names(load_turtle: LoadTurtle, subject: str) -> None:
+    knowledge = load_turtle(
+        f"""
+        my:Thing a owl:Class ; rdfs:subClassOf knowrob:Table-PieceOfFurniture ; ms:madeOf my:Stuff .
+        my:Stuff a owl:NamedIndividual ; ms:inColour "#8a6242" .
+        {subject} ms:texture "oak_bord" .
+        """
+    )
+    (issue,) = rule(knowledge, MY + "Thing").issues
+    assert subject[3:] in issue
+    assert "oak_board" in issue
+
+
+def test_the_word_on_a_package_is_the_label_of_its_class(load_turtle: LoadTurtle) -> None:
+    knowledge = load_turtle(
+        """
+        my:MilkPack a owl:Class ; rdfs:subClassOf ms:OrangeJuice .
+        my:Brand a owl:Class ; rdfs:subClassOf ms:OrangeJuice ; ms:word "sunny" .
+        """
+    )
+    assert rule(knowledge, MY + "MilkPack").word == "orange juice"
+    assert rule(knowledge, MY + "Brand").parameters["word"] == "sunny"
+    assert rule(knowledge, "CowsMilk").parameters["word"] == "milk"

@@ -5,6 +5,8 @@ extends RefCounted
 
 const NODE: StringName = &"mindstage_visual"
 const _MESH_NAME: String = "^[0-9a-f]{8,64}\\.glb$"
+const _TEXTURE_NAME: String = "^[a-z_]{1,64}$"
+const _GENERATE_TANGENTS: int = 8  ## of EditorSceneFormatImporter, for normal maps
 const _LARGE_M: float = 2.0
 const _TRANSPARENT_ALPHA: float = 0.06
 
@@ -14,7 +16,12 @@ static var always_enabled: bool = false
 static var _names: RegEx = RegEx.create_from_string(_MESH_NAME)
 ## The meshes of each file with their transforms.
 static var _files: Dictionary[String, Array] = {}
+static var _texture_names: RegEx = RegEx.create_from_string(_TEXTURE_NAME)
+## The images of procedural textures by file name; null for those that cannot be read.
+static var _images: Dictionary[String, PortableCompressedTexture2D] = {}
 static var _materials: Dictionary[String, StandardMaterial3D] = {}
+## Materials of mesh files in the colors of maps.
+static var _tinted: Dictionary[String, BaseMaterial3D] = {}
 static var _by_class: Dictionary[String, StandardMaterial3D] = {}
 
 
@@ -48,9 +55,11 @@ static func _add_meshes(body: MindstageBody, meshes: Array) -> void:
 				material
 			)
 	else:
-		var material: StandardMaterial3D = _material_override(body)
+		var color: Variant = _map_color(body)
 		for each: Array in meshes:
-			_show(body, each[0], each[1], material)
+			var part: MeshInstance3D = _show(body, each[0], each[1], null)
+			if color is Color:
+				_tint(part, color)
 	MindstageLights.add_emitted_lights(body)
 
 
@@ -91,7 +100,7 @@ static func _read(path: String) -> Array:
 		return []
 	var document: GLTFDocument = GLTFDocument.new()
 	var state: GLTFState = GLTFState.new()
-	if document.append_from_file(path, state) != OK:
+	if document.append_from_file(path, state, _GENERATE_TANGENTS) != OK:
 		return []
 	var scene: Node = document.generate_scene(state)
 	if scene == null:
@@ -99,6 +108,8 @@ static func _read(path: String) -> Array:
 	var found: Array = []
 	_collect(scene, Transform3D(), found)
 	scene.free()
+	for each: Array in found:
+		_add_textures(each[0])
 	return found
 
 
@@ -114,28 +125,80 @@ static func _collect(node: Node, parent_transform: Transform3D, found: Array) ->
 		_collect(child, node_transform, found)
 
 
-static func _show(body: MindstageBody, mesh: Mesh, xform: Transform3D, material: StandardMaterial3D) -> void:
+## Adds the images of the procedural textures that the materials of a mesh name.
+static func _add_textures(mesh: Mesh) -> void:
+	for surface: int in mesh.get_surface_count():
+		var material: BaseMaterial3D = mesh.surface_get_material(surface) as BaseMaterial3D
+		if material == null:
+			continue
+		var extras: Variant = material.get_meta(&"extras", {})
+		var texture: String = extras.get("texture", "") if extras is Dictionary else ""
+		if _texture_names.search(texture) == null:
+			continue
+		material.albedo_texture = _image(texture + "-color.jpg")
+		material.roughness_texture = _image(texture + "-roughness.jpg")
+		material.roughness_texture_channel = BaseMaterial3D.TEXTURE_CHANNEL_GREEN
+		material.normal_texture = _image(texture + "-normal.jpg")
+		material.normal_enabled = material.normal_texture != null
+		material.texture_filter = BaseMaterial3D.TEXTURE_FILTER_LINEAR_WITH_MIPMAPS_ANISOTROPIC
+
+
+## An image in the geometry folder, which all materials share; null if it cannot be read.
+static func _image(file: String) -> PortableCompressedTexture2D:
+	if not _images.has(file):
+		var path: String = folder().path_join(file)
+		var image: Image = Image.load_from_file(path) if FileAccess.file_exists(path) else null
+		if image == null:
+			push_warning("Mindstage: the texture '%s' cannot be read" % path)
+			_images[file] = null
+		else:
+			image.generate_mipmaps()
+			# Compressed, since a saved scene contains the images.
+			var texture: PortableCompressedTexture2D = PortableCompressedTexture2D.new()
+			texture.keep_compressed_buffer = true
+			texture.create_from_image(image, PortableCompressedTexture2D.COMPRESSION_MODE_LOSSY, false, 0.85)
+			_images[file] = texture
+	return _images[file]
+
+
+## Gives the opaque materials of a mesh the color of the map; pictures and glass keep theirs.
+static func _tint(part: MeshInstance3D, color: Color) -> void:
+	for surface: int in part.mesh.get_surface_count():
+		var material: BaseMaterial3D = part.mesh.surface_get_material(surface) as BaseMaterial3D
+		if material == null or material.transparency != BaseMaterial3D.TRANSPARENCY_DISABLED:
+			continue
+		if material.albedo_texture != null and not material.has_meta(&"extras"):
+			continue
+		var key: String = "%d %s" % [material.get_instance_id(), color.to_html()]
+		if not _tinted.has(key):
+			_tinted[key] = material.duplicate()
+			_tinted[key].albedo_color = color
+		part.set_surface_override_material(surface, _tinted[key])
+
+
+static func _show(body: MindstageBody, mesh: Mesh, xform: Transform3D, material: StandardMaterial3D) -> MeshInstance3D:
 	var part: MeshInstance3D = MeshInstance3D.new()
 	part.mesh = mesh
 	part.transform = xform
 	part.material_override = material
 	part.set_meta(NODE, true)
 	body.node.add_child(part)
+	return part
 
 
-## The material with the color given in the map, or null.
-static func _material_override(body: MindstageBody) -> StandardMaterial3D:
+## The color given in the map, or null.
+static func _map_color(body: MindstageBody) -> Variant:
 	for material: Dictionary in body.data.get("materials", []):
 		var color: Variant = material.get("colour")
 		if color is Array:
-			return _material(Color(color[0], color[1], color[2]), {})
+			return Color(color[0], color[1], color[2])
 	return null
 
 
 static func _default_material(body: MindstageBody) -> StandardMaterial3D:
-	var named: StandardMaterial3D = _material_override(body)
-	if named != null:
-		return named
+	var named: Variant = _map_color(body)
+	if named is Color:
+		return _material(named, {})
 	var size: Vector3 = MindstageFrames.extents(body.physics_model.get("size", [0.1, 0.1, 0.1]))
 	if body.physics_model.get("ghost", false) and size[size.max_axis_index()] > _LARGE_M:
 		return _material(Color(0.8, 0.8, 0.8, _TRANSPARENT_ALPHA), {})

@@ -36,6 +36,7 @@ from mindstage.scene import (
 from mindstage.scene.colors import srgb_to_linear
 from mindstage.scene.mesh import TriangleMesh, box, cylinder, sphere
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply, xyzw_from_wxyz
+from mindstage.textures.images import TextureMap, TextureUri, texture_jpeg
 
 __all__ = ["GlbExport", "GltfWriter", "geometry_to_glb", "world_to_glb"]
 
@@ -45,13 +46,25 @@ _VERTICES, _ELEMENTS = 34962, 34963
 _LIGHTS, _STRENGTH = "KHR_lights_punctual", "KHR_materials_emissive_strength"
 _MAX_TRANSPARENT_OPACITY = 0.999
 _TYPES = {2: "VEC2", 3: "VEC3"}
+_SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}
+"""Linear with mipmaps, repeated in both directions."""
+_EMBEDDED_PIXELS = 512
 
 
 class GltfWriter:
-    """A binary glTF 2.0 document; equal meshes, materials and textures are stored once."""
+    """A binary glTF 2.0 document; equal meshes, materials and textures are stored once.
 
-    def __init__(self, name: str) -> None:
-        """Creates a document without nodes; the first node added is the root of its only scene."""
+    A material with a procedural texture has its name as `texture` in `extras`.
+    """
+
+    def __init__(self, name: str, *, texture_uri: TextureUri | None = None) -> None:
+        """Creates a document without nodes; the first node added is the root of its only scene.
+
+        Args:
+            name: the name of the scene.
+            texture_uri: where the images of procedural textures are; None to embed them.
+        """
+        self._texture_uri = texture_uri
         self.nodes: list[dict[str, Any]] = []
         self._name = name
         self._lists: dict[str, list[dict[str, Any]]] = {}
@@ -95,7 +108,8 @@ class GltfWriter:
                 np.column_stack([visual.uv[:, 0], 1.0 - visual.uv[:, 1]])
             )
         image = None if visual.uv is None or visual.image is None else visual.image
-        return primitive | {"material": self.material(visual.material, image=image)}
+        material = visual.material if visual.uv is not None else msgspec.structs.replace(visual.material, texture="")
+        return primitive | {"material": self.material(material, image=image)}
 
     def mesh_primitive(self, mesh: TriangleMesh) -> dict[str, Any]:
         """A primitive without a material; its faces are flat-shaded if it has no normals."""
@@ -107,7 +121,7 @@ class GltfWriter:
         return {"attributes": attributes, "indices": self._add("accessors", indices)}
 
     def material(self, pbr_material: PbrMaterial, *, image: NDArray[np.uint8] | None = None, name: str = "") -> int:
-        """The index of a material."""
+        """The index of a material; an image replaces all maps of its texture."""
         texture = None if image is None else self._texture(image)
 
         def make() -> int:
@@ -117,9 +131,11 @@ class GltfWriter:
                 "metallicFactor": pbr_material.metalness,
                 "roughnessFactor": pbr_material.roughness,
             }
+            material: dict[str, Any] = {"pbrMetallicRoughness": pbr}
             if texture is not None:
                 pbr["baseColorTexture"] = {"index": texture}
-            material: dict[str, Any] = {"pbrMetallicRoughness": pbr}
+            elif pbr_material.texture:
+                self._add_maps(material, pbr_material.texture)
             if title := name or pbr_material.name:
                 material["name"] = title
             if pbr_material.opacity < _MAX_TRANSPARENT_OPACITY or (image is not None and image[..., 3].min() < 255):
@@ -132,6 +148,18 @@ class GltfWriter:
             return self._add("materials", material)
 
         return int(self._cached(("material", pbr_material, texture, name), make))
+
+    def _add_maps(self, material: dict[str, Any], texture: str) -> None:
+        """Adds the images of a procedural texture to a material."""
+        material["extras"] = {"texture": texture}
+        pbr = material["pbrMetallicRoughness"]
+        for target, field, map in (
+            (pbr, "baseColorTexture", TextureMap.COLOR),
+            (pbr, "metallicRoughnessTexture", TextureMap.ROUGHNESS),
+            (material, "normalTexture", TextureMap.NORMAL),
+        ):
+            if (index := self._procedural_texture(texture, map)) is not None:
+                target[field] = {"index": index}
 
     def light(self, type: LightType, color: Color, intensity: float, *, name: str) -> dict[str, Any]:
         """The part of a node that makes it a light."""
@@ -155,12 +183,28 @@ class GltfWriter:
 
             png = io.BytesIO()
             Image.fromarray(pixels).save(png, "png")
-            content = png.getvalue()
-            view = self._append_bytes(content)
-            image = self._add("images", {"bufferView": view, "mimeType": "image/png"})
-            return self._add("textures", {"source": image})
+            return self._embedded_texture(png.getvalue(), "image/png")
 
         return int(self._cached(("texture", pixels.shape, pixels.tobytes()), make))
+
+    def _procedural_texture(self, name: str, map: TextureMap) -> int | None:
+        """The index of an image of a procedural texture; None if it is left out."""
+
+        def make() -> int | None:
+            if self._texture_uri is None:
+                return self._embedded_texture(texture_jpeg(name, map, _EMBEDDED_PIXELS), "image/jpeg")
+            uri = self._texture_uri(name, map)
+            return None if uri is None else self._add_texture({"uri": uri})
+
+        index: int | None = self._cached(("texture", name, map), make)
+        return index
+
+    def _embedded_texture(self, content: bytes, type: str) -> int:
+        return self._add_texture({"bufferView": self._append_bytes(content), "mimeType": type})
+
+    def _add_texture(self, image: dict[str, Any]) -> int:
+        sampler = self._cached("sampler", lambda: self._add("samplers", _SAMPLER))
+        return self._add("textures", {"sampler": sampler, "source": self._add("images", image)})
 
     def _accessor(self, rows: Array, *, bounds: bool = False) -> int:
         numbers = rows.astype("<f4")
@@ -226,8 +270,11 @@ def world_to_glb(world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> GlbExp
 
 
 def geometry_to_glb(geometry: BodyGeometry) -> bytes:
-    """Writes the visual meshes of a geometry in Godot's axes: x right, y up, negative z forward."""
-    file = GltfWriter(geometry.shape_name)
+    """Writes the visual meshes of a geometry in Godot's axes: x right, y up, negative z forward.
+
+    Materials name their procedural textures in `extras`; the images are left out, since all geometries share them.
+    """
+    file = GltfWriter(geometry.shape_name, texture_uri=lambda _name, _map: None)
     rotated = (_rotated_visual(visual, _GODOT_FROM_ROS) for visual in geometry.visuals)
     file.nodes.append(
         {"name": geometry.shape_name, "mesh": file.mesh(geometry.key, lambda: map(file.visual_primitive, rotated))}

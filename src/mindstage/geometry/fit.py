@@ -168,6 +168,8 @@ class GeometryFitter:
         """Returns the parameters that follow from the contents and the neighbors of a body."""
         fields = SHAPE_TEMPLATES[shape_name].__struct_fields__ if shape_name in SHAPE_TEMPLATES else ()
         found: dict[str, Any] = {}
+        if "word" in fields and "word" not in parameters:
+            found["word"] = self._context.rules[row].word
         if "along" in fields:
             found["along"] = _cylinder_axis(self._context, row, orientation)
         neighborhood = self._neighborhoods.get(row)

@@ -11,6 +11,7 @@ The annotation properties are in `ms:`; they have no effect on reasoning:
 | `ms:inColour`; `ms:frontInColour` ... | class, shape, material | `#rrggbb` or a name; classes choose one of several |
 | `ms:givesLight`, `ms:lightColour`, `ms:lightIntensity` | class | `point`, `spot`, `directional` or `none`; cd or lx |
 | `ms:metalness`, `ms:roughness`, `ms:opacity`, `ms:glow` | material | factors from 0 to 1 |
+| `ms:texture` | material, class | a procedural texture (`mindstage.textures`), or `none` |
 | `ms:density`, `ms:friction`, `ms:restitution` | material, class | kg/m3, and numbers from 0 |
 | `ms:typicalSize` | class | depth, width and height [m] of objects without a size |
 | `ms:mounting` | class | `fixed`, `installed` or `portable`: whether an object can be loose |
@@ -36,12 +37,13 @@ from typing import NamedTuple, TypeVar
 
 import pyoxigraph as ox
 
-from mindstage.errors import InvalidColorError
+from mindstage.errors import InvalidColorError, TextureNotFoundError
 from mindstage.knowledge.rdf import BUNDLED_GRAPHS, QuadSource, local_name
 from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.knowledge.vocabulary import KNOWROB, LABEL, MS, RDFS, XSD, ms
 from mindstage.scene import Color, GeometrySource, Iri, LightType, PbrMaterial, Vector
 from mindstage.scene.colors import parse_color
+from mindstage.textures.catalog import texture_info
 
 __all__ = [
     "DEFAULT_ROLE",
@@ -120,6 +122,8 @@ class ShapeRule:
     """By the template's parameter names, such as `shelf_count`. A template need not have all of them."""
     materials: Mapping[str, PartMaterial]
     """By role; there is always one for `DEFAULT_ROLE`."""
+    word: str = ""
+    """The label of the class, or of the nearest superclass with a label: what is printed on a package."""
     light: LightRule | None = None
     size: Vector | None = None
     """The typical depth, width and height [m]."""
@@ -172,6 +176,7 @@ T = TypeVar("T")
 
 MATERIAL_FACTORS = ("metalness", "roughness", "opacity", "glow", "density", "friction", "restitution")
 NO_LIGHT = "none"
+_NO_TEXTURE = "none"
 
 _SHAPED_AS, _BUILT_AS, _PARAMETER = ms("shapedAs"), ms("builtAs"), ms("formParameter")
 _MADE_OF, _IN_COLOR, _WORD = ms("madeOf"), ms("inColour"), ms("nameWord")
@@ -208,12 +213,23 @@ class ShapeAnnotations:
         self.sizes = self._single_values(ms("typicalSize"), _size)
         self.mountings = self._single_values(ms("mounting"), _mounting)
         self.material_factors = {name: self._single_values(ms(name), _positive) for name in MATERIAL_FACTORS}
+        self.textures = self._single_values(ms("texture"), _texture)
+        """By material or class; an empty string for one that is annotated to have none."""
         self.materials = {material for values in self.made_of.values() for material in values.values()}
 
     @property
     def roles(self) -> Iterable[str]:
         """The roles for which there is a material or a color, including `DEFAULT_ROLE`."""
         return dict.fromkeys((*self.made_of, *self.colors))
+
+    def label_of(self, subjects: Iterable[Iri]) -> str:
+        """The label of the first of these classes that has one, in lower case; English before other languages."""
+        for subject in subjects:
+            labels = [quad.object for quad in self._quads(LABEL, ox.NamedNode(subject))]
+            literals = [label for label in labels if isinstance(label, ox.Literal)]
+            if literals:
+                return min(literals, key=lambda each: (each.language != "en", each.value)).value.lower()
+        return ""
 
     def material_words(self, subject: Iri) -> Iterator[str]:
         """The words that refer to a material."""
@@ -235,6 +251,10 @@ class ShapeAnnotations:
         issues = self._issues.setdefault(subject, [])
         if text not in issues:
             issues.append(text)
+
+    def materials_of(self, subjects: Iterable[Iri]) -> dict[Iri, None]:
+        """The materials that these classes and shapes are annotated with, of any part, in a fixed order."""
+        return {values[each]: None for each in subjects for values in self.made_of.values() if each in values}
 
     def issues_of(self, subjects: Iterable[Iri]) -> Iterator[str]:
         """The annotations of these subjects that could not be used."""
@@ -332,6 +352,16 @@ def _color(node: object) -> Color:
     return color
 
 
+def _texture(node: object) -> str:
+    text = _text(node)
+    if text == _NO_TEXTURE:
+        return ""
+    try:
+        return texture_info(text).name
+    except TextureNotFoundError as error:
+        raise ValueError(f'"{text}": {error}') from None
+
+
 def _size(node: object) -> Vector:
     text = _text(node)
     try:
@@ -373,12 +403,14 @@ class _PartAnnotation(NamedTuple):
     """The annotations of one part of a class's objects."""
 
     material: Iri | None
+    material_index: int
+    """The index in the lineage of the annotation of its material."""
     colors: Sequence[Color]
     specificity: int
     """The index in the lineage of the most specific annotation."""
 
 
-_NO_ANNOTATION = _PartAnnotation(None, (), sys.maxsize)
+_NO_ANNOTATION = _PartAnnotation(None, sys.maxsize, (), sys.maxsize)
 
 
 class MaterialResolver:
@@ -396,8 +428,8 @@ class MaterialResolver:
         if _FRONT in annotations and annotations[_FRONT].specificity > body.specificity:
             del annotations[_FRONT]  # the color of a drawer is also that of its front
         found = {}
-        for role, (material, colors, _) in annotations.items():
-            resolved = self._resolve(cls, material, colors, lineage if role == DEFAULT_ROLE else ())
+        for role, annotation in annotations.items():
+            resolved = self._resolve(cls, annotation, lineage if role == DEFAULT_ROLE else ())
             if resolved is not None:
                 found[role] = resolved
         return {DEFAULT_ROLE: default_material(cls), **found}
@@ -411,12 +443,11 @@ class MaterialResolver:
         if role == DEFAULT_ROLE and material_index > 0 and (named := self._material_from_name(cls)):
             material, material_index = named, 0
         if color_index > material_index or color_index == len(lineage):  # the color belongs to a more general class
-            return _PartAnnotation(material, (), material_index)
-        return _PartAnnotation(material, colors[lineage[color_index]], color_index)
+            return _PartAnnotation(material, material_index, (), material_index)
+        return _PartAnnotation(material, material_index, colors[lineage[color_index]], color_index)
 
-    def _resolve(
-        self, cls: Iri, material: Iri | None, colors: Sequence[Color], lineage: Sequence[Iri]
-    ) -> PartMaterial | None:
+    def _resolve(self, cls: Iri, annotation: _PartAnnotation, lineage: Sequence[Iri]) -> PartMaterial | None:
+        material, colors = annotation.material, annotation.colors
         if material is None and not colors:
             return None
         subjects = [*lineage, material] if material is not None else lineage
@@ -430,11 +461,18 @@ class MaterialResolver:
         surface = PbrMaterial(
             name=self._material_name(material) if material is not None else "",
             color=_pick_color(cls, colors or own),
+            texture=self._texture(material, lineage[: annotation.material_index + 1]),
             **{field: min(factors[name], 1.0) for name, field in _APPEARANCE_FACTORS.items() if name in factors},
         )
         return PartMaterial(
             surface, **{name: value for name, value in factors.items() if name not in _APPEARANCE_FACTORS}
         )
+
+    def _texture(self, material: Iri | None, classes: Sequence[Iri]) -> str:
+        """The texture of a material, unless a class that is at least as specific as its annotation has another one."""
+        textures = self._annotations.textures
+        subjects = classes if material is None else (*classes, material)
+        return next((textures[each] for each in subjects if each in textures), "")
 
     def _material_name(self, material: Iri) -> str:
         return next(
@@ -508,12 +546,13 @@ class ShapeRuleResolver:
             reason=reason,
             parameters=self._parameters(lineage),
             materials=self._materials.for_class(cls, lineage),
+            word=self._annotations.label_of(self._lineage(cls)),
             light=self._light(lineage),
             size=next((self._annotations.sizes[each] for each in lineage if each in self._annotations.sizes), None),
             mounting=mounting,
             mounting_reason=mounting_reason,
             mounting_is_weak=mounting_is_weak,
-            issues=tuple(self._annotations.issues_of(lineage)),
+            issues=tuple(self._annotations.issues_of((*lineage, *self._annotations.materials_of(lineage)))),
         )
 
     def _mounting(self, cls: Iri) -> tuple[Mounting | None, str, bool]:

@@ -74,6 +74,8 @@ class PbrMaterial(
     opacity: float = 1.0
     emission: float = 0.0
     """Emissive factor, multiplied by the color."""
+    texture: str = ""
+    """Name of a procedural texture, whose color, roughness and normal maps modify the surface; empty for none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,9 +90,11 @@ class VisualMesh:
     normals: Array | None = None
     """n x 3 unit vertex normals; None for flat shading, with one normal per face."""
     uv: Array | None = None
-    """n x 2 texture coordinates, if there is an image: (0, 0) is its lower left corner, (1, 1) its upper right one."""
+    """n x 2 texture coordinates of the image, else of the texture of the material: (0, 0) is the lower left corner,
+    (1, 1) the upper right one, and outside of these the image repeats."""
     image: NDArray[uint8] | None = None
-    """h x w x 4, sRGB and opacity: the texture, multiplied by the color of the material."""
+    """h x w x 4, sRGB and opacity: an own picture, multiplied by the color of the material; the color map of a texture
+    is then not used."""
 
 
 class SupportSurface(

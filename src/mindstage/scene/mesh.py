@@ -125,15 +125,17 @@ class TriangleMesh(NamedTuple):
 
 
 def joined(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
-    """Returns several meshes as one; either all of them have normals or none."""
+    """Returns several meshes as one; either all of them have normals or none, and the same holds for `uv`."""
     if len(meshes) == 1:
         return meshes[0]
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     normals = [mesh.normals for mesh in meshes if mesh.normals is not None]
+    uv = [mesh.uv for mesh in meshes if mesh.uv is not None]
     return TriangleMesh(
         np.concatenate([mesh.points for mesh in meshes]),
         np.concatenate([mesh.faces + np.uint32(start) for mesh, start in zip(meshes, starts, strict=False)]),
         np.concatenate(normals) if normals else None,
+        np.concatenate(uv) if uv else None,
     )
 
 
@@ -142,7 +144,7 @@ def scaled(mesh: TriangleMesh, scale: Array, shift: Array) -> TriangleMesh:
     normals = mesh.normals
     if normals is not None and not np.allclose(scale, scale[0], rtol=1e-9):
         normals = _normalized(normals / scale)
-    return TriangleMesh(mesh.points * scale + shift, mesh.faces, normals)
+    return TriangleMesh(mesh.points * scale + shift, mesh.faces, normals, mesh.uv)
 
 
 # -- primitives --------------------------------------------------------------------------------------------------------

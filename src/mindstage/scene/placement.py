@@ -23,6 +23,7 @@ from mindstage.scene.model import Body, BodyId, Pose, Vector
 from mindstage.scene.transforms import (
     Array,
     normalize,
+    normalized_pose_array,
     pose_array,
     pose_from_array,
     pose_multiply,
@@ -41,6 +42,8 @@ _DROP_HEIGHT_M = 0.001
 _MARGIN_M = 0.004
 """Distance from the edges of the support surface."""
 _MIN_GRID_STEP_M = 0.02
+_NEAR_OFFSETS_M = np.arange(-6, 7) * 0.02
+"""The finer grid around a point that a body is to be placed near."""
 _MAX_CANDIDATES = 625
 """Approximate limit of the candidates for each orientation on one surface."""
 _ASSUMED_SIZE_M: Vector = (0.1, 0.1, 0.1)
@@ -57,6 +60,12 @@ class PlacementSurface:
     size: tuple[float, float]
     """Extents along x and y [m]."""
 
+    def distance(self, point: Vector) -> float:
+        """The distance of a point of the world from the rectangle of the surface [m]."""
+        offset = quat_rotate(self.pose[3:] * np.array([1.0, -1.0, -1.0, -1.0]), np.asarray(point) - self.pose[:3])
+        beside = np.maximum(np.abs(offset[:2]) - np.array(self.size) / 2, 0.0)
+        return float(np.linalg.norm([*beside, offset[2]]))
+
 
 def support_surfaces(
     body: Body, geometry: BodyGeometry | None, pose: Array, *, inside: bool
@@ -65,18 +74,20 @@ def support_surfaces(
 
     Args:
         body: the body.
-        geometry: its geometry; without one it is a box, with the upper side as the only surface.
+        geometry: its geometry. Without one, or if none of its surfaces on the body is level, such as those of a panel
+            that lies flat, the body is a box, with the upper side as the only surface.
         pose: its pose in the world frame, seven numbers.
         inside: whether surfaces in it are yielded, such as shelves, or surfaces on it.
     """
     body_pose = np.concatenate([pose[:3], normalize(pose[3:])])
     known = geometry.support_surfaces if geometry is not None else ()
     surfaces = [surface for surface in known if surface.is_inside is inside]
-    if not inside and not known:
-        surfaces = list(_box_surfaces(body))
-    for surface in surfaces:
-        if quat_rotate(body_pose[3:], surface.normal)[2] >= MIN_UP_COSINE:
-            yield _placement_surface(body.id, surface, body_pose)
+    level = [each for each in surfaces if quat_rotate(body_pose[3:], each.normal)[2] >= MIN_UP_COSINE]
+    if not inside and not level and (surfaces or not known):
+        sides = _box_surfaces(body)
+        level = [each for each in sides if quat_rotate(body_pose[3:], each.normal)[2] >= MIN_UP_COSINE]
+    for surface in level:
+        yield _placement_surface(body.id, surface, body_pose)
 
 
 def _box_surfaces(body: Body) -> Iterator[SupportSurface]:
@@ -124,6 +135,7 @@ class PlacementSampler:
         self._poses = (
             np.concatenate([poses[rows, :3], normalize(poses[rows, 3:])], axis=1) if rows else np.zeros((0, 7))
         )
+        self._ids = [ids[row] for row in rows]
         cache: dict[object, CompiledGeometry] = {}
         self._compiled = [_compiled_geometry(bodies[ids[row]], geometry.get(ids[row]), cache) for row in rows]
         corners = [each.bounds for each in self._compiled]
@@ -133,8 +145,34 @@ class PlacementSampler:
             middles[:, :3] += quat_rotate(self._poses[:, 3:], (low + high) / 2)
         self._low, self._high = OrientedBoxes.from_poses(middles, high - low).bounds()
 
+    def penetration_depths(self, body: Body, geometry: BodyGeometry | None) -> dict[BodyId, float]:
+        """How deep the collision shapes of a body, at its pose, are in the obstacles that they penetrate [m]."""
+        compiled, pose = _compiled_geometry(body, geometry, {}), normalized_pose_array(body.pose)
+        reach = float(np.linalg.norm(np.maximum(np.abs(compiled.bounds[0]), np.abs(compiled.bounds[1]))))
+        near = np.flatnonzero(np.all((self._low <= pose[:3] + reach) & (self._high >= pose[:3] - reach), axis=1))
+        if not len(near):
+            return {}
+        parts = CollisionShapeBatch.from_compiled(
+            np.concatenate([pose[None], self._poses[near]]), [compiled, *(self._compiled[row] for row in near)]
+        )
+        others = np.arange(1, len(near) + 1)
+        depths = parts.penetration_depths(np.zeros_like(others), others, np.full(len(near), np.inf))
+        found = zip(near.tolist(), depths.tolist(), strict=True)
+        return {self._ids[row]: depth for row, depth in found if depth > 0.0}
+
+    def is_free(self, body: Body, geometry: BodyGeometry | None) -> bool:
+        """Whether the bounding box of a body, in its frame, penetrates nothing at its pose."""
+        bounds = _compiled_geometry(body, geometry, {}).bounds
+        return bool(self._is_free(_bounding_geometry(*bounds), normalized_pose_array(body.pose)[None])[0])
+
     def candidate_poses(
-        self, body: Body, geometry: BodyGeometry | None, surface: PlacementSurface, *, max_tested: int | None = None
+        self,
+        body: Body,
+        geometry: BodyGeometry | None,
+        surface: PlacementSurface,
+        *,
+        max_tested: int | None = None,
+        near: Vector | None = None,
     ) -> tuple[list[Pose], str]:
         """The free poses of a body on a surface, nearest to the center first; if there are none, also the reason.
 
@@ -143,14 +181,16 @@ class PlacementSampler:
             geometry: its geometry.
             surface: the surface.
             max_tested: how many of the poses are tested, spread evenly over them; None for all.
+            near: a point that replaces the center, in the world frame [m].
         """
         low, high = _compiled_geometry(body, geometry, {}).bounds
         if surface.surface.clearance is not None and high[2] - low[2] > surface.surface.clearance:
             return [], f"it is {high[2] - low[2]:.2f} m high, and the clearance is {surface.surface.clearance:.2f} m"
-        candidates = np.concatenate([_grid_poses(surface, low, high, quarter) for quarter in (0, 1)])
+        candidates = np.concatenate([_grid_poses(surface, low, high, quarter, near=near) for quarter in (0, 1)])
         if not len(candidates):
             return [], "it is larger than the support surface"
-        order = np.argsort(np.linalg.norm(candidates[:, :3] - surface.pose[:3], axis=1), kind="stable")
+        center = surface.pose[:2] if near is None else np.asarray(near)[:2]
+        order = np.argsort(np.linalg.norm(candidates[:, :2] - center, axis=1).round(6), kind="stable")
         if max_tested is not None:
             order = order[np.unique(np.linspace(0, len(order) - 1, max_tested).astype(int))]
         candidates = candidates[order]
@@ -251,8 +291,13 @@ def _bounding_geometry(low: Array, high: Array) -> CompiledGeometry:
     return compile_geometry((CollisionShape(size=(a, b, c), pose=Pose((x, y, z))),))
 
 
-def _grid_poses(surface: PlacementSurface, low: Array, high: Array, quarter: int) -> Array:
-    """Poses on a grid over a surface, rotated about z by quarter turns, for a body with the bounds low and high [m]."""
+def _grid_poses(
+    surface: PlacementSurface, low: Array, high: Array, quarter: int, *, near: Vector | None = None
+) -> Array:
+    """Poses on a grid over a surface, rotated about z by quarter turns, for a body with the bounds low and high [m].
+
+    With a point, also poses on a finer grid around what is nearest to it.
+    """
     turn = np.array([np.cos(quarter * np.pi / 4), 0.0, 0.0, np.sin(quarter * np.pi / 4)])
     corners = quat_rotate(turn, np.array([low, high]))
     least, most = corners.min(axis=0), corners.max(axis=0)
@@ -261,10 +306,14 @@ def _grid_poses(surface: PlacementSurface, low: Array, high: Array, quarter: int
         return np.zeros((0, 7))
     finest = max(_MIN_GRID_STEP_M, float(np.sqrt(room.prod() / _MAX_CANDIDATES)))
     steps = [np.linspace(-extent / 2, extent / 2, 2 * int(extent / finest / 2) + 1) for extent in room]
-    x, y = np.meshgrid(*steps, indexing="ij")
-    offset = -(least + most)[:2] / 2
-    local = np.zeros((x.size, 7))
-    local[:, 0], local[:, 1] = x.reshape(-1) + offset[0], y.reshape(-1) + offset[1]
+    middles = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)
+    if near is not None:
+        inverse = surface.pose[3:] * np.array([1.0, -1.0, -1.0, -1.0])
+        target = quat_rotate(inverse, np.asarray(near) - surface.pose[:3])[:2]
+        around = np.stack(np.meshgrid(_NEAR_OFFSETS_M, _NEAR_OFFSETS_M, indexing="ij"), axis=-1).reshape(-1, 2)
+        middles = np.concatenate([np.unique(np.clip(target + around, -room / 2, room / 2), axis=0), middles])
+    local = np.zeros((len(middles), 7))
+    local[:, :2] = middles - (least + most)[:2] / 2
     local[:, 2] = _DROP_HEIGHT_M - least[2]
     local[:, 3:] = turn
     placed = pose_multiply(np.tile(surface.pose, (len(local), 1)), local)

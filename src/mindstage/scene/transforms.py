@@ -30,6 +30,7 @@ __all__ = [
     "ROS_FROM_UNREAL",
     "UNREAL_FROM_ROS",
     "FrameConversion",
+    "axis_displacement",
     "cross",
     "mesh_scale",
     "normalize",
@@ -86,6 +87,21 @@ def normalize(quaternion: ArrayLike) -> Array:
     q = np.asarray(quaternion, dtype=np.float64)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True))
+
+
+def axis_displacement(axis: ArrayLike, position: float, *, is_prismatic: bool) -> Array:
+    """The motion along or about an axis, as a pose of seven numbers.
+
+    Args:
+        axis: its direction, three numbers of any length.
+        position: the distance [m] or the angle [rad].
+        is_prismatic: whether the motion is along the axis.
+    """
+    direction = np.asarray(axis, dtype=np.float64)
+    direction = direction / np.linalg.norm(direction)
+    if is_prismatic:
+        return np.array([*(position * direction), 1.0, 0.0, 0.0, 0.0])
+    return np.array([0.0, 0.0, 0.0, np.cos(position / 2), *(np.sin(position / 2) * direction)])
 
 
 def quat_multiply(left: ArrayLike, right: ArrayLike) -> Array:

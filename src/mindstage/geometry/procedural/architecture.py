@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import partial
 from types import MappingProxyType
 from typing import ClassVar, Literal
 
@@ -19,7 +20,9 @@ from mindstage.geometry.procedural.builder import (
     ShapeTemplate,
     Thickness,
 )
+from mindstage.geometry.procedural.texture_coordinates import PrintLayout
 from mindstage.scene.transforms import Array
+from mindstage.textures.prints import wall_picture
 
 __all__ = ["Door", "OpeningFrame", "Picture", "RoomShell", "Wall", "Window"]
 
@@ -214,6 +217,8 @@ class Picture(ShapeTemplate, frozen=True, kw_only=True):
     )
     frame: Length = 0.0
     """Width of the frame [m]; 0 for a poster."""
+    printed: bool = True
+    """Whether it shows a landscape; a mirror has a plain surface."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
@@ -227,4 +232,10 @@ class Picture(ShapeTemplate, frozen=True, kw_only=True):
         )
         edge = width + 0.1 * float(size[1:].min())
         face = sheet + (0.1 if width else 1.0) * (float(high[0]) - sheet)
-        builder.add_box("picture", [sheet, *(low[1:] + edge)], [face, *(high[1:] - edge)], rounding=0.0, collides=False)
+        start, end = np.array([sheet, *(low[1:] + edge)]), np.array([face, *(high[1:] - edge)])
+        if not self.printed:
+            builder.add_box("picture", start, end, rounding=0.0, collides=False)
+            return
+        across, tall = (round(float(extent), 4) for extent in (end - start)[1:])
+        picture = partial(wall_picture, across, tall)
+        builder.add_printed_box("picture", start, end, PrintLayout.FRONT, picture, rounding=0.0)

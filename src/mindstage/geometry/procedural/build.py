@@ -6,7 +6,7 @@ plain box, and its `reason` states why.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from hashlib import blake2b
 from threading import Lock
@@ -36,6 +36,7 @@ from mindstage.scene.geometry import (
     SupportSurface,
     VisualMesh,
 )
+from mindstage.textures.catalog import TextureInfo, texture_info
 
 __all__ = ["build_geometry", "template_by_name"]
 
@@ -191,18 +192,39 @@ class _DeferredVisuals:
         with self._lock:
             if self._pending is not None:
                 template, builder = self._pending
-                visuals = tuple(
-                    VisualMesh(
-                        points=builder.turn.to_body(mesh.points),
-                        faces=mesh.faces,
-                        normals=None if mesh.normals is None else builder.turn.to_body(mesh.normals),
-                        material=template.material_of(role, self._materials),
-                    )
-                    for (role, _), mesh in builder.merged_meshes().items()
-                )
+                visuals = tuple(_visuals(template, builder, self._materials))
                 self._result = (_digest(visuals, self._other_fields), visuals)
                 self._pending = None
             return self._result
+
+
+def _visuals(
+    template: ShapeTemplate, builder: GeometryBuilder, materials: Mapping[str, PbrMaterial]
+) -> Iterator[VisualMesh]:
+    """Yields the visual meshes in the body frame, with texture coordinates where the material has a texture."""
+
+    def texture_of(role: str) -> TextureInfo | None:
+        name = template.material_of(role, materials).texture
+        return texture_info(name) if name else None
+
+    for (role, _), mesh in builder.merged_meshes(texture_of).items():
+        yield VisualMesh(
+            points=builder.turn.to_body(mesh.points),
+            faces=mesh.faces,
+            normals=None if mesh.normals is None else builder.turn.to_body(mesh.normals),
+            material=template.material_of(role, materials),
+            uv=mesh.uv,
+        )
+    for role, mesh, picture in builder.printed_meshes():
+        material = template.material_of(role, materials)
+        yield VisualMesh(
+            points=builder.turn.to_body(mesh.points),
+            faces=mesh.faces,
+            normals=None if mesh.normals is None else builder.turn.to_body(mesh.normals),
+            material=msgspec.structs.replace(material, color=(1.0, 1.0, 1.0), texture="", opacity=1.0, metalness=0.0),
+            uv=mesh.uv,
+            image=picture(material.color),
+        )
 
 
 def _build_or_box(
@@ -263,6 +285,9 @@ def _digest(visuals: tuple[VisualMesh, ...], other_fields: tuple[Any, ...]) -> s
         digest.update(msgspec.msgpack.encode((visual.material, visual.points.shape, visual.faces.shape)))
         digest.update((visual.points + 0.0).tobytes())  # -0.0 and 0.0 are equal
         digest.update(visual.faces.tobytes())
-        if visual.normals is not None:
-            digest.update((visual.normals + 0.0).tobytes())
+        for rows in (visual.normals, visual.uv):
+            if rows is not None:
+                digest.update((rows + 0.0).tobytes())
+        if visual.image is not None:
+            digest.update(visual.image.tobytes())
     return digest.hexdigest()

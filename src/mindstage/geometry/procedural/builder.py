@@ -24,11 +24,20 @@ from numpy.typing import NDArray
 
 from mindstage.errors import InvalidShapeError
 from mindstage.geometry.procedural import materials as finishes
-from mindstage.scene import IDENTITY, Pose, Quaternion, Vector
+from mindstage.geometry.procedural.texture_coordinates import (
+    PrintLayout,
+    RoundAxis,
+    project_boxes,
+    project_flat,
+    project_print,
+    project_round,
+)
+from mindstage.scene import IDENTITY, Color, Pose, Quaternion, Vector
 from mindstage.scene.geometry import CollisionShape, CollisionShapeType, PbrMaterial
 from mindstage.scene.mesh import TriangleMesh, boxes, joined, lathe, loft, panel_with_cutouts, scaled, sweep
 from mindstage.scene.model import FrozenStruct
 from mindstage.scene.transforms import Array, quat_multiply, quaternion_from_matrix
+from mindstage.textures.catalog import TextureInfo
 
 __all__ = [
     "AxisPermutation",
@@ -43,6 +52,7 @@ __all__ = [
     "LocalSupportSurface",
     "MaterialRoles",
     "PositiveFraction",
+    "PrintedMesh",
     "ShapeTemplate",
     "TemplateFitError",
     "Thickness",
@@ -402,6 +412,8 @@ _BLOCK_FACES = np.array(
     dtype=np.uint32,
 )
 
+Picture = Callable[[Color], NDArray[np.uint8]]
+"""Returns a picture, h x w x 4, on paper of a color."""
 Corner = Sequence[float] | Array
 Profile = Sequence[tuple[float, float]]
 
@@ -426,6 +438,23 @@ class _Part(NamedTuple):
     high: Array
     """Upper corner of its bounds [m]."""
     make: Callable[[], TriangleMesh]
+    around: RoundAxis | None = None
+    """Its axis, if it is round."""
+
+
+class PrintedMesh(NamedTuple):
+    """A part with a picture."""
+
+    role: str
+    mesh: TriangleMesh
+    picture: Picture
+
+
+class _PrintedPart(NamedTuple):
+    role: str
+    part: _Part
+    layout: PrintLayout
+    picture: Picture
 
 
 class GeometryBuilder:
@@ -444,13 +473,14 @@ class GeometryBuilder:
         self.light: Array | None = None
         self._boxes: dict[tuple[str, int], list[tuple[Array, Array, float]]] = {}
         self._parts: dict[tuple[str, bool], list[_Part]] = {}
+        self._printed: list[_PrintedPart] = []
         self._stretch: tuple[Array, Array] | None = None
         """Scale and translation of all meshes, which fit them to the size."""
 
     @property
     def is_empty(self) -> bool:
         """Whether there are no visual parts or no collision parts."""
-        return not (self.collision_parts and (self._boxes or self._parts))
+        return not (self.collision_parts and (self._boxes or self._parts or self._printed))
 
     @property
     def min_extent(self) -> float:
@@ -482,6 +512,54 @@ class GeometryBuilder:
         self._boxes.setdefault((role, 4 if rounded else 1), []).append((lower, upper, radius))
         if collides:
             self.add_collision_box(lower, upper)
+
+    def add_printed_box(
+        self,
+        role: str,
+        low: Corner,
+        high: Corner,
+        layout: PrintLayout,
+        picture: Picture,
+        *,
+        rounding: float = 0.0015,
+        rounded: bool = False,
+    ) -> None:
+        """Adds a box with a picture on its sides; visual only.
+
+        Args:
+            role: the material role; the picture replaces its color and texture.
+            low: lower corner [m].
+            high: upper corner [m].
+            layout: which sides have the picture.
+            picture: returns the picture for the color of the role.
+            rounding: radius of the edges [m].
+            rounded: whether edges are round instead of beveled.
+        """
+        lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+        if (extents := upper - lower).min() <= _EPSILON_M:
+            return
+        radius = np.array([min(rounding, (0.5 if rounded else 0.3) * float(extents.min()))])
+        make = partial(boxes, lower[None], upper[None], radius, steps=4 if rounded else 1)
+        self._printed.append(_PrintedPart(role, _Part(lower, upper, make), layout, picture))
+
+    def add_printed_lathe(
+        self,
+        role: str,
+        profile: Profile,
+        low: Corner,
+        high: Corner,
+        picture: Picture,
+        *,
+        closed: bool = False,
+    ) -> None:
+        """Adds an upright surface of revolution with a picture around it; visual only. Arguments as of `add_lathe`."""
+        lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+        if (upper - lower).min() <= _EPSILON_M:
+            return
+        inner = GeometryBuilder((1.0, 1.0, 1.0), self.turn)
+        inner.add_lathe(role, profile, lower, upper, bevel=0.0005, closed=closed)
+        (part,) = inner._parts[role, True]
+        self._printed.append(_PrintedPart(role, part, PrintLayout.ROUND, picture))
 
     def add_lathe(
         self,
@@ -529,7 +607,8 @@ class GeometryBuilder:
         reach = [*(extents[:2] / 2 * widest), (float(heights.max()) - 0.5) * length]
         depth = [*(extents[:2] / -2 * widest), (float(heights.min()) - 0.5) * length]
         ends = turn.to_body(np.array([depth, reach])) + middle
-        self._add(role, _Part(ends.min(axis=0), ends.max(axis=0), make), smooth=True)
+        around = RoundAxis(along.axis, middle)
+        self._add(role, _Part(ends.min(axis=0), ends.max(axis=0), make, around), smooth=True)
 
     def add_cylinder(
         self,
@@ -707,6 +786,7 @@ class GeometryBuilder:
     def fit_to_size(self) -> float:
         """Scales all parts to fit the size; returns the largest relative change."""
         parts = [part for parts in self._parts.values() for part in parts]
+        parts += [printed.part for printed in self._printed]
         blocks = [block for blocks in self._boxes.values() for block in blocks]
         low = np.min([*(part.low for part in parts), *(block[0] for block in blocks)], axis=0)
         high = np.max([*(part.high for part in parts), *(block[1] for block in blocks)], axis=0)
@@ -725,16 +805,41 @@ class GeometryBuilder:
             self.light = self.light * scale + shift
         return float(np.abs(scale - 1.0).max())
 
-    def merged_meshes(self) -> dict[tuple[str, bool], TriangleMesh]:
-        """Returns one mesh per role and shading: smooth (with vertex normals) or flat."""
-        found = {key: [part.make() for part in parts] for key, parts in self._parts.items()}
+    def merged_meshes(
+        self, texture_of: Callable[[str], TextureInfo | None] = lambda role: None
+    ) -> dict[tuple[str, bool], TriangleMesh]:
+        """Returns one mesh per role and shading: smooth (with vertex normals) or flat.
+
+        Args:
+            texture_of: returns the texture of a role; the meshes of roles with a texture have texture coordinates.
+        """
+        textures = {role: texture_of(role) for role, _ in (*self._parts, *self._boxes)}
+        found = {key: [self._finished(part, textures[key[0]]) for part in parts] for key, parts in self._parts.items()}
         for (role, steps), parts in self._boxes.items():
             low, high, rounding = (np.array(column) for column in zip(*parts, strict=True))
-            found.setdefault((role, True), []).append(boxes(low, high, rounding, steps=steps))
-        merged = {key: joined(meshes) for key, meshes in sorted(found.items())}
-        if self._stretch is None:
-            return merged
-        return {key: scaled(mesh, *self._stretch) for key, mesh in merged.items()}
+            mesh, texture = self._stretched(boxes(low, high, rounding, steps=steps)), textures[role]
+            if texture is not None:
+                mesh = project_boxes(mesh, len(parts), high - low, texture)
+            found.setdefault((role, True), []).append(mesh)
+        return {key: joined(meshes) for key, meshes in sorted(found.items())}
+
+    def printed_meshes(self) -> Iterator[PrintedMesh]:
+        """Yields the parts with pictures."""
+        for role, part, layout, picture in self._printed:
+            yield PrintedMesh(role, project_print(self._stretched(part.make()), layout), picture)
+
+    def _finished(self, part: _Part, texture: TextureInfo | None) -> TriangleMesh:
+        """Returns the mesh of a part in its final size, with texture coordinates if it has a texture."""
+        mesh = self._stretched(part.make())
+        if texture is None:
+            return mesh
+        if part.around is None:
+            return project_flat(mesh, texture)
+        scale, shift = self._stretch or (np.ones(3), np.zeros(3))
+        return project_round(mesh, RoundAxis(part.around.axis, part.around.center * scale + shift), texture)
+
+    def _stretched(self, mesh: TriangleMesh) -> TriangleMesh:
+        return mesh if self._stretch is None else scaled(mesh, *self._stretch)
 
     def _hole_of(self, cutout: Cutout, low: Array, high: Array, thin_axis: int) -> Hole | None:
         """Returns the hole of a cutout in a plate; None if it takes up less than half of the thickness."""

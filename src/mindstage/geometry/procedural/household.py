@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import partial
 from types import MappingProxyType
 from typing import ClassVar
 
@@ -19,6 +20,9 @@ from mindstage.geometry.procedural.builder import (
     ShapeTemplate,
     Thickness,
 )
+from mindstage.geometry.procedural.texture_coordinates import PrintLayout
+from mindstage.scene.transforms import Array
+from mindstage.textures.prints import book_cover, book_spine
 
 __all__ = ["Book", "Cushion", "PaperRoll", "Person", "Plant", "Towel"]
 
@@ -28,6 +32,8 @@ class Book(ShapeTemplate, frozen=True, kw_only=True):
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.RED, "pages": finishes.PAPER})
     cover: Thickness = 0.003
+    word: str = ""
+    """The title, on an upright spine and on the cover; nothing if empty."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high = builder.low, builder.high
@@ -38,17 +44,38 @@ class Book(ShapeTemplate, frozen=True, kw_only=True):
         for sign in (-1, 1):
             start, end = low.copy(), high.copy()
             start[thin], end[thin] = sorted((sign * high[thin], sign * (high[thin] - cover)))
-            builder.add_box("body", start, end, rounding=0.3 * cover, collides=False)
+            self._add_board(builder, start, end, thin if sign > 0 else None)
         start, end = low.copy(), high.copy()
         start[thin], end[thin] = low[thin] + cover, high[thin] - cover
         start[spine] = high[spine] - cover
-        builder.add_box("body", start, end, rounding=0.3 * cover, collides=False)
+        if self.word and (spine, thin) == (0, 1):
+            picture = partial(book_spine, self.word, *_rounded(end - start)[1:])
+            builder.add_printed_box("body", start, end, PrintLayout.FRONT, picture, rounding=0.3 * cover)
+        else:
+            builder.add_box("body", start, end, rounding=0.3 * cover, collides=False)
         start, end = 0.97 * low, 0.97 * high
         start[thin], end[thin] = low[thin] + cover, high[thin] - cover
         end[spine] = high[spine] - cover
         builder.add_box("pages", start, end, rounding=0.0, collides=False)
         if thin == 2:
             builder.add_support_surface(low, high, float(high[2]))
+
+    def _add_board(self, builder: GeometryBuilder, start: Array, end: Array, front_axis: int | None) -> None:
+        """Adds one side of the cover; the front has the title."""
+        layout = {1: PrintLayout.LEFT, 2: PrintLayout.TOP}.get(-1 if front_axis is None else front_axis)
+        rounding = 0.3 * float((end - start).min())
+        if not self.word or layout is None:
+            builder.add_box("body", start, end, rounding=rounding, collides=False)
+            return
+        depth, width, height = _rounded(end - start)
+        size = (depth, height) if layout is PrintLayout.LEFT else (width, depth)
+        picture = partial(book_cover, self.word, *size)
+        builder.add_printed_box("body", start, end, layout, picture, rounding=rounding)
+
+
+def _rounded(extents: Array) -> tuple[float, float, float]:
+    depth, width, height = (round(float(extent), 4) for extent in extents)
+    return depth, width, height
 
 
 class Cushion(ShapeTemplate, frozen=True, kw_only=True):

@@ -130,6 +130,7 @@ class Lamp(ShapeTemplate, frozen=True, kw_only=True):
         along_it = np.arange(3) == axis
         start, end = np.where(along_it, 0.92 * low, low), np.where(along_it, 0.92 * high, high)
         if self.style == "tube":
+            builder.light = np.array([0.0, 0.0, low[2]])  # below: inside, the tube would shade it
             builder.add_cylinder(
                 "bulb", np.where(along_it, start, 0.9 * start), np.where(along_it, end, 0.9 * end), along=along
             )

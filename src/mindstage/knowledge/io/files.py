@@ -90,6 +90,13 @@ def map_path(name: str | os.PathLike[str]) -> str:
     return path
 
 
+def _bundled_hint(path: Path) -> str:
+    """What to write instead of a missing file whose name is similar to that of the bundled kitchen."""
+    name = path.name.removesuffix(".owl").lower()
+    meant = closest_names(name, (BUNDLED_KITCHEN.partition(":")[2],))
+    return f"; did you mean {BUNDLED_KITCHEN}?" if meant else ""
+
+
 def bundled_kitchen() -> Path:
     """Returns the path of the bundled kitchen, a map of dialect 1."""
     return _bundled_path("kitchen.owl")
@@ -198,7 +205,7 @@ def read_file(path: Path) -> SourceFile:
     try:
         data = path.read_bytes()
     except FileNotFoundError as error:
-        raise SourceParseError(str(path), cause="there is no such file") from error
+        raise SourceParseError(str(path), cause=f"there is no such file{_bundled_hint(path)}") from error
     except IsADirectoryError as error:
         cause = "it is a folder; give the map file in it, or give a folder of ROS packages as an ontology"
         raise SourceParseError(str(path), cause=cause) from error

@@ -43,7 +43,14 @@ from mindstage.scene import (
     PropertyAssertion,
     World,
 )
-from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_multiply, quat_rotate
+from mindstage.scene.transforms import (
+    Array,
+    axis_displacement,
+    normalized_pose_array,
+    pose_from_array,
+    pose_multiply,
+    quat_rotate,
+)
 
 __all__ = ["RestPose", "UrdfWorld", "rest_pose", "urdf_to_world"]
 
@@ -107,7 +114,9 @@ def rest_pose(robot: UrdfRobot) -> RestPose:
             frame = pose_multiply(links[parent], normalized_pose_array(joint.origin))
             position = positions[joint.name]
             joint_states[joint.child] = joint, frame, position
-            links[joint.child] = pose_multiply(frame, _joint_transform(joint, position))
+            is_prismatic = joint.type is UrdfJointType.PRISMATIC
+            displacement = axis_displacement(joint.axis, position, is_prismatic=is_prismatic)
+            links[joint.child] = pose_multiply(frame, displacement)
             if joint.type is not UrdfJointType.FIXED or parent in movable:
                 movable.add(joint.child)
             queue.append(joint.child)
@@ -156,14 +165,6 @@ def _rest_positions(joints: Iterable[UrdfJoint]) -> tuple[dict[str, float], list
                 problem = f"it mimics {mimic.joint!r}, whose rest position puts it at {position:g}, out of its range"
                 issues.append(UrdfIssue(follower.name, problem, "it is there, and its range extends to it"))
     return positions, issues
-
-
-def _joint_transform(joint: UrdfJoint, position: float) -> Array:
-    """Returns the child frame in the joint frame."""
-    axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
-    if joint.type is UrdfJointType.PRISMATIC:
-        return np.array([*(position * axis), 1.0, 0.0, 0.0, 0.0])
-    return np.array([0.0, 0.0, 0.0, np.cos(position / 2), *(np.sin(position / 2) * axis)])
 
 
 class UrdfWorld(NamedTuple):

@@ -1,0 +1,60 @@
+"""Textures as compressed images in the layout of glTF, for files and for the page."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from enum import StrEnum
+from functools import lru_cache
+
+from mindstage.textures.baking import texture_set
+
+__all__ = ["TextureMap", "TextureUri", "texture_jpeg"]
+
+_QUALITY = {"color": 88, "roughness": 92, "normal": 92}
+
+
+class TextureMap(StrEnum):
+    """The images of a texture."""
+
+    COLOR = "color"
+    ROUGHNESS = "roughness"
+    """As glTF's metallicRoughnessTexture: roughness in green; blue, which multiplies the metalness, is 1."""
+    NORMAL = "normal"
+
+
+TextureUri = Callable[[str, TextureMap], str | None]
+"""Returns the URI of an image of a texture, given its name; None if that image is left out."""
+
+
+@lru_cache(maxsize=512)
+def texture_jpeg(name: str, map: TextureMap, pixels: int) -> bytes:
+    """One image of a texture as JPEG.
+
+    Args:
+        name: the name of the texture.
+        map: which image.
+        pixels: its width and height; at most that of the texture.
+
+    Raises:
+        TextureNotFoundError: there is no texture of that name.
+    """
+    import numpy as np
+    from PIL import Image
+
+    textures = texture_set(name)
+    match map:
+        case TextureMap.COLOR:
+            array = textures.color
+        case TextureMap.NORMAL:
+            array = textures.normal
+        case TextureMap.ROUGHNESS:
+            array = np.full((*textures.roughness.shape, 3), 255, dtype=np.uint8)
+            array[..., 1] = textures.roughness
+    image = Image.fromarray(array)
+    if pixels < image.width:
+        image = image.resize((pixels, pixels), Image.Resampling.BOX)
+    content = io.BytesIO()
+    # Only chroma of colors is subsampled: components of normals are no colors.
+    image.save(content, "jpeg", quality=_QUALITY[map], subsampling=2 if map is TextureMap.COLOR else 0)
+    return content.getvalue()
