@@ -16,8 +16,9 @@ from tests.cli.runner import Run, WriteMap, json_output
 from tests.viewer.waiting import TIMEOUT_S, wait_until
 
 
-def test_a_picture_shows_highlighted_answers(run: Run, write_map: WriteMap, tmp_path: Path, chromium: Path) -> None:
-    picture = tmp_path / "new" / "mugs.png"
+@pytest.mark.parametrize("suffix", ["png", "jpg", "webp"])
+def test_a_picture_shows_highlighted_answers(run: Run, write_map: WriteMap, tmp_path: Path, suffix: str) -> None:
+    picture = tmp_path / "new" / f"mugs.{suffix}"
     command = ("shot", write_map("mugs.owl", mugs={"X": "0 0 0", "Y": "0.3 0 0"}), "-o", picture, "--size", "240x160")
     command += (
         "--highlight",
@@ -29,12 +30,14 @@ def test_a_picture_shows_highlighted_answers(run: Run, write_map: WriteMap, tmp_
         "--colour",
         "red",
     )
-    result = run(*command, "--engine", "null", "--browser", chromium, "--timeout", 300, "--json")
+    result = run(*command, "--engine", "null", "--json")
     assert result.exit_code == 0, result.output
     answer = json_output(result)
     assert (answer["picture"], answer["size"], answer["spawn"]["ok"]) == (str(picture), [240, 160], True)
     assert [group["lit"] for group in answer["highlights"]] == [["X", "Y"], ["Y"]]
-    pixels = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+    image = Image.open(picture)
+    assert image.format == {"png": "PNG", "jpg": "JPEG", "webp": "WEBP"}[suffix]
+    pixels = np.asarray(image.convert("RGB")).astype(int)
     red, green, _ = np.moveaxis(pixels, -1, 0)
     assert pixels.shape == (160, 240, 3)
     assert np.count_nonzero(green > red + 60) > 100
@@ -56,7 +59,7 @@ def test_a_picture_shows_highlighted_answers(run: Run, write_map: WriteMap, tmp_
         (("--highlight", "Mug", "--color", "redd"), "no color 'redd'; near: 'red'"),
         (("--highlight", "'Mug"), "cannot be read: No closing quotation"),
         (("--highlight", " "), "it is empty"),
-        (("--browser", "netscape"), "there is no program 'netscape'"),
+        (("--page", "--browser", "netscape"), "there is no program 'netscape'"),
     ],
 )
 def test_invalid_options_exit_2_before_the_map_is_read(
@@ -68,9 +71,30 @@ def test_invalid_options_exit_2_before_the_map_is_read(
     assert not (tmp_path / "x.png").exists()
 
 
-def test_unknown_bodies_cannot_be_highlighted_or_opened(
-    run: Run, write_map: WriteMap, tmp_path: Path, chromium: Path
-) -> None:
+def test_unknown_suffixes_are_errors(run: Run, tmp_path: Path) -> None:
+    result = run("shot", tmp_path / "none.owl", "-o", tmp_path / "x.bmp")
+    assert result.exit_code == 2
+    assert ".bmp is no format of pictures; end it with .png, .jpg, .jpeg, .webp" in " ".join(result.stderr.split())
+
+
+@pytest.mark.parametrize("option", ["--highlight", "--open", "--select", "--to"])
+def test_unknown_bodies_are_errors(run: Run, write_map: WriteMap, tmp_path: Path, option: str) -> None:
+    command = ("shot", write_map("mugs.owl", mugs={"X": "0 0 0"}), "-o", tmp_path / "x.png", "--engine", "null")
+    result = run(*command, option, "Nothing")
+    assert result.exit_code in {1, 2}
+    assert "'Nothing'" in result.stderr
+    assert not (tmp_path / "x.png").exists()
+
+
+def test_the_page_is_photographed_in_a_browser(run: Run, write_map: WriteMap, tmp_path: Path, chromium: Path) -> None:
+    command = ("shot", write_map("mugs.owl", mugs={"X": "0 0 0"}), "-o", tmp_path / "x.jpg", "--engine", "null")
+    result = run(*command, "--page", "--size", "400x300", "--browser", chromium, "--timeout", 300)
+    assert result.exit_code == 0, result.output
+    with Image.open(tmp_path / "x.jpg") as image:
+        assert (image.format, image.size) == ("JPEG", (400, 300))
+
+
+def test_unknown_bodies_cannot_be_highlighted_or_opened(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
     command = ("shot", write_map("mugs.owl", mugs={"X": "0 0 0"}), "-o", tmp_path / "x.png", "--engine", "null")
     result = run(*command, "--highlight", "Mugg")
     assert result.exit_code == 2
@@ -80,8 +104,8 @@ def test_unknown_bodies_cannot_be_highlighted_or_opened(
     assert "no body 'Door'" in result.stderr
 
 
-def test_a_missing_folder_of_meshes_is_an_error(run: Run, write_map: WriteMap, tmp_path: Path, chromium: Path) -> None:
-    command = ("shot", write_map("mugs.owl", mugs={"X": "0 0 0"}), "-o", tmp_path / "x.png", "--browser", chromium)
+def test_a_missing_folder_of_meshes_is_an_error(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
+    command = ("shot", write_map("mugs.owl", mugs={"X": "0 0 0"}), "-o", tmp_path / "x.png")
     result = run(*command, "--engine", "null", "--assets", tmp_path / "meshes")
     assert result.exit_code == 2
     assert "there is no such folder; --assets takes folders of mesh files" in " ".join(result.stderr.split())
@@ -90,7 +114,7 @@ def test_a_missing_folder_of_meshes_is_an_error(run: Run, write_map: WriteMap, t
 def test_sigterm_closes_the_browser(tmp_path: Path, chromium: Path) -> None:
     folder = tmp_path / "temporary"
     folder.mkdir()
-    command = ["shot", "bundled:kitchen", "-o", tmp_path / "x.png", "--engine", "null", "--browser", chromium]
+    command = ["shot", "bundled:kitchen", "-o", tmp_path / "x.png", "--engine", "null", "--page", "--browser", chromium]
     with subprocess.Popen(
         [sys.executable, "-m", "mindstage", *map(str, command)],
         env=os.environ | {"TMPDIR": str(folder)},

@@ -17,6 +17,7 @@ from mindstage.engines import GodotEngine, RemoteEngine, connect
 from mindstage.engines.godot_process import GodotProcess, find_godot, prepare_project
 from mindstage.engines.remote.compiled import CompiledRemoteEngine
 from mindstage.errors import EngineUnavailableError, WorldError
+from mindstage.geometry import build_geometry, template_by_name
 from mindstage.scene import BodyGeometry, BodyId, CollisionShape, PbrMaterial, Pose, VisualMesh, diff
 from tests.engines.contract import current_pose
 from tests.engines.geometries import bin_geometry
@@ -66,6 +67,27 @@ def test_visual_meshes_are_loaded_from_the_cache(engine: GodotEngine, tmp_path: 
     engine.save_scene(tmp_path / "wedge.tscn")
     scene = (tmp_path / "wedge.tscn").read_text(encoding="utf-8")
     assert scene.count('mesh = SubResource("ArrayMesh') == 1  # the mug; the floor is a box
+
+
+def test_textures_are_shared_files_that_materials_name(engine: GodotEngine, tmp_path: Path) -> None:
+    oak = PbrMaterial(name="wood", color=(0.7, 0.5, 0.3), texture="oak_board")
+    boards = [
+        build_geometry(template_by_name("panel"), size, materials={"body": oak})
+        for size in ((0.1, 0.2, 0.03), (0.2, 0.4, 0.03))
+    ]
+    bodies = [body(name, (0, place, 1), (0.1, 0.2, 0.03)) for place, name in enumerate(("one", "other"))]
+    report = engine.spawn(
+        world(FLOOR, *bodies), geometry={each.id: board for each, board in zip(bodies, boards, strict=True)}
+    )
+    assert report.ok
+    engine.save_scene(tmp_path / "boards.tscn")
+    scene = (tmp_path / "boards.tscn").read_text(encoding="utf-8")
+    assert scene.count('type="PortableCompressedTexture2D"') == 3, "color, roughness and normal, once for both"
+    assert scene.count("albedo_texture = ") == scene.count("normal_texture = ") == 2
+    assert scene.count("roughness_texture_channel = 1") == 2
+    assert {path.name for path in geometry_cache_dir().glob("oak_board-*.jpg")} == {
+        f"oak_board-{map}.jpg" for map in ("color", "roughness", "normal")
+    }
 
 
 def test_a_broken_mesh_is_reported_and_replaced_by_collision_shapes(engine: GodotEngine) -> None:

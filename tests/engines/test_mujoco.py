@@ -52,7 +52,10 @@ def test_any_world_is_returned_unchanged_by_the_engine(described: World) -> None
     ids, poses = engine.poses()
     assert np.isfinite(poses).all()
     given_poses = {b.id: b.pose for b in described.bodies}
+    settled = {note.ids[0] for note in report.notes if note.kind is SpawnNoteKind.SETTLED}
     for id, row in zip(ids, poses, strict=True):
+        if id in settled:  # moved out of an overlap, which is reported
+            continue
         pose = given_poses[id]
         assert np.abs(row[:3] - pose.position).max() <= 1e-12 * max(1.0, *map(abs, pose.position))
         assert quat_angle(row[3:], normalize(pose.quaternion)) <= 1e-12

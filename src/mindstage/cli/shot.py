@@ -1,4 +1,4 @@
-"""The verb `shot`: renders a picture of a map in a headless browser.
+"""The verb `shot`: renders a picture of a map with MuJoCo's renderer, or of the whole page in a headless browser.
 
 Doors and drawers can be opened and bodies highlighted first. The simulation is paused while the picture is taken, so
 that the same map gives the same picture.
@@ -43,11 +43,21 @@ from mindstage.errors import InvalidArgumentError, NameNotFoundError
 
 if TYPE_CHECKING:
     from mindstage.imagination import PlanFile, Verdict
+    from mindstage.rendering import LabelMode, Screenshot
     from mindstage.scene import BodyId, Color, Vector, World
     from mindstage.simulation import HighlightResult, Simulation
-    from mindstage.viewer import LabelMode, Screenshot
 
-__all__ = ["BrowserPath", "HighlightTarget", "pull_open", "shot", "take_picture"]
+__all__ = [
+    "BrowserPath",
+    "HighlightTarget",
+    "highlight_targets",
+    "parse_numbers",
+    "parse_point",
+    "parse_size",
+    "pull_open",
+    "shot",
+    "take_picture",
+]
 
 
 _MAX_PULL_M = 0.6
@@ -145,7 +155,8 @@ _COLORS = ("blue", "green", "yellow", "red", "black")
 """Default colors of `--highlight`, in turn."""
 
 Output = Annotated[
-    Path, typer.Option("--output", "-o", metavar="FILE.png", help="The file to write.", show_default=False)
+    Path,
+    typer.Option("--output", "-o", metavar="FILE", help="The file to write: .png, .jpg or .webp.", show_default=False),
 ]
 From = Annotated[
     str | None,
@@ -193,11 +204,13 @@ LabelsOf = Annotated[
     str, typer.Option("--labels", metavar="WHICH", help="Labels of bodies: none, selected, class or all.")
 ]
 Size = Annotated[str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="The size of the picture, in pixels.")]
-WholePage = Annotated[bool, typer.Option("--page", help="Include the panels of the page.")]
+WholePage = Annotated[bool, typer.Option("--page", help="Photograph the whole page, with its panels, in a browser.")]
 Panel = Annotated[
     str,
     typer.Option(
-        "--panel", metavar="NAME", help="Include the panels, with this one active: outliner, details, add, ask …"
+        "--panel",
+        metavar="NAME",
+        help="Photograph the whole page, with this panel active: outliner, details, add, ask …",
     ),
 ]
 BrowserPath = Annotated[
@@ -206,7 +219,7 @@ BrowserPath = Annotated[
         "--browser",
         metavar="PROGRAM",
         envvar=["MINDSTAGE_BROWSER", "BROWSER_PATH", "CHROMIUM"],
-        help="Path of Chromium, Chrome or a compatible browser; by default searched for.",
+        help="Path of Chromium, Chrome or a compatible browser, for --page; by default searched for.",
         show_default=False,
     ),
 ]
@@ -224,7 +237,7 @@ Imagined = Annotated[
 ]
 Timeout = Annotated[
     float,
-    typer.Option("--timeout", metavar="SECONDS", min=1.0, callback=finite, help="The timeout of taking the picture."),
+    typer.Option("--timeout", metavar="SECONDS", min=1.0, callback=finite, help="The timeout of --page."),
 ]
 
 
@@ -255,12 +268,11 @@ def shot(
     engine: EngineName = "mujoco",
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Render a picture of a map in a headless browser; no display or GPU is needed."""
-    from mindstage.viewer import Screenshot
-    from mindstage.viewer.screenshot import find_browser
+    """Render a picture of a map; no display, GPU or browser is needed, except for --page."""
+    from mindstage.rendering import Screenshot
 
     screenshot = Screenshot(
-        size=_parse_size(size),
+        size=parse_size(size),
         clip_height=section,
         selected=_parse_id(select),
         labels=_parse_labels(labels),
@@ -271,8 +283,8 @@ def shot(
         **_camera_options(position, look_at, top=top),
     )
     plan = None if imagined is None else _load_plan(imagined)
-    targets, running = _highlight_targets(highlights or [], colors or []), make_engine(engine)
-    find_browser(browser)  # before the map is read, so that a missing browser fails at once
+    targets, running = highlight_targets(highlights or [], colors or []), make_engine(engine)
+    _check(screenshot, output)
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps, reading)
         world = knowledge.world(map_name)
@@ -290,14 +302,38 @@ def shot(
     return ExitCode.OK
 
 
+def _check(screenshot: Screenshot, output: Path) -> None:
+    """Fails at once, before the map is read, if the picture cannot be taken or written.
+
+    Raises:
+        InvalidArgumentError: the suffix of the file is unknown.
+        BrowserNotFoundError: the page is wanted, and there is no browser.
+    """
+    from mindstage.pictures import picture_format
+
+    picture_format(output)
+    if screenshot.with_panels:
+        from mindstage.viewer.screenshot import find_browser
+
+        find_browser(screenshot.browser)
+
+
 def take_picture(
     simulation: Simulation, screenshot: Screenshot, output: Path, *, verdict: Verdict | None = None
 ) -> None:
     """Writes a picture, with the outcome of a plan if there is a verdict; the camera then frames it by default.
 
     Raises:
-        BrowserError: the browser does not start, or has crashed.
+        RendererUnavailableError: there is no OpenGL library.
+        BrowserError: the browser, which photographs the page with its panels, does not start, or has crashed.
     """
+    from mindstage.pictures import picture_format, recode_png
+    from mindstage.pictures import shot as render
+
+    if not screenshot.with_panels:
+        with progress_spinner("rendering"):
+            render(simulation, output, screenshot, verdict=verdict)
+        return
     from dataclasses import replace
 
     from mindstage.api import view
@@ -308,7 +344,7 @@ def take_picture(
         framed = screenshot if has_camera else replace(screenshot, focus_points=points)
         picture = viewer.screenshot(framed)
     output.parent.mkdir(parents=True, exist_ok=True)
-    output.write_bytes(picture)
+    output.write_bytes(recode_png(picture, picture_format(output)))
 
 
 def _load_plan(text: str) -> PlanFile:
@@ -350,12 +386,12 @@ def _camera_options(position: str | None, look_at: str | None, *, top: bool) -> 
 
     if top and (position or look_at):
         raise InvalidArgumentError("--top", cause="it defines the camera", remedy="omit --from and --to")
-    point = None if look_at is None else _parse_numbers(look_at)
+    point = None if look_at is None else parse_numbers(look_at)
     focus = () if look_at is None or point is not None else (BodyId(look_at),)
     if focus and position:
         cause = f"{look_at!r} is not a point, and --from requires one"
         raise InvalidArgumentError("--to", cause=cause, remedy="give X,Y,Z, or omit --from")
-    camera = None if position is None else _parse_point("--from", position)
+    camera = None if position is None else parse_point("--from", position)
     return {"position": camera, "look_at": point, "focus": focus, "from_above": top}
 
 
@@ -366,7 +402,7 @@ def _parse_id(text: str | None) -> BodyId | None:
 
 
 def _parse_labels(text: str) -> LabelMode:
-    from mindstage.viewer import LabelMode
+    from mindstage.rendering import LabelMode
 
     try:
         return LabelMode(text)
@@ -375,7 +411,12 @@ def _parse_labels(text: str) -> LabelMode:
         raise InvalidArgumentError("--labels", cause=f"{text!r} is not a valid value", remedy=remedy) from None
 
 
-def _parse_size(text: str) -> tuple[int, int]:
+def parse_size(text: str) -> tuple[int, int]:
+    """Reads the value of `--size`, such as 1280x800.
+
+    Raises:
+        InvalidArgumentError: it is no size.
+    """
     if sides := re.fullmatch(r"(\d{1,6})[xX](\d{1,6})", text):
         return int(sides[1]), int(sides[2])
     raise InvalidArgumentError(
@@ -383,15 +424,21 @@ def _parse_size(text: str) -> tuple[int, int]:
     )
 
 
-def _parse_point(option: str, text: str) -> Vector:
-    if (numbers := _parse_numbers(text)) is None:
+def parse_point(option: str, text: str) -> Vector:
+    """Reads three numbers, separated by commas.
+
+    Raises:
+        InvalidArgumentError: they are not three finite numbers.
+    """
+    if (numbers := parse_numbers(text)) is None:
         raise InvalidArgumentError(
             option, cause=f"{text!r} is not a point", remedy="give three numbers, such as 2,-1.5,1.8"
         )
     return numbers
 
 
-def _parse_numbers(text: str) -> Vector | None:
+def parse_numbers(text: str) -> Vector | None:
+    """Reads three numbers, separated by commas; None if the text is anything else."""
     try:
         x, y, z = map(float, text.split(","))
     except ValueError:
@@ -399,7 +446,7 @@ def _parse_numbers(text: str) -> Vector | None:
     return (x, y, z) if all(map(math.isfinite, (x, y, z))) else None
 
 
-def _highlight_targets(texts: Sequence[str], colors: Sequence[str]) -> list[HighlightTarget]:
+def highlight_targets(texts: Sequence[str], colors: Sequence[str]) -> list[HighlightTarget]:
     """The values of `--highlight` with their colors.
 
     Raises:

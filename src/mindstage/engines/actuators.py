@@ -14,9 +14,24 @@ from mindstage.engines.base import Actuator, ActuatorMode
 from mindstage.engines.kinematic_tree import AXIS_NAMES, is_ball, movable_axes
 from mindstage.engines.registry import EntityRegistry
 from mindstage.errors import BodyNotFoundError, closest_names
-from mindstage.scene import BodyId, Joint
+from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap, Joint
 
-__all__ = ["ActuatorSet", "check_numbers", "driven_axis"]
+__all__ = ["ActuatedBodies", "ActuatorSet", "check_numbers", "driven_axis"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ActuatedBodies:
+    """Bodies with actuators, such as a robot, of a world that is written to a file."""
+
+    actuators: tuple[Actuator, ...]
+    commands: Mapping[str, float] = field(default_factory=dict)
+    """The commands by name, positions relative to the poses of the world; 0 for the others."""
+    without_weight: frozenset[BodyId] = frozenset()
+    """The bodies whose weight is compensated."""
+    excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset()
+    """Pairs of bodies without contacts; see `SpawnOptions.excluded_pairs`."""
+    geometry: GeometryMap = field(default_factory=lambda: NO_GEOMETRY)
+    """Geometry that is not known to shape rules."""
 
 
 @dataclass(slots=True)

@@ -336,7 +336,7 @@ class Engine(Protocol):
         """
 
     def clear(self) -> None:
-        """Removes everything; `time_s` continues."""
+        """Removes everything; `time_s` is 0 again, unless the engine has a clock that cannot be set."""
 
     def attach(self, parent: BodyId, child: BodyId) -> None:
         """Attaches a child rigidly to a parent; both keep their current poses.

@@ -82,6 +82,7 @@ class NullEngine:
 
     def clear(self) -> None:
         self._require_open()._registry = EntityRegistry()
+        self._time_s = 0.0
 
     def attach(self, parent: BodyId, child: BodyId) -> None:
         self._require_open()._registry.attach(parent, child)

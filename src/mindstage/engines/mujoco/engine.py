@@ -462,7 +462,8 @@ class MujocoEngine:
         self._require_open().remove(tuple(ids))
 
     def clear(self) -> None:
-        self._cache = ModelCache(self._timestep_s, time_s=self._require_open().time_s)
+        self._require_open()
+        self._cache = ModelCache(self._timestep_s, time_s=0.0)
         self._forces.clear()
 
     def attach(self, parent: BodyId, child: BodyId) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mindstage.engines.mujoco.state import CompiledModel
 from mindstage.scene import BodyId
-from mindstage.scene.transforms import Array, pose_inverse, pose_multiply
+from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, rotation_matrix
 
 __all__ = ["FRAME_SITE", "ChainJoint", "ChainJointType", "ContactModel", "compile_chain"]
 
@@ -178,6 +178,25 @@ class ContactModel:
         for address, holder, relative in self._carried:
             self.data.qpos[address : address + 7] = pose_multiply(self._pose_of(holder), relative)
         self.update()
+
+    def move_rigidly(self, ids: Collection[BodyId], transform: Array) -> None:
+        """Moves some bodies as one rigid body, whatever joints they are on; until the next `update`.
+
+        Args:
+            ids: the bodies.
+            transform: a pose of seven numbers that is applied to them in the world frame.
+        """
+        data = self.data
+        bodies = np.isin(self.model.body_weldid, [self._weld(id) for id in ids])
+        geoms = bodies[self.model.geom_bodyid]
+        rotation = rotation_matrix(transform[3:])
+        for points, matrices, chosen in (
+            (data.xpos, data.xmat, bodies),
+            (data.xipos, data.ximat, bodies),
+            (data.geom_xpos, data.geom_xmat, geoms),
+        ):
+            points[chosen] = transform[:3] + points[chosen] @ rotation.T
+            matrices[chosen] = (rotation @ matrices[chosen].reshape(-1, 3, 3)).reshape(-1, 9)
 
     def pose(self, id: BodyId) -> Array:
         """The pose of a body, seven numbers."""

@@ -7,7 +7,7 @@ each joint one or more MuJoCo joints with its name; the classes of bodies are cu
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,11 +16,12 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from mindstage.engines.base import SpawnNoteKind
+from mindstage.engines.actuators import ActuatedBodies
+from mindstage.engines.base import SpawnNoteKind, SpawnOptions
 from mindstage.engines.kinematic_tree import AXIS_NAMES
 from mindstage.engines.mujoco.compiler import MeshAsset, compile_model, load_mesh
 from mindstage.engines.mujoco.engine import ModelCache
-from mindstage.engines.mujoco.state import CompiledModel
+from mindstage.engines.mujoco.state import CompiledModel, limit_stiffness
 from mindstage.errors import MapWriteError
 from mindstage.scene import NO_GEOMETRY, Body, BodyId, GeometryMap, Joint, Light, LightType, World
 from mindstage.scene.transforms import normalized_pose_array, quat_rotate
@@ -54,26 +55,41 @@ class MjcfExport(NamedTuple):
 
 
 def world_to_mjcf(
-    world: World, *, geometry: GeometryMap = NO_GEOMETRY, find_mesh: Callable[[str], Path | None] = lambda name: None
+    world: World,
+    *,
+    geometry: GeometryMap = NO_GEOMETRY,
+    find_mesh: Callable[[str], Path | None] = lambda name: None,
+    actuated: Iterable[ActuatedBodies] = (),
 ) -> MjcfExport:
     """Writes a world as MJCF.
+
+    Actuators are written as the servos that the engine simulates, with their limits; weight is compensated as there.
+    The keyframe "commands" has the commands: load it to begin with them.
 
     Args:
         world: the world.
         geometry: geometry of its bodies; their collision shapes are written, hulls as points.
         find_mesh: returns the path of a body's mesh file, or None; the file is referenced, not copied.
+        actuated: bodies with actuators; their geometry takes precedence.
 
     Raises:
         MapWriteError: MuJoCo could not read the file.
         EngineUnavailableError: MuJoCo cannot compile the world.
     """
+    actuated = tuple(actuated)
+    geometry = {**geometry, **{id: each for bodies in actuated for id, each in bodies.geometry.items()}}
     cache = ModelCache(0.002)
-    report = cache.add(world, geometry=geometry)
+    pairs = frozenset(pair for bodies in actuated for pair in bodies.excluded_pairs)
+    report = cache.add(world, geometry=geometry, options=SpawnOptions(excluded_pairs=pairs))
+    for bodies in actuated:
+        cache.set_actuators(bodies.actuators, without_weight=bodies.without_weight)
     failures = (*report.failed_bodies, *report.failed_joints, *report.failed_attachments)
-    document = _Document(
-        world, compile_model(replace(cache.model_input(), kinematics_driven=True), scenery=False), find_mesh, geometry
-    )
+    compiled = compile_model(replace(cache.model_input(), kinematics_driven=True), scenery=False)
+    if compiled.actuators.names:
+        limit_stiffness(compiled)
+    document = _Document(world, compiled, find_mesh, geometry)
     document.write()
+    document.write_actuators({name: command for bodies in actuated for name, command in bodies.commands.items()})
     notes = [f"{failure.id} is left out: {failure.reason}" for failure in failures]
     notes += [note.text for note in report.notes if note.kind in (SpawnNoteKind.JOINT, SpawnNoteKind.SETTLED)]
     return MjcfExport(document.text(), (*notes, *document.notes))
@@ -115,6 +131,29 @@ class _Document:
         if not len(self.assets):
             self.root.remove(self.assets)
         self._add_omission_notes()
+
+    def write_actuators(self, commands: Mapping[str, float]) -> None:
+        """Adds the actuators, and a keyframe with their commands."""
+        model, joints = self.model, self._joint_names()
+        if not model.nu:
+            return
+        parent = ElementTree.SubElement(self.root, "actuator")
+        for number in range(model.nu):
+            attributes = {
+                "name": _xml_text(self.compiled.actuators.names[number]),
+                "joint": joints[int(model.actuator_trnid[number, 0])],
+                "gear": _format_numbers(model.actuator_gear[number][:1]),
+                "forcelimited": "true",
+                "forcerange": _format_numbers(model.actuator_forcerange[number]),
+                "gaintype": "fixed",
+                "gainprm": _format_numbers(model.actuator_gainprm[number][:1]),
+                "biastype": "affine",
+                "biasprm": _format_numbers(model.actuator_biasprm[number][:3]),
+            }
+            ElementTree.SubElement(parent, "general", attributes)
+        keyframe = ElementTree.SubElement(self.root, "keyframe")
+        values = [commands.get(name, 0.0) for name in self.compiled.actuators.names]
+        ElementTree.SubElement(keyframe, "key", name="commands", ctrl=_format_numbers(values))
 
     # -- names ---------------------------------------------------------------------------------------------------------
 
@@ -309,6 +348,8 @@ class _Document:
             "solreffriction": _format_numbers(model.dof_solref[dof]),
             "solimpfriction": _format_numbers(model.dof_solimp[dof]),
         }
+        if model.dof_armature[dof]:
+            attributes["armature"] = _format_numbers([model.dof_armature[dof]])
         ElementTree.SubElement(element, "joint", attributes)
 
     def _add_excludes(self) -> None:

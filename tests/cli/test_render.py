@@ -1,0 +1,110 @@
+"""The verb `render`: path-traced pictures and films."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import mindstage as ms
+from tests.cli.runner import Run, WriteMap, json_output
+
+pytest.importorskip("mitsuba", reason="needs the extra render")
+
+from mindstage.rendering.path_tracing import PathTracingSettings
+from mindstage.simulation.pictures import ScenePhotographer, flight, turntable
+
+DATA_MAPS = ("iai-kitchen-original.owl", "soma-iai-room.owl", "knowrob1-ccrl.owl")
+QUICK = ("--samples", 1, "--size", "64x40", "--engine", "null", "--json")
+
+
+def test_a_picture_of_the_kitchen_shows_highlights(run: Run, tmp_path: Path) -> None:
+    picture = tmp_path / "new" / "kitchen.png"
+    result = run("render", "bundled:kitchen", "-o", picture, *QUICK, "--highlight", "fridge", "--color", "red")
+    assert result.exit_code == 0, result.output
+    answer = json_output(result)
+    assert (answer["picture"], answer["size"], answer["samples"]) == (str(picture), [64, 40], 1)
+    assert [group["lit"] for group in answer["highlights"]] == [["fridge"]]
+    pixels = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+    assert pixels.shape == (40, 64, 3)
+    assert 60 < pixels.mean() < 220
+    assert np.count_nonzero(pixels[..., 0] > pixels[..., 1] + 90) > 5
+
+
+@pytest.mark.parametrize("name", DATA_MAPS)
+def test_maps_of_others_are_rendered_with_contrast(name: str, run: Run, shared_data: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "picture.png"
+    result = run("render", shared_data / "maps" / name, "-o", picture, *QUICK)
+    assert result.exit_code == 0, result.output
+    pixels = np.asarray(Image.open(picture).convert("L")).astype(float)
+    assert 50 < pixels.mean() < 225
+    assert pixels.std() > 8
+
+
+def test_a_turntable_is_a_film_of_its_length(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
+    film = tmp_path / "film.webp"
+    command = ("render", write_map("mugs.owl", mugs={"X": "0 0 0"}), "-o", film, "--turntable", "--fps", 5)
+    result = run(*command, "--length", 1, *QUICK)
+    assert result.exit_code == 0, result.output
+    assert json_output(result)["frames"] == 5
+    with Image.open(film) as image:
+        assert (image.n_frames, image.size) == (5, (64, 40))
+
+
+def test_a_door_that_is_opened_changes_the_picture(run: Run, tmp_path: Path) -> None:
+    pictures = []
+    for number, options in enumerate(((), ("--open", "fridge_door=0.8"))):
+        picture = tmp_path / f"{number}.png"
+        command = ("render", "bundled:kitchen", "-o", picture, *QUICK, "--to", "fridge", *options)
+        assert run(*command).exit_code == 0
+        pictures.append(np.asarray(Image.open(picture)).astype(int))
+    assert np.abs(pictures[1] - pictures[0]).mean() > 3
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--size", "big"), "'big' is not a size"),
+        (("-o", "x.bmp"), "pictures cannot be written as .bmp; there is .png"),
+        (("-o", "x.mp4"), "give --turntable or --flight for a film"),
+        (("-o", "x.png", "--turntable"), "films cannot be written as .png; there is .mp4"),
+        (("-o", "x.mp4", "--turntable", "--flight", "f.txt"), "give one of them"),
+        (("--camera", "head"), "give --robot"),
+        (("--top", "--to", "1,2,3"), "it defines the camera"),
+        (("--at", "1"), "give a .mcap file"),
+        (("--open", "fridge_door=wide"), "'wide' is not a part of the range"),
+        (("--open", "nothing"), "nothing"),
+        (("-o", "x.mp4", "--flight", "missing.txt"), "cannot be read"),
+    ],
+)
+def test_bad_options_are_refused(options: tuple[str, ...], message: str, run: Run, tmp_path: Path) -> None:
+    result = run("render", "bundled:kitchen", *(() if "-o" in options else ("-o", tmp_path / "x.png")), *options)
+    assert result.exit_code == 2
+    assert message in " ".join(result.output.split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_running_simulation_is_rendered_from_one_snapshot() -> None:
+    with ms.open("bundled:kitchen") as sim:
+        sim.highlight("fridge", "blue")
+        sim.play()
+        picture = sim.render(settings=PathTracingSettings(size=(48, 30), samples=1))
+        assert sim.state.playing
+    assert picture.pixels.shape == (30, 48, 3)
+    assert np.count_nonzero(picture.pixels[..., 2].astype(int) > picture.pixels[..., 0].astype(int) + 60) > 3
+
+
+def test_cameras_of_films_keep_their_distance_and_pass_the_stops() -> None:
+    with ms.open("bundled:kitchen", engine="null") as sim:
+        first = ScenePhotographer.of(sim).first_camera(1.6)
+    around = turntable(first, 8)
+    assert around[0] == first
+    distances = [np.linalg.norm(np.subtract(each.position, each.look_at)) for each in around]
+    assert np.allclose(distances, distances[0])
+    assert around[4].position[:2] != pytest.approx(first.position[:2], abs=0.5)
+    path = flight([around[0], around[2], around[4]], 21)
+    assert np.allclose(path[0].position, around[0].position)
+    assert np.allclose(path[10].position, around[2].position)
+    assert np.allclose(path[-1].position, around[4].position)

@@ -1,0 +1,164 @@
+"""The initial camera: what it frames, and from which direction."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from mindstage import KnowledgeBase
+from mindstage.rendering.appearance import BodyAppearance, compute_appearance
+from mindstage.rendering.camera import CameraPose, corners, focus_camera, ground_height, initial_camera, initial_target
+from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
+from mindstage.scene.transforms import pose_array
+from tests.kitchenette import kitchenette
+from tests.viewer.page_tab import to_picture
+
+KNOWLEDGE = KnowledgeBase()
+
+
+def appearances_of(world: World) -> dict[BodyId, BodyAppearance]:
+    return compute_appearance(world, KNOWLEDGE.shape_rule, KNOWLEDGE.ancestors)
+
+
+def view_of(world: World, aspect: float = 1.2) -> CameraPose:
+    return initial_camera(world, appearances_of(world), aspect=aspect)
+
+
+def more(world: World, *bodies: Body) -> World:
+    return replace(world, bodies=(*world.bodies, *bodies))
+
+
+def body(id: str, cls: str, at: Vector, size: Vector, mobility: Mobility = Mobility.STATIC) -> Body:
+    iri = Iri(f"http://x.org#{id}")
+    return Body(
+        id=BodyId(id),
+        iri=iri,
+        cls=Iri(f"http://x.org#{cls}"),
+        pose=Pose(at),
+        size=size,
+        physics=BodyPhysics(mobility=mobility),
+    )
+
+
+def in_picture(view: CameraPose, points: np.ndarray, aspect: float) -> np.ndarray:
+    """Positions of points in the picture, from -1 to 1 to the right and up."""
+    box = {"x": -aspect, "y": -1.0, "width": 2 * aspect, "height": 2.0}
+    return np.array([to_picture(view, tuple(point), box) for point in points.tolist()]) / (aspect, 1.0)
+
+
+def furniture() -> np.ndarray:
+    bodies = [body_ for body_ in kitchenette().bodies if body_.id != "Floor"]
+    return corners(pose_array(body_.pose for body_ in bodies), np.array([body_.size for body_ in bodies]))
+
+
+@pytest.mark.parametrize("aspect", [0.46, 0.75, 1.0, 1.33, 1.78, 2.4])
+def test_the_furniture_fills_windows_of_any_aspect_ratio(aspect: float) -> None:
+    seen = in_picture(view_of(kitchenette(), aspect), furniture(), aspect)
+    assert np.abs(seen).max() < 1.0
+    assert np.max(np.ptp(seen, axis=0)) > 1.5
+    assert np.abs(seen.max(axis=0) + seen.min(axis=0)).min() < 0.02, "the furniture is centered"
+
+
+def test_the_top_view_looks_straight_down() -> None:
+    view = initial_target(kitchenette(), appearances_of(kitchenette())).top_camera(1.2)
+    away = np.subtract(view.position, view.look_at)
+    assert away[2] > 0.99 * np.linalg.norm(away)
+    assert np.abs(in_picture(view, furniture(), 1.2)).max() < 1.0
+
+
+@pytest.mark.parametrize("aspect", [0.5, 1.2])
+def test_in_the_top_view_walls_are_parallel_to_the_window(aspect: float) -> None:
+    view = initial_target(kitchenette(), appearances_of(kitchenette())).top_camera(aspect)
+    x, y, _ = np.subtract(view.position, view.look_at)
+    assert min(abs(x), abs(y)) < 0.01 * max(abs(x), abs(y))
+
+
+@pytest.mark.parametrize("eye", [(0.0, -4.0, 2.0), (2.0, 0.0, 9.0), (1.0, 0.0, 0.7)])
+def test_focused_bodies_fill_the_picture_from_the_same_direction(eye: Vector) -> None:
+    mug = kitchenette().body("Mug")
+    points = corners(pose_array([mug.pose]), np.array([[0.3, 0.3, 0.3]]))
+    view = focus_camera(points, eye, mug.pose.position, 1.5)
+    assert np.ptp(in_picture(view, points, 1.5), axis=0).max() > 0.6
+    before, now = np.subtract(eye, mug.pose.position), np.subtract(view.position, view.look_at)
+    assert before @ now > 0.99 * np.linalg.norm(before) * np.linalg.norm(now)
+
+
+def test_focusing_works_from_inside_the_focused_body() -> None:
+    assert np.isfinite(focus_camera(np.zeros((1, 3)), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)).position).all()
+
+
+def test_fronts_face_the_camera() -> None:
+    view = view_of(kitchenette())
+    assert view.position[0] < view.look_at[0], "the fronts face -x"
+    mirrored = [
+        replace(body_, pose=Pose((-body_.pose.position[0], *body_.pose.position[1:]))) for body_ in kitchenette().bodies
+    ]
+    other = view_of(replace(kitchenette(), bodies=tuple(mirrored)))
+    assert other.position[0] > other.look_at[0]
+
+
+def test_the_initial_camera_looks_down_and_diagonally() -> None:
+    view = view_of(kitchenette())
+    away = np.subtract(view.position, view.look_at)
+    assert 20 < np.degrees(np.arctan2(away[2], np.hypot(*away[:2]))) < 50
+    assert 10 < np.degrees(np.arctan2(away[1], away[0])) % 90 < 80
+
+
+def test_the_same_world_gives_the_same_view() -> None:
+    assert view_of(kitchenette()) == view_of(kitchenette())
+
+
+@pytest.mark.parametrize(
+    "stranger",
+    [
+        body("Panorama", "Panorama", (0.0, 0.0, 0.0), (177.0, 177.0, 60.0)),
+        body("Wall", "Wall", (-1.0, 0.0, 1.2), (0.1, 8.0, 2.5)),
+        body("Ceiling", "Ceiling", (2.0, 0.0, 2.5), (8.0, 8.0, 0.1)),
+        body("Poster", "Poster", (40.0, 3.0, 1.5), (0.01, 1.0, 1.0)),
+    ],
+    ids=lambda stranger: stranger.id,
+)
+def test_the_building_does_not_change_the_initial_camera(stranger: Body) -> None:
+    assert view_of(more(kitchenette(), stranger)) == view_of(kitchenette())
+
+
+def test_outliers_do_not_change_the_initial_camera() -> None:
+    lost = body("Lost", "Mug", (300.0, 0.0, 0.0), (0.1, 0.1, 0.1), Mobility.DYNAMIC)
+    near, far = view_of(kitchenette()), view_of(more(kitchenette(), lost))
+    assert np.linalg.norm(np.subtract(far.look_at, near.look_at)) < 1.0
+
+
+def test_a_static_world_is_shown_completely() -> None:
+    world = World(
+        iri=Iri("http://x.org#m"),
+        bodies=(
+            body("a", "Table", (5.0, 5.0, 0.5), (1.0, 1.0, 1.0)),
+            body("b", "Table", (9.0, 5.0, 0.5), (1.0, 1.0, 1.0)),
+        ),
+    )
+    points = corners(pose_array(body_.pose for body_ in world.bodies), np.ones((2, 3)))
+    seen = in_picture(view_of(world), points, 1.2)
+    assert np.abs(seen).max() < 1.0
+    assert np.ptp(seen[:, 0]) > 1.5
+
+
+def test_the_camera_keeps_a_minimum_distance() -> None:
+    tiny = World(iri=Iri("http://x.org#m"), bodies=(body("a", "Mug", (0.0, 0.0, 0.0), (0.01, 0.01, 0.01)),))
+    view = view_of(tiny)
+    assert 0.3 < np.linalg.norm(np.subtract(view.position, view.look_at)) < 2.0
+
+
+def test_an_empty_world_has_an_initial_camera() -> None:
+    assert np.isfinite(view_of(World(iri=Iri("http://x.org#m"))).position).all()
+
+
+def test_the_ground_is_below_all_bodies_unless_there_is_a_floor() -> None:
+    def ground(world: World) -> float | None:
+        return ground_height(world, appearances_of(world))
+
+    bare = replace(kitchenette(), bodies=tuple(body_ for body_ in kitchenette().bodies if body_.id != "Floor"))
+    assert ground(kitchenette()) is None
+    assert ground(bare) == pytest.approx(0.0)
+    assert ground(more(bare, body("Pit", "Panorama", (0.0, 0.0, 0.0), (99.0, 99.0, 99.0)))) == pytest.approx(0.0)
+    assert ground(World(iri=Iri("http://x.org#m"))) == 0.0

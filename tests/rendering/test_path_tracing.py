@@ -1,0 +1,284 @@
+"""Path-traced pictures: energy, directions, projection, textures, noise, highlights, films."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+pytest.importorskip("mitsuba", reason="needs the extra render")
+
+from mindstage.errors import InvalidArgumentError, RendererUnavailableError
+from mindstage.rendering import path_tracing
+from mindstage.rendering.camera import CameraPose
+from mindstage.rendering.films import FilmWriter
+from mindstage.rendering.mitsuba_scene import MitsubaScene, Sky, luminance, use_mitsuba
+from mindstage.rendering.path_tracing import PathTracingSettings, path_trace, tone_mapped
+from mindstage.rendering.render_scene import RenderItem, RenderLight, RenderScene
+from mindstage.scene import BodyId, Color, LightType, PbrMaterial, Pose, Vector, VisualMesh
+from mindstage.scene.mesh import box
+from mindstage.scene.transforms import Array
+
+GRAY: Color = (0.5, 0.5, 0.5)
+SIZE = (60, 60)
+
+
+def item(
+    id: str,
+    size: Vector,
+    position: Vector,
+    color: Color = GRAY,
+    *,
+    highlight: Color | None = None,
+    opacity: float = 1.0,
+) -> RenderItem:
+    """A box of a dull material."""
+    mesh = box(size)
+    material = PbrMaterial(color=color, roughness=1.0, opacity=opacity)
+    visual = VisualMesh(mesh.points, mesh.faces, material, mesh.normals)
+    return RenderItem(id=BodyId(id), visuals=(visual,), pose=Pose(position), size=size, key=id, highlight=highlight)
+
+
+def scene_of(*items: RenderItem, camera: CameraPose, lights: tuple[RenderLight, ...] = ()) -> RenderScene:
+    """A scene without a ground."""
+    return RenderScene(items=items, lights=lights, ground_height=None, camera=camera)
+
+
+FLOOR = item("floor", (8.0, 8.0, 0.1), (0.0, 0.0, -0.05))
+FROM_ABOVE = CameraPose((0.0, -0.001, 10.0), (0.0, 0.0, 0.0), math.radians(40.0))
+
+
+def settings(**changes: object) -> PathTracingSettings:
+    """Settings of a small picture with noise."""
+    return PathTracingSettings(**{"size": SIZE, "samples": 16, "denoise": False, "sun_azimuth_rad": 0.0} | changes)
+
+
+def test_a_level_surface_has_the_radiance_of_its_illuminance() -> None:
+    picture = path_trace(scene_of(FLOOR, camera=FROM_ABOVE), settings(samples=24))
+    middle = luminance(picture.radiance[20:40, 20:40].astype(float)).mean()
+    sky = Sky(sun_azimuth_rad=0.0)
+    illuminance = sky.sky_lx + sky.sun_lx * math.sin(sky.sun_elevation_rad)
+    albedo = 0.214  # of sRGB 0.5
+    assert middle == pytest.approx(albedo * illuminance / math.pi, rel=0.2)
+
+
+def test_a_white_body_reflects_no_more_light_than_it_receives() -> None:
+    white = item("floor", (8.0, 8.0, 0.1), (0.0, 0.0, -0.05), (1.0, 1.0, 1.0))
+    picture = path_trace(scene_of(white, camera=FROM_ABOVE), settings(samples=24))
+    middle = luminance(picture.radiance[20:40, 20:40].astype(float)).mean()
+    sky = Sky(sun_azimuth_rad=0.0)
+    illuminance = sky.sky_lx + sky.sun_lx * math.sin(sky.sun_elevation_rad)
+    assert 0.8 * illuminance / math.pi < middle < 1.1 * illuminance / math.pi
+
+
+@pytest.mark.parametrize("azimuth_rad", [0.0, math.pi / 2, -2.5])
+def test_shadows_fall_away_from_the_sun(azimuth_rad: float) -> None:
+    pole = item("pole", (0.5, 0.5, 2.0), (0.0, 0.0, 1.0))
+    picture = path_trace(scene_of(FLOOR, pole, camera=FROM_ABOVE), settings(sun_azimuth_rad=azimuth_rad))
+    away = np.array([math.cos(azimuth_rad), math.sin(azimuth_rad)])
+    shadow, lit = (_at(picture.radiance, -side * 1.2 * away) for side in (1, -1))
+    assert shadow < 0.6 * lit
+
+
+def _at(radiance: NDArray[np.float32], point: Array) -> float:
+    """The mean luminance about a point of the floor, seen from above."""
+    scale = SIZE[1] / 2 / math.tan(math.radians(20.0)) / 10.0
+    column, row = SIZE[0] / 2 + scale * point[0], SIZE[1] / 2 - scale * point[1]
+    part = radiance[int(row) - 1 : int(row) + 2, int(column) - 1 : int(column) + 2]
+    return float(luminance(part.astype(float)).mean())
+
+
+def test_a_body_is_drawn_where_the_camera_projects_it() -> None:
+    point = np.array([1.0, 0.7, 0.4])
+    red = item("red", (0.2, 0.2, 0.2), (1.0, 0.7, 0.4), (0.9, 0.02, 0.02))
+    camera = CameraPose((4.0, -3.0, 2.5), (0.2, 0.1, 0.3), math.radians(45.0))
+    width, height = 160, 100
+    picture = path_trace(scene_of(FLOOR, red, camera=camera), settings(size=(width, height)))
+    ahead = np.subtract(camera.look_at, camera.position)
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    local = point - camera.position
+    depth, focal = local @ ahead, height / 2 / math.tan(camera.field_of_view_rad / 2)
+    expected = (
+        width / 2 + focal * (local @ right) / depth,
+        height / 2 - focal * (local @ np.cross(right, ahead)) / depth,
+    )
+    pixels = picture.pixels.astype(int)
+    rows, columns = np.nonzero(pixels[..., 0] > 2 * pixels[..., 1] + 20)
+    assert rows.size > 10
+    assert (columns.mean() + 0.5, rows.mean() + 0.5) == pytest.approx(expected, abs=1.0)
+
+
+def test_an_image_is_neither_mirrored_nor_upside_down() -> None:
+    image = np.full((2, 2, 4), 255, dtype=np.uint8)
+    image[0, 0, :3], image[0, 1, :3] = (255, 0, 0), (0, 255, 0)  # upper left, upper right
+    image[1, 0, :3], image[1, 1, :3] = (0, 0, 255), (40, 40, 40)
+    points = np.array([[-1.0, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
+    uv = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    visual = VisualMesh(points, faces, PbrMaterial(color=(1.0, 1.0, 1.0), roughness=1.0), uv=uv, image=image)
+    poster = RenderItem(id=BodyId("poster"), visuals=(visual,), pose=Pose(), size=(2.0, 0.01, 2.0))
+    camera = CameraPose((0.0, -5.0, 0.0), (0.0, 0.0, 0.0), math.radians(22.0))
+    pixels = path_trace(scene_of(poster, camera=camera), settings(sun_azimuth_rad=-1.5)).pixels.astype(int)
+    low, high = SIZE[0] // 4, 3 * SIZE[0] // 4
+    assert np.argmax(pixels[low, low]) == 0
+    assert np.argmax(pixels[low, high]) == 1
+    assert np.argmax(pixels[high, low]) == 2
+    assert np.ptp(pixels[high, high]) < 40
+
+
+def test_equal_seeds_give_equal_pictures() -> None:
+    scene = scene_of(FLOOR, item("pole", (0.5, 0.5, 2.0), (0.0, 0.0, 1.0)), camera=FROM_ABOVE)
+    first, second, other = (path_trace(scene, settings(samples=2, seed=seed)) for seed in (1, 1, 2))
+    assert np.array_equal(first.radiance, second.radiance)
+    assert not np.array_equal(first.radiance, other.radiance)
+
+
+def test_the_denoiser_lowers_the_error() -> None:
+    camera = CameraPose((3.0, -3.0, 2.5), (0.0, 0.0, 0.5), math.radians(45.0))
+    scene = scene_of(FLOOR, item("pole", (0.5, 0.5, 1.0), (0.0, 0.0, 0.5), (0.8, 0.3, 0.2)), camera=camera)
+    reference = path_trace(scene, settings(samples=96, seed=9)).radiance
+    noisy, clean = (path_trace(scene, settings(samples=4, denoise=denoise)).radiance for denoise in (False, True))
+    errors = [float(np.sqrt(np.mean((each - reference) ** 2))) for each in (noisy, clean)]
+    assert errors[1] < 0.6 * errors[0]
+
+
+def test_a_highlighted_body_is_outlined_also_behind_others_which_become_gray() -> None:
+    blue: Color = (0.1, 0.2, 0.9)
+    hidden = item("hidden", (0.4, 0.4, 0.4), (0.0, 0.6, 0.5), highlight=blue)
+    front = item("front", (1.6, 0.1, 1.6), (0.0, -0.4, 0.8), (0.9, 0.1, 0.1))
+    camera = CameraPose((0.0, -5.0, 1.0), (0.0, 0.0, 0.7), math.radians(30.0))
+    picture = path_trace(scene_of(FLOOR, front, hidden, camera=camera), settings(size=(120, 120), samples=8))
+    pixels = picture.pixels.astype(int)
+    assert np.count_nonzero(np.abs(pixels - np.array([26, 51, 230])).max(axis=-1) < 30) > 20
+    assert np.count_nonzero(pixels.min(axis=-1) > 250) > 20
+    assert np.count_nonzero(pixels[..., 0] > pixels[..., 1] + 90) == 0
+
+
+def _room(*, with_lamp: bool) -> RenderScene:
+    walls = [
+        item("floor", (4.0, 4.0, 0.1), (0.0, 0.0, -0.05)),
+        item("ceiling", (4.0, 4.0, 0.1), (0.0, 0.0, 2.45)),
+        *(item(f"wall_{x}", (0.1, 4.2, 2.6), (2.0 * x, 0.0, 1.2)) for x in (-1, 1)),
+        *(item(f"side_{y}", (4.2, 0.1, 2.6), (0.0, 2.0 * y, 1.2)) for y in (-1, 1)),
+    ]
+    lamp = RenderLight(type=LightType.POINT, pose=Pose((0.0, 0.0, 2.0)), color=(1.0, 1.0, 1.0), intensity=60.0)
+    camera = CameraPose((-1.2, -1.2, 1.6), (1.0, 1.0, 1.0), math.radians(60.0))
+    return scene_of(*walls, camera=camera, lights=(lamp,) if with_lamp else ())
+
+
+def test_a_closed_room_without_a_lamp_gets_one_which_is_reported() -> None:
+    dark, lit = (path_trace(_room(with_lamp=lamp), settings(samples=8)) for lamp in (False, True))
+    assert "has no lamp" in " ".join(dark.notes)
+    assert not lit.notes
+    assert min(dark.pixels.mean(), lit.pixels.mean()) > 60
+
+
+def test_a_lamp_gives_the_illuminance_of_its_intensity() -> None:
+    room = _room(with_lamp=True)
+    native = MitsubaScene(room, sky=Sky(sun_azimuth_rad=0.0))
+    integrator = use_mitsuba().load_dict({"type": "volpath", "max_depth": 2})
+    camera = CameraPose((0.0, -0.001, 1.9), (0.0, 0.0, 0.0), math.radians(10.0))
+    image = path_tracing._render(native.native, native.sensor(camera, SIZE), integrator, 64, 1)
+    direct = 60.0 / 2.0**2  # [lx]
+    assert luminance(image.astype(float)).mean() == pytest.approx(0.214 * direct / math.pi, rel=0.2)
+
+
+def test_the_sun_shines_through_a_pane_of_glass() -> None:
+    pane = item("pane", (6.0, 6.0, 0.01), (0.0, 0.0, 2.0), (0.95, 0.95, 0.95), opacity=0.15)
+    camera = CameraPose((3.0, -2.0, 1.5), (0.0, 0.0, 0.0), math.radians(20.0))
+    open_air, behind = (path_trace(scene_of(*items, camera=camera), settings()) for items in ((FLOOR,), (FLOOR, pane)))
+    assert 0.6 < behind.radiance.mean() / open_air.radiance.mean() < 1.0
+
+
+def test_a_budget_of_time_ends_the_passes() -> None:
+    scene = scene_of(FLOOR, camera=FROM_ABOVE)
+    picture = path_trace(scene, settings(samples=100_000, seconds=0.2))
+    assert 4 <= picture.samples < 100_000
+
+
+def test_tone_mapping_is_monotonic_and_keeps_gray() -> None:
+    values = np.linspace(0.0, 20.0, 400)[:, None] * np.ones(3)
+    mapped = tone_mapped(values).astype(int)
+    assert np.all(np.diff(mapped[:, 0]) >= 0)
+    assert np.all(np.ptp(mapped, axis=1) <= 1)
+    assert mapped[0, 0] == 0
+    assert mapped[-1, 0] > 245
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".webp", ".exr"])
+def test_a_picture_is_a_file_of_its_size(suffix: str, tmp_path: Path) -> None:
+    picture = path_trace(scene_of(FLOOR, camera=FROM_ABOVE), settings(size=(40, 24), samples=1))
+    path = tmp_path / f"picture{suffix}"
+    path.write_bytes(picture.encode(suffix))
+    if suffix == ".exr":
+        read = np.array(use_mitsuba().Bitmap(str(path)))
+        assert np.allclose(read, picture.radiance, rtol=1e-3)
+    else:
+        from PIL import Image
+
+        with Image.open(path) as image:
+            assert image.size == (40, 24)
+
+
+def test_an_unknown_suffix_and_a_bad_size_are_refused() -> None:
+    scene = scene_of(FLOOR, camera=FROM_ABOVE)
+    picture = path_trace(scene, settings(size=(16, 16), samples=1))
+    with pytest.raises(InvalidArgumentError, match=r"there is \.png"):
+        picture.encode(".bmp")
+    with pytest.raises(InvalidArgumentError, match="out of range"):
+        path_trace(scene, settings(size=(4, 100_000)))
+
+
+def test_a_missing_library_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> None:
+        raise ModuleNotFoundError(f"No module named {name!r}")
+
+    monkeypatch.setattr(path_tracing, "import_module", missing)
+    with pytest.raises(RendererUnavailableError, match=r"mindstage\[render\]"):
+        path_tracing.check_renderer()
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".webp"])
+def test_a_film_has_its_frames_and_size(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"film{suffix}"
+    frames = [np.full((32, 48, 3), 40 * number, dtype=np.uint8) for number in range(5)]
+    with FilmWriter(path, size=(48, 32), frame_rate_hz=10.0) as film:
+        for frame in frames:
+            film.add(frame)
+    brightness = [float(frame.mean()) for frame in _frames(path)]
+    assert len(brightness) == 5
+    assert brightness == pytest.approx([0, 40, 80, 120, 160], abs=8)
+    assert [each.name for each in tmp_path.iterdir()] == [path.name]
+
+
+def _frames(path: Path) -> list[NDArray[np.uint8]]:
+    if path.suffix == ".webp":
+        from PIL import Image, ImageSequence
+
+        with Image.open(path) as image:
+            return [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(image)]
+    import av
+
+    with av.open(str(path)) as container:
+        return [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+
+
+def test_an_interrupted_film_leaves_no_file(tmp_path: Path) -> None:
+    def interrupted() -> None:
+        with FilmWriter(tmp_path / "film.mp4", size=(48, 32), frame_rate_hz=10.0) as film:
+            film.add(np.zeros((32, 48, 3), dtype=np.uint8))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_film_of_an_odd_size_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidArgumentError, match="even"):
+        FilmWriter(tmp_path / "film.mp4", size=(47, 32), frame_rate_hz=10.0)
