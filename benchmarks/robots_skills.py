@@ -11,6 +11,7 @@ import argparse
 import random
 import time
 from collections.abc import Generator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,13 +20,15 @@ from mindstage.engines.base import Engine
 from mindstage.errors import MindstageError
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.robot import Robot
-from mindstage.robots.skills import SkillResult, start_skill
+from mindstage.robots.skills import SkillResult, can_open, start_skill
 from mindstage.scene import BodyId, Pose
 from mindstage.simulation import Simulation
 
 _START = (0.9, 0.6, 0.0)
 _DEADLINE_S = 240.0
 _REACH_M = 0.7
+_OPEN, _CLOSED = 0.95, 0.05
+"""The openness from which on a front counts as open, and below which it counts as closed."""
 _SUPPORTS = ("counter_left", "table", "counter_west", "counter_right", "dresser")
 
 
@@ -62,28 +65,57 @@ def _perform(robot: Robot, name: str, args: dict[str, object]) -> tuple[SkillRes
 
 def _line(what: str, result: SkillResult, depths: _Depths, wall_s: float) -> None:
     deep = f"{depths.depth_m * 1000:.1f} mm {'-'.join(depths.pair) if depths.depth_m > 0.005 else ''}"
-    print(f"{what:44} {result.outcome:9} {result.duration_s:6.1f} s ({wall_s:5.1f} s) {deep} {result.reason}")
+    print(
+        f"{what:44} {result.outcome:9} {result.duration_s:6.1f} s ({wall_s:5.1f} s) {deep} {result.reason}", flush=True
+    )
     for each in result.assumptions:
         print(f"{'':46}assumed: {each}")
 
 
+class _Row(NamedTuple):
+    """The result of opening and closing one front."""
+
+    front: str
+    opened: bool
+    closed: bool | None
+    """None if that was not tried."""
+    openness: float
+    """After it was opened."""
+    why: str
+
+
 def open_and_close(sim: Simulation, robot: Robot, fronts: list[str], *, closes: bool) -> None:
-    """Opens and closes each front, from the same state."""
+    """Opens and closes each front, from the same state; says of those that stay closed whether they are reachable."""
     names = fronts or [row.front.rpartition("#")[2] for row in sim.ask("openings")]
-    opened, closed, deepest = 0, 0, 0.0
+    rows: list[_Row] = []
+    deepest = 0.0
     for front in names:
         sim.reset()
         result, depths, wall_s = _perform(robot, "open", {"thing": front})
         _line(f"open {front}", result, depths, wall_s)
-        opened += bool(result)
-        deepest = max(deepest, depths.depth_m)
-        if result and closes:
+        openness = sim.joint(front).openness
+        opened = openness >= _OPEN
+        deepest, closed, why = max(deepest, depths.depth_m), None, result.reason
+        if not opened:
+            robot.run(start_skill(robot, "park", {}))
+            sim.reset()
+            reach = can_open(robot, front)
+            possible = "reachable from " + " and ".join(str(each.base) for each in reach.steps)
+            why = f"{possible if reach else f'not reachable: {reach.reason}'}; {why}"
+        elif closes:
             result, depths, wall_s = _perform(robot, "close", {"thing": front})
             _line(f"close {front}", result, depths, wall_s)
-            closed += bool(result)
-            deepest = max(deepest, depths.depth_m)
+            closed, deepest = sim.joint(front).openness < _CLOSED, max(deepest, depths.depth_m)
+            why = result.reason
+        rows.append(_Row(front, opened, closed, openness, why))
     sim.reset()
-    print(f"opened {opened} of {len(names)}, closed {closed} of {opened}; deepest penetration {deepest * 1000:.1f} mm")
+    print(f"{'front':30} opened      closed  why not")
+    for row in rows:
+        closed_text = {None: "-", True: "yes", False: "no"}[row.closed]
+        print(f"{row.front:30} {'yes' if row.opened else 'no':3} {row.openness:5.0%}   {closed_text:6}  {row.why}")
+    opened_count, closed_count = sum(row.opened for row in rows), sum(bool(row.closed) for row in rows)
+    print(f"opened {opened_count} of {len(rows)}, closed {closed_count} of {opened_count if closes else 0}; ", end="")
+    print(f"deepest penetration {deepest * 1000:.1f} mm", flush=True)
 
 
 def put_milk_away(sim: Simulation, robot: Robot, seeds: int) -> None:

@@ -362,3 +362,41 @@ def test_a_file_without_a_robot_is_refused(tmp_path: Path) -> None:
     path.write_text(SELF_MODEL, encoding="utf-8")
     with pytest.raises(RobotModelError, match="no robot 'Helper2'; name one of Helper1"):
         read_self_model(path, name="Helper2")
+
+
+# -- the robots of the catalog -----------------------------------------------------------------------------------------
+
+DRIVING = {"GoingSomewhere", "Translation-LocationChange"}
+LOOKING = {"LookingAtSomething", "VisualPerception"}
+REACHING = {"Reaching", "ParkingArms"}
+GRASPING = {
+    "GraspingSomething",
+    "ReleasingGraspOfSomething",
+    "PickingUpAnObject",
+    "PuttingSomethingSomewhere",
+    "Pouring",
+}
+OPENING = {"OpeningADoor", "OpeningADrawer", "ClosingADoor", "ClosingADrawer"}
+FETCHING = {"FetchingSomething", "StoringSomething", "CarryingWhileLocomoting"}
+EVERYTHING = DRIVING | LOOKING | REACHING | GRASPING | OPENING | FETCHING
+
+
+@pytest.mark.parametrize(
+    ("name", "able"),
+    [
+        ("panda", REACHING | GRASPING | OPENING),  # on a table, without a camera
+        ("pr2", EVERYTHING),
+        ("tiago", EVERYTHING),  # with the hand of five fingers
+        ("tiago_no_hand", DRIVING | LOOKING | REACHING),
+        ("ur5", REACHING),  # the arm is delivered without a gripper
+        ("stretch", EVERYTHING),
+        ("talos", LOOKING | REACHING | GRASPING | OPENING),  # nothing here lets it walk
+        ("baxter", LOOKING | REACHING | GRASPING | OPENING),  # on a pedestal
+    ],
+)
+def test_what_real_robots_are_able_to_do(name: str, able: set[str]) -> None:
+    with KnowledgeBase() as kb:
+        found = {local_name(row.action) for row in kb.ask("can", robot=name)}
+        lacking = {local_name(row.action) for row in kb.ask("missing_for_action", robot=name)}
+    assert found & EVERYTHING == able
+    assert lacking & EVERYTHING == EVERYTHING - able, "what it cannot do has a reason"

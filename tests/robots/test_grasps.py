@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import pi
+
 import numpy as np
 import pytest
 
@@ -9,9 +11,18 @@ from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.model import RobotModel
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.skills.arm_paths import follow_poses, interpolated_poses, timed
-from mindstage.robots.skills.grasps import Grasp, GripperShape, grasps_of, pushes_of, weld_grasps_of
+from mindstage.robots.skills.grasps import (
+    Grasp,
+    GripperShape,
+    diagonal_grasps_of,
+    edge_grasps_of,
+    grasps_of,
+    pushes_of,
+    sweeps_of,
+    weld_grasps_of,
+)
 from mindstage.scene import Body, BodyId, Iri, Pose, Vector
-from mindstage.scene.transforms import Array, quat_angle, quat_rotate
+from mindstage.scene.transforms import Array, pose_multiply, quat_angle, quat_rotate
 
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
@@ -94,6 +105,61 @@ def test_a_push_touches_the_outer_side_with_the_fingers(shape: GripperShape) -> 
     for each in pushes:
         assert each.pose[0] > 0.01  # in front of it
         assert 0.0 < each.pose[1] < 0.4  # near its free edge
+
+
+def test_a_rod_beside_a_wall_is_grasped_across_its_edges(model: RobotModel, shape: GripperShape) -> None:
+    """A bar of 1.4 x 2 cm, 33 mm in front of a door (at -x) and 46 mm from a wall (at +y)."""
+    palm = np.array([[-shape.palm, y, z] for y in (-0.085, 0.085) for z in (-0.035, 0.035)])
+    free = []
+    for each in diagonal_grasps_of(box((0.014, 0.02, 0.4)), None, model.grippers[0], shape):
+        corners = each.pose[:3] + quat_rotate(each.pose[3:], palm)
+        half = each.width_m / 2 + each.room_m + 0.014
+        tips = each.pose[:3] + quat_rotate(each.pose[3:], np.array([[shape.tip, -half, 0.0], [shape.tip, half, 0.0]]))
+        points = np.vstack([corners, tips])
+        assert abs(axis(each, 0)[2]) < 1e-9  # across the rod
+        if points[:, 0].min() > -0.033 and points[:, 1].max() < 0.046:
+            free.append(each)
+    assert free
+    straight = [each for each in grasps(model, shape, (0.014, 0.02, 0.4)) if axis(each, 0)[0] < -0.99]
+    assert straight  # from the front, the palm is in the wall
+    assert all((each.pose[:3] + quat_rotate(each.pose[3:], palm))[:, 1].max() > 0.046 for each in straight)
+
+
+def test_what_is_no_rod_has_no_diagonal_grasp(model: RobotModel, shape: GripperShape) -> None:
+    assert not list(diagonal_grasps_of(box((0.05, 0.05, 0.1)), None, model.grippers[0], shape))
+
+
+def test_a_door_is_held_by_its_free_edges_with_a_finger_on_each_side(model: RobotModel, shape: GripperShape) -> None:
+    normal, edge = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.28, 0.0])
+    found = list(edge_grasps_of(box((0.02, 0.6, 1.4)), None, normal, edge, model.grippers[0], shape))
+    assert {tuple(np.round(axis(each, 0)).tolist()) for each in found} == {(0, -1, 0), (0, 0, 1), (0, 0, -1)}
+    for each in found:
+        tip = each.pose[:3] + axis(each, 0) * shape.tip_from(each.width_m)
+        assert abs(tip[1]) < 0.3  # beside the door, not beyond it
+        assert abs(tip[2]) < 0.7
+        assert abs(axis(each, 1)[0]) == pytest.approx(1.0)
+    assert not list(edge_grasps_of(box((0.2, 0.6, 1.4)), None, normal, edge, model.grippers[0], shape))
+
+
+def test_the_hand_that_sweeps_a_door_shut_keeps_its_direction_and_stays_outside(shape: GripperShape) -> None:
+    """A door of 0.6 m that folds down about the y axis, 0.3 m below its middle; its outer side is at -x."""
+    angles = np.linspace(pi / 2, 0.0, 10)  # from lying with its outer side down to upright
+    spins = np.array([[np.cos(a / 2), 0.0, -np.sin(a / 2), 0.0] for a in angles])
+    hinge = np.array([0.0, 0.0, -0.3])
+    poses = np.array([[*(hinge - quat_rotate(spin, hinge)), *spin] for spin in spins])
+    outward, edge = np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.28])
+    found = list(sweeps_of(box((0.02, 0.5, 0.6)), None, outward, edge, poses, shape))
+    assert found
+    finger = np.array([[x, y, z] for x in (-0.06, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    finger[:, 0] = np.where(finger[:, 0] > 0.0, shape.tip_from(0.0), finger[:, 0])
+    finger[:, 1:] *= (shape.half_width, shape.half_height)
+    for grasp, path in found:
+        assert pose_multiply(poses[0], grasp.pose) == pytest.approx(path[0], abs=1e-9)
+        assert np.ptp(path[:, 3:], axis=0).max() < 1e-12
+        for pose, hand in zip(poses, path, strict=True):
+            corners = hand[:3] + quat_rotate(hand[3:], finger)
+            outside = (corners - pose[:3]) @ quat_rotate(pose[3:], outward) - 0.01
+            assert 0.0 < outside.min() < 0.005
 
 
 def test_a_line_is_followed_within_the_limits_and_from_rest_to_rest(model: RobotModel) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -48,6 +50,20 @@ def env(request: pytest.FixtureRequest, map_path: str) -> Iterator[gymnasium.Env
 
 def task_of(env: gymnasium.Env) -> RobotTaskEnv:
     return cast(RobotTaskEnv, env.unwrapped)
+
+
+@pytest.mark.parametrize(
+    ("imports", "name"),
+    [
+        ("import gymnasium, mindstage", "mindstage/Open-v0"),
+        ("import mindstage, gymnasium, mindstage.robots.gym", "mindstage/Open-v0"),
+        ("import gymnasium, mindstage, mindstage.robots.gym", "mindstage/PutAway-v0"),
+    ],
+)
+def test_the_environments_are_found_by_name(imports: str, name: str) -> None:
+    code = f"import warnings; warnings.simplefilter('error'); {imports}; print(gymnasium.spec({name!r}).entry_point)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    assert run.stdout.startswith("mindstage.robots.gym:"), run.stderr
 
 
 def test_it_keeps_the_contract_of_gymnasium(env: gymnasium.Env) -> None:

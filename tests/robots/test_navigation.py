@@ -75,7 +75,7 @@ def test_what_blocks_the_way_is_named() -> None:
     chair = box("chair", (1.0, 2.0, 0.4), (0.4, 0.7, 0.8), Mobility.DYNAMIC, 5.0)
     with robot_in(*divided_room(), chair) as robot:
         with pytest.raises(UnreachableError, match=r"chair in the way of its base") as caught:
-            plan_base(robot, (2.0, 0.0, 0.0), budget_s=1.0)
+            plan_base(robot, (2.0, 0.0, 0.0), max_tests=1500)
         assert caught.value.obstacle == "chair"
         floor = FloorMap(robot)
         assert floor.blockers(2.0, 0.0) == ("chair",)
@@ -92,7 +92,7 @@ def test_a_goal_without_room_names_the_obstacle() -> None:
 
 def test_a_goal_beyond_the_floor_is_refused() -> None:
     with robot_in() as robot, pytest.raises(UnreachableError, match=r"\(9\.00, 0\.00, 0\.00\): there is no floor"):
-        plan_base(robot, (9.0, 0.0, 0.0), budget_s=1.0)
+        plan_base(robot, (9.0, 0.0, 0.0), max_tests=1500)
 
 
 def test_an_arm_that_sticks_out_needs_another_way() -> None:
@@ -119,7 +119,7 @@ def test_a_table_is_an_obstacle_for_the_body_above_the_base() -> None:
     table = box("table", (1.0, 0.0, 0.75), (0.6, 5.0, 0.05))
     with robot_in(table, floor=(6.0, 4.0)) as robot:
         with pytest.raises(UnreachableError) as caught:
-            plan_base(robot, (2.0, 0.0, 0.0), budget_s=1.0)
+            plan_base(robot, (2.0, 0.0, 0.0), max_tests=1500)
         assert caught.value.obstacle == "table"
 
 

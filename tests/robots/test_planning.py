@@ -116,11 +116,28 @@ def test_a_closed_cage_is_named_when_no_way_is_found() -> None:
         box("right", (x, y - 0.14, z), (0.3, 0.02, 0.4)),
     ]
     with robot_in(*sides) as robot:  # open in front: it is reached
-        assert robot.run(robot.following(plan_arm(robot, "", Pose((x, y, z)), budget_s=10.0)))
+        assert robot.run(robot.following(plan_arm(robot, "", Pose((x, y, z)))))
     bars = [box(f"bar_{n}", (x - 0.16, y + 0.1 * (n - 1), z), (0.01, 0.02, 0.4)) for n in range(3)]
     with robot_in(*sides, *bars) as robot, pytest.raises(UnreachableError) as caught:
-        plan_arm(robot, "", Pose((x, y, z)), budget_s=1.0)
+        plan_arm(robot, "", Pose((x, y, z)), max_tests=1500)
     assert caught.value.obstacle in {each.id for each in (*sides, *bars)}
+
+
+def test_a_plan_depends_on_its_seed_and_not_on_what_was_planned_before() -> None:
+    with robot_in(WALL) as robot:
+        assert robot.run(robot.following(plan_arm(robot, "", Pose(LEFT))))
+        first = plan_arm(robot, "", Pose(RIGHT), seed=4)
+        plan_arm(robot, "", Pose(RIGHT), seed=5)
+        assert plan_arm(robot, "", Pose(RIGHT), seed=4) == first
+
+
+def test_a_search_that_its_wall_time_has_ended_says_so() -> None:
+    with robot_in(WALL) as robot:
+        assert robot.run(robot.following(plan_arm(robot, "", Pose(LEFT))))
+        with pytest.raises(UnreachableError, match=r"after 0 s of wall time, in which \d+ of 40000 steps"):
+            plan_arm(robot, "", Pose(RIGHT), wall_s=0.0)
+        with pytest.raises(UnreachableError, match="within 5 steps"):
+            plan_arm(robot, "", Pose(RIGHT), max_tests=5)
 
 
 def test_the_arm_may_start_elsewhere() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,14 +13,17 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from mindstage.bridge.calls import ServerGoalHandle
 from mindstage.engines import MujocoEngine, NullEngine
 from mindstage.errors import CommandRefusedError, RobotModelError, RobotNotFoundError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.robots.control import MotionFailure, MotionOutcome
+from mindstage.robots.control import PERIOD_S, MotionFailure, MotionOutcome
 from mindstage.robots.model import BaseType, RobotModel
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.robot import Robot
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
+from mindstage.ros.robot_controllers import await_motion
+from mindstage.ros.service import GoalCanceledError, GoalContext
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
 from mindstage.scene.transforms import pose_inverse, pose_multiply
 from mindstage.simulation import Simulation
@@ -160,6 +164,66 @@ def test_a_canceled_trajectory_stops_within_a_fifth_of_a_second_and_holds(sim: S
     sim.step(1.0)
     assert robot.joint_positions()["shoulder_pan_joint"] == pytest.approx(stopped, abs=0.01)
     assert stopped < 1.6
+
+
+def test_a_goal_over_ros_stops_as_quickly_if_its_thread_never_wakes_up(sim: Simulation, robot: Robot) -> None:
+    motion = robot.start_trajectory(robot.trajectory_to({"shoulder_pan_joint": 1.8}, speed=1.0))
+    handle = ServerGoalHandle("follow_joint_trajectory", "1", {}, lambda goal_id, values: None)
+    reached, release = threading.Event(), threading.Event()
+
+    def wait_for_cancel(timeout_s: float) -> bool:
+        """The thread of a handler that is not scheduled any more."""
+        reached.set()
+        return release.wait(20.0)
+
+    context = GoalContext(
+        "follow_joint_trajectory",
+        timeout_s=60.0,
+        is_cancelled=lambda: handle.cancel_requested,
+        send_feedback=lambda message: None,
+        wait_for_cancel=wait_for_cancel,
+        on_cancel=handle.on_cancel,
+    )
+    ended: list[BaseException] = []
+
+    def handler() -> None:
+        try:
+            await_motion(motion, context, lambda: None)
+        except GoalCanceledError as error:
+            ended.append(error)
+
+    thread = threading.Thread(target=handler, daemon=True)
+    thread.start()
+    assert reached.wait(20.0)
+    sim.step(0.7)
+    assert robot.joint_velocities()["shoulder_pan_joint"] > 1.5
+    handle.request_cancel()
+    sim.step(0.2)
+    assert motion.status is MotionOutcome.CANCELED
+    assert motion.result is not None
+    assert motion.result.duration_s <= 0.7 + 2 * PERIOD_S  # it ended in the next period
+    assert abs(robot.joint_velocities()["shoulder_pan_joint"]) < 0.05
+    release.set()
+    thread.join(20.0)
+    assert len(ended) == 1
+
+
+def test_what_is_halted_stops_where_it_is(sim: Simulation, robot: Robot) -> None:
+    goal = robot.start_trajectory(robot.trajectory_to({"shoulder_pan_joint": 1.8}, speed=1.0))
+    sim.step(0.7)
+    at = robot.joint_positions()["shoulder_pan_joint"]
+    robot.halt()
+    sim.step(0.1)
+    halted = robot.joint_positions()["shoulder_pan_joint"] - at
+    assert goal.status is MotionOutcome.CANCELED
+    robot.stop()
+    sim.reset()
+    goal = robot.start_trajectory(robot.trajectory_to({"shoulder_pan_joint": 1.8}, speed=1.0))
+    sim.step(0.7)
+    at = robot.joint_positions()["shoulder_pan_joint"]
+    goal.cancel()
+    sim.step(0.1)
+    assert halted < 0.8 * (robot.joint_positions()["shoulder_pan_joint"] - at)
 
 
 def test_closing_a_motion_stops_the_robot(sim: Simulation, robot: Robot) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import msgspec
@@ -13,16 +14,18 @@ from mindstage.errors import InvalidArgumentError
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills import (
     SKILLS,
+    FrontWay,
     ParameterType,
     SkillOutcome,
     SkillResult,
     SkillStep,
+    can_open,
     split_command,
     start_skill,
 )
 from mindstage.robots.skills.surroundings import Surroundings
 from mindstage.robots.skills.task import SkillTask
-from mindstage.scene import BodyId, Mobility, Pose
+from mindstage.scene import BodyId, Iri, Mobility, Pose, World
 from mindstage.scene.transforms import quat_rotate
 from mindstage.simulation import Simulation
 from tests.robots.rooms import box, robot_in
@@ -297,6 +300,35 @@ class TestSmallRoom:
         assert surroundings.support_of(BodyId("counter")) != "on counter"
         assert surroundings.openings() == ()
         assert not set(room.link_ids.values()) & set(surroundings.bodies())
+
+
+class TestWhatCanBeOpened:
+    def test_a_door_beside_a_wall_is_opened_by_its_handle_from_a_stance(
+        self, kitchen: Simulation, robot: Robot
+    ) -> None:
+        before = kitchen.snapshot()
+        reach = can_open(robot, "pantry_door")
+        assert reach, reach.reason
+        assert reach.openness > 0.95
+        assert [each.way for each in reach.steps] == [FrontWay.HANDLE]
+        assert can_open(robot, "pantry_door") == reach  # it is not by chance
+        assert kitchen.snapshot() == before
+
+    def test_what_is_in_the_way_is_named_with_its_distance(self, kitchen: Simulation, robot: Robot) -> None:
+        handle = kitchen.snapshot().body("microwave_door_handle").pose.position
+        crate = box("crate", (handle[0] + 0.06, handle[1], handle[2]), (0.02, 0.3, 0.3))
+        with kitchen.imagine() as copy:
+            copy.spawn(World(iri=Iri("http://example.org/crate"), bodies=(crate,)))
+            reach = can_open(copy.robot(), "microwave_door")
+            result = perform(copy.robot(), "open", thing="microwave_door")
+            assert copy.joint("microwave_door").openness < 0.01
+        assert not reach
+        assert (reach.openness, reach.steps, reach.obstacle) == (0.0, (), "crate")
+        assert re.search(
+            r"no room at each of \d+ grasps .*: at best \w+ is [\d.]+ mm (inside|from) crate", reach.reason
+        )
+        assert result.outcome is SkillOutcome.FAILED
+        assert reach.reason in result.reason
 
 
 class TestKitchenSurroundings:

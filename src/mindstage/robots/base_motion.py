@@ -100,6 +100,10 @@ class BaseGoal(MotionGoal):
         """See `MotionGoal`."""
         return None if used & self.actuators else BaseBrake(self._base, self._velocity, self._reference)
 
+    def relaxation(self) -> MotionGoal:
+        """See `MotionGoal`: the base stops where it is."""
+        return BaseBrake(self._base, np.zeros(3), None)
+
     def begin(self, actual: Array) -> None:
         """Called before the first update, with the coordinates of the base."""
 

@@ -6,7 +6,6 @@ and collisions of the whole robot in the positions found, and with the arm at re
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from math import atan2, ceil, cos, hypot, inf, pi, sin
@@ -22,6 +21,7 @@ from mindstage.robots.kinematics import BASE_JOINTS, RobotKinematics
 from mindstage.robots.model import Arm, BaseType
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.planning import find_arm
+from mindstage.robots.search_limits import WALL_S, SearchLimit
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
 
@@ -242,7 +242,8 @@ def find_base_poses(
     clearance_m: float = CLEARANCE_M,
     max_distance_m: float | None = None,
     count: int = 5,
-    budget_s: float = 5.0,
+    max_places: int = 400,
+    wall_s: float = WALL_S,
 ) -> tuple[BasePlacement, ...]:
     """Finds places of the base from which an arm reaches all of some poses, the best first.
 
@@ -256,7 +257,8 @@ def find_base_poses(
         clearance_m: the distance that the robot keeps from obstacles [m].
         max_distance_m: the largest horizontal distance between base and targets [m]; by default the arm's reach.
         count: the largest number of places.
-        budget_s: wall time after which the search ends [s].
+        max_places: the largest number of places that are tried.
+        wall_s: wall time after which the search ends in any case [s].
 
     Raises:
         InvalidArgumentError: there is no such arm, or no target, or the base is fixed.
@@ -265,22 +267,23 @@ def find_base_poses(
     if robot.model.base.type is BaseType.FIXED:
         cause, remedy = f"the base of {robot.name} is fixed", "use a robot that drives"
         raise InvalidArgumentError("robot", cause=cause, remedy=remedy)
-    end_s = time.monotonic() + budget_s
+    limit = SearchLimit(max_places, wall_s=wall_s)
     placing = _Placing(robot, arm, targets, free=free, ignore=ignore, touch=touch, clearance_m=clearance_m)
     found: list[BasePlacement] = []
-    trials = 0
     for base, length in placing.candidates(max_distance_m):
         placement = placing.placement(base, length)
-        trials += 1
+        limit.count()
         if placement is not None:
             found.append(placement)
-        if time.monotonic() > end_s or (len(found) >= count and trials > _TRIALS_PER_ANSWER * count):
+        if limit.is_over or (len(found) >= count and limit.done > _TRIALS_PER_ANSWER * count):
             break
     if not found:
         reason, _ = placing.reasons.most_common(1)[0]
         x, y, z = placing.targets[:, :3].mean(axis=0).tolist()
-        where = f"none of {trials} places" if trials > 1 else "the base can drive to no place near it"
+        where = f"none of {limit.done} places" if limit.done > 1 else "the base can drive to no place near it"
         text = f"{where}; mostly, {reason.text}"
+        if limit.ended_by_time:
+            text += f"; none was found {limit}"
         raise UnreachableError(robot.name, target=f"({x:.2f}, {y:.2f}, {z:.2f})", reason=text, obstacle=reason.obstacle)
     return tuple(sorted(found, key=lambda each: -each.score)[:count])
 
@@ -292,7 +295,8 @@ def reachable_region(
     *,
     step_m: float = 0.08,
     collisions: bool = True,
-    budget_s: float = 5.0,
+    max_points: int = 2500,
+    wall_s: float = 5.0,
 ) -> Array:
     """The points of a horizontal grid that the gripper of an arm reaches from where the robot stands.
 
@@ -302,7 +306,8 @@ def reachable_region(
         height_m: height of the grid in the world frame [m].
         step_m: distance of two points [m].
         collisions: whether points are left out that are only reached with collisions.
-        budget_s: wall time after which the search ends [s].
+        max_points: the largest number of points that are tried, those near the gripper first.
+        wall_s: wall time after which the search ends in any case [s].
 
     Returns:
         n x 3 in the world frame [m].
@@ -312,7 +317,7 @@ def reachable_region(
     """
     if not 0.0 < step_m < inf:
         raise InvalidArgumentError("step_m", cause=f"{step_m:g} is no distance", remedy="give above 0")
-    end_s = time.monotonic() + budget_s
+    limit = SearchLimit(max_points, wall_s=wall_s)
     used, kinematics = find_arm(robot, arm), RobotKinematics(robot.model)
     frame, root = kinematics.frame_of(used), robot.link_pose(robot.model.root)
     now = robot.joint_positions()
@@ -324,8 +329,9 @@ def reachable_region(
     x, y = ((here[:2] - low) / step_m).tolist()
     cells = [(column, row) for column in range(shape[0]) for row in range(shape[1])]
     for cell in sorted(cells, key=lambda each: hypot(each[0] - x, each[1] - y)):
-        if time.monotonic() > end_s:
+        if limit.is_over:
             break
+        limit.count()
         target = np.array([low[0] + cell[0] * step_m, low[1] + cell[1] * step_m, height_m, *here[3:]])
         near = [(cell[0] + dx, cell[1] + dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
         seeds = [seed for each in near if (seed := tried.get(each)) is not None]

@@ -16,14 +16,14 @@ import numpy as np
 from mindstage.engines.base import Engine, SpawnOptions
 from mindstage.engines.mujoco.kinematics import ContactModel
 from mindstage.robots.drives import links_moved_by, planar_inverse, planar_multiply, yaw_of
-from mindstage.robots.model import RobotJoint, RobotModel
+from mindstage.robots.model import Gripper, RobotJoint, RobotModel
 from mindstage.robots.world import RobotWorld
 from mindstage.scene import BodyId
-from mindstage.scene.transforms import Array
+from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply
 from mindstage.simulation.imagined import copied_engine
 from mindstage.simulation.state import EngineSession
 
-__all__ = ["Collision", "CollisionChecker", "MotionRobot"]
+__all__ = ["Collision", "CollisionChecker", "HandChecker", "MotionRobot", "links_behind"]
 
 CLEARANCE_M = 0.005
 """Distance that planned motions keep from the place [m]."""
@@ -32,6 +32,8 @@ _SELF_CLEARANCE_M = -0.0005
 _NEIGHBOR_CLEARANCE_M, _NEIGHBOR_JOINTS = -0.003, 2
 """Links with at most so many joints between them may come so near: their hulls overlap a little where their meshes do
 not."""
+_TOUCH_M = 0.001
+"""Distance at which a gripper counts as touching something [m]."""
 _START_SLACK_M = 0.001
 """A pair that is too near at the start may come nearer by this [m]."""
 
@@ -116,11 +118,16 @@ def _joints_between(model: RobotModel) -> dict[tuple[str, str], int]:
 
 def _hand_links(model: RobotModel) -> frozenset[str]:
     """The links of the grippers: those that carry the fingers, and all behind them."""
-    hands = {each.link for each in model.grippers}
+    return frozenset().union(*(links_behind(model, each.link) for each in model.grippers))
+
+
+def links_behind(model: RobotModel, link: str) -> frozenset[str]:
+    """A link and all behind it."""
+    found = {link}
     for joint in model.joints:  # parents come first
-        if joint.parent in hands:
-            hands.add(joint.child)
-    return frozenset(hands)
+        if joint.parent in found:
+            found.add(joint.child)
+    return frozenset(found)
 
 
 class CollisionChecker:
@@ -155,6 +162,8 @@ class CollisionChecker:
         model, link_ids = robot.model, robot.placed.link_ids
         self.joints = tuple(each.name for each in model.actuated_joints) if joints is None else tuple(joints)
         self._robot, self._clearance_m = robot, clearance_m
+        self.tests = 0
+        """Number of states that were tested so far, as a measure of work."""
         links = {link.name for link in model.links} if base_moves else _moved_links(model, self.joints)
         held = robot.held
         carried = {
@@ -238,6 +247,7 @@ class CollisionChecker:
             base: x, y [m] and yaw [rad] of the base, as `MotionRobot.base_pose`, if it is moved; None for where it
                 was last.
         """
+        self.tests += 1
         contacts = self._contacts
         if base is not None and self._base_joint is not None:
             contacts.set_planar_pose(self._base_joint, *planar_multiply(base, self._root_in_base))
@@ -295,3 +305,91 @@ class CollisionChecker:
             if limit is None or distance < limit:
                 found.append((row, other, distance, float(least[number])))
         return found
+
+
+class HandChecker:
+    """Collisions of a gripper alone, wherever its arm would be: what it cannot grasp, no place of the base mends."""
+
+    def __init__(
+        self,
+        robot: MotionRobot,
+        gripper: Gripper,
+        *,
+        touch: Collection[BodyId] = (),
+        clearance_m: float = CLEARANCE_M,
+    ) -> None:
+        """Copies the present state of the world.
+
+        Args:
+            robot: the robot.
+            gripper: its gripper.
+            touch: bodies that it may touch.
+            clearance_m: the distance to keep from the place [m].
+        """
+        model, link_ids = robot.model, robot.placed.link_ids
+        hand = links_behind(model, gripper.link)
+        self._hand = frozenset(link_ids[link] for link in hand if link in link_ids)
+        others = [id for id in link_ids.values() if id not in self._hand]
+        ignored = {*others, *robot.held.values()}
+
+        def copy(engine: Engine) -> ContactModel:
+            source: Any = engine if engine.name == "mujoco" else _in_mujoco(engine, robot.session)
+            return ContactModel(
+                source.compiled(), moving=self._hand, ignored=ignored, clearance_m=max(clearance_m, 0.0)
+            )
+
+        self._contacts = robot.session.run_on_engine(copy, label="copy for collisions")
+        self._clearance_m = clearance_m
+        self._link = link_ids[gripper.link]
+        self._grasp = normalized_pose_array(gripper.grasp_pose)
+        self._is_hand = np.array([id in self._hand for id in self._contacts.ids])
+        self._may_be_touched = np.array([id in touch for id in self._contacts.ids])
+        self._joints = []
+        for name, other in [
+            *((each, each) for each in gripper.joints),
+            *((j.name, j.mimic.joint) for j in model.joints if j.mimic is not None and j.mimic.joint in gripper.joints),
+        ]:
+            joint = next(each for each in model.joints if each.name == name)
+            factor, offset = (
+                (1.0, 0.0) if name == other or joint.mimic is None else (joint.mimic.multiplier, joint.mimic.offset)
+            )
+            address, sign = self._contacts.address(robot.placed.joint_ids[name])
+            self._joints.append((address, sign, other, factor, offset - robot.placed.zero[name]))
+
+    def set_joint(self, joint: BodyId, position: float) -> None:
+        """See `CollisionChecker.set_joint`."""
+        address, sign = self._contacts.address(joint)
+        self._contacts.data.qpos[address] = sign * position
+
+    def find(self, grasp_pose: Array, fingers: Mapping[str, float], *, strictly: bool = False) -> Collision | None:
+        """The worst collision of the gripper; None if it is free.
+
+        Args:
+            grasp_pose: pose of its grasp frame in the world frame.
+            fingers: positions of its joints [m or rad].
+            strictly: whether it may not touch what else it may.
+        """
+        contacts = self._contacts
+        for address, sign, name, factor, offset in self._joints:
+            contacts.data.qpos[address] = sign * (factor * fingers[name] + offset)
+        contacts.update()
+        here = pose_multiply(contacts.pose(self._link), self._grasp)
+        contacts.move_rigidly(self._hand, pose_multiply(grasp_pose, pose_inverse(here)))
+        geoms, distances = contacts.near_geoms()
+        if not len(distances):
+            return None
+        rows = contacts.body_rows(geoms)
+        outside = ~self._is_hand[rows].all(axis=1)
+        touches = self._may_be_touched[rows].any(axis=1)
+        least = np.where(touches, _TOUCH_M if strictly else -np.inf, self._clearance_m)
+        found = np.flatnonzero(outside & (distances < least))
+        if not len(found):
+            return None
+        worst = int(found[np.argmin(distances[found])])
+        row, other = rows[worst].tolist()
+        if not self._is_hand[row]:
+            row, other = other, row
+        part, obstacle = contacts.ids[row], contacts.ids[other]
+        assert part is not None  # the ground is not a part of a robot
+        distance_m, least_m = float(distances[worst]), float(least[worst])
+        return Collision(part=part, obstacle=obstacle, distance_m=distance_m, least_m=least_m)

@@ -213,7 +213,7 @@ class MotionGoal:
         """None before the first update."""
         self.result: MotionResult | None = None
         """None while it is active."""
-        self._cancel = False
+        self._cancel = self._halt = False
 
     @property
     def status(self) -> MotionOutcome:
@@ -223,6 +223,15 @@ class MotionGoal:
     def cancel(self) -> None:
         """Ends it at the next update; its joints stop and hold their positions."""
         self._cancel = True
+
+    def halt(self) -> None:
+        """As `cancel`, but its joints stop where they are, without a ramp: for what has been pressed into something."""
+        self._cancel = self._halt = True
+
+    @property
+    def is_halted(self) -> bool:
+        """Whether it was halted rather than canceled."""
+        return self._halt
 
     @property
     def is_canceled(self) -> bool:
@@ -236,6 +245,10 @@ class MotionGoal:
     def brake(self, view: ControlView, used: frozenset[str]) -> MotionGoal | None:
         """The motion that stops its joints, without those whose actuators are used; None if they need none."""
         raise NotImplementedError
+
+    def relaxation(self) -> MotionGoal | None:
+        """The motion after it was blocked or halted; None if its joints need none."""
+        return None
 
     def end(
         self,
@@ -306,7 +319,7 @@ class JointGoal(MotionGoal):
         return {"positions": ends, "duration_s": round(self._spline.duration_s, 6)}
 
     def relaxation(self) -> MotionGoal:
-        """The motion after it was blocked."""
+        """See `MotionGoal`."""
         return JointRelaxation(self._drives)
 
     def desired(self, joint: str) -> tuple[float, float] | None:
@@ -470,6 +483,10 @@ class GripperGoal(MotionGoal):
     def brake(self, view: ControlView, used: frozenset[str]) -> MotionGoal | None:
         """See `MotionGoal`."""
         return brake_joints(view.positions(self._drives), view.velocities(self._drives), self._drives, used)
+
+    def relaxation(self) -> MotionGoal:
+        """See `MotionGoal`."""
+        return JointRelaxation(self._drives)
 
     def _target_travel(self) -> Array:
         return np.asarray(np.subtract(self._gripper.open_positions, self._gripper.closed_positions))

@@ -240,7 +240,9 @@ class RobotController:
         used: frozenset[str] = frozenset(),
     ) -> None:
         """Ends a goal, and stops those of its joints that a newer goal does not use."""
-        brake = goal.brake(view, used) if goal.kind != "stop" else None
+        brake = None
+        if goal.kind != "stop":
+            brake = goal.relaxation() if goal.is_halted else goal.brake(view, used)
         goal.end(MotionOutcome.CANCELED, reason, failure=failure, error=goal.errors())
         self._report(goal)
         kept = tuple(each for each in self._goals if each is not goal)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from mindstage.robots.model import RobotJoint, RobotJointType
-from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
+from mindstage.scene.transforms import Array, axis_displacement, normalized_pose_array, pose_multiply
 
 __all__ = ["joint_motion", "link_poses", "rest_positions"]
 
@@ -48,10 +48,7 @@ def joint_motion(joint: RobotJoint, position: float) -> Array:
     """Returns the frame of the child in the joint frame at a position [m or rad], an array of 7."""
     if joint.type is RobotJointType.FIXED:
         return _IDENTITY
-    axis = np.array(joint.axis)
-    if joint.type is RobotJointType.PRISMATIC:
-        return np.array([*(position * axis), 1.0, 0.0, 0.0, 0.0])
-    return np.array([0.0, 0.0, 0.0, np.cos(position / 2), *(np.sin(position / 2) * axis)])
+    return axis_displacement(joint.axis, position, is_prismatic=joint.type is RobotJointType.PRISMATIC)
 
 
 def link_poses(joints: Iterable[RobotJoint], positions: Mapping[str, float], root: str) -> dict[str, Array]:

@@ -1,7 +1,7 @@
 """Environments of Gymnasium in which a robot opens, picks, places and puts away things of any map.
 
     import gymnasium
-    import mindstage.robots.gym  # registers the environments
+    import mindstage  # after gymnasium: registers the environments
 
     env = gymnasium.make("mindstage/Open-v0", map="bundled:kitchen", robot="mobile_manipulator", thing="fridge_door")
 
@@ -29,6 +29,7 @@ from mindstage.engines.base import SavedState
 from mindstage.errors import CommandRefusedError, InvalidArgumentError, SimulationDivergedError
 from mindstage.knowledge.rdf import local_name
 from mindstage.robots.control import MotionGoal
+from mindstage.robots.environments import register_environments
 from mindstage.robots.model import BaseType, RobotJoint, RobotJointType
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills.catalog import start_skill
@@ -740,11 +741,4 @@ def _free_stand(simulation: Simulation, goal: BodyId, front: Array | None) -> Ar
     return np.array([*stand, math.atan2(*(center - stand)[::-1])])
 
 
-_STEPS = {OpenEnv: 300, PickEnv: 300, PlaceEnv: 500, PutAwayEnv: 1000}
-"""The number of actions after which an episode is truncated."""
-for _class, _steps in _STEPS.items():
-    gymnasium.register(
-        f"mindstage/{_class.__name__.removesuffix('Env')}-v0",
-        entry_point=f"{__name__}:{_class.__name__}",
-        max_episode_steps=_steps,
-    )
+register_environments()

@@ -52,6 +52,9 @@ _PRECISION = 0.1
 """Iterations go on until the error is this part of the tolerance."""
 _DESCENTS = 8
 _MIN_REACH_M = 0.05
+_NEARLY_WHOLE_RAD = 0.02
+"""A hinge whose range is by less below a whole turn reaches every direction."""
+_NEAR_LIMIT_RAD = 0.6
 _AT_LIMIT = 1e-4
 """A joint nearer to its limit is at it [m or rad]."""
 
@@ -79,6 +82,8 @@ class IkResult(msgspec.Struct, frozen=True, kw_only=True):
     """Why the target is not reached: the limits that prevent it, or the distance beyond reach."""
     limits: tuple[str, ...] = ()
     """The joints whose limits prevent it."""
+    shortfall_m: float | None = None
+    """By how much the target is missed, or beyond reach [m]; None if it is reached."""
 
     def __bool__(self) -> bool:
         return self.reached
@@ -217,6 +222,8 @@ class RobotKinematics:
     def __init__(self, model: RobotModel) -> None:
         """Stores the model; the chain to a frame is compiled when it is first used."""
         self.model = model
+        self.iterations = 0
+        """Number of iterations of inverse kinematics so far, as a measure of work."""
         self._chains: dict[str, _Chain] = {}
         self._joints = {joint.name: joint for joint in model.joints}
 
@@ -304,6 +311,7 @@ class RobotKinematics:
         for start in self._seeds(problem, attempts):
             attempt = _iterate(problem, start)
             iterations += attempt.iterations
+            self.iterations += attempt.iterations
             if best is None or attempt.cost < best.cost:
                 best = attempt
             if attempt.reached(problem.tolerance):
@@ -346,6 +354,7 @@ class RobotKinematics:
         found: list[Array] = []
         for number, start in enumerate(self._seeds(problem, attempts)):
             attempt = _iterate(problem, start)
+            self.iterations += attempt.iterations
             if not attempt.reached(problem.tolerance):
                 if number == 0 and self._beyond_reach(problem)[0] > 0.0:
                     return
@@ -415,6 +424,8 @@ class RobotKinematics:
         yield moved(q[rows])
         arms = [arm for arm in self.model.arms if arm.rest_positions and set(arm.joints) & set(problem.joints)]
         starts = []
+        if (turned := _turned(problem)) is not None:
+            starts.append(turned)
         for arm in arms:
             rest = dict(zip(arm.joints, arm.rest_positions, strict=True))
             starts.append(np.array([rest.get(name, q[chain.index[name]]) for name in problem.joints]))
@@ -446,7 +457,7 @@ class RobotKinematics:
             x, y, yaw = q[:3].tolist()
             root = pose_multiply(root, np.array([x, y, 0.0, np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]))
         reached = attempt.reached(problem.tolerance)
-        reason, limits = ("", ()) if reached else self._why(problem, attempt)
+        reason, limits, shortfall_m = ("", (), None) if reached else self._why(problem, attempt)
         return IkResult(
             reached=reached,
             positions=positions,
@@ -456,14 +467,15 @@ class RobotKinematics:
             iterations=attempt.iterations,
             reason=reason,
             limits=limits,
+            shortfall_m=shortfall_m,
         )
 
-    def _why(self, problem: _Problem, attempt: _Attempt) -> tuple[str, tuple[str, ...]]:
-        """Why a target is not reached, and the joints whose limits prevent it."""
+    def _why(self, problem: _Problem, attempt: _Attempt) -> tuple[str, tuple[str, ...], float]:
+        """Why a target is not reached, the joints whose limits prevent it, and by how much it is missed [m]."""
         beyond, reach = self._beyond_reach(problem)
         if beyond > 0.0:
             text = f"the reach of {reach:.3g} m" if reach > _MIN_REACH_M else "reach"
-            return f"the target is {beyond:.3g} m beyond {text}", ()
+            return f"the target is {beyond:.3g} m beyond {text}", (), beyond
         chain, limits, texts = problem.chain, [], []
         chain.configuration.update(attempt.q)
         jacobian, error, _ = problem.frame_task.compute_qp_residual(chain.configuration)
@@ -475,7 +487,7 @@ class RobotKinematics:
                     texts.append(f"{name} is at its {side} limit {limit:.4g} {'rad' if chain.is_hinge[row] else 'm'}")
         missed = f"{attempt.position_error * 1000:.3g} mm and {degrees(attempt.rotation_error):.3g} degrees are missing"
         why = "; ".join(texts) or "no joint is at a limit, the arm cannot take that direction there"
-        return f"{missed}: {why}", tuple(limits)
+        return f"{missed}: {why}", tuple(limits), attempt.position_error
 
 
 def _bounds(chain: _Chain, rows: NDArray[np.intp], q: Array) -> tuple[Array, Array]:
@@ -533,6 +545,17 @@ def _is_small(weighted_error: Array, problem: _Problem, part: float) -> bool:
     position, rotation = np.linalg.norm(weighted_error[:3]), np.linalg.norm(weighted_error[3:])
     is_near = position <= part * tolerance.position_m
     return bool(is_near and rotation <= part * tolerance.rotation_rad * _ORIENTATION_COST)
+
+
+def _turned(problem: _Problem) -> Array | None:
+    """The start with joints that turn all the way taken from near one limit to near the other; None without any."""
+    chain, rows, q = problem.chain, problem.rows, problem.start[problem.rows]
+    lower, upper = chain.lower[rows], chain.upper[rows]
+    is_whole = chain.is_hinge[rows] & np.isfinite(upper - lower) & (upper - lower >= 2 * pi - _NEARLY_WHOLE_RAD)
+    is_low, is_high = is_whole & (q - lower < _NEAR_LIMIT_RAD), is_whole & (upper - q < _NEAR_LIMIT_RAD)
+    if not (is_low | is_high).any():
+        return None
+    return np.asarray(q + 2 * pi * is_low - 2 * pi * is_high)
 
 
 def _upper_reach(chain: _Chain, first: int, q: Array) -> float:

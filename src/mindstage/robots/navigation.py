@@ -7,7 +7,6 @@ something, OMPL searches in positions and headings of the whole robot.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
@@ -20,7 +19,8 @@ from msgspec.structs import replace
 from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.robots.collisions import CollisionChecker, MotionRobot
 from mindstage.robots.model import BaseType
-from mindstage.robots.planning import load_ompl
+from mindstage.robots.planning import load_ompl, termination
+from mindstage.robots.search_limits import WALL_S, SearchLimit
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.bounding_boxes import Indices
 from mindstage.scene.floor_plan import FloorPlan, find_floor
@@ -47,10 +47,10 @@ _NEAR_CELLS = 1.6
 """A place is reachable if a free cell is so near, in cells."""
 _TURN_M = 0.15
 """Length of an arc by which OMPL turns a differential base [m]."""
-_NO_WAY_S = 2.0
-"""Wall time of the search where the disc has no way at all [s]."""
-_SLICE_S = 0.25
-_SHORTCUT_S = 0.5
+_NO_WAY_TESTS = 12_000
+"""Number of poses that the search tests where the disc has no way at all."""
+_SHORTCUT_TESTS = 1500
+"""Number of poses that are tested for shortcuts after a path was found."""
 
 
 class FloorMap:
@@ -160,7 +160,8 @@ def plan_base(
     *,
     ignore: Collection[BodyId] = (),
     clearance_m: float = _CLEARANCE_M,
-    budget_s: float = 6.0,
+    max_tests: int = 40_000,
+    wall_s: float = WALL_S,
     seed: int = 1,
 ) -> BasePath:
     """Plans a way of the base around all obstacles.
@@ -170,8 +171,9 @@ def plan_base(
         goal: x, y [m] and yaw [rad] of the base in the world frame.
         ignore: bodies that are no obstacles.
         clearance_m: the distance that the whole robot keeps from the place [m].
-        budget_s: wall time after which the search ends [s].
-        seed: of the random numbers.
+        max_tests: number of poses that the search tests for collisions before it ends.
+        wall_s: wall time after which it ends in any case [s].
+        seed: of the random numbers; the same one gives the same path.
 
     Returns:
         The poses after the present one, the goal last; between them a planar base moves straight while it turns evenly,
@@ -184,7 +186,7 @@ def plan_base(
     if robot.model.base.type is BaseType.FIXED:
         cause, remedy = f"the base of {robot.name} is fixed", "use a robot that drives"
         raise InvalidArgumentError("goal", cause=cause, remedy=remedy)
-    end_s = time.monotonic() + budget_s
+    limit = SearchLimit(max_tests, wall_s=wall_s)
     way = _Way(robot, goal, ignore, clearance_m)
     way.check_goal()
     if way.first_obstacle([way.goal]) is None:
@@ -198,9 +200,11 @@ def plan_base(
                 return tuple(path)
             blocked = blocked or found
     else:
-        end_s = min(end_s, time.monotonic() + _NO_WAY_S)
-    if (searched := _search(way, end_s, seed)) is not None:
+        limit = SearchLimit(min(max_tests, _NO_WAY_TESTS), wall_s=wall_s)
+    if (searched := _search(way, limit, seed)) is not None:
         return searched
+    if limit.ended_by_time:
+        raise way.unreachable(f"no way was found {limit}")
     names = way.floor.blockers(goal[0], goal[1]) if corners is None else ()
     if names:
         raise way.unreachable(f"{', '.join(names)} in the way of its base", names[0])
@@ -334,10 +338,8 @@ class _Way:
         return np.vstack(points)
 
 
-def _search(way: _Way, end_s: float, seed: int) -> BasePath | None:
-    """A path of the whole robot in positions and headings, by RRT-Connect; None if none was found in time."""
-    if (left_s := end_s - time.monotonic()) <= 0.0:
-        return None
+def _search(way: _Way, limit: SearchLimit, seed: int) -> BasePath | None:
+    """A path of the whole robot in positions and headings, by RRT-Connect; None if none was found."""
     ompl = load_ompl(seed)
     space: Any = ompl.base.ReedsSheppStateSpace(_TURN_M) if way.is_differential else ompl.base.SE2StateSpace()
     bounds = ompl.base.RealVectorBounds(2)
@@ -351,7 +353,11 @@ def _search(way: _Way, end_s: float, seed: int) -> BasePath | None:
     def pose_of(state: Any) -> tuple[float, float, float]:
         return state.getX(), state.getY(), state.getYaw()
 
-    setup.setStateValidityChecker(lambda state: way.obstacle_at(pose_of(state)) is None)
+    def is_valid(state: Any) -> bool:
+        limit.count()
+        return way.obstacle_at(pose_of(state)) is None
+
+    setup.setStateValidityChecker(is_valid)
     setup.getSpaceInformation().setStateValidityCheckingResolution(_STEP_M / space.getMaximumExtent())
     ends = []
     for pose in (way.start, way.goal):
@@ -364,11 +370,11 @@ def _search(way: _Way, end_s: float, seed: int) -> BasePath | None:
     planner = ompl.geometric.RRTConnect(setup.getSpaceInformation())
     planner.setRange(0.7)
     setup.setPlanner(planner)
-    while not setup.haveExactSolutionPath():
-        if (left_s := end_s - time.monotonic()) <= 0.0:
-            return None
-        setup.solve(min(left_s, _SLICE_S))
-    setup.simplifySolution(_SHORTCUT_S)
+    setup.solve(termination(limit))
+    if not setup.haveExactSolutionPath():
+        return None
+    limit.extend(_SHORTCUT_TESTS)
+    setup.simplifySolution(termination(limit, limit.done + _SHORTCUT_TESTS))
     path = setup.getSolutionPath()
     if way.is_differential:
         path.interpolate(max(2, ceil(path.length() / _STEP_M)))

@@ -7,7 +7,6 @@ given, and see the world as it is when they are called.
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from functools import cache
@@ -21,19 +20,20 @@ from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker
 from mindstage.robots.kinematics import IkResult, IkTolerance, RobotKinematics
 from mindstage.robots.model import Arm, RobotJointType
 from mindstage.robots.retiming import MotionLimits, resting_path, retimed, rounded_polyline, spline_path
+from mindstage.robots.search_limits import WALL_S, SearchLimit
 from mindstage.robots.trajectories import JointTrajectory, spline_of
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import Array, normalized_pose_array, quat_angle
 
-__all__ = ["find_arm", "interpolated", "load_ompl", "plan_arm", "plan_line", "plan_path"]
+__all__ = ["find_arm", "interpolated", "load_ompl", "plan_arm", "plan_line", "plan_path", "termination"]
 
 _STEP = 0.05
 """Distance between two states that are checked [rad]."""
 _SLIDE_SCALE = 0.4
 """Displacement of a prismatic joint that counts as much as one radian [m]."""
 _TRIALS = 3
-_MORE_S = 1.0
-"""Wall time that a repeated search has at least [s]."""
+_MORE_TESTS = 3000
+"""Number of states that a repeated search may test at least."""
 _TEST_PERIOD_S = 0.004
 _TEST_STEP = 0.015
 """Distance between two states of a finished trajectory that are tested [rad]."""
@@ -42,9 +42,8 @@ _TEST_SLACK_M = 0.001
 _MAX_GOALS = 6
 _FREQUENT = 0.2
 """Obstacles that were met by less than this part of the most frequent one are not named."""
-_SHORTCUT_S = 0.4
-"""Wall time for shortcuts after a path was found [s]."""
-_SLICE_S = 0.25
+_SHORTCUT_TESTS = 1500
+"""Number of states that are tested for shortcuts after a path was found."""
 _RANGE = 0.8
 """Length of a step of the tree [rad]."""
 _LINE_STEP_M, _LINE_STEP_RAD = 0.01, radians(3.0)
@@ -89,6 +88,23 @@ def find_arm(robot: MotionRobot, arm: Arm | str = "") -> Arm:
         remedy = f"give one of {', '.join(arms)}" if arms else "use a robot with an arm"
         raise InvalidArgumentError(arm or "arm", cause=f"{robot.name} has no such arm", remedy=remedy)
     return arms[arm] if arm else next(iter(arms.values()))
+
+
+def termination(limit: SearchLimit, last: int | None = None) -> Any:
+    """OMPL's condition at which a search ends: its limit, or a step before it.
+
+    Each evaluation counts as a step, since a planner may go on without testing a state.
+
+    Args:
+        limit: the limit.
+        last: the number of the last step; None for that of the limit.
+    """
+
+    def is_over() -> bool:
+        limit.count()
+        return limit.is_over or (last is not None and limit.done >= last)
+
+    return _ompl().base.PlannerTerminationCondition(is_over)
 
 
 class _ArmTask:
@@ -179,7 +195,8 @@ def plan_arm(
     touch: Collection[BodyId] = (),
     clearance_m: float = CLEARANCE_M,
     speed: float = 0.6,
-    budget_s: float = 5.0,
+    max_tests: int = 40_000,
+    wall_s: float = WALL_S,
     seed: int = 1,
 ) -> JointTrajectory:
     """Plans a motion of an arm to positions of its joints, or to a pose of its gripper, around all obstacles.
@@ -195,28 +212,29 @@ def plan_arm(
         touch: bodies that the gripper may touch.
         clearance_m: the distance to keep from obstacles [m].
         speed: the part of the velocity limits that is used.
-        budget_s: wall time after which the search ends [s].
-        seed: of the random numbers.
+        max_tests: number of states that are tested for collisions, after which the search ends.
+        wall_s: wall time after which it ends in any case [s].
+        seed: of the random numbers; the same one gives the same path.
 
     Raises:
         InvalidArgumentError: there is no such arm or joint, or the speed is out of range.
-        UnreachableError: the target is beyond a limit or in a collision, or no path was found in time; with the limit,
-            or the obstacle that was met most often.
+        UnreachableError: the target is beyond a limit or in a collision, or no path was found; with the limit, or the
+            obstacle that was met most often.
     """
-    end_s = time.monotonic() + budget_s
+    limit = SearchLimit(max_tests, wall_s=wall_s)
     task = _ArmTask(robot, arm, start=start, ignore=ignore, touch=touch, clearance_m=clearance_m, speed=speed)
-    goals = _goals(task, target, free, end_s)
+    goals = _goals(task, target, free)
     for goal in goals[:2]:  # often nothing is in the way
         if task.first_collision(task.start, goal) is None:
             trajectory = _timed(task, np.array([task.start, goal]))
             if task.keeps_away(trajectory):
                 return trajectory
     for number in range(_TRIALS):
-        trajectory = _timed(task, _search(task, goals, _target_text(target), end_s, seed + number))
+        trajectory = _timed(task, _search(task, goals, _target_text(target), limit, seed + number))
         if task.keeps_away(trajectory):
             break
         task.step /= 2  # it grazes something between two states that were tested
-        end_s = max(end_s, time.monotonic() + _MORE_S)
+        limit.extend(_MORE_TESTS)
     return trajectory
 
 
@@ -317,7 +335,7 @@ def _target_text(target: Mapping[str, float] | Pose | Array) -> str:
     return f"({x:.3g}, {y:.3g}, {z:.3g})"
 
 
-def _goals(task: _ArmTask, target: Mapping[str, float] | Pose | Array, free: str, end_s: float) -> list[Array]:
+def _goals(task: _ArmTask, target: Mapping[str, float] | Pose | Array, free: str) -> list[Array]:
     """States without collisions that reach a target, the nearest one first."""
     text = _target_text(target)
     if isinstance(target, Mapping):
@@ -336,7 +354,7 @@ def _goals(task: _ArmTask, target: Mapping[str, float] | Pose | Array, free: str
             goals.append(values)
         elif blocked is None or collision.distance_m > blocked.distance_m:
             blocked = collision
-        if len(goals) >= _MAX_GOALS or (goals and time.monotonic() > end_s):
+        if len(goals) >= _MAX_GOALS:
             break
     if not found:
         result = task.kinematics.solve_ik(
@@ -375,11 +393,11 @@ def _joint_goal(task: _ArmTask, target: Mapping[str, float], text: str) -> Array
     return task.nearest_turn(goal)
 
 
-def _search(task: _ArmTask, goals: Sequence[Array], text: str, end_s: float, seed: int) -> Array:
+def _search(task: _ArmTask, goals: Sequence[Array], text: str, limit: SearchLimit, seed: int) -> Array:
     """A path of straight segments in joint space, found by RRT-Connect and shortened.
 
     Raises:
-        UnreachableError: none was found in time.
+        UnreachableError: none was found within the limit.
     """
     ompl = load_ompl(seed)
     count = len(task.joints)
@@ -395,7 +413,11 @@ def _search(task: _ArmTask, goals: Sequence[Array], text: str, end_s: float, see
     def values_of(state: Any) -> Array:
         return np.asarray(np.array([state[row] for row in range(count)]) * task.scale)
 
-    setup.setStateValidityChecker(lambda state: task.is_free(values_of(state)))
+    def is_valid(state: Any) -> bool:
+        limit.count()
+        return task.is_free(values_of(state))
+
+    setup.setStateValidityChecker(is_valid)
     information = setup.getSpaceInformation()
     information.setStateValidityCheckingResolution(task.step / space.getMaximumExtent())
     setup.setStartState(_state(space, task.start / task.scale))
@@ -406,12 +428,11 @@ def _search(task: _ArmTask, goals: Sequence[Array], text: str, end_s: float, see
     planner = ompl.geometric.RRTConnect(information)
     planner.setRange(_RANGE)
     setup.setPlanner(planner)
-    while not setup.haveExactSolutionPath():
-        left_s = end_s - time.monotonic()
-        if left_s <= 0.0:
-            raise _not_found(task, text, len(goals))
-        setup.solve(min(left_s, _SLICE_S))
-    setup.simplifySolution(_SHORTCUT_S)
+    setup.solve(termination(limit))
+    if not setup.haveExactSolutionPath():
+        raise _not_found(task, text, len(goals), limit)
+    limit.extend(_SHORTCUT_TESTS)
+    setup.simplifySolution(termination(limit, limit.done + _SHORTCUT_TESTS))
     path = setup.getSolutionPath()
     return np.array([values_of(path.getState(row)) for row in range(path.getStateCount())])
 
@@ -423,7 +444,7 @@ def _state(space: Any, values: Array) -> Any:
     return state
 
 
-def _not_found(task: _ArmTask, text: str, goals: int) -> UnreachableError:
+def _not_found(task: _ArmTask, text: str, goals: int, limit: SearchLimit) -> UnreachableError:
     own = set(task.robot.placed.link_ids.values())
     hits = {obstacle: count for obstacle, count in task.hits.most_common() if obstacle is not None}
     most = max(hits.values(), default=0)
@@ -433,7 +454,7 @@ def _not_found(task: _ArmTask, text: str, goals: int) -> UnreachableError:
     where = f" to any of {goals} configurations there" if goals > 1 else ""
     blocked = f"; {names} in the way" if names else ""
     obstacle = next(iter(others or frequent), None)
-    return task.unreachable(text, f"no way was found in time{where}{blocked}", obstacle)
+    return task.unreachable(text, f"no way was found {limit}{where}{blocked}", obstacle)
 
 
 def _timed(task: _ArmTask, points: Array) -> JointTrajectory:

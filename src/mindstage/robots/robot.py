@@ -21,7 +21,8 @@ from typing import Any, Protocol, TypeVar
 import msgspec
 import numpy as np
 
-from mindstage.engines.base import Capability, Engine, SpawnReport
+from mindstage.engines.actuators import ActuatedBodies
+from mindstage.engines.base import ActuatorMode, ActuatorState, Capability, Engine, SpawnReport
 from mindstage.engines.kinematic_tree import movable_axes
 from mindstage.errors import BodyNotFoundError, CommandRefusedError, RobotModelError, RobotNotFoundError
 from mindstage.robots.control import MotionGoal, MotionOutcome, MotionResult, gripper_opening, held_bodies
@@ -162,6 +163,24 @@ class Robot:
     def drives(self) -> Mapping[str, object]:
         """The joints that have drives, by name."""
         return self.controller.drives.joints
+
+    def actuated_bodies(self) -> ActuatedBodies:
+        """Its actuators as a file has them, with commands relative to its present poses; see `Simulation.save`."""
+        drives, placed = self.controller.drives, self._placed
+        states = self.session.run_on_engine(_actuator_states, label="actuators")
+        commands = {
+            each.name: states[each.name].command
+            - (states[each.name].position if each.mode is ActuatorMode.POSITION else 0.0)
+            for each in drives.records
+            if each.name in states
+        }
+        return ActuatedBodies(
+            actuators=drives.records,
+            commands=commands,
+            without_weight=frozenset(drives.link_of_body),
+            excluded_pairs=contact_free_pairs(self.model, placed),
+            geometry=placed.geometry,
+        )
 
     @property
     def exists(self) -> bool:
@@ -419,6 +438,11 @@ class Robot:
         """Ends all motions; the joints hold their positions."""
         self.session.run_on_engine(lambda _: self.controller.stop(), label="stop robot")
 
+    def halt(self) -> None:
+        """Ends all motions at once, without a ramp: for what has been pressed into something."""
+        for goal in self.controller.goals:
+            goal.halt()
+
     # -- motions -------------------------------------------------------------------------------------------
 
     def following(
@@ -573,6 +597,16 @@ class Robot:
         return states
 
 
+def _actuator_states(engine: Engine) -> Mapping[str, ActuatorState]:
+    """The states of the actuators; empty for an engine without any."""
+    return engine.actuator_states() if Capability.ACTUATORS in engine.capabilities else {}
+
+
+def contact_free_pairs(model: RobotModel, placed: RobotWorld) -> frozenset[tuple[BodyId, BodyId]]:
+    """The pairs of bodies of a robot that have no contacts with each other."""
+    return frozenset((placed.link_ids[a], placed.link_ids[b]) for a, b in model.disabled_collisions)
+
+
 def place_robot(
     session: RobotSession,
     source: str | PathLike[str] | RobotModel,
@@ -607,7 +641,7 @@ def place_robot(
         raise RobotModelError(model.source or model.name, cause=f"a robot {name!r} exists", remedy="give another name")
     world_ids = {joint.id for world in session.worlds for joint in world.joints}
     placed = robot_world(model, pose, name=name, taken={*session.state.ids, *world_ids})
-    pairs = frozenset((placed.link_ids[a], placed.link_ids[b]) for a, b in model.disabled_collisions)
+    pairs = contact_free_pairs(model, placed)
     report = session.spawn(placed.world, geometry=placed.geometry, excluded_pairs=pairs)
     if not report.ok:
         failures = (*report.failed_bodies, *report.failed_joints, *report.failed_attachments)

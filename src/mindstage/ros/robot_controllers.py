@@ -154,10 +154,14 @@ def _controller_name(stem: str) -> str:
 def await_motion(motion: MotionGoal, context: GoalContext, make_feedback: Callable[[], Message | None]) -> MotionResult:
     """Waits until a motion has ended, with feedback; it is canceled with its goal.
 
+    The motion is canceled by the thread that receives the request: its joints brake in the next control period and
+    stand 0.1 s of simulated time later, however long this thread takes to wake up.
+
     Raises:
         GoalCanceledError: the goal was canceled, or a newer one has replaced the motion.
         SimulationTimeoutError: the goal takes too long.
     """
+    context.on_cancel(motion.cancel)
     try:
         while motion.result is None:
             context.check(make_feedback, interval_s=_FEEDBACK_INTERVAL_S)

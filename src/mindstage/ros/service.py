@@ -301,6 +301,7 @@ class GoalContext:
         is_cancelled: Callable[[], bool],
         send_feedback: Callable[[Message], None],
         wait_for_cancel: Callable[[float], bool],
+        on_cancel: Callable[[Callable[[], object]], object],
     ) -> None:
         """Starts the timeout.
 
@@ -310,6 +311,7 @@ class GoalContext:
             is_cancelled: returns whether cancellation was requested.
             send_feedback: sends feedback.
             wait_for_cancel: sleeps for a time [s], at most until cancellation is requested.
+            on_cancel: registers a callback for the request; see `ServerGoalHandle.on_cancel`.
         """
         self.name = name
         self.timeout_s = timeout_s
@@ -317,12 +319,17 @@ class GoalContext:
         self._is_cancelled = is_cancelled
         self._send_feedback = send_feedback
         self._wait_for_cancel = wait_for_cancel
+        self._on_cancel = on_cancel
         self._last_feedback_s = 0.0
 
     @property
     def cancelled(self) -> bool:
         """Whether cancellation was requested."""
         return self._is_cancelled()
+
+    def on_cancel(self, callback: Callable[[], object]) -> None:
+        """Registers a callback that is called at once when cancellation is requested; see `ServerGoalHandle`."""
+        self._on_cancel(callback)
 
     def send_feedback(self, feedback: Message) -> None:
         """Sends feedback now."""
@@ -439,6 +446,7 @@ def action_handler(
             is_cancelled=lambda: goal.cancel_requested,
             send_feedback=lambda feedback: goal.feedback(encode(feedback, ros=ros)),
             wait_for_cancel=goal.wait_for_cancel,
+            on_cancel=goal.on_cancel,
         )
         try:
             with as_client(f"ROS: {name}"):

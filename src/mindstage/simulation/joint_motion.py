@@ -18,12 +18,15 @@ from mindstage.engines.base import Capability
 from mindstage.engines.kinematic_tree import AXIS_NAMES
 from mindstage.errors import AmbiguousNameError, BodyNotFoundError, InvalidArgumentError, NameNotFoundError
 from mindstage.scene import BodyId, Pose, World
-from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply
+from mindstage.scene.placement import PlacementSampler
+from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_inverse, pose_multiply
+from mindstage.simulation.body_groups import find_dependents
 from mindstage.simulation.interaction import JointAxisState, JointHandle
+from mindstage.simulation.placement import enclosing_body_ids
 from mindstage.simulation.state import EngineSession, poses_in
 from mindstage.simulation.undo import SpawnRecord
 
-__all__ = ["JointMotion", "SimulationJoint", "find_joint"]
+__all__ = ["JointClearance", "JointMotion", "SimulationJoint", "find_joint"]
 
 T = TypeVar("T")
 
@@ -370,3 +373,80 @@ def find_joint(
         return SimulationJoint(simulation, handle, world, master=master, on_pull=on_pull)
 
     return with_master(found[0], frozenset({found[0].joint.id}))
+
+
+_MIN_DEPTH_M = 0.004
+"""How much deeper a moved body may be in another one than at the start."""
+_CLEARANCE_STEPS = 12
+_BISECTIONS = 7
+
+
+class JointClearance:
+    """How far a joint can be moved until its body enters another one that cannot give way.
+
+    Loose bodies are no obstacles, since most of them move with what they are in.
+    """
+
+    def __init__(self, simulation: EngineSession, joint: JointHandle) -> None:
+        """Reads the current state.
+
+        Args:
+            simulation: the simulation.
+            joint: the joint.
+        """
+        world = simulation.snapshot()
+        self._joint, self._geometry = joint, simulation.geometry
+        moving = joint.moving_body
+        self._family = {moving, *find_dependents(world, [moving]).parts}
+        self._bodies = {body.id: body for body in world.bodies}
+        self._start = normalized_pose_array(self._bodies[moving].pose)
+        jointed = {end for each in world.joints for end in (each.parent, each.child)}
+        held = {each.child for each in world.attachments}
+        loose = {id for id, body in self._bodies.items() if body.physics.is_dynamic and id not in jointed | held}
+        ignored = self._family | loose | enclosing_body_ids(simulation)
+        state = simulation.state
+        self._sampler = PlacementSampler(
+            self._bodies, self._geometry, state.ids, state.poses, frozenset(str(id) for id in ignored)
+        )
+
+    def limit(self, axis: str, value: float, poses: Mapping[BodyId, Array]) -> tuple[float, BodyId | None]:
+        """The position nearest to a wanted one that is reached freely [m or rad], and the body in the way, if any.
+
+        Args:
+            axis: the axis of the joint.
+            value: the wanted position [m or rad].
+            poses: the current poses of both ends of the joint.
+        """
+        at = self._joint.positions(poses)[axis]
+        start = self._depths(axis, at, poses)
+        free, blocker = at, None
+        for step in np.linspace(at, value, _CLEARANCE_STEPS + 1)[1:].tolist():
+            blocker = self._blocker(start, axis, step, poses)
+            if blocker is not None:
+                low, high = free, step
+                for _ in range(_BISECTIONS):
+                    middle = (low + high) / 2
+                    found = self._blocker(start, axis, middle, poses)
+                    low, high = (middle, high) if found is None else (low, middle)
+                return low, blocker
+            free = step
+        return value, None
+
+    def _blocker(
+        self, start: Mapping[BodyId, float], axis: str, value: float, poses: Mapping[BodyId, Array]
+    ) -> BodyId | None:
+        """The body that is entered deepest at a position, beyond how deep it was entered at the start."""
+        more = {id: depth - start.get(id, 0.0) for id, depth in self._depths(axis, value, poses).items()}
+        deepest = max(more, key=more.__getitem__, default=None)
+        return deepest if deepest is not None and more[deepest] > _MIN_DEPTH_M else None
+
+    def _depths(self, axis: str, value: float, poses: Mapping[BodyId, Array]) -> dict[BodyId, float]:
+        target = normalized_pose_array(self._joint.pose_for(axis, value, poses))
+        change = pose_multiply(target, pose_inverse(self._start))
+        depths: dict[BodyId, float] = {}
+        for id in self._family:
+            pose = pose_from_array(pose_multiply(change, normalized_pose_array(self._bodies[id].pose)))
+            body = msgspec.structs.replace(self._bodies[id], pose=pose)
+            for other, depth in self._sampler.penetration_depths(body, self._geometry.get(id)).items():
+                depths[other] = max(depth, depths.get(other, 0.0))
+        return depths

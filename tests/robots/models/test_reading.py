@@ -360,9 +360,12 @@ def test_the_parts_of_the_bundled_robot() -> None:
         ("tiago_no_hand", BaseType.DIFFERENTIAL, {"arm": 8}, []),
         ("ur5", BaseType.FIXED, {"manipulator": 6}, []),
         ("pr2_mjcf", BaseType.PLANAR, {"l_arm": 7, "r_arm": 7}, []),
-        ("baxter", BaseType.FIXED, {"left_arm": 7, "right_arm": 7}, None),
+        ("stretch_se3", BaseType.DIFFERENTIAL, {"arm": 5}, [0.191]),
+        # Fingers 1.5 cm wide on slides of 2.08 cm each, with tips of two kinds.
+        ("baxter", BaseType.FIXED, {"right_arm": 7, "left_arm": 7}, [0.048, 0.058]),
         ("tiago_pro", BaseType.PLANAR, {"left_arm": 7, "right_arm": 7}, [0.079, 0.079]),
-        ("talos", BaseType.FIXED, {"l_arm": 7, "r_arm": 7}, None),
+        ("talos", BaseType.FIXED, {"l_arm": 7, "r_arm": 7}, [0.092, 0.092]),
+        ("tiago", BaseType.DIFFERENTIAL, {"arm": 8}, [0.049]),
     ],
 )
 def test_the_parts_of_known_robots(
@@ -394,10 +397,31 @@ def test_fingers_on_parallel_cranks_are_a_pair_of_tips() -> None:
     assert gripper.joints == ("gripper_left_finger_joint",)
 
 
-def test_a_hand_is_no_parallel_gripper() -> None:
-    (hand,) = known_model("tiago").grippers
-    assert hand.type is GripperType.OTHER
-    assert len(hand.finger_links) >= 5
+def test_a_hand_has_the_drives_that_the_real_one_has() -> None:
+    model = known_model("tiago")
+    (hand,) = model.grippers
+    assert hand.joints == ("hand_thumb_joint", "hand_index_joint", "hand_mrl_joint")
+    assert len(hand.finger_links) == 5
+    mimic = model.joint("hand_thumb_flex_1_joint").mimic
+    assert mimic is not None
+    assert (mimic.joint, mimic.multiplier) == ("hand_thumb_joint", pytest.approx(1 / 2.5))
+    assert model.joint("hand_thumb_joint").upper == pytest.approx(2.5 * 0.785398163397)
+    assert not model.joint("hand_middle_abd_joint").is_movable, "no motor moves it"
+    assert any("used as a gripper" in note.text for note in model.notes)
+
+
+def test_the_tips_of_fingers_are_among_their_links() -> None:
+    gripper = known_model("baxter").grippers[0]
+    assert {"r_gripper_l_finger_tip", "r_gripper_r_finger_tip"} <= set(gripper.finger_links)
+
+
+def test_an_assumed_range_is_reported() -> None:
+    model = known_model("stretch_se3")
+    assert (model.joint("joint_gripper_finger_left").lower, model.joint("joint_gripper_finger_left").upper) == (
+        -0.6,
+        0.6,
+    )
+    assert any("its range is not stated" in note.text for note in model.notes)
 
 
 def test_sections_of_a_telescope_move_together() -> None:

@@ -23,6 +23,8 @@ _SUFFIXES = (".urdf", ".urdf.xacro", ".xacro", ".xml", ".mjcf")
 _EXAMPLES = "cmeel.prefix/share/example-robot-data/robots"
 _STRETCH = "stretch_urdf"
 _ROBOSUITE = "robosuite_models/assets/robots"
+_STRETCH_FINGERS = tuple((f"joint_gripper_finger_{side}", -0.6, 0.6) for side in ("left", "right"))
+"""The calibration of each robot sets the range of its fingers: that of the description of Stretch 2 is assumed."""
 _GYMNASIUM = "gymnasium_robotics/envs/assets"
 
 
@@ -35,6 +37,8 @@ class ModelSource(msgspec.Struct, frozen=True, kw_only=True):
     srdf: Path | None = None
     mimics: tuple[tuple[str, str], ...] = ()
     """Joints that move with another one, which the description does not say: follower and master."""
+    ranges: tuple[tuple[str, float, float], ...] = ()
+    """Joints whose range the description leaves at 0 to 0, with the limits that are assumed [m or rad]."""
 
 
 class KnownModel(msgspec.Struct, frozen=True, kw_only=True):
@@ -49,6 +53,7 @@ class KnownModel(msgspec.Struct, frozen=True, kw_only=True):
     srdf: str = ""
     """The name of an SRDF in `BUNDLED_FOLDER`."""
     mimics: tuple[tuple[str, str], ...] = ()
+    ranges: tuple[tuple[str, float, float], ...] = ()
 
     @property
     def path(self) -> Path | None:
@@ -67,7 +72,7 @@ class KnownModel(msgspec.Struct, frozen=True, kw_only=True):
         return self.path is not None
 
 
-def _stretch(name: str, title: str, file: str) -> KnownModel:
+def _stretch(name: str, title: str, file: str, *, ranges: tuple[tuple[str, float, float], ...] = ()) -> KnownModel:
     sections = tuple((f"joint_arm_l{number}", "joint_arm_l3") for number in (2, 1, 0))
     return KnownModel(
         name=name,
@@ -76,6 +81,7 @@ def _stretch(name: str, title: str, file: str) -> KnownModel:
         file=f"{_STRETCH}/{file}",
         srdf="stretch.srdf",
         mimics=(*sections, ("joint_gripper_finger_right", "joint_gripper_finger_left")),
+        ranges=ranges,
     )
 
 
@@ -97,6 +103,12 @@ _MODELS = (
         srdf="mobile_manipulator.srdf",
     ),
     _stretch("stretch", "Hello Robot Stretch 2", "RE2V0/stretch_description_RE2V0_tool_stretch_dex_wrist.urdf"),
+    _stretch(
+        "stretch_se3",
+        "Hello Robot Stretch 3",
+        "SE3/stretch_description_SE3_eoa_wrist_dw3_tool_sg3.urdf",
+        ranges=_STRETCH_FINGERS,
+    ),
     _stretch("stretch_re1", "Hello Robot Stretch 1", "RE1V0/stretch_description_RE1V0_tool_stretch_dex_wrist.urdf"),
     _example("panda", "Franka Emika Panda", "panda_description/urdf/panda.urdf", "panda.srdf"),
     _example("pr2", "Willow Garage PR2", "pr2_description/urdf/pr2.urdf", "pr2.srdf"),
@@ -115,7 +127,7 @@ _MODELS = (
     _example("baxter", "Rethink Robotics Baxter", "baxter_description/urdf/baxter.urdf"),
     _example("kinova", "Kinova", "kinova_description/robots/kinova.urdf"),
     _example("xarm7", "UFACTORY xArm 7", "xarm_description/urdf/xarm7.urdf"),
-    _example("talos", "PAL Robotics TALOS", "talos_data/robots/talos_reduced.urdf"),
+    _example("talos", "PAL Robotics TALOS", "talos_data/robots/talos_full_v2.urdf"),
     _robosuite("pr2_mjcf", "Willow Garage PR2, as MJCF", "pr2", "pr2.srdf"),
     _robosuite("yumi", "ABB YuMi, as MJCF", "yumi"),
     KnownModel(
@@ -149,7 +161,7 @@ def find_model(name: str, *, folders: Iterable[Path] = ()) -> ModelSource:
         if path is None:
             raise RobotNotFoundError(name, remedy=f"its files are in a package: pip install {known.package}")
         srdf = BUNDLED_FOLDER / known.srdf if known.srdf else None
-        return ModelSource(path=path, name=known.name, srdf=srdf, mimics=known.mimics)
+        return ModelSource(path=path, name=known.name, srdf=srdf, mimics=known.mimics, ranges=known.ranges)
     if Path(name).is_file():
         return ModelSource(path=Path(name))
     for folder in folders:

@@ -6,7 +6,7 @@ touches things in a simulation.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -35,7 +35,13 @@ _FORCE_RANGE_N = (5.0, 80.0)
 """Some descriptions state the effort of a motor before its gear, or an arbitrary large number."""
 _SNAP_COSINE = 0.995
 """Directions that are nearer to an axis of the palm than this angle are along it."""
+_HAND_DRIVES = 3
+"""A gripper with as many drives is a hand: its fingers bend by themselves."""
 _MIN_TRAVEL_M = 0.01
+_PAD_M = 0.025
+"""Shapes of a finger that end nearer to its tip touch what is grasped."""
+_MAX_PAD_M = 0.06
+"""Shapes of other links at the tip, as exchangeable finger tips, that begin nearer to it are pads."""
 
 
 def analyze_gripper(
@@ -56,6 +62,10 @@ def analyze_gripper(
         return None
     positions = _Positions(tree, link, fingers, joints)
     opened, closed = positions.limits()
+    if still := positions.without_travel(opened, closed):  # as the motors of a hand whose fingers follow them
+        fingers = [finger for finger in fingers if finger not in still]
+        positions = _Positions(tree, link, fingers, joints)
+        opened, closed = positions.limits()
     if positions.keep_tips(opened, closed):
         fingers = [finger for branch in positions.branches for finger in branch]
         opened, closed = positions.limits()
@@ -67,6 +77,12 @@ def analyze_gripper(
         return _other(tree, name, link, drives, fingers, opened, closed)
     frame, gap, closed = _grasp_frame(tree, link, fingers, positions, opened, closed, between)
     is_parallel = gap > _MIN_TRAVEL_M
+    fingers += [pad for pad in positions.pad_links if pad not in fingers]
+    if is_parallel and positions.is_hand:
+        text = (
+            f"it is used as a gripper: one finger closes on the {len(positions.branches) - 1} others, {gap:.3f} m away"
+        )
+        notes.append(ModelNote(subject=name, text=text))
     return Gripper(
         name=name,
         type=GripperType.PARALLEL if is_parallel else GripperType.OTHER,
@@ -141,6 +157,8 @@ class _Positions:
         for finger in fingers:
             first = [joint.name for joint in tree.ancestors(finger) if joint.name in names][-1]
             branches.setdefault(first, []).append(finger)
+        self.pad_links: dict[str, None] = {}
+        """Links with pads at the tips, beside those of the fingers; known after `pads`."""
         self.branches = list(branches.values())
         """The fingers, each as the links of one branch below the palm."""
 
@@ -156,6 +174,15 @@ class _Positions:
         centers = np.array([points.mean(axis=0) for points in self.fingers(drives)])
         return float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).sum())
 
+    @property
+    def is_hand(self) -> bool:
+        """Whether its fingers bend by themselves."""
+        return len(self.drives) >= _HAND_DRIVES
+
+    def reach(self, drives: Mapping[str, float]) -> float:
+        """The sum of the distances of the fingers' centers from the palm, which the fingers of a hand bend to [m]."""
+        return sum(float(np.linalg.norm(points.mean(axis=0))) for points in self.fingers(drives))
+
     def limits(self) -> tuple[dict[str, float], dict[str, float]]:
         """The positions of the drives when the gripper is open, and when it is closed."""
         middle = {joint.name: rest_positions([joint])[joint.name] for joint in self.drives}
@@ -163,9 +190,49 @@ class _Positions:
         for joint in self.drives:
             lower = joint.lower if joint.lower is not None else -np.pi / 2
             upper = joint.upper if joint.upper is not None else np.pi / 2
-            low, high = (self.spread({**middle, joint.name: limit}) for limit in (lower, upper))
+            measure = self.reach if self.is_hand else self.spread
+            low, high = (measure({**middle, joint.name: limit}) for limit in (lower, upper))
             opened[joint.name], closed[joint.name] = (lower, upper) if low > high else (upper, lower)
         return opened, closed
+
+    def without_travel(self, opened: Mapping[str, float], closed: Mapping[str, float]) -> set[str]:
+        """The finger links that are where they were when the gripper has closed; none if that are all but one."""
+        links = [link for branch in self.branches for link in branch]
+        centers = []
+        for drives in (opened, closed):
+            poses = self.tree.poses(rest_positions(self.tree.joints.values(), drives))
+            to_link = pose_inverse(poses[self.link])
+            points = (self.tree.points([each], poses).mean(axis=0) for each in links)
+            centers.append(np.array([quat_rotate(to_link[3:], each) + to_link[:3] for each in points]))
+        travels = np.linalg.norm(centers[0] - centers[1], axis=1)
+        still = {link for link, travel in zip(links, travels.tolist(), strict=True) if travel < _MIN_TRAVEL_M / 2}
+        return still if len(still) <= len(links) - 2 else set()
+
+    def pads(self, drives: Mapping[str, float], outward: Array) -> list[Array]:
+        """Points on the shapes of each finger that reach to near its tip, in the frame of the palm.
+
+        A finger may have other shapes, such as the bracket that carries it, which pass beside the other finger.
+        """
+        poses = self.tree.poses(rest_positions(self.tree.joints.values(), drives))
+        to_link = pose_inverse(poses[self.link])
+
+        def depths(link: str) -> Iterator[tuple[Array, float, float]]:
+            """The points of each shape of a link, and how far in front of the palm they begin and end."""
+            for points in self.tree.points_by_shape([link], poses):
+                placed = quat_rotate(to_link[3:], points) + to_link[:3]
+                yield placed, float((placed @ outward).min()), float((placed @ outward).max())
+
+        found = []
+        for branch in self.branches:
+            tip = max(high for link in branch for _, _, high in depths(link))
+            pads = [points for link in branch for points, _, high in depths(link) if tip - high < _PAD_M]
+            for link in self.tree.rigid_neighbors(branch):
+                own = [points for points, low, high in depths(link) if tip - high < _PAD_M and tip - low < _MAX_PAD_M]
+                pads += own
+                if own:
+                    self.pad_links[link] = None
+            found.append(np.concatenate(pads))
+        return found
 
     def keep_tips(self, opened: Mapping[str, float], closed: Mapping[str, float]) -> bool:
         """Keeps the farthest branch of each side of a gripper whose fingers have several links on parallel cranks.
@@ -226,7 +293,8 @@ def _grasp_frame(
     outward = everything.mean(axis=0)
     outward = _outward(tree, link, axis, outward)
     depth = everything @ outward
-    first, others = points[0], np.concatenate(points[1:])
+    first, *rest = positions.pads(opened, outward)
+    others = np.concatenate(rest)
     gap = _gap(first, others, axis)
     middle = (float((first @ axis).min()) + float((others @ axis).max())) / 2
     side = np.cross(outward, axis)
@@ -242,7 +310,7 @@ def _grasp_frame(
         ):
             origin = origin + outward * float(offset @ outward) + side * float(offset @ side)
     rotation = quaternion_from_matrix(np.stack([outward, axis, np.cross(outward, axis)], axis=1))
-    return np.array([*origin, *rotation]), gap, _touching(positions, opened, closed, axis)
+    return np.array([*origin, *rotation]), gap, _touching(positions, opened, closed, axis, outward)
 
 
 def _outward(tree: LinkTree, link: str, axis: Array, center: Array) -> Array:
@@ -265,7 +333,7 @@ def _gap(first: Array, others: Array, axis: Array) -> float:
 
 
 def _touching(
-    positions: _Positions, opened: Mapping[str, float], closed: Mapping[str, float], axis: Array
+    positions: _Positions, opened: Mapping[str, float], closed: Mapping[str, float], axis: Array, outward: Array
 ) -> dict[str, float]:
     """The closed positions, or those on the way to them at which the fingers touch each other."""
 
@@ -273,8 +341,8 @@ def _touching(
         return {name: opened[name] + share * (closed[name] - opened[name]) for name in opened}
 
     def gap(share: float) -> float:
-        points = positions.fingers(at(share))
-        return _gap(points[0], np.concatenate(points[1:]), axis)
+        first, *rest = positions.pads(at(share), outward)
+        return _gap(first, np.concatenate(rest), axis)
 
     if gap(1.0) >= 0.0 or gap(0.0) <= 0.0:
         return dict(closed)

@@ -150,15 +150,28 @@ class LinkTree:
         """The frame of each link in that of the root, each an array of 7."""
         return link_poses(self.joints.values(), positions, self.root)
 
+    def rigid_neighbors(self, links: Sequence[str]) -> list[str]:
+        """The solid links that do not move relative to some links, without these."""
+        found = dict[str, None]()
+        for link in links:
+            top = link
+            while (joint := self.parent_joint.get(top)) is not None and not joint.is_movable:
+                top = joint.parent
+            found |= dict.fromkeys(each for each in self.rigid_links(top) if self._is_solid(each) and each not in links)
+        return list(found)
+
+    def points_by_shape(self, links: Iterable[str], poses: Mapping[str, Array]) -> list[Array]:
+        """As `points`, each collision shape by itself."""
+        found = []
+        for name in links:
+            geometry, pose = self.links[name].geometry, poses[name]
+            for shape in () if geometry is None else geometry.collision_shapes:
+                found.append(quat_rotate(pose[3:], shape_points(shape)) + pose[:3])
+        return found
+
     def points(self, links: Iterable[str], poses: Mapping[str, Array]) -> Array:
         """Points on the collision shapes of links, n x 3, in the frame of the poses."""
-        found = [np.zeros((0, 3))]
-        for name in links:
-            geometry = self.links[name].geometry
-            for shape in () if geometry is None else geometry.collision_shapes:
-                pose = poses[name]
-                found.append(quat_rotate(pose[3:], shape_points(shape)) + pose[:3])
-        return np.concatenate(found)
+        return np.concatenate([np.zeros((0, 3)), *self.points_by_shape(links, poses)])
 
 
 def shape_points(shape: CollisionShape) -> Array:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from xml.etree import ElementTree
 
 import msgspec
 import numpy as np
@@ -77,7 +78,7 @@ def load_model(
     found = ModelSource(path=source) if isinstance(source, Path) else find_model(source, folders=folders)
     path, name = found.path, name or found.name
     is_mjcf = _is_mjcf(path)
-    description = _from_mjcf(path, found.mimics) if is_mjcf else _from_urdf(path, found.mimics, folders, cache)
+    description = _from_mjcf(path, found.mimics) if is_mjcf else _from_urdf(path, found, folders, cache)
     stated = srdf or found.srdf
     used = stated or _srdf_beside(path)
     if used is not None and stated is None:
@@ -124,9 +125,7 @@ def _from_mjcf(path: Path, mimics: Iterable[tuple[str, str]]) -> _Description:
     )
 
 
-def _from_urdf(
-    path: Path, mimics: Iterable[tuple[str, str]], folders: Sequence[Path], cache: Path | None
-) -> _Description:
+def _from_urdf(path: Path, source: ModelSource, folders: Sequence[Path], cache: Path | None) -> _Description:
     packages = RosPackagePath((*folders, *_package_folders(path)))
     try:
         urdf = read_urdf(path, packages, measure_meshes=False)
@@ -144,13 +143,14 @@ def _from_urdf(
         links.append(RobotLink(name=link.name, geometry=geometries.get(link.name), inertia=inertia))
         if change:
             notes.append(ModelNote(subject=link.name, text=change))
-    joints, joint_notes = _joints(urdf)
-    joints, mimic_notes = _with_mimics(joints, mimics)
+    joints, joint_notes = _joints(urdf, {name: (lower, upper) for name, lower, upper in source.ranges})
+    joints, coupling_notes = _with_couplings(joints, _couplings(urdf))
+    joints, mimic_notes = _with_mimics(joints, source.mimics)
     return _Description(
         name=urdf.name,
         links=links,
         joints=joints,
-        notes=(*notes, *geometry_notes, *joint_notes, *mimic_notes),
+        notes=(*notes, *geometry_notes, *joint_notes, *coupling_notes, *mimic_notes),
         urdf=urdf.source_xml,
     )
 
@@ -253,10 +253,17 @@ def _inertia(inertial: UrdfInertial) -> tuple[Inertia, str]:
     return Inertia(mass_kg=inertial.mass_kg, center=(a, b, c), tensor=(xx, yy, zz, xy, xz, yz)), change
 
 
-def _joints(urdf: UrdfRobot) -> tuple[list[RobotJoint], list[ModelNote]]:
+def _joints(urdf: UrdfRobot, ranges: Mapping[str, tuple[float, float]]) -> tuple[list[RobotJoint], list[ModelNote]]:
+    """The joints with notes; ranges are of those that have none in the description."""
     notes: list[ModelNote] = []
     joints = []
     for joint in urdf.joints:
+        if joint.name in ranges and joint.range is not None and joint.range[0] == joint.range[1]:
+            lower, upper = ranges[joint.name]
+            joint = replace(joint, range=(lower, upper))
+            notes.append(
+                ModelNote(subject=joint.name, text=f"its range is not stated: {lower:g} to {upper:g} is assumed")
+            )
         type, text = _type(joint)
         if text:
             notes.append(ModelNote(subject=joint.name, text=text, is_guess=False))
@@ -276,6 +283,91 @@ def _with_mimics(
             notes.append(ModelNote(subject=joint.name, text=f"it moves with {master}, as on the real robot"))
         found.append(joint)
     return found, notes
+
+
+def _couplings(urdf: UrdfRobot) -> dict[str, RobotMimic]:
+    """The joints that plugins of Gazebo move with others, by their followers.
+
+    `<virtualJoint>` is of the underactuated fingers of PAL's hands, whose angles are that of their motor divided by a
+    factor; `<mimicJoint>` is of the mimic plugin of the Robotics Group.
+    """
+    found: dict[str, RobotMimic] = {}
+    for text in urdf.other_elements:
+        if "<plugin" not in text:
+            continue
+        try:
+            plugins = list(ElementTree.fromstring(text).iter("plugin"))
+        except ElementTree.ParseError:
+            continue  # it has prefixes that are declared outside of it, which no such plugin has
+        for plugin in plugins:
+            master = (plugin.findtext("actuatedJoint") or plugin.findtext("joint") or "").strip()
+            pairs = [(each, 1.0 / _number(each, "scale_factor", 1.0), 0.0) for each in plugin.iter("virtualJoint")]
+            names = [(each.findtext("name") or "", multiplier, offset) for each, multiplier, offset in pairs]
+            if (follower := plugin.findtext("mimicJoint")) is not None:
+                names.append((follower, _number(plugin, "multiplier", 1.0), _number(plugin, "offset", 0.0)))
+            for name, multiplier, offset in names:
+                if master and name.strip():
+                    found[name.strip()] = RobotMimic(joint=master, multiplier=multiplier, offset=offset)
+    return found
+
+
+def _number(element: ElementTree.Element, tag: str, default: float) -> float:
+    """A number other than 0 in an element below; the default if it has none."""
+    try:
+        value = float(element.findtext(tag) or default)
+    except ValueError:
+        return default
+    return value if value and np.isfinite(value) else default
+
+
+def _with_couplings(
+    joints: Sequence[RobotJoint], couplings: Mapping[str, RobotMimic]
+) -> tuple[list[RobotJoint], list[ModelNote]]:
+    """The joints, of which those follow others that plugins move, and notes.
+
+    The range of a joint that others follow is that in which none of them leaves its own: the plugins stop a follower at
+    its limit, which a linear coupling cannot.
+    """
+    by_name = {joint.name: joint for joint in joints}
+    ranges: dict[str, tuple[float, float]] = {}
+    followers: dict[str, RobotMimic] = {}
+    for name, mimic in couplings.items():
+        joint, master = by_name.get(name), by_name.get(mimic.joint)
+        if joint is None or master is None or not joint.is_actuated or not master.is_actuated or name == mimic.joint:
+            continue
+        followers[name] = mimic
+        low, high = ranges.get(mimic.joint, (_bound(master.lower, -1.0), _bound(master.upper, 1.0)))
+        ends = [(_bound(each, sign) - mimic.offset) / mimic.multiplier for each, sign in _limits(joint)]
+        ranges[mimic.joint] = max(low, min(ends)), min(high, max(ends))
+    links = {by_name[name].parent for name in followers}, {by_name[name].child for name in followers}
+    found, notes = [], []
+    for joint in joints:
+        is_beside = joint.child in links[0] or joint.parent in links[1]
+        if joint.is_actuated and is_beside and joint.name not in {*followers, *ranges}:
+            text = "it is fixed, since nothing drives it: the joints before or behind it follow others"
+            notes.append(ModelNote(subject=joint.name, text=text))
+            joint = _fixed(joint)
+        elif joint.name in followers:
+            mimic = followers[joint.name]
+            joint = replace(joint, mimic=mimic)
+            text = f"it moves with {mimic.joint}, times {mimic.multiplier:.3g}, as a plugin of Gazebo moves it"
+            notes.append(ModelNote(subject=joint.name, text=text))
+        elif joint.name in ranges and ranges[joint.name][0] < ranges[joint.name][1]:
+            lower, upper = ranges[joint.name]
+            if (lower, upper) != (_bound(joint.lower, -1.0), _bound(joint.upper, 1.0)):
+                text = f"its range is {lower:.3g} to {upper:.3g}, in which the joints that move with it have room"
+                notes.append(ModelNote(subject=joint.name, text=text))
+                joint = replace(joint, lower=lower, upper=upper)
+        found.append(joint)
+    return found, notes
+
+
+def _limits(joint: RobotJoint) -> tuple[tuple[float | None, float], tuple[float | None, float]]:
+    return (joint.lower, -1.0), (joint.upper, 1.0)
+
+
+def _bound(limit: float | None, sign: float) -> float:
+    return sign * np.inf if limit is None else limit
 
 
 def _type(joint: UrdfJoint) -> tuple[RobotJointType, str]:

@@ -231,6 +231,9 @@ class _StructureFinder:
                 clusters.setdefault(self._rigid_root(top.parent), []).append(joint)
         found: list[Gripper] = []
         for root, joints in clusters.items():
+            names = {joint.name for joint in joints}
+            masters = {joint.mimic.joint for joint in joints if joint.mimic is not None} - names
+            joints = [*joints, *(self.tree.joints[each] for each in sorted(masters) if each in self.tree.joints)]
             moving = [joint for joint in joints if self._moves_something(joint, joints)]
             side = _side([root]) or _side(joint.name for joint in moving)
             name = f"{side}_gripper" if side and len(clusters) > 1 else "gripper"

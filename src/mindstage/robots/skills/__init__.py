@@ -20,9 +20,13 @@ if TYPE_CHECKING:
         SkillStep,
         split_command,
     )
+    from mindstage.robots.skills.front_access import FrontReach, FrontReachStep, FrontWay, can_open
 
 __all__ = [
     "SKILLS",
+    "FrontReach",
+    "FrontReachStep",
+    "FrontWay",
     "ParameterType",
     "SkillNeed",
     "SkillOutcome",
@@ -31,8 +35,11 @@ __all__ = [
     "SkillSpec",
     "SkillState",
     "SkillStep",
+    "can_open",
     "split_command",
     "start_skill",
 ]
 
-__getattr__, __dir__ = lazy_names(__name__, [f"{__name__}.{each}" for each in ("declaration", "catalog")])
+__getattr__, __dir__ = lazy_names(
+    __name__, [f"{__name__}.{each}" for each in ("declaration", "catalog", "front_access")]
+)

@@ -11,14 +11,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mindstage.robots.kinematics import BASE_JOINTS, IkTolerance, RobotKinematics
+from mindstage.robots.kinematics import BASE_JOINTS, IkResult, IkTolerance, RobotKinematics
 from mindstage.robots.model import Arm, BaseType, RobotJoint, RobotModel
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.scene.transforms import Array, normalize, quat_angle
 
-__all__ = ["ArmPath", "driven_joints", "follow_poses", "interpolated_poses", "timed"]
+__all__ = ["POSE_JOINTS", "ArmPath", "driven_joints", "follow_poses", "interpolated_poses", "timed"]
 
 _TOLERANCE = IkTolerance(position_m=0.002, rotation_rad=0.02)
+POSE_JOINTS = 6
+"""Joints that an arm needs to take its hand to any pose in reach."""
 _MAX_JUMP_RAD = 0.35
 """Largest change of a joint between neighboring poses; more is another configuration of the arm."""
 _STEP_M, _STEP_RAD = 0.02, 0.08
@@ -40,6 +42,8 @@ class ArmPath(NamedTuple):
     """Number of poses that are reached; the path ends there."""
     reason: str
     """Why it ends before the last pose; empty if it does not."""
+    shortfall_m: float | None = None
+    """By how much the hand does not get to the next pose [m], if that is the reason."""
 
     @property
     def is_complete(self) -> bool:
@@ -96,19 +100,20 @@ def follow_poses(
     """
     frame = kinematics.frame_of(arm)
     rows, roots, known = list[Array](), list[Array](), dict(seed)
-    reason = ""
+    reason, shortfall_m = "", None
+    driven = driven_joints(kinematics.model) if may_drive else ()
+    needs_base = bool(driven) and len(arm.joints) < POSE_JOINTS
     for number, pose in enumerate(poses):
-        found = kinematics.solve_ik(
-            frame, pose, joints=arm.joints, seed=known, root_pose=root, free=free, tolerance=_TOLERANCE, attempts=1
-        )
         is_bound = number > 0 or from_seed
-        if may_drive and is_bound and not (found and _is_near(arm, known, found.positions)):
-            joints = (*driven_joints(kinematics.model), *arm.joints)
-            found = kinematics.solve_ik(
-                frame, pose, joints=joints, seed=known, root_pose=root, free=free, tolerance=_TOLERANCE, attempts=1
-            )
+        found: IkResult | None = None
+        for joints in ((*driven, *arm.joints),) if needs_base and is_bound else (arm.joints, (*driven, *arm.joints)):
+            if found is None or (driven and is_bound and not (found and _is_near(arm, known, found.positions))):
+                found = kinematics.solve_ik(
+                    frame, pose, joints=joints, seed=known, root_pose=root, free=free, tolerance=_TOLERANCE, attempts=1
+                )
+        assert found is not None
         if not found:
-            reason = found.reason
+            reason, shortfall_m = found.reason, found.shortfall_m
             break
         if is_bound and not _is_near(arm, known, found.positions):
             reason = "the arm would have to change its configuration"
@@ -123,6 +128,7 @@ def follow_poses(
         np.array(roots).reshape(-1, 7),
         len(rows),
         reason,
+        shortfall_m,
     )
 
 

@@ -8,6 +8,8 @@ around one of its collision shapes, such as the bar of a handle or the wall of a
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import product
+from math import cos, pi, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -28,12 +30,23 @@ from mindstage.scene.transforms import (
     rotation_matrix,
 )
 
-__all__ = ["Grasp", "GripperShape", "grasps_of", "pushes_of", "weld_grasps_of"]
+__all__ = [
+    "Grasp",
+    "GripperShape",
+    "diagonal_grasps_of",
+    "edge_grasps_of",
+    "grasps_of",
+    "pushes_of",
+    "sweeps_of",
+    "weld_grasps_of",
+]
 
 _CLEARANCE_M = 0.006
 """Least distance of each open finger from what is grasped."""
 _ROOM_M = 0.025
 """Distance of each open finger from what it is to grasp, where the gripper opens that far."""
+_TIGHT_ROOM_M = 0.008
+"""The same if the neighbors of a thing are near."""
 _SHIFTS = (0.0, 0.25, -0.25)
 """Grasped places along a long box, as fractions of its length."""
 _LONG_M = 0.09
@@ -50,9 +63,27 @@ _ANGLES = 12
 _MIN_THICKNESS_M = 0.002
 _WELD_GAP_M = 0.005
 """Distance of the finger tips from what is fixed to them."""
+_ROD_RATIO = 2.5
+"""A box that is longer than its other sides by this factor is a rod, such as the bar of a handle."""
+_DIAGONALS_RAD = (pi / 4, pi / 6, pi / 3)
+"""Angles between the sides of a rod and the directions in which it is grasped across its edges."""
+_DIAGONAL_TIPS_M = (0.016, 0.01)
+"""How far the finger tips are beyond the axis of such a rod: there is little room behind it."""
+_DIAGONAL_ROOM_M = 0.007
+_DIAGONAL_SHIFTS = (0.0, 0.2, -0.2, 0.4, -0.4)
+_EDGE_SHIFTS = (0.0, 0.25, -0.25, 0.4, -0.4)
+_SIDE_SHIFTS = (0.35, 0.2, 0.45)
+"""Places along the edges beside the free edge, towards it."""
+_EDGE_OVERLAPS_M = (0.035, 0.055, 0.02)
+"""Lengths of the fingers beside an edge of a door."""
+_EDGE_ROOM_M = 0.012
 _PUSH_SHIFTS = (0.35, -0.35, 0.2, -0.2, 0.0)
 """Places along a front at which it is pushed, as fractions of its length; its handle is often in the middle."""
 _PUSH_INSET_M = 0.06
+_SWEEP_INSETS_M, _SWEEP_SHIFTS = (0.06, 0.12, 0.2), (0.42, -0.42, 0.3, -0.3, 0.15, -0.15, 0.0)
+"""Places at which a door is pushed shut: from its free edge [m], and along it, as fractions of its length."""
+_SWEEP_TURNS_RAD = (0.0, 0.7, -0.7, 1.1, -1.1)
+"""Directions of the hand that pushes, relative to straight ahead."""
 _PUSH_GAP_M = 0.002
 _MAX_UP = 0.35
 """Largest upward component of the direction of approach: a hand does not come from below."""
@@ -149,6 +180,10 @@ class Grasp(NamedTuple):
         """
         return min(self.width_m + 2 * self.room_m, largest_m)
 
+    def tight(self) -> Grasp:
+        """The same with less room, for a thing whose neighbors are near."""
+        return self._replace(room_m=min(self.room_m, _TIGHT_ROOM_M))
+
     def in_world(self, body_pose: Array) -> Array:
         """The grasp frame in the world frame."""
         return pose_multiply(body_pose, self.pose)
@@ -193,6 +228,78 @@ def grasps_of(
             yield from _box_grasps(part, whole, body_pose, shape)
 
 
+def diagonal_grasps_of(
+    body: Body, geometry: BodyGeometry | None, gripper: Gripper, shape: GripperShape
+) -> Iterator[Grasp]:
+    """Grasps of the rods of a body across their edges, for a handle with a wall or a worktop beside it.
+
+    The hand comes between the directions of the sides, so that its palm, which is wider than its fingers, keeps away
+    from both what is behind the rod and what is beside it; one finger is behind the rod and pulls it.
+
+    Args:
+        body: the body.
+        geometry: its geometry.
+        gripper: the gripper.
+        shape: the extents of the gripper.
+    """
+    if gripper.type is not GripperType.PARALLEL:
+        return
+    for each in _shapes_of(body, geometry):
+        box = _Box(normalized_pose_array(each.pose), np.asarray(each.size, dtype=float))
+        long = int(np.argmax(box.size))
+        first, second = (axis for axis in range(3) if axis != long)
+        if box.size[long] < _ROD_RATIO * max(box.size[first], box.size[second]):
+            continue
+        axes = rotation_matrix(box.pose[3:]).T
+        for angle, turn in product(_DIAGONALS_RAD, range(4)):
+            inward = cos(angle + turn * pi / 2) * axes[first] + sin(angle + turn * pi / 2) * axes[second]
+            across = np.cross(axes[long], inward)
+            width = box.extent(across)
+            if width > shape.opening - 2 * _CLEARANCE_M:
+                continue
+            for beyond, shift in product(_DIAGONAL_TIPS_M, _DIAGONAL_SHIFTS):
+                origin = box.pose[:3] + inward * (beyond - shape.tip_from(width)) + axes[long] * shift * box.size[long]
+                for sign in (1.0, -1.0):
+                    pose = np.concatenate([origin, _rotation(inward, sign * across)])
+                    yield Grasp(
+                        pose,
+                        width,
+                        is_by_friction=True,
+                        is_whole=False,
+                        is_central=shift == 0.0,
+                        room_m=_DIAGONAL_ROOM_M,
+                    )
+
+
+def edge_grasps_of(
+    body: Body, geometry: BodyGeometry | None, normal: Array, edge: Array, gripper: Gripper, shape: GripperShape
+) -> Iterator[Grasp]:
+    """Grasps of a door that is ajar by its free edge, or by those beside it, with a finger on each side.
+
+    Args:
+        body: the door.
+        geometry: its geometry.
+        normal: a vector in the frame of the body across the door.
+        edge: a point in the frame of the body near its free edge, such as that of the handle.
+        gripper: the gripper.
+        shape: the extents of the gripper.
+    """
+    if gripper.type is not GripperType.PARALLEL:
+        return
+    middle, half, axis, to_edge, along = _sides(body, geometry, normal, edge)
+    width = 2 * float(half[axis])
+    if width > shape.opening - 2 * _EDGE_ROOM_M:
+        return
+    sides = [(to_edge, along, _EDGE_SHIFTS), *((sign * along, to_edge, _SIDE_SHIFTS) for sign in (1.0, -1.0))]
+    for overlap, (outwards, lengthwise, shifts) in product(_EDGE_OVERLAPS_M, sides):
+        length = float(np.abs(lengthwise) @ half) * 2
+        end = middle + outwards * float(np.abs(outwards) @ half)
+        for shift, sign in product(shifts, (1.0, -1.0)):
+            origin = end + outwards * (shape.tip_from(width) - overlap) + lengthwise * shift * length
+            pose = np.concatenate([origin, _rotation(-outwards, sign * np.eye(3)[axis])])
+            yield Grasp(pose, width, is_by_friction=True, is_whole=False, is_central=shift == 0.0, room_m=_EDGE_ROOM_M)
+
+
 def weld_grasps_of(body: Body, geometry: BodyGeometry | None, body_pose: Array, shape: GripperShape) -> Iterator[Grasp]:
     """Poses in which the finger tips are just in front of a side of a body, to which it is then fixed."""
     low, high = compile_geometry(_shapes_of(body, geometry)).bounds
@@ -224,15 +331,9 @@ def pushes_of(
         edge: a point in the frame of the body near its free edge, such as that of the handle.
         shape: the extents of the gripper.
     """
-    low, high = compile_geometry(_shapes_of(body, geometry)).bounds
-    middle, half = (low + high) / 2, (high - low) / 2
-    normal_axis = int(np.argmax(np.abs(outward)))
+    middle, half, normal_axis, to_edge, along = _sides(body, geometry, outward, edge)
     normal = np.eye(3)[normal_axis] * np.sign(outward[normal_axis])
-    across = [axis for axis in range(3) if axis != normal_axis]
-    edge_axis = max(across, key=lambda axis: abs(edge[axis] - middle[axis]) / max(float(half[axis]), 1e-6))
-    along_axis = next(axis for axis in across if axis != edge_axis)
-    to_edge = np.eye(3)[edge_axis] * (np.sign(edge[edge_axis] - middle[edge_axis]) or 1.0)
-    along = np.eye(3)[along_axis]
+    edge_axis, along_axis = int(np.argmax(np.abs(to_edge))), int(np.argmax(along))
     face = middle + normal * half[normal_axis]
     for shift in _PUSH_SHIFTS:
         point = face + along * shift * 2 * half[along_axis]
@@ -248,6 +349,59 @@ def pushes_of(
             for origin, x, y in options:
                 pose = np.concatenate([origin + normal * _PUSH_GAP_M, _rotation(x, y)])
                 yield Grasp(pose, 0.0, is_by_friction=False, is_whole=True, is_central=True)
+
+
+def sweeps_of(
+    body: Body, geometry: BodyGeometry | None, outward: Array, edge: Array, poses: Array, shape: GripperShape
+) -> Iterator[tuple[Grasp, Array]]:
+    """Pushes that close a door with the finger tips, while the hand keeps the direction in which it points.
+
+    It points to where the outer side of the door is at the end. So the fingers lie along that side of a door that is
+    wide open, under it if it is one that folds down, and point at it when it is nearly closed.
+
+    Args:
+        body: the door.
+        geometry: its geometry.
+        outward: a vector in the frame of the body that points to its outer side.
+        edge: a point in the frame of the body near its free edge, such as that of the handle.
+        poses: n x 7: the poses of the door on its way.
+        shape: the extents of the gripper.
+
+    Yields:
+        The push at the first pose, and the poses of the grasp frame, n x 7.
+    """
+    middle, half, axis, to_edge, along = _sides(body, geometry, outward, edge)
+    normal = np.eye(3)[axis] * np.sign(outward[axis])
+    ahead = quat_rotate(poses[-1, 3:], -normal)
+    hinge = quat_rotate(poses[-1, 3:], along)
+    inwards = np.array([quat_rotate(each[3:], -normal) for each in poses])
+    far, length = float(np.abs(to_edge) @ half), 2 * float(np.abs(along) @ half)
+    up = np.cross(ahead, hinge)
+    for turn, inset, shift, sign in product(_SWEEP_TURNS_RAD, _SWEEP_INSETS_M, _SWEEP_SHIFTS, (1.0, -1.0)):
+        pointing = cos(turn) * ahead + sin(turn) * hinge
+        across = np.cross(up, pointing)
+        point = middle + normal * half[axis] + to_edge * (far - inset) + along * shift * length
+        on_side = np.array([each[:3] + quat_rotate(each[3:], point) for each in poses])
+        rotation = _rotation(pointing, sign * across)
+        apart = shape.half_height * np.abs(inwards @ up) + shape.half_width * np.abs(inwards @ across) + _PUSH_GAP_M
+        origins = on_side - inwards * apart[:, None] - pointing * shape.tip_from(0.0)
+        path = np.concatenate([origins, np.tile(rotation, (len(poses), 1))], axis=1)
+        pose = pose_multiply(pose_inverse(poses[0]), path[0])
+        yield Grasp(pose, 0.0, is_by_friction=True, is_whole=True, is_central=True), path
+
+
+def _sides(
+    body: Body, geometry: BodyGeometry | None, normal: Array, edge: Array
+) -> tuple[Array, Array, int, Array, Array]:
+    """The middle of a front, half its size, the axis across it, and unit vectors to its free edge and along that."""
+    low, high = compile_geometry(_shapes_of(body, geometry)).bounds
+    middle, half = (low + high) / 2, (high - low) / 2
+    normal_axis = int(np.argmax(np.abs(normal)))
+    across = [axis for axis in range(3) if axis != normal_axis]
+    edge_axis = max(across, key=lambda axis: abs(edge[axis] - middle[axis]) / max(float(half[axis]), 1e-6))
+    along_axis = next(axis for axis in across if axis != edge_axis)
+    to_edge = np.eye(3)[edge_axis] * (np.sign(edge[edge_axis] - middle[edge_axis]) or 1.0)
+    return middle, half, normal_axis, to_edge, np.eye(3)[along_axis]
 
 
 def _clipped(share: float) -> float:

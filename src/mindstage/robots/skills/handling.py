@@ -36,10 +36,14 @@ _LIFT_M = 0.04
 """Height to which a thing is lifted before it is moved away, and from which it is put down."""
 _TILTED = 0.6
 """Vertical component of the direction of approach from which a hand does not reach into a shelf."""
+_TURNED_OVER = 0.5
+"""Vertical component of the direction of a hand's upper side beyond which it is upright, or upside down."""
 _GAP_M = 0.006
 """Height above a surface at which what is put down still counts as free of collisions."""
 _DRIFT_M = 0.025
 """A thing that has moved farther in the gripper while it was lifted is not held."""
+_ATTEMPTS = 2
+"""How often a thing is grasped that slips out of the gripper."""
 _MAX_GRASPS = 24
 _FREE_PLACES = 60
 """Number of free places that are looked for."""
@@ -49,17 +53,16 @@ _MAX_STANCES = 4
 """Number of stances that are tried if the arm finds no way."""
 _TURNS = 4
 """Number of ways in which a thing is turned at each place."""
-_PLACE_BUDGET_S = 6.0
-"""Limit of the wall time for each [s]."""
+_PLACE_STEPS = 25_000
+"""Number of steps of the search for each; see `StanceRequest.steps`."""
 _CLOSE_M = 0.5
 """Places that are nearer than this to where the base can stand are equally good."""
 _CARRY_DISTANCES_M, _CARRY_HEIGHTS_M = (0.35, 0.42, 0.5), (0.9, 1.05, 0.75)
 """Where in front of the base things are carried."""
+_FOLDS = 13
+"""Angles of a vertical hinge that are tried to take the hand near to the base."""
 _ROOM_M = 0.03
 """By how much the gripper opens beyond what it held."""
-_TIGHT_ROOM_M = 0.008
-"""Distance of each open finger from a thing whose neighbors are near."""
-_TIGHT_BUDGET_S = 5.0
 _WIDE_OPEN = 0.9
 """A door or drawer that is open by more is not opened farther."""
 _FARTHER = 0.05
@@ -169,8 +172,17 @@ def pick_up(task: SkillTask, id: BodyId, *, upright: bool | None = None) -> Skil
     for opening in surroundings.closed_in_front_of(id):
         yield from moving_front(task, opening, ACCESS[opening.joint.is_prismatic])
     yield from hand.parking()
-    stance = yield from _grasping(task, hand, task.surroundings(), id, upright=upright)
-    yield from carrying(task, hand, stance.back_m)
+    for attempt in range(_ATTEMPTS):
+        try:
+            stance = yield from _grasping(task, hand, task.surroundings(), id, upright=upright)
+        except SkillFailedError:
+            if attempt == _ATTEMPTS - 1:
+                raise
+            yield from _letting_go(task, hand)
+            yield from hand.parking()
+            continue
+        yield from carrying(task, hand, stance.back_m)
+        return
 
 
 def _grasping(
@@ -210,7 +222,7 @@ def _standing_before(hand: Manipulator, request: StanceRequest, stance: Stance) 
         try:
             yield from hand.moving_to(stance.start, why=f"in front of {request.target}", touch=(request.target,))
         except UnreachableError:
-            others = [each for each in request.grasps if each is not stance.grasp]
+            others = [each for each in request.grasps if each.pose is not stance.grasp.pose]
             request = request._replace(grasps=others)
             stance = find_stance(hand, request)
             continue
@@ -286,20 +298,13 @@ def _friction_stance(
     upright: bool | None,
     stays: bool,
 ) -> tuple[Stance, StanceRequest]:
-    """A stance for a grasp by friction; with the gripper just wider than the thing if there is no room for more.
+    """A stance for a grasp by friction.
 
     Raises:
         UnreachableError: there is none.
     """
     request = _grasp_request(hand, surroundings, id, floor, upright=upright, stays=stays)
-    try:
-        return find_stance(hand, request, floor), request
-    except UnreachableError:
-        if not request.grasps:
-            raise
-        tight = [each._replace(room_m=_TIGHT_ROOM_M) for each in request.grasps]
-        request = request._replace(grasps=tight, budget_s=_TIGHT_BUDGET_S)
-        return find_stance(hand, request, floor), request
+    return find_stance(hand, request, floor), request
 
 
 def _grasp_request(
@@ -324,7 +329,15 @@ def _grasp_request(
         steep = abs(x[2]) if from_side else 1.0 + x[2]
         low = max(0.0, level + 0.05 - at[2]) if from_side else 0.0
         aside = round(1.0 - float(x[:2] @ towards), 1)
-        return (not each.is_whole, round(float(steep), 1), aside, round(float(low), 2), not each.is_central)
+        turned_over = hand.up * quat_rotate(at[3:], (0.0, 0.0, 1.0))[2] < -_TURNED_OVER
+        return (
+            not each.is_whole,
+            round(float(steep), 1),
+            aside,
+            round(float(low), 2),
+            not each.is_central,
+            turned_over,
+        )
 
     found.sort(key=cost)
     if upright:
@@ -392,7 +405,7 @@ def carrying(task: SkillTask, hand: Manipulator, back_m: float) -> SkillMotion:
     if held is None:
         raise task.failure("nothing is held after the grasp", "grasp it again")
     yield from hand.withdrawing(pose_multiply(hand.grasp_pose, np.array([-back_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])))
-    for target in _carry_poses(hand):
+    for target in _folded_poses(hand) if hand.needs_base else _carry_poses(hand):
         try:
             yield from hand.moving_to(target, why=f"to carry {held}")
         except (UnreachableError, SkillFailedError):
@@ -429,6 +442,29 @@ def _carry_poses(hand: Manipulator) -> Iterator[dict[str, float]]:
                     break
 
 
+def _folded_poses(hand: Manipulator) -> list[dict[str, float]]:
+    """Positions in which the hand is near to the base with its inclination, for arms that do not reach every pose.
+
+    Slides and hinges with a vertical axis keep the inclination: the horizontal slides take their rest positions.
+    """
+    now, middle = hand.robot.joint_positions(), np.array(hand.robot.base_pose()[:2])
+    frame, root = hand.kinematics.frame_of(hand.arm), hand.root_pose
+    rest = dict(zip(hand.arm.joints, hand.arm.rest_positions, strict=False))
+    drawn = {name: rest[name] for name in hand.level_slides() if name in rest}
+    turning = hand.turning_joints()
+    found = list[tuple[float, dict[str, float]]]()
+    for share in np.linspace(0.0, 1.0, _FOLDS) if turning else (0.0,):
+        angles = {name: _between(hand.kinematics.limits(name), float(share)) for name in turning}
+        positions = {name: now[name] for name in hand.arm.joints} | drawn | angles
+        at = hand.kinematics.pose(frame, {**now, **positions}, root_pose=root)
+        found.append((float(np.hypot(*(at[:2] - middle))), positions))
+    return [positions for _, positions in sorted(found, key=lambda each: each[0])]
+
+
+def _between(limits: tuple[float, float], share: float) -> float:
+    return limits[0] + share * (limits[1] - limits[0])
+
+
 # -- putting down ------------------------------------------------------------------------------------------------------
 
 
@@ -449,6 +485,8 @@ def put_down(task: SkillTask, id: BodyId, holder: BodyId, *, inside: bool) -> Sk
     surroundings = task.surroundings()
     support, doors = _support(surroundings, id, holder, inside=inside)
     if doors:
+        if hand_with(task, id) is None:
+            _check_reach(task, surroundings, id)
         if hand_with(task, id) is not None and len(task.robot.model.arms) == 1:
             raise task.failure(
                 f"{doors[0].front} is closed, and the only gripper holds {id}",
@@ -464,6 +502,22 @@ def put_down(task: SkillTask, id: BodyId, holder: BodyId, *, inside: bool) -> Sk
     word = "into" if inside else "on"
     with task.step("place", f"place {id} {word} {support}"):
         yield from _placing(task, hand, id, support, inside=inside)
+
+
+def _check_reach(task: SkillTask, surroundings: Surroundings, id: BodyId) -> None:
+    """Checks that a thing can be grasped, before anything is opened for it.
+
+    Raises:
+        UnreachableError: it cannot, and nothing that could be opened is in front of it.
+    """
+    if surroundings.in_front_of(id):
+        return
+    hand = free_hand(task, f"to pick up {id}")
+    floor = FloorMap(hand.robot) if hand.is_mobile else None
+    try:
+        _friction_stance(hand, surroundings, id, floor, upright=None, stays=False)
+    except UnreachableError as error:
+        _weld_stance(hand, surroundings, id, error, floor, stays=False)
 
 
 def _support(surroundings: Surroundings, id: BodyId, holder: BodyId, *, inside: bool) -> tuple[BodyId, list[Opening]]:
@@ -529,7 +583,7 @@ def _standing_for(
             container=container,
             lift_m=_LIFT_M,
             least=0.9,
-            budget_s=_PLACE_BUDGET_S,
+            steps=_PLACE_STEPS,
         )
         try:
             stance = find_stance(hand, request, floor)

@@ -7,7 +7,8 @@ try.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Generator, Mapping
-from math import cos, hypot, pi, sin
+from functools import cached_property
+from math import atan2, cos, hypot, inf, pi, sin
 
 import numpy as np
 
@@ -16,18 +17,18 @@ from mindstage.errors import UnreachableError
 from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
 from mindstage.robots.kinematics import RobotKinematics
-from mindstage.robots.model import Arm, BaseType, Gripper
+from mindstage.robots.model import Arm, BaseType, Gripper, RobotJointType
 from mindstage.robots.navigation import plan_base
 from mindstage.robots.planning import plan_arm
-from mindstage.robots.skills.arm_paths import ArmPath, follow_poses, interpolated_poses, timed
+from mindstage.robots.skills.arm_paths import POSE_JOINTS, ArmPath, follow_poses, interpolated_poses, timed
 from mindstage.robots.skills.declaration import SkillMotion
 from mindstage.robots.skills.grasps import GripperShape
 from mindstage.robots.skills.task import SkillTask
 from mindstage.robots.trajectories import JointTrajectory
 from mindstage.scene import BodyId
-from mindstage.scene.transforms import Array, pose_inverse, pose_multiply
+from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, quat_conjugate, quat_multiply, quat_rotate
 
-__all__ = ["BasePose", "Manipulator", "free_hand", "hand_with", "hands_of", "planar_pose"]
+__all__ = ["BasePose", "Manipulator", "free_hand", "guarded", "hand_with", "hands_of", "planar_pose"]
 
 BasePose = tuple[float, float, float]
 """x, y [m] and yaw [rad] in the world frame."""
@@ -35,30 +36,38 @@ _BASE_GAIN = 3.0
 """Velocity of the base by its error [1/s]."""
 _TICK_S = 0.04
 """The interval at which the base is commanded while it moves with the arm [s]."""
-_PLANNING_S = 20.0
-"""Limit of the wall time of one plan of an arm [s]."""
+_PLANNING_TESTS = 120_000
+"""Number of states that are tested for one plan of an arm."""
 _OPENING_TOLERANCE_M = 0.03
 """An opening that is smaller than wanted by less is enough: what is grasped has room."""
 _SPEED, _HELD_SPEED = 0.6, 0.3
 """Fractions of the velocity limits of the joints, without and with a thing in the hand."""
 _HELD_DRIVE_SPEED = 0.5
 _HELD_CLEARANCE_M = 0.015
-_POSE_JOINTS = 6
-"""Joints that an arm needs to take its hand to any pose in reach."""
+_ONE_SIDED_M = 0.15
+"""An arm whose hand is so far from the middle of the base reaches to one side [m]."""
+_PROBE = 0.02
+"""Motion of a joint by which its effect on the hand is found [m or rad]."""
+_LEVEL_RAD = 0.1
+"""Inclination up to which a direction counts as level, or an axis as vertical."""
 _FOLLOWING_SPEED = 0.15
 """Fraction of its velocity limits with which a base moves along with an arm."""
 _EMPTY_M = 0.003
 """A closed gripper with a smaller opening has nothing between its fingers."""
+_GUARD_S = 0.012
+"""Simulated time between two looks at the contacts [s]."""
+_GRIP_FORCES = (1.0, 0.7, 0.5)
+"""Fractions of the force with which the fingers close, until they are not pressed too deep; the last one has to do."""
 _MAX_DEPTH_M = 0.004
 """A motion ends when a part of the robot is pressed deeper than this into something."""
 _DEEPER_M = 0.0005
 """What was pressed before a motion may be so much deeper during it."""
-_PARKING_S = 8.0
-"""Limit of the wall time in which a way of the arm to its rest position is looked for, before the base moves [s]."""
+_PARKING_TESTS = 50_000
+"""The same for a way of the arm to its rest position, before the base moves."""
 _ROOMS_M = (0.35, 0.5, 0.2)
 """How far the base drives away to give an arm room."""
-_ROOM_S = 2.0
-"""Limit of the wall time for each direction [s]."""
+_ROOM_TESTS = 10_000
+"""Number of poses that are tested for each direction."""
 _NEAR_M, _NEAR_RAD = 0.02, 0.04
 """A base that is nearer to where it is to stand does not drive."""
 
@@ -82,6 +91,34 @@ def _pressed(task: SkillTask, own: frozenset[BodyId]) -> dict[tuple[BodyId, Body
         }
 
     return task.session.run_on_engine(read, label="contacts")
+
+
+def guarded(task: SkillTask, motion: Generator[float, None, MotionResult]) -> Generator[float, None, MotionResult]:
+    """A motion of the robot that is halted when a part of it is pressed into something."""
+    own = frozenset(task.robot.link_ids.values())
+    before = _pressed(task, own)
+    try:
+        while True:
+            try:
+                duration_s = next(motion)
+            except StopIteration as end:
+                result: MotionResult = end.value
+                return result
+            while duration_s > 0.0:  # in the least steps in which drives are commanded nothing gets deep
+                yield min(duration_s, _GUARD_S)
+                duration_s -= _GUARD_S
+                now = _pressed(task, own)
+                deeper = [pair for pair, depth_m in now.items() if depth_m > before.get(pair, 0.0) + _DEEPER_M]
+                if deeper:
+                    task.robot.halt()
+                    a, b = deeper[0]
+                    reason = f"{a} is pressed {now[deeper[0]] * 1000:.1f} mm into {b}"
+                    obstacles = () if b is None else (b,)
+                    return MotionResult(
+                        outcome=MotionOutcome.FAILED, reason=reason, failure=MotionFailure.BLOCKED, obstacles=obstacles
+                    )
+    finally:
+        motion.close()
 
 
 class Manipulator:
@@ -113,7 +150,68 @@ class Manipulator:
     @property
     def needs_base(self) -> bool:
         """Whether the arm has too few joints to take its hand to any pose without the base."""
-        return self.is_mobile and len(self.arm.joints) < _POSE_JOINTS
+        return self.is_mobile and len(self.arm.joints) < POSE_JOINTS
+
+    def is_slide(self, joint: str) -> bool:
+        """Whether a joint is prismatic."""
+        return self._joints[joint].type is RobotJointType.PRISMATIC
+
+    def ready_positions(self) -> dict[str, float]:
+        """Positions of the arm in which it can move in every direction: slides at half their range, hinges near 0.
+
+        With a thing in the hand the hinges that incline it are where they are now.
+        """
+        found, now = {}, self.robot.joint_positions() if self.held is not None else {}
+        turning = self.turning_joints() if now else ()
+        for name in self.arm.joints:
+            low, high = self.kinematics.limits(name)
+            if self.is_slide(name) and high - low < inf:
+                found[name] = (low + high) / 2
+            else:
+                found[name] = min(max(0.0 if name in turning else now.get(name, 0.0), low), high)
+        return found
+
+    def turning_joints(self) -> tuple[str, ...]:
+        """The hinges of the arm that turn its hand about a vertical axis, without inclining it."""
+        now, here = self.robot.joint_positions(), self.grasp_pose
+        found = list[str]()
+        for name in self.arm.joints:
+            if not self.is_slide(name):
+                moved = self._moved_by(name, now)
+                turn = quat_multiply(moved[3:], quat_conjugate(here[3:]))
+                if float(np.hypot(turn[1], turn[2])) < _LEVEL_RAD * _PROBE:
+                    found.append(name)
+        return tuple(found)
+
+    def level_slides(self) -> tuple[str, ...]:
+        """The slides of the arm that do not lift its hand."""
+        now, height = self.robot.joint_positions(), self.grasp_pose[2]
+        slides = (name for name in self.arm.joints if self.is_slide(name))
+        return tuple(name for name in slides if abs(self._moved_by(name, now)[2] - height) < _LEVEL_RAD * _PROBE)
+
+    def _moved_by(self, joint: str, now: Mapping[str, float]) -> Array:
+        """The pose of the grasp frame after a small motion of a joint."""
+        moved = {**now, joint: now[joint] + _PROBE}
+        return self.kinematics.pose(self.kinematics.frame_of(self.arm), moved, root_pose=self.root_pose)
+
+    @cached_property
+    def side(self) -> float:
+        """The direction in which an arm reaches that needs the base, relative to the base's own [rad]; else 0."""
+        if not self.needs_base:
+            return 0.0
+        root = self.root_at((0.0, 0.0, 0.0))
+        x, y = self.kinematics.pose(self.kinematics.frame_of(self.arm), self.ready_positions(), root_pose=root)[:2]
+        return atan2(y, x) if hypot(x, y) > _ONE_SIDED_M else 0.0
+
+    @cached_property
+    def up(self) -> float:
+        """The vertical component of the z axis of the hand of an arm that needs the base, before it turns; else 0."""
+        if not self.needs_base:
+            return 0.0
+        pose = self.kinematics.pose(
+            self.kinematics.frame_of(self.arm), self.ready_positions(), root_pose=self.root_pose
+        )
+        return float(quat_rotate(pose[3:], (0.0, 0.0, 1.0))[2])
 
     @property
     def root_pose(self) -> Array:
@@ -129,6 +227,12 @@ class Manipulator:
     def held(self) -> BodyId | None:
         """What the gripper holds."""
         return self.robot.held.get(self.gripper.name)
+
+    def fingers_at(self, opening_m: float) -> dict[str, float]:
+        """The positions of the fingers at an opening of the gripper [m or rad]."""
+        share = min(max(opening_m / self.gripper.max_opening_m, 0.0), 1.0)
+        closed, opened = np.array(self.gripper.closed_positions), np.array(self.gripper.open_positions)
+        return dict(zip(self.gripper.joints, (closed + share * (opened - closed)).tolist(), strict=True))
 
     def root_at(self, base: BasePose) -> Array:
         """The pose of the root link with the base somewhere else."""
@@ -157,7 +261,8 @@ class Manipulator:
             return
         with self.task.step("drive", f"drive to ({base[0]:.2f}, {base[1]:.2f}) {why}"):
             path = plan_base(self.robot, base, ignore=ignore)
-            result = yield from self.robot.driving(path, speed=1.0 if self.held is None else _HELD_DRIVE_SPEED)
+            speed = 1.0 if self.held is None else _HELD_DRIVE_SPEED
+            result = yield from guarded(self.task, self.robot.driving(path, speed=speed))
             self._require(result, "let the robot start from somewhere else, or move what is in its way")
 
     # -- arm ---------------------------------------------------------------------------------------------------------
@@ -169,7 +274,7 @@ class Manipulator:
         why: str,
         touch: Collection[BodyId] = (),
         free: str = "",
-        budget_s: float = _PLANNING_S,
+        max_tests: int = _PLANNING_TESTS,
     ) -> SkillMotion:
         """Moves the arm on a collision-free path to positions of its joints, or to a pose of the grasp frame.
 
@@ -178,15 +283,15 @@ class Manipulator:
             why: what for, for the report.
             touch: bodies that the gripper, or what it holds, may touch.
             free: axes of the grasp frame about which it may turn at the end.
-            budget_s: limit of the wall time of the search [s].
+            max_tests: number of states that the search tests before it ends.
         """
         with self.task.step("move", f"move the arm {why}"):
-            trajectory = self._plan(target, touch, free, budget_s)
-            result = yield from self._guarded(self.robot.following(trajectory))
+            trajectory = self._plan(target, touch, free, max_tests)
+            result = yield from guarded(self.task, self.robot.following(trajectory))
             self._require(result, "move what is in the way of the arm")
 
     def _plan(
-        self, target: Mapping[str, float] | Array, touch: Collection[BodyId], free: str, budget_s: float
+        self, target: Mapping[str, float] | Array, touch: Collection[BodyId], free: str, max_tests: int
     ) -> JointTrajectory:
         """A way of the arm; with a thing in the hand, which may swing, slowly and with more clearance if possible."""
         holds = self.held is not None
@@ -200,7 +305,7 @@ class Manipulator:
                     touch=touch,
                     clearance_m=clearance_m,
                     speed=_HELD_SPEED if holds else _SPEED,
-                    budget_s=budget_s,
+                    max_tests=max_tests,
                     seed=self.task.seed + 1,
                 )
             except UnreachableError:
@@ -245,7 +350,9 @@ class Manipulator:
             from_seed=True,
         )
         if found.reached:
-            found.positions[0] = [now[name] for name in found.joints]  # its first pose is the present one
+            # Its first pose is the present one; a load may press a joint a little beyond its limit, which is refused.
+            limits = np.array([self.kinematics.limits(name) for name in found.joints])
+            found.positions[0] = np.clip([now[name] for name in found.joints], *limits.T)
         return found
 
     def following(
@@ -271,7 +378,7 @@ class Manipulator:
         times = np.array([point.time_s for point in trajectory.points])
         bases = np.array([self.base_of(root) for root in path.roots])
         bases[:, 2] = np.unwrap(bases[:, 2])
-        motion = self._guarded(self.robot.following(trajectory))
+        motion = guarded(self.task, self.robot.following(trajectory))
         start_s = self.task.time_s
         try:
             while True:
@@ -290,30 +397,6 @@ class Manipulator:
             motion.close()
             if path.moves_base:
                 self.robot.drive(0.0, 0.0, 0.0)
-
-    def _guarded(self, motion: Generator[float, None, MotionResult]) -> Generator[float, None, MotionResult]:
-        """A motion that ends when a part of the robot is pressed into something."""
-        own = frozenset(self.robot.link_ids.values())
-        before = _pressed(self.task, own)
-        try:
-            while True:
-                try:
-                    duration_s = next(motion)
-                except StopIteration as end:
-                    result: MotionResult = end.value
-                    return result
-                yield duration_s
-                now = _pressed(self.task, own)
-                deeper = [pair for pair, depth_m in now.items() if depth_m > before.get(pair, 0.0) + _DEEPER_M]
-                if deeper:
-                    a, b = deeper[0]
-                    reason = f"{a} is pressed {now[deeper[0]] * 1000:.1f} mm into {b}"
-                    obstacles = () if b is None else (b,)
-                    return MotionResult(
-                        outcome=MotionOutcome.FAILED, reason=reason, failure=MotionFailure.BLOCKED, obstacles=obstacles
-                    )
-        finally:
-            motion.close()
 
     def _least_durations(self, path: ArmPath, cartesian_speed: float) -> Array:
         frame = self.kinematics.frame_of(self.arm)
@@ -352,14 +435,23 @@ class Manipulator:
         """Opens the gripper, fully or by an opening [m]."""
         wanted = self.gripper.max_opening_m if opening_m is None else min(opening_m, self.gripper.max_opening_m)
         with self.task.step("open gripper", f"open the gripper by {wanted * 100:.1f} cm"):
-            result = yield from self.robot.gripping(self.gripper.name, wanted)
+            result = yield from guarded(self.task, self.robot.gripping(self.gripper.name, wanted))
             if self.robot.opening(self.gripper.name) < wanted - _OPENING_TOLERANCE_M:
                 self._require(result, "give the fingers room")
 
     def closing(self) -> Generator[float, None, bool]:
-        """Closes the gripper with its largest force; returns whether something is between the fingers."""
+        """Closes the gripper with the largest force that presses the fingers nowhere too deep.
+
+        Returns:
+            Whether something is between the fingers.
+        """
         with self.task.step("close gripper", "close the gripper"):
-            yield from self.robot.gripping(self.gripper.name, 0.0)
+            for part in _GRIP_FORCES:
+                force_n = part * self.gripper.max_force_n
+                motion = self.robot.gripping(self.gripper.name, 0.0, max_force_n=force_n)
+                result = yield from (motion if part == _GRIP_FORCES[-1] else guarded(self.task, motion))
+                if result.failure is not MotionFailure.BLOCKED:
+                    break
         return self.robot.opening(self.gripper.name) > _EMPTY_M
 
     def parking(self, *, touch: Collection[BodyId] = ()) -> SkillMotion:
@@ -371,7 +463,7 @@ class Manipulator:
         if all(abs(now[name] - position) < 0.02 for name, position in rest.items()):
             return
         try:
-            yield from self.moving_to(rest, why="to its rest position", touch=touch, budget_s=_PARKING_S)
+            yield from self.moving_to(rest, why="to its rest position", touch=touch, max_tests=_PARKING_TESTS)
         except UnreachableError:
             if not self.is_mobile:
                 raise
@@ -396,12 +488,12 @@ class Manipulator:
                 try:
                     if (hit := checker.find_at(rest, away)) is not None:
                         raise UnreachableError(self.robot.name, target="its rest position", reason=f"there {hit}")
-                    path = plan_base(self.robot, away, budget_s=_ROOM_S)
+                    path = plan_base(self.robot, away, max_tests=_ROOM_TESTS)
                 except UnreachableError as found:
                     error = found
                     continue
                 with self.task.step("drive", f"drive {distance:g} m away to give the arm room"):
-                    self._require((yield from self.robot.driving(path)), "move what is in its way")
+                    self._require((yield from guarded(self.task, self.robot.driving(path))), "move what is in its way")
                 return
         assert error is not None
         raise error

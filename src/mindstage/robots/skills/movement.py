@@ -11,7 +11,7 @@ from mindstage.robots.model import Head
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.skills.declaration import AngleRad, LengthM, SkillMotion, SkillNeed, ThingName, skill
 from mindstage.robots.skills.handling import stance_to_reach
-from mindstage.robots.skills.manipulator import BasePose, hands_of
+from mindstage.robots.skills.manipulator import BasePose, guarded, hands_of
 from mindstage.robots.skills.surroundings import Surroundings
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId
@@ -23,6 +23,8 @@ _DISTANCES_M = (0.65, 0.8, 1.0, 0.5, 1.3)
 """Distances of the base from the nearest side of a thing, the preferred first."""
 _BEARINGS = 16
 _HEAD_STEPS = 40
+_WAY_TESTS = 8000
+"""Number of poses that the search for a way to each place tests."""
 
 
 @skill(needs=(SkillNeed.MOBILE_BASE,), alternatives=(("thing",), ("x", "y", "yaw")))
@@ -59,7 +61,7 @@ def drive_to(task: SkillTask, base: BasePose) -> SkillMotion:
         SkillFailedError: something was in the way.
     """
     with task.step("drive", f"drive to ({base[0]:.2f}, {base[1]:.2f})"):
-        result = yield from task.robot.driving(plan_base(task.robot, base))
+        result = yield from guarded(task, task.robot.driving(plan_base(task.robot, base)))
         if not result:
             raise task.failure(result.reason, "move what is in the way, or drive to another place")
 
@@ -84,7 +86,7 @@ def _place_near(task: SkillTask, surroundings: Surroundings, id: BodyId) -> Base
                 places.append((length, (float(x), float(y), atan2(middle[1] - y, middle[0] - x))))
         for _, base in sorted(places):
             try:
-                plan_base(task.robot, base, budget_s=1.5)
+                plan_base(task.robot, base, max_tests=_WAY_TESTS)
             except UnreachableError as error:
                 reason = error.reason
                 continue

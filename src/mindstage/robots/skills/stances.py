@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from math import atan2, cos, pi, sin
-from time import thread_time
 from typing import NamedTuple
 
 import numpy as np
 
 from mindstage.errors import UnreachableError
-from mindstage.robots.collisions import CollisionChecker
+from mindstage.robots.collisions import Collision, CollisionChecker, links_behind
+from mindstage.robots.kinematics import BASE_JOINTS
 from mindstage.robots.navigation import FloorMap, plan_base
-from mindstage.robots.skills.arm_paths import ArmPath, driven_joints, follow_poses, interpolated_poses
+from mindstage.robots.search_limits import SearchLimit
+from mindstage.robots.skills.arm_paths import ArmPath, follow_poses, interpolated_poses
 from mindstage.robots.skills.grasps import Grasp
 from mindstage.robots.skills.manipulator import BasePose, Manipulator
 from mindstage.scene import BodyId, Pose
@@ -30,15 +31,18 @@ _HEADINGS_RAD = (0.0, 0.5, -0.5, 1.0, -1.0, pi / 2, -pi / 2)
 _OTHER_DISTANCE_M, _OTHER_PLACES, _APART_M = 0.75, 16, 0.12
 """The preferred distance of further places, their number, and the least distance between two of them."""
 _OTHER_HEADINGS_RAD = (0.0, 0.5, -0.5)
-_BUDGET_S = 15.0
-"""Limit of the processor time [s]."""
-_WAY_BUDGET_S = 5.0
-"""Limit of the wall time in which a way to a place is looked for [s]."""
+_STEPS = 60_000
+"""Number of iterations of inverse kinematics and tests for collisions after which a search ends."""
+_WAY_TESTS = 30_000
+"""Number of poses that the search for a way to a place tests."""
 _SHUT_IN = 0.5
 """Weight of a path at whose end the base has no way back, as between an open door and a wall."""
 _GOOD_ENOUGH = 0.98
 """Part of the path beyond which no better stance is looked for."""
-_IK_ATTEMPTS = 5
+_IK_ATTEMPTS, _ADJUSTED_IK_ATTEMPTS = 5, 3
+"""Attempts of the inverse kinematics, without and with the pose of the base among its unknowns."""
+_MISSES = 4
+"""Number of places from which the inverse kinematics fails before a grasp is given up."""
 _OUTSIDE_M = 0.1
 """Distance from a container at which the straight line into it begins."""
 _MAX_WAY_M = 0.45
@@ -46,10 +50,7 @@ _TOUCH_M = 0.001
 """Distance at which the hand counts as touching its target."""
 _CHECKED_EVERY = 3
 """Of the poses of a path, every third one is tested for collisions."""
-_TOO_FAR = (re.compile(r"target is ([-+.\de]+) m beyond"), re.compile(r"([-+.\de]+) mm and .* are missing"))
-"""Reasons of places from which the hand does not get to the grasp: every other reason comes from a better place."""
 _MAX_NAMES = 3
-_TOO_FAR_UNITS_M = (1.0, 0.001)
 _MAX_GRASPS = 12
 """Number of grasps that are tried at each place."""
 
@@ -82,6 +83,8 @@ class StanceRequest(NamedTuple):
     """n x 7: poses of the target in the world frame, the one of the grasp first."""
     back_m: float
     """Least length of the straight line on which the hand comes, and withdraws."""
+    paths: Sequence[Array] = ()
+    """For each grasp the poses of the grasp frame, n x 7, where the hand does not move rigidly with the target."""
     container: tuple[Array, Array] | None = None
     """The lowest and the highest corner of what the target is in: the line begins in front of it, if possible."""
     lift_m: float = 0.0
@@ -100,8 +103,10 @@ class StanceRequest(NamedTuple):
     """Whether the gripper is closed when it comes, rather than open."""
     stays: bool = False
     """Whether the base must stay where it is."""
-    budget_s: float = _BUDGET_S
-    """Limit of the processor time [s]."""
+    checks_path_closed: bool = False
+    """Whether the fingers are closed on what they grasp while it is moved, rather than as open as before."""
+    steps: int = _STEPS
+    """Number of iterations of inverse kinematics and tests for collisions after which the search ends."""
 
 
 def find_stance(hand: Manipulator, request: StanceRequest, floor: FloorMap | None = None) -> Stance:
@@ -149,16 +154,30 @@ class _Search:
         )
         """For the way to the target, on which the hand touches nothing either."""
         self.fingers: dict[str, float] = {}
-        self.reasons: dict[str, int] = {}
+        self.last_hit: Collision | None = None
+        """Of the attempt that is being made."""
+        self.reasons: Counter[str] = Counter()
+        self.shortfalls: dict[str, float] = {}
+        """By how much the hand does not get to a grasp [m], by reason; reasons without it are of better places."""
+        links = robot.placed.link_ids
+        hand_links = links_behind(robot.model, hand.gripper.link)
+        self.hand_bodies = {links[link] for link in hand_links if link in links}
+        self.own_bodies = set(links.values())
+        self.hopeless: set[tuple[int, float]] = set()
+        """Numbers and rooms of the grasps that fail wherever the base stands."""
+        self.missed: Counter[int] = Counter()
+        """How often the inverse kinematics failed, with the pose of the base among its unknowns, by grasp."""
         self.blocked = 0
         """Number of places that are not free."""
-        self.deadline = thread_time() + request.budget_s
+        self.iterations = hand.kinematics.iterations
+        """Those before the search."""
+        self.limit = SearchLimit(request.steps)
 
     def find(self) -> Stance:
         """See `find_stance`."""
         best: Stance | None = None
         for base in self._bases():
-            for number, grasp in enumerate(self.request.grasps[:_MAX_GRASPS]):
+            for number, grasp in self._possible_grasps():
                 stance = self._try(base, grasp, number)
                 if stance is None or (best is not None and stance.reach <= best.reach + 0.02):
                     continue
@@ -167,21 +186,41 @@ class _Search:
                 best = stance
                 if best is not None and best.reach >= _GOOD_ENOUGH:
                     return best
-            if thread_time() > self.deadline:
+            if self._is_over():
                 break
         if best is None:
             raise self._failure()
+        if self.limit.ended_by_time:
+            self.hand.task.assume(f"no better stance to reach {self.request.target} was found {self.limit}")
         return best
+
+    def _possible_grasps(self) -> list[tuple[int, Grasp]]:
+        """The grasps that are tried at a place, with their numbers; with a gripper just wide enough if need be."""
+        found = list[tuple[int, Grasp]]()
+        for number, grasp in enumerate(self.request.grasps):
+            options = (grasp, grasp.tight())
+            possible = next((each for each in options if (number, each.room_m) not in self.hopeless), None)
+            if possible is not None:
+                found.append((number, possible))
+        return found[:_MAX_GRASPS]
+
+    def _is_over(self) -> bool:
+        """Whether the search has used up its steps."""
+        done = self.hand.kinematics.iterations - self.iterations + self.checker.tests + self.strict.tests
+        self.limit.count(done - self.limit.done)
+        return self.limit.is_over
 
     def _failure(self) -> UnreachableError:
         """The error: the commonest reason of the attempts that got farthest, and what stands in the way."""
         robot, target = self.hand.robot.name, self.request.target
         if not self.request.grasps:
             return UnreachableError(robot, target=target, reason="no grasp of it fits the gripper")
-        near = {each: count for each, count in self.reasons.items() if _shortfall(each) is None}
+        near = Counter({each: count for each, count in self.reasons.items() if each not in self.shortfalls})
+        shortfall_m = min(self.shortfalls.values(), default=None)
         if near:
-            return UnreachableError(robot, target=target, reason=max(near, key=lambda each: near[each]))
-        reasons = sorted(self.reasons, key=lambda each: _shortfall(each) or 0.0)[:1]
+            reason = self._ended(near.most_common(1)[0][0])
+            return UnreachableError(robot, target=target, reason=reason, shortfall_m=shortfall_m)
+        reasons = sorted(self.shortfalls, key=self.shortfalls.__getitem__)[:1]
         names: tuple[BodyId, ...] = ()
         if self.blocked and self.floor is not None:
             at = self.request.grasps[0].in_world(self.request.poses[0])[:2].tolist()
@@ -191,17 +230,22 @@ class _Search:
         return UnreachableError(
             robot,
             target=target,
-            reason="; ".join(reasons) or "it was not found in time",
+            reason=self._ended("; ".join(reasons) or f"no stance was found {self.limit}"),
             obstacle=next(iter(names), None),
+            shortfall_m=shortfall_m,
         )
+
+    def _ended(self, reason: str) -> str:
+        """A reason, with what has ended the search if another machine may find more."""
+        return f"{reason}; no other stance was found {self.limit}" if self.limit.ended_by_time else reason
 
     def _can_drive_to(self, base: BasePose) -> bool:
         if not self.moves_base or np.allclose(base, self.here, atol=1e-6):
             return True
         try:
-            plan_base(self.hand.robot, base, budget_s=_WAY_BUDGET_S)
+            plan_base(self.hand.robot, base, max_tests=_WAY_TESTS)
         except UnreachableError as error:
-            self._count(error.reason)
+            self._count(error.reason, error.shortfall_m)
             return False
         return True
 
@@ -226,7 +270,7 @@ class _Search:
                 if not floor.is_reachable(x, y):
                     self.blocked += 1
                     continue
-                facing = atan2(target[1] - y, target[0] - x)
+                facing = atan2(target[1] - y, target[0] - x) - self.hand.side
                 for heading in _HEADINGS_RAD:
                     yield (float(x), float(y), facing + heading)
         yield from self._other_bases(target, floor)
@@ -242,25 +286,28 @@ class _Search:
             chosen.append(points[0])
             points = points[np.hypot(*(points - points[0]).T) >= _APART_M]
         for x, y in chosen:
-            facing = atan2(target[1] - y, target[0] - x)
+            facing = atan2(target[1] - y, target[0] - x) - self.hand.side
             for heading in _OTHER_HEADINGS_RAD:
                 yield (float(x), float(y), facing + heading)
 
     def _try(self, base: BasePose, grasp: Grasp, number: int) -> Stance | None:
         hand, request = self.hand, self.request
-        self.fingers = self._fingers(grasp)
+        self.fingers, self.last_hit = self._fingers(grasp), None
         at = grasp.in_world(request.poses[0])
         adjusts = hand.needs_base and self.moves_base
         found = hand.kinematics.solve_ik(
             hand.kinematics.frame_of(hand.arm),
             at,
-            joints=(*(driven_joints(hand.robot.model) if adjusts else ()), *hand.arm.joints),
-            seed=self.positions,
+            joints=(*(BASE_JOINTS if adjusts else ()), *hand.arm.joints),  # any place is driven to before
+            seed={**self.positions, **hand.ready_positions()} if adjusts else self.positions,
             root_pose=hand.root_at(base),
-            attempts=_IK_ATTEMPTS,
+            attempts=_ADJUSTED_IK_ATTEMPTS if adjusts else _IK_ATTEMPTS,
         )
         if not found:
-            self._count(found.reason)
+            self._count(found.reason, found.shortfall_m)
+            self.missed[number] += adjusts
+            if self.missed[number] >= _MISSES:  # the height and the inclination are out of reach of the arm
+                self.hopeless |= {(number, each.room_m) for each in (grasp, grasp.tight())}
             return None
         root = np.array(found.root_pose)
         base = hand.base_of(root)
@@ -270,18 +317,22 @@ class _Search:
         self._move_joint(0)
         start = self._start(at, root, seed)
         if start is None:
+            self._exclude(number, grasp)
             return None
         path = follow_poses(
             hand.kinematics,
             hand.arm,
-            pose_multiply(request.poses, grasp.pose),
+            request.paths[number] if request.paths else pose_multiply(request.poses, grasp.pose),
             root=root,
             seed=seed,
             may_drive=self.moves_base,
         )
+        if request.checks_path_closed:
+            self.fingers = hand.fingers_at(grasp.width_m)
         reach = self._free_part(path)
         if reach < request.least:
-            self._count(path.reason or "the robot would touch something on the way")
+            self._exclude(number, grasp)
+            self._count(path.reason or "the robot would touch something on the way", path.shortfall_m)
             return None
         if not self._has_way_back(hand.base_of(path.roots[path.reached - 1])):
             reach *= _SHUT_IN
@@ -300,9 +351,7 @@ class _Search:
         gripper = self.hand.gripper
         if self.hand.held is not None:
             return {name: self.positions[name] for name in gripper.joints}
-        share = 0.0 if self.request.is_closed else grasp.opening_m(gripper.max_opening_m) / gripper.max_opening_m
-        closed, opened = np.array(gripper.closed_positions), np.array(gripper.open_positions)
-        return dict(zip(gripper.joints, (closed + share * (opened - closed)).tolist(), strict=True))
+        return self.hand.fingers_at(0.0 if self.request.is_closed else grasp.opening_m(gripper.max_opening_m))
 
     def _stands_free(self, base: BasePose) -> bool:
         if self.floor is None:
@@ -336,7 +385,8 @@ class _Search:
             last = row
         length = wanted * max(last - len(rise), 0) / max(len(line) - 1, 1)
         if last < len(rise) or length < request.back_m - 1e-6:
-            self._count(approach.reason or "the hand has no straight way to it")
+            if last == approach.reached - 1:  # else the collision was counted
+                self._count(approach.reason or "the hand has no straight way to it", approach.shortfall_m)
             return None
         return _Start(approach.at(last), length, self.hand.base_of(approach.roots[last]))
 
@@ -348,7 +398,14 @@ class _Search:
             hit = self.strict.find_at(state, place)
         if hit is not None:
             self._count(f"there {hit}")
+            self.last_hit = hit
         return hit is not None
+
+    def _exclude(self, number: int, grasp: Grasp) -> None:
+        """Tries a grasp nowhere else if the hand was stopped: its poses are the same wherever the base stands."""
+        hit = self.last_hit
+        if hit is not None and hit.part in self.hand_bodies and hit.obstacle not in self.own_bodies:
+            self.hopeless.add((number, grasp.room_m))
 
     def _free_part(self, path: ArmPath) -> float:
         """The part of a path that is followed without collisions."""
@@ -364,16 +421,10 @@ class _Search:
             for checker in (self.checker, self.strict) if row == 0 else (self.checker,):
                 checker.set_joint(self.request.joint, self.request.joint_positions[row])
 
-    def _count(self, reason: str) -> None:
-        self.reasons[reason] = self.reasons.get(reason, 0) + 1
-
-
-def _shortfall(reason: str) -> float | None:
-    """By how much a hand does not get to a grasp [m]; None if a reason is another one."""
-    for pattern, unit in zip(_TOO_FAR, _TOO_FAR_UNITS_M, strict=True):
-        if (found := pattern.search(reason)) is not None:
-            return float(found[1]) * unit
-    return None
+    def _count(self, reason: str, shortfall_m: float | None = None) -> None:
+        self.reasons[reason] += 1
+        if shortfall_m is not None:
+            self.shortfalls[reason] = shortfall_m
 
 
 def _way_out(at: Array, container: tuple[Array, Array] | None) -> float:

@@ -1,0 +1,404 @@
+"""How doors and drawers are moved: by the handle, by the free edge, or by a push; and which of them a robot can open.
+
+Every way is tested with the collision shapes of the place: first the gripper alone, at the grasp and along the path of
+the front, since what it cannot grasp no place of the base mends; then the whole robot, from sampled places of the base.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from enum import StrEnum
+from itertools import product
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from mindstage.errors import UnreachableError
+from mindstage.robots.collisions import Collision, HandChecker
+from mindstage.robots.navigation import FloorMap
+from mindstage.robots.robot import Robot
+from mindstage.robots.skills.grasps import Grasp, diagonal_grasps_of, edge_grasps_of, grasps_of, pushes_of, sweeps_of
+from mindstage.robots.skills.manipulator import BasePose, Manipulator, hands_of
+from mindstage.robots.skills.stances import Stance, StanceRequest, find_stance
+from mindstage.robots.skills.surroundings import Opening, Surroundings
+from mindstage.robots.skills.task import SkillTask
+from mindstage.scene import BodyId, Pose
+from mindstage.scene.transforms import (
+    Array,
+    normalized_pose_array,
+    pose_from_array,
+    pose_inverse,
+    pose_multiply,
+    quat_conjugate,
+    quat_rotate,
+)
+
+__all__ = ["BACK_M", "FrontMotion", "FrontReach", "FrontReachStep", "FrontWay", "can_open", "find_front_motion"]
+
+_STEP_M = 0.02
+"""Distance of the handle between neighboring poses of its path."""
+_FACING, _DIAGONAL_FACING = 0.7, 0.4
+"""Least cosine between the direction of approach and the inward direction of the front."""
+_LEVEL_M = 0.05
+"""A handle whose height changes by less is on a door with a vertical axis."""
+BACK_M = {True: 0.1, False: 0.06}
+"""Distance from which a handle, or a free edge, is approached, and to which the gripper withdraws."""
+_AJAR = 0.08
+"""Openness from which on a door has a free edge on both sides."""
+_MAX_UP = 0.5
+"""Largest upward component of the direction in which a hand points that pushes."""
+_CHECKED_EVERY = 2
+"""Of the poses of a path, every second one is tested with the gripper alone."""
+_PER_GROUP, _MAX_GRASPS = 2, 12
+_LEAST_PART = 0.15
+"""The least part of a path that is worth it."""
+_ENOUGH = {True: 0.5, False: 0.95}
+"""A way that moves a front by so much of its path is taken without a look at the next one; a door that folds down falls
+back if it is let go on the way."""
+_ALL = 0.95
+"""Openness that counts as open."""
+_MAX_STEPS = 4
+_QUICK_STEPS, _LONG_STEPS = 20_000, 60_000
+"""Steps of the search for a stance (see `StanceRequest.steps`): for each way at first, and if none was found."""
+
+
+class FrontWay(StrEnum):
+    """How a door or drawer is moved."""
+
+    HANDLE = "handle"
+    """The fingers hold its handle."""
+    EDGE = "edge"
+    """The fingers hold the free edge of a door that is ajar."""
+    PUSH = "push"
+    """The closed gripper pushes a side of it."""
+
+
+class FrontMotion(NamedTuple):
+    """A way to move a front, from one stance."""
+
+    way: FrontWay
+    stance: Stance
+    body: BodyId
+    """What is grasped or pushed: the handle, or the front."""
+    poses: Array
+    """n x 7: poses of the body along its path in the world frame, the present one first."""
+    path: Array
+    """n x 7: poses of the grasp frame along it."""
+    positions: Array
+    """n positions of the joint [m or rad]."""
+
+    @property
+    def end(self) -> float:
+        """The position of the joint up to which the stance reaches [m or rad]."""
+        return float(self.positions[0] + self.stance.reach * (self.positions[-1] - self.positions[0]))
+
+
+class FrontReachStep(msgspec.Struct, frozen=True, kw_only=True):
+    """A part of opening a front."""
+
+    way: FrontWay
+    base: BasePose
+    """Where the robot stands: x, y [m] and yaw [rad]."""
+    openness: float
+    """How far the front is open after it, from 0 to 1."""
+
+
+class FrontReach(msgspec.Struct, frozen=True, kw_only=True):
+    """Whether a robot can open a door or drawer; truthy if it can."""
+
+    front: BodyId
+    is_reachable: bool
+    openness: float
+    """How far it can be opened, from 0 to 1."""
+    steps: tuple[FrontReachStep, ...]
+    """How, and from where."""
+    reason: str = ""
+    """Why not farther: the limit or the obstacle, with numbers; for each way."""
+    obstacle: str | None = None
+    """The id of the body in the way, if it is one."""
+
+    def __bool__(self) -> bool:
+        return self.is_reachable
+
+
+def can_open(robot: Robot, thing: str, fraction: float = 1.0) -> FrontReach:
+    """Whether a robot can open a door or drawer, without moving anything: from where, how, or why not.
+
+    Places of the base, grasps and pushes are sampled, and tested by inverse kinematics on the robot's model and for
+    collisions with the place; where one stance does not reach all the way, the next one goes on from there. What is
+    not found by these samples counts as not reachable.
+
+    Args:
+        robot: the robot.
+        thing: the door or drawer, its handle, or a container with one.
+        fraction: how far, from 0 (closed) to 1.
+
+    Raises:
+        NameNotFoundError: there is no such door or drawer.
+        AmbiguousNameError: there are several.
+    """
+    task = SkillTask(robot)
+    surroundings = task.surroundings()
+    opening = surroundings.opening(surroundings.find(thing))
+    joint = opening.joint
+    span = joint.open_position - joint.closed_position
+    target, position = joint.position_at(fraction), joint.position
+    steps: list[FrontReachStep] = []
+    reason, obstacle = "", None
+    hand = hands_of(task)[0]
+    floor = FloorMap(robot) if hand.is_mobile else None
+
+    def openness() -> float:
+        return (position - joint.closed_position) / span
+
+    while openness() < _ALL * fraction and len(steps) < _MAX_STEPS:
+        try:
+            found = find_front_motion(hand, opening, surroundings, target, start=position, floor=floor)
+        except UnreachableError as error:
+            reason, obstacle = error.reason, error.obstacle
+            break
+        position = found.end
+        steps.append(FrontReachStep(way=found.way, base=found.stance.base, openness=round(openness(), 3)))
+        reason = found.stance.why
+    is_reachable = openness() >= _ALL * fraction
+    return FrontReach(
+        front=opening.front,
+        is_reachable=is_reachable,
+        openness=round(openness(), 3),
+        steps=tuple(steps),
+        reason="" if is_reachable else reason,
+        obstacle=None if is_reachable else obstacle,
+    )
+
+
+def find_front_motion(
+    hand: Manipulator,
+    opening: Opening,
+    surroundings: Surroundings,
+    target: float,
+    *,
+    start: float | None = None,
+    excluded: Collection[FrontWay] = (),
+    floor: FloorMap | None = None,
+) -> FrontMotion:
+    """Where to stand and how to move a front: the first way that moves it far, otherwise the best one.
+
+    Args:
+        hand: the arm.
+        opening: the front.
+        surroundings: the things of the world.
+        target: the position that its joint is to have [m or rad].
+        start: the position from which it is moved; None for the present one.
+        excluded: ways that are not tried.
+        floor: the free floor, if it is known.
+
+    Raises:
+        UnreachableError: there is none; with the reason for each way.
+    """
+    search = _FrontSearch(hand, opening, surroundings, opening.joint.position if start is None else start, target)
+    best: FrontMotion | None = None
+    reasons: dict[FrontWay, UnreachableError] = {}
+    quick = _QUICK_STEPS if search.is_level else _LONG_STEPS
+    for steps, way in product(dict.fromkeys((quick, _LONG_STEPS)), list(search.ways())):
+        if way in excluded:
+            continue
+        if steps > quick and best is not None:
+            break
+        try:
+            found = search.find(way, floor, steps)
+        except UnreachableError as error:
+            reasons[way] = error
+            continue
+        if best is None or found.stance.reach > best.stance.reach:
+            best = found
+        if best.stance.reach >= _ENOUGH[search.is_level]:
+            break
+    if best is not None:
+        return best
+    texts = [f"by its {way}: {error.reason}" if len(reasons) > 1 else error.reason for way, error in reasons.items()]
+    raise UnreachableError(
+        hand.robot.name,
+        target=opening.handle or opening.front,
+        reason="; ".join(texts) or "every way to move it was tried",
+        obstacle=next((each.obstacle for each in reasons.values() if each.obstacle is not None), None),
+    )
+
+
+class _FrontSearch:
+    def __init__(
+        self, hand: Manipulator, opening: Opening, surroundings: Surroundings, start: float, target: float
+    ) -> None:
+        self.hand, self.opening, self.surroundings = hand, opening, surroundings
+        self.handle = opening.handle or opening.front
+        joint = opening.joint
+        front = surroundings.pose(opening.front)
+        self.handle_in_front = pose_multiply(pose_inverse(front), surroundings.pose(self.handle))
+        ends = self._handle_at(start), self._handle_at(target)
+        count = max(int(np.ceil(1.2 * float(np.linalg.norm(ends[1][:3] - ends[0][:3])) / _STEP_M)), 2)
+        self.positions = np.linspace(start, target, count + 1)
+        self.fronts = np.array([self._front_at(float(each)) for each in self.positions])
+        self.handles = np.array([pose_multiply(each, self.handle_in_front) for each in self.fronts])
+        span = joint.open_position - joint.closed_position
+        step = 0.02 * span
+        low, high = sorted((joint.closed_position, joint.open_position))
+        near = [self._handle_at(float(np.clip(start + sign * step, low, high))) for sign in (-1.0, 1.0)]
+        outward = near[1][:3] - near[0][:3]
+        self.outward = outward / np.linalg.norm(outward)
+        """Unit vector: where the handle moves when the front opens, at the start."""
+        self.openness = (start - joint.closed_position) / span
+        self.is_closing = (target - start) * span < 0.0
+        self.is_level = float(np.ptp(self.handles[:, 2])) < _LEVEL_M
+        """Whether it moves horizontally, and stays where it is let go."""
+
+    def ways(self) -> Iterator[FrontWay]:
+        """The ways that are possible, the preferred first."""
+        if self.is_closing and not self.is_level:
+            yield FrontWay.PUSH
+        yield FrontWay.HANDLE
+        if not self.opening.joint.is_prismatic and self.openness >= _AJAR:
+            yield FrontWay.EDGE
+        if self.is_level and (self.is_closing or (not self.opening.joint.is_prismatic and self.openness >= _AJAR)):
+            yield FrontWay.PUSH
+
+    def find(self, way: FrontWay, floor: FloorMap | None, steps: int) -> FrontMotion:
+        """The best stance of a way.
+
+        Raises:
+            UnreachableError: there is none.
+        """
+        opening = self.opening
+        body, poses = (self.handle, self.handles) if way is FrontWay.HANDLE else (opening.front, self.fronts)
+        candidates = [(each, pose_multiply(poses, each.pose)) for each in self._candidates(way)]
+        if way is FrontWay.PUSH and self.is_closing and not opening.joint.is_prismatic:
+            candidates = [*self._sweeps(), *candidates]
+        free = self._free(way, body, candidates)
+        request = StanceRequest(
+            body,
+            [grasp for grasp, _ in free],
+            poses,
+            BACK_M[way is not FrontWay.EDGE],
+            paths=[path for _, path in free],
+            joint=opening.joint.id,
+            joint_positions=self.positions.tolist(),
+            moved=self._moved_door(),
+            touched=(opening.front, self.handle),
+            least=_LEAST_PART,
+            is_closed=way is FrontWay.PUSH,
+            checks_path_closed=way is not FrontWay.PUSH,
+            steps=steps,
+        )
+        stance = find_stance(self.hand, request, floor)
+        return FrontMotion(way, stance, body, poses, request.paths[stance.number], self.positions)
+
+    def _front_at(self, position: float) -> Array:
+        return normalized_pose_array(self.opening.joint.pose_at(position))
+
+    def _handle_at(self, position: float) -> Array:
+        return pose_multiply(self._front_at(position), self.handle_in_front)
+
+    def _moved_door(self) -> dict[BodyId, Pose]:
+        """Where a door with a vertical axis, which may shut in the base, and its handle are at the end; else empty."""
+        if self.opening.joint.is_prismatic or not self.is_level:
+            return {}
+        ends = {self.opening.front: self.fronts[-1], self.handle: self.handles[-1]}
+        return {id: pose_from_array(pose) for id, pose in ends.items()}
+
+    # -- grasps ------------------------------------------------------------------------------------------------------
+
+    def _candidates(self, way: FrontWay) -> list[Grasp]:
+        """The grasps or pushes of a way, the preferred first."""
+        hand, surroundings, opening = self.hand, self.surroundings, self.opening
+        front, edge = self.fronts[0], self.handle_in_front[:3]
+        outward = quat_rotate(quat_conjugate(front[3:]), self.outward)
+        body = surroundings.body(self.handle if way is FrontWay.HANDLE else opening.front)
+        geometry = surroundings.geometry(body.id)
+        if way is FrontWay.EDGE:
+            return list(edge_grasps_of(body, geometry, outward, edge, hand.gripper, hand.shape))
+        if way is FrontWay.PUSH:
+            side = outward if self.is_closing else -outward
+            pushes = pushes_of(body, geometry, side, edge, hand.shape)
+            return [each for each in pushes if quat_rotate(each.in_world(front)[3:], (1.0, 0.0, 0.0))[2] < _MAX_UP]
+        pose = self.handles[0]
+
+        def facing(grasp: Grasp) -> float:
+            return -float(quat_rotate(grasp.in_world(pose)[3:], (1.0, 0.0, 0.0)) @ self.outward)
+
+        grasps = [each for each in grasps_of(body, geometry, pose, hand.gripper, hand.shape) if facing(each) >= _FACING]
+        grasps.sort(key=lambda each: (not each.is_whole, not each.is_central, -round(facing(each), 2)))
+        diagonals = diagonal_grasps_of(body, geometry, hand.gripper, hand.shape)
+        return [*grasps, *(each for each in diagonals if facing(each) >= _DIAGONAL_FACING)]
+
+    def _sweeps(self) -> list[tuple[Grasp, Array]]:
+        """Pushes of the closing door with the finger tips, with their paths."""
+        front = self.opening.front
+        outward = quat_rotate(quat_conjugate(self.fronts[0, 3:]), self.outward)
+        body, geometry = self.surroundings.body(front), self.surroundings.geometry(front)
+        return list(sweeps_of(body, geometry, outward, self.handle_in_front[:3], self.fronts, self.hand.shape))
+
+    def _free(
+        self, way: FrontWay, body: BodyId, candidates: Sequence[tuple[Grasp, Array]]
+    ) -> list[tuple[Grasp, Array]]:
+        """The grasps at which the gripper alone is free, with their paths, the longest free paths first.
+
+        Raises:
+            UnreachableError: there is none.
+        """
+        if not candidates:
+            return []
+        checker = HandChecker(self.hand.robot, self.hand.gripper, touch={self.opening.front, self.handle})
+        free: list[tuple[float, Grasp, Array]] = []
+        worst: list[Collision] = []
+        for grasp, path in candidates:
+            hit = self._hit_before(checker, way, grasp, path[0])
+            if hit is None:
+                free.append((self._free_part(checker, way, grasp, path), grasp, path))
+            else:
+                worst.append(hit)
+        long_enough = [each for each in free if each[0] >= _LEAST_PART]
+        if not long_enough:
+            nearest = max(worst, key=lambda each: each.distance_m - each.least_m, default=None)
+            where = "at the begin of its path" if free else f"at each of {len(candidates)} grasps of it"
+            raise UnreachableError(
+                self.hand.robot.name,
+                target=body,
+                reason=f"the gripper has no room {where}: at best {nearest}" if nearest else "the gripper has no room",
+                obstacle=None if nearest is None else nearest.obstacle,
+            )
+        return _varied(long_enough)
+
+    def _hit_before(self, checker: HandChecker, way: FrontWay, grasp: Grasp, at: Array) -> Collision | None:
+        """What the gripper touches at a grasp, or on the straight line to it."""
+        checker.set_joint(self.opening.joint.id, float(self.positions[0]))
+        hand = self.hand
+        opening_m = 0.0 if way is FrontWay.PUSH else grasp.opening_m(hand.gripper.max_opening_m)
+        fingers = hand.fingers_at(opening_m)
+        for back in (0.0, 0.5, 1.0):
+            length = back * BACK_M[way is not FrontWay.EDGE]
+            place = pose_multiply(at, np.array([-length, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+            if (hit := checker.find(place, fingers, strictly=True)) is not None:
+                return hit
+        return None
+
+    def _free_part(self, checker: HandChecker, way: FrontWay, grasp: Grasp, path: Array) -> float:
+        """The part of the path along which the gripper is free."""
+        fingers = self.hand.fingers_at(0.0 if way is FrontWay.PUSH else grasp.width_m)
+        for row in range(0, len(path), _CHECKED_EVERY):
+            checker.set_joint(self.opening.joint.id, float(self.positions[row]))
+            if checker.find(path[row], fingers) is not None:
+                return max(row - _CHECKED_EVERY, 0) / (len(path) - 1)
+        return 1.0
+
+
+def _varied(free: Sequence[tuple[float, Grasp, Array]]) -> list[tuple[Grasp, Array]]:
+    """Grasps with the longest free paths, with few of each direction of approach."""
+    counts: dict[tuple[float, ...], int] = {}
+    found: list[tuple[Grasp, Array]] = []
+    for _, grasp, path in sorted(free, key=lambda each: -round(each[0], 1)):
+        direction = quat_rotate(grasp.pose[3:], (1.0, 0.0, 0.0))
+        across = np.abs(quat_rotate(grasp.pose[3:], (0.0, 1.0, 0.0)))
+        group = (*np.round(direction, 1).tolist(), *np.round(across, 1).tolist(), float(grasp.is_whole))
+        counts[group] = counts.get(group, 0) + 1
+        if counts[group] <= _PER_GROUP:
+            found.append((grasp, path))
+    return found[:_MAX_GRASPS]
