@@ -7,6 +7,8 @@ benchmarks.viewer URL COUNT` runs such a process, which prints the number of rec
 from __future__ import annotations
 
 import json
+import os
+import secrets
 import shutil
 import subprocess
 import sys
@@ -18,6 +20,7 @@ from contextlib import contextmanager, redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
 from statistics import median
+from typing import NamedTuple
 
 import numpy as np
 import viser
@@ -28,14 +31,18 @@ from websockets.typing import Subprotocol
 from benchmarks import Measure, median_runs
 from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
 from mindstage.knowledge import bundled_kitchen
+from mindstage.rendering.appearance import VisiblePart, visuals_to_glb
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
+from mindstage.simulation import StateSnapshot
 from mindstage.viewer import Viewer
+from mindstage.viewer.scene import ViewerScene
 from mindstage.viewer.screenshot import HeadlessBrowser
 
 UPDATES = 30
 """Number of measured updates, one second of them."""
 FEW = 5
 CLIENTS = 10
+PAGE_REPEATS = 3
 EDITS = 12
 STEPPED_S = 4.0
 """Simulated time of a measurement [s]."""
@@ -50,6 +57,8 @@ def measure() -> Iterator[Measure]:
     yield _edit_latency()
     yield _cost_of_clients()
     yield _first_picture()
+    yield from _compared_with_viser("bundled kitchen", bundled_kitchen())
+    yield from _compared_with_viser("2,000 bodies of five shapes", _field(2000, alike=True))
 
 
 def _updates(count: int, *, alike: bool, what: str) -> Iterator[Measure]:
@@ -62,7 +71,7 @@ def _updates(count: int, *, alike: bool, what: str) -> Iterator[Measure]:
             viewer._thread.join()
             for moving, which in ((FEW, f"{FEW} moving"), (count, "all moving")):
                 seconds, sent = _moved(viewer, simulation.state.poses, moving, received)
-                aim = 1 / 30 if count <= 500 else None
+                aim = 0.016 if count <= 500 else None
                 yield Measure(
                     what=f"{what}, {which}: one update", ours=1000 * seconds, unit="ms", at_most=aim and 1000 * aim
                 )
@@ -202,6 +211,131 @@ def _empty_picture() -> float:
         with redirect_stdout(StringIO()):
             server.stop()
     return time.perf_counter() - start
+
+
+_VIEW = "(document.getElementById('view')?.contentWindow ?? window)"
+_DRAWN = """(() => {
+  const view = %s, names = view.__viserMutable?.nodeRefFromName ?? {};
+  let count = 0;
+  for (const name in names) {
+    if (!/^[/](bodies|batches)[/]/.test(name)) continue;
+    let drawn = 0;
+    if (/[/]textured$/.test(name)) names[name]?.traverse((mesh) => {
+      if (mesh.isMesh) drawn = Math.max(drawn, mesh.instancesCount ?? 1);
+    });
+    count += drawn;
+  }
+  return count;
+})()"""
+"""Number of bodies whose meshes exist in the page."""
+_FRAMES = 9
+_DRAW_FRAMES = """(async () => {
+  const view = %s, state = view.__viserMutable.scene.__r3f.root.getState(), pixel = new Uint8Array(4);
+  for (let turn = 0; turn < %d; turn++) {
+    state.advance(performance.now());
+    state.gl.getContext().readPixels(0, 0, 1, 1, 6408, 5121, pixel);
+  }
+})()"""
+"""Draws frames one after the other, each until its pixels can be read."""
+
+
+def _cpu_s() -> float:
+    """The processor time of all processes below this one: other load on the machine does not count [s]."""
+    children: dict[int, list[tuple[int, int]]] = {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            fields = path.read_text().rpartition(")")[2].split()
+            children.setdefault(int(fields[1]), []).append((int(path.parent.name), int(fields[11]) + int(fields[12])))
+    total, waiting = 0, [os.getpid()]
+    while waiting:
+        for child, ticks in children.get(waiting.pop(), ()):
+            total += ticks
+            waiting.append(child)
+    return total / os.sysconf("SC_CLK_TCK")
+
+
+class _PageCost(NamedTuple):
+    first_picture_s: float
+    frame_ms: float
+    heap_mb: float
+
+
+def _compared_with_viser(what: str, content: str | World) -> Iterator[Measure]:
+    """First picture, frame time and memory of the page, and of a viser page with the same meshes and lights."""
+    knowledge = KnowledgeBase()
+    world = content if isinstance(content, World) else None
+    if world is None:
+        knowledge.load([content])
+    with Simulation(knowledge, NullEngine()) as simulation:
+        simulation.spawn(world, timeout_s=120.0)
+        with Viewer(simulation, port=0) as viewer:
+            _wait_until(lambda: viewer.views.is_drawn)
+            count = len([each for each in viewer._scene.appearances.values() if each.part is not VisiblePart.OUTLINE])
+            bare = _bare_server(viewer, simulation.state)
+            try:
+                plain = f"http://127.0.0.1:{bare.get_port()}/"
+                pairs = [
+                    (
+                        _page_cost(f"{viewer.url}/", f"{viewer.url}/view/{secrets.token_hex(8)}/", count),
+                        _page_cost(plain, plain, count),
+                    )
+                    for _ in range(PAGE_REPEATS)
+                ]
+            finally:
+                with redirect_stdout(StringIO()):
+                    bare.stop()
+    ours, theirs = (
+        _PageCost(*(median(values) for values in zip(*side, strict=True))) for side in zip(*pairs, strict=True)
+    )
+    peer = f"viser {viser.__version__} with the same meshes and lights"
+    for name, unit, aim, mine, other in (
+        ("first picture", "s", 1.5, ours.first_picture_s, theirs.first_picture_s),
+        ("processor time of a frame without a GPU", "ms", 1.2, ours.frame_ms, theirs.frame_ms),
+        ("JavaScript heap of the tab", "MB", 1.5, ours.heap_mb, theirs.heap_mb),
+    ):
+        yield Measure(what=f"{what}: {name}", ours=mine, unit=unit, peer=peer, theirs=other, at_most=aim)
+
+
+def _bare_server(viewer: Viewer, state: StateSnapshot) -> viser.ViserServer:
+    """A server of viser with one node for each body, and with the lights and the camera of the viewer."""
+    with redirect_stdout(StringIO()):
+        server = viser.ViserServer(port=0, verbose=False)
+    ViewerScene(server, on_node=lambda node, pick, *, draggable: None, has_scripts=False)  # the lights
+    rows = dict(zip(state.ids, state.poses, strict=True))
+    with server.atomic():
+        for number, (id, appearance) in enumerate(viewer._scene.appearances.items()):
+            if appearance.part is not VisiblePart.OUTLINE:
+                content = visuals_to_glb(appearance.visuals)
+                name = f"/bodies/{number}/textured"
+                server.scene.add_glb(name, content, position=rows[id][:3], wxyz=rows[id][3:])
+    camera = viewer._server.initial_camera
+    server.initial_camera.position, server.initial_camera.look_at = camera.position, camera.look_at
+    server.initial_camera.fov = camera.fov
+    return server
+
+
+def _page_cost(page: str, view: str, count: int) -> _PageCost:
+    """The cost of a page, and the time of a frame of its view alone, which has the size of the window."""
+    with HeadlessBrowser(size=(640, 420), timeout_s=300.0) as browser:
+        start = time.perf_counter()
+        _open(browser, page, count)
+        first_picture_s = time.perf_counter() - start
+        browser._send_command("HeapProfiler.collectGarbage")
+        browser._send_command("Performance.enable")
+        metrics = {each["name"]: each["value"] for each in browser._send_command("Performance.getMetrics")["metrics"]}
+        if view != page:
+            _open(browser, view, count)
+        before = _cpu_s()
+        browser.evaluate(_DRAW_FRAMES % (_VIEW, _FRAMES))
+        frame_ms = 1000 * (_cpu_s() - before) / _FRAMES
+    return _PageCost(first_picture_s, frame_ms, metrics["JSHeapUsedSize"] / 1e6)
+
+
+def _open(browser: HeadlessBrowser, url: str, count: int) -> None:
+    """Opens a page and waits until all bodies are drawn."""
+    browser.navigate(f"{url}?fixedDpr=1")
+    _wait_until(lambda: browser.evaluate(_DRAWN % _VIEW) >= count, timeout_s=300.0)
+    browser.screenshot()
 
 
 def _field(count: int, *, alike: bool) -> World:

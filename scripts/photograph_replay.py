@@ -15,8 +15,9 @@ import mindstage as ms
 from mindstage.episodes import EpisodeEventKind, FrameRecording, detect_events
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.replay import EpisodeReplay, knowledge_of
+from mindstage.rendering.screenshot import Screenshot
 from mindstage.scene import BodyId
-from mindstage.viewer import Screenshot, Viewer
+from mindstage.viewer import Viewer
 
 __all__ = ["main"]
 

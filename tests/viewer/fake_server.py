@@ -41,6 +41,8 @@ class FakeScene:
     def __init__(self) -> None:
         self.messages: SentMessages = []
         self.nodes: dict[str, FakeNode] = {}
+        self.data: dict[str, dict[str, Any]] = {}
+        self.sent_data: list[tuple[str, tuple[str, ...]]] = []
         self.world_axes = FakeNode(self, "axes")
 
     def add(self, name: str, *content: Any, **properties: Any) -> FakeNode:
@@ -58,6 +60,21 @@ class FakeScene:
         self, name: str, vertices: Any, faces: Any, wxyzs: Any, positions: Any, **properties: Any
     ) -> FakeNode:
         return self.add(name, vertices, faces, batched_wxyzs=wxyzs, batched_positions=positions, **properties)
+
+    def _queue_scene_message(self, message: Any) -> None:
+        """Applies data for the scripts: poses are set on the nodes of a block."""
+        topic = message.name.removeprefix("/mindstage/")
+        data = self.data.setdefault(topic, {})
+        data.update(message.updates)
+        self.sent_data.append((topic, tuple(message.updates)))
+        if "poses" not in message.updates:
+            return
+        for name, row in zip(data["names"], data["poses"], strict=True):
+            node = self.nodes.get(name)
+            if node is None or np.array_equal(vars(node).get("row", ()), row):
+                continue
+            vars(node)["row"] = row
+            node.position, node.wxyz = row[:3], row[3:]
 
     def get_handle_by_name(self, name: str) -> FakeNode | None:
         return self.nodes.get(name)

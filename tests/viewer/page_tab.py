@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from mindstage.rendering.camera import CameraPose
 from mindstage.scene import Vector
 from mindstage.viewer import Viewer
-from mindstage.viewer.camera import CameraPose
 from mindstage.viewer.server import session_key_of
 from tests.viewer.pointer import PagePointer
 from tests.viewer.waiting import TIMEOUT_S, wait_until
@@ -87,7 +87,9 @@ class PageTab(PagePointer):
     # -- panels --------------------------------------------------------------------------------------------------------
 
     def click_button(self, label: str) -> None:
-        """Clicks the button of an action."""
+        """Clicks the button of an action; in a narrow window, in the menu of the toolbar."""
+        if self.page.locator(f"#toolbar-menu [data-action={label}]").count():
+            self.page.locator("#toolbar-more").click()
         self.page.locator(f"[data-action={label}]:visible").first.click()
 
     def open_panel(self, panel: str) -> None:

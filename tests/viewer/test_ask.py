@@ -246,7 +246,7 @@ def test_a_query_does_not_read_files(page: FakePage) -> None:
 
 @needs_prolog
 def test_a_prolog_query_is_answered_as_a_table_of_its_variables(page: FakePage, simulation: Simulation) -> None:
-    assert page.ask("ask.languages") == {"prolog": True}
+    assert page.ask("ask.languages") == {"prolog": True, "prolog_missing": ""}
     line = "storage_place_in_environment(Map, knowrob:'CowsMilk', Place), openings(Map, Place, State, Front)"
     found = page.ask("ask.prolog", line=line)
     assert found["columns"] == ["Map", "Place", "State", "Front"]

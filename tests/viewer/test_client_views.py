@@ -12,11 +12,13 @@ from msgspec.structs import replace
 
 from mindstage import KnowledgeBase
 from mindstage.errors import BodyNotFoundError
+from mindstage.rendering.appearance import compute_appearance
+from mindstage.rendering.camera import CameraPose, initial_target
+from mindstage.rendering.screenshot import LabelMode
 from mindstage.scene import BodyId, Pose, World
 from mindstage.scene.transforms import pose_array
-from mindstage.viewer import camera as camera_module
-from mindstage.viewer.appearance import compute_appearance
-from mindstage.viewer.camera import CameraPose, ClientViews, GizmoMode, LabelMode, initial_target
+from mindstage.viewer import client_views as camera_module
+from mindstage.viewer.client_views import ClientViews, GizmoMode
 from tests.kitchenette import kitchenette
 from tests.viewer.fake_server import FakeClient, FakeServer
 
@@ -34,7 +36,8 @@ class RecordedMoves:
     def __init__(self) -> None:
         self.moves: list[tuple[int, BodyId, Pose]] = []
 
-    def __call__(self, client: int, id: BodyId, pose: Pose) -> None:
+    def __call__(self, client: int, id: BodyId, pose: Pose, *, to_surface: bool) -> None:
+        assert not to_surface
         self.moves.append((client, id, pose))
 
 
@@ -75,7 +78,7 @@ def set_world(views: ClientViews, world: World) -> None:
 
 
 def labels(client: FakeClient) -> set[str]:
-    return {name.removeprefix("/labels/") for name in client.scene.nodes if name.startswith("/labels/")}
+    return set(client.scene.data.get("labels", {"ids": ()})["ids"])
 
 
 def state(client: FakeClient, name: str) -> dict[str, Any]:
@@ -161,16 +164,56 @@ def test_requests_for_disconnected_clients_are_ignored(server: FakeServer, views
 # -- nodes of one client -----------------------------------------------------------------------------------------------
 
 
+def middles(client: FakeClient) -> list[list[float]]:
+    """The centers of the outlined boxes."""
+    node = state(client, "/selected")
+    lines = np.asarray(node.get("points", node["content"][0]))
+    return [each.mean(axis=(0, 1)).round(4).tolist() for each in lines.reshape(-1, 12, 2, 3)]
+
+
 def test_selection_box_and_label_move_with_the_body(views: ClientViews, ann: FakeClient) -> None:
     views.select(MUG)
     views.set_labels(LabelMode.SELECTED)
     views.process_queue()
-    assert state(ann, "/selected")["position"] == pytest.approx([2.0, 0.0, 0.85])
+    assert middles(ann) == [pytest.approx([2.0, 0.0, 0.85])]
     poses = POSES.copy()
     poses[IDS.index(MUG), :3] = 1.0, 2.0, 3.0
     views.update_poses(poses)
-    assert state(ann, "/selected")["position"] == pytest.approx([1.0, 2.0, 3.0])
-    assert state(ann, "/labels/Mug")["position"] == pytest.approx([1.0, 2.0, 3.07])
+    assert middles(ann) == [pytest.approx([1.0, 2.0, 3.0])]
+    assert ann.scene.data["labels"]["positions"].tolist() == [pytest.approx([1.0, 2.0, 3.07])]
+    with ann.scene.recording() as messages:
+        views.update_poses(poses.copy())
+    assert messages == [], "nothing has moved"
+
+
+def test_several_bodies_are_selected_and_the_last_has_the_gizmo(views: ClientViews, ann: FakeClient) -> None:
+    notified: list[int] = []
+    views.on_change(notified.append)
+    views.set_gizmo(GizmoMode.MOVE)
+    views.select_several([MUG, DRAWER, MUG])
+    views.set_labels(LabelMode.SELECTED)
+    views.process_queue()
+    assert (views.selection(1), views.selected(1), notified) == ((MUG, DRAWER), DRAWER, [1])
+    assert middles(ann) == [pytest.approx([2.0, 0.0, 0.85]), pytest.approx([1.95, 0.0, 0.65])]
+    assert state(ann, "/gizmo")["position"] == pytest.approx([1.95, 0.0, 0.65])
+    assert labels(ann) == {MUG, DRAWER}
+    set_world(views, replace(WORLD, bodies=tuple(body for body in WORLD.bodies if body.id != DRAWER)))
+    assert (views.selection(1), views.selected(1), notified) == ((MUG,), MUG, [1, 1])
+    views.select(None)
+    views.process_queue()
+    assert views.selection(1) == ()
+    assert "/selected" not in ann.scene.nodes
+    assert "/selected_behind" not in ann.scene.nodes
+
+
+def test_parts_are_outlined_with_their_body(views: ClientViews, ann: FakeClient) -> None:
+    appearances = compute_appearance(WORLD, KNOWLEDGE.shape_rule, KNOWLEDGE.ancestors)
+    views.set_bodies(appearances, {}, IDS, POSES, parts={DRAWER: (BodyId("DrawerHandle"),)})
+    views.select(DRAWER)
+    views.process_queue()
+    colors = np.asarray(state(ann, "/selected")["content"][1]).reshape(-1, 12, 2, 3)[:, 0, 0].tolist()
+    assert len(middles(ann)) == 2
+    assert min(colors[1]) > min(colors[0]), "the part is fainter"
 
 
 def test_labels_follow_the_label_mode(views: ClientViews, ann: FakeClient) -> None:
@@ -189,11 +232,11 @@ def test_labels_follow_the_label_mode(views: ClientViews, ann: FakeClient) -> No
 
 def test_of_many_bodies_the_largest_are_labeled(views: ClientViews, ann: FakeClient) -> None:
     mug = WORLD.body("Mug")
-    mugs = [replace(mug, id=BodyId(f"Mug{n}")) for n in range(400)]
+    mugs = [replace(mug, id=BodyId(f"Mug{n}")) for n in range(1100)]
     set_world(views, replace(WORLD, bodies=(*mugs, *WORLD.bodies)))
     views.set_labels(LabelMode.ALL)
     views.process_queue()
-    assert len(labels(ann)) == 300
+    assert len(labels(ann)) == 1000
     assert {"Floor", "Fridge", "Cupboard"} <= labels(ann)
 
 

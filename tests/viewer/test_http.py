@@ -7,7 +7,8 @@ from http import HTTPStatus
 import pytest
 
 from mindstage.errors import AuthenticationError
-from mindstage.viewer.http import RequestFilter, view_key
+from mindstage.textures import TextureMap
+from mindstage.viewer.http import RequestFilter, is_texture_path, texture_path, view_key
 
 HOME = {"Host": "127.0.0.1:8080"}
 VIEW = "/view/0123456789abcdef"
@@ -199,3 +200,21 @@ def test_a_cached_file_is_not_sent_again(request_filter: RequestFilter) -> None:
     again = request_filter.respond("/mindstage/main.js", HOME | {"If-None-Match": answer.headers["ETag"]})
     assert again is not None
     assert (again.status, again.body) == (HTTPStatus.NOT_MODIFIED, b"")
+
+
+# -- textures ----------------------------------------------------------------------------------------------------------
+
+
+def test_textures_are_images_that_browsers_keep(request_filter: RequestFilter, token_filter: RequestFilter) -> None:
+    path = texture_path("oak_board", TextureMap.COLOR)
+    assert path is not None
+    assert is_texture_path(path)
+    answer = request_filter.respond(path, HOME)
+    assert answer is not None
+    assert answer.headers["Content-Type"] == "image/jpeg"
+    assert "immutable" in answer.headers["Cache-Control"]
+    assert answer.body[:2] == b"\xff\xd8"
+    assert len(answer.body) < 64_000
+    assert status(token_filter, path, HOME) == HTTPStatus.UNAUTHORIZED
+    for unknown in (path.replace("oak", "gold"), path.replace("color", "height"), "/mindstage/textures/../main.js"):
+        assert status(request_filter, unknown, HOME) == HTTPStatus.NOT_FOUND

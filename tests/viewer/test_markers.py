@@ -10,12 +10,12 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage import Simulation
+from mindstage.rendering.appearance import merge_visuals
+from mindstage.rendering.camera import CameraPose
 from mindstage.scene import BodyId, Color, Pose
 from mindstage.scene.colors import COLORS
 from mindstage.simulation import Marker, MarkerType
 from mindstage.viewer import Viewer
-from mindstage.viewer.appearance import merge_visuals
-from mindstage.viewer.camera import CameraPose
 from tests.kitchenette import kitchenette
 from tests.viewer.view_tab import ViewTab, open_views
 from tests.viewer.waiting import wait_until

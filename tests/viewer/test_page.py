@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from mindstage.scene import BodyId, Iri, Pose, World
 from mindstage.viewer import Viewer
 from tests.kitchenette import kitchenette
 from tests.viewer.page_tab import PageTab
-from tests.viewer.waiting import wait_until
+from tests.viewer.waiting import TIMEOUT_S, wait_until
 
 OpenPage = Callable[..., PageTab]
 
@@ -86,14 +87,64 @@ def test_a_lost_connection_is_shown_and_reconnects(simulation: Simulation, viewe
         )
 
 
+def test_a_request_made_without_a_connection_is_sent_when_it_is_back(
+    simulation: Simulation, viewer: Viewer, open_page: OpenPage
+) -> None:
+    tab = open_page(viewer)
+    start, port = simulation.state.time_s, int(viewer.url.rsplit(":", 1)[1])
+    viewer.close()
+    wait_until(lambda: tab.page.locator("#disconnected").is_visible(), "the page shows that the connection is lost")
+    tab.click_button("reset")
+    tab.page.locator("[data-toast=error]", has_text="reset was not sent").wait_for()
+    tab.click_button("step")
+    with Viewer(simulation, port=port):
+        wait_until(lambda: simulation.state.time_s == pytest.approx(start + 0.1), "the queued step is executed")
+
+
+def test_a_server_that_stops_responding_is_reported(viewer: Viewer, open_page: OpenPage) -> None:
+    tab = open_page(viewer)
+    released = threading.Event()
+    loop = viewer._server._websock_server._background_event_loop
+    loop.call_soon_threadsafe(released.wait, TIMEOUT_S)
+    try:
+        tab.click_button("step")
+        banner = tab.page.locator("#disconnected", has_text="does not respond")
+        wait_until(banner.is_visible, "the page shows that nothing is received")
+        assert "Waiting for the server: step" in tab.page.locator("#waiting").inner_text()
+    finally:
+        released.set()
+    wait_until(lambda: not banner.is_visible(), "the server responds again")
+    wait_until(lambda: not tab.page.locator("#waiting").is_visible(), "the request is answered")
+
+
+def test_what_does_not_fit_into_the_toolbar_is_in_its_menu(
+    simulation: Simulation, viewer: Viewer, open_page: OpenPage
+) -> None:
+    tab = open_page(viewer, size=(390, 700))
+    toolbar, menu = tab.page.locator("#toolbar"), tab.page.locator("#toolbar-menu")
+    assert toolbar.evaluate("toolbar => toolbar.scrollWidth <= toolbar.clientWidth")
+    assert toolbar.locator("[data-action=play]").is_visible()
+    assert not menu.is_visible()
+    start = simulation.state.time_s
+    tab.click_button("step")
+    wait_until(lambda: simulation.state.time_s > start, "a button in the menu works")
+    tab.page.keyboard.press("Escape")
+    assert not menu.is_visible()
+    tab.page.set_viewport_size({"width": 1600, "height": 700})
+    wait_until(lambda: not menu.locator(":scope > *").count(), "with more room all controls are in the toolbar again")
+    assert not tab.page.locator("#toolbar-more").is_visible()
+    assert toolbar.locator("[data-action=step]").is_visible()
+
+
 # -- scene tree and details --------------------------------------------------------------------------------------------
 
 
 def test_a_body_is_found_selected_and_described(simulation: Simulation, viewer: Viewer, open_page: OpenPage) -> None:
     tab = open_page(viewer)
-    wait_until(lambda: tab.tree_rows() == ["Cupboard", "Floor", "Fridge", "Mug"], "only top-level rows are shown")
+    wait_until(lambda: tab.tree_rows() == ["Mug", "Cupboard", "Floor", "Fridge"], "top-level rows are shown by class")
     tab.page.locator(".tree-row[data-id=Cupboard] .caret").click()
-    assert tab.tree_rows() == ["Cupboard", "Drawer", "Floor", "Fridge", "Mug"]
+    assert tab.tree_rows() == ["Mug", "Cupboard", "Drawer", "Floor", "Fridge"]
+    assert tab.page.locator(".tree-row[data-id=Fridge]").inner_text().split() == ["Refrigerator", "Fridge"]
     tab.page.locator("[data-role=find-body]").fill("door handle")
     wait_until(lambda: tab.shows_text("0 of 8 found"), "no body matches both words")
     tab.page.locator("[data-role=find-body]").fill("refrigerator")
@@ -112,9 +163,9 @@ def test_the_scene_tree_is_navigated_by_keyboard(viewer: Viewer, open_page: Open
     tab = open_page(viewer)
     wait_until(lambda: len(tab.tree_rows()) == 4, "the tree is shown")
     tab.page.locator("[data-role=find-body]").press("ArrowDown")
-    wait_until(lambda: tab.selected == "Cupboard", "the first row is selected")
-    keys = {"ArrowRight": "Cupboard", "ArrowDown": "Drawer", "End": "Mug", "Home": "Cupboard"}
-    for key, expected in keys.items():
+    wait_until(lambda: tab.selected == "Mug", "the first row is selected")
+    keys = ["ArrowDown", "ArrowRight", "ArrowDown", "End", "Home", "ArrowDown"]
+    for key, expected in zip(keys, ["Cupboard", "Cupboard", "Drawer", "Fridge", "Mug", "Cupboard"], strict=True):
         tab.page.keyboard.press(key)
         wait_until(lambda expected=expected: tab.selected == expected, f"{key} leads to {expected}")
     assert "Drawer" in tab.tree_rows()

@@ -14,6 +14,7 @@ from mindstage.episodes.replay import EpisodeReplay
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, UnsupportedByEngineError
 from mindstage.scene import BodyId
 from mindstage.viewer import Viewer
+from mindstage.viewer.scene import BodyNodes
 from tests.episodes.kitchenette_recording import DRAWER, EVENTS, MUG, kitchenette_recording
 from tests.kitchenette import kitchenette
 from tests.viewer.page_client import RequestFailedError, connect_page_client
@@ -42,7 +43,13 @@ def tab(viewer: Viewer, open_page: Callable[..., PageTab]) -> PageTab:
 
 def drawn_position(viewer: Viewer, id: str) -> np.ndarray:
     """Where the view draws a body [m]."""
-    return np.array(viewer._scene._bodies._nodes[id]._root.position)  # type: ignore[index,union-attr,attr-defined]
+    return sent_position(viewer._scene._bodies, id)
+
+
+def sent_position(nodes: BodyNodes, id: str) -> np.ndarray:
+    """The position that was sent to the views [m]."""
+    assert nodes._blocks is not None
+    return np.array(nodes._blocks._rows[nodes._rows[id], :3])  # type: ignore[index]
 
 
 def pose(replay: EpisodeReplay, id: str) -> np.ndarray:
@@ -204,7 +211,7 @@ def test_a_second_recording_is_drawn_beside_the_first_at_the_same_time(open_page
         wait_until(lambda: both.state.time_s == 1.5, "the time is shown")
 
         def drawn() -> np.ndarray:
-            return np.array(beside._nodes._nodes[DRAWER]._root.position)  # type: ignore[attr-defined]
+            return sent_position(beside._nodes, DRAWER)
 
         frame = second.frame_at(1.5)
         expected = frame.poses[frame.ids.index(DRAWER)][:3]

@@ -10,11 +10,11 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage import KnowledgeBase
+from mindstage.rendering.appearance import OCCLUDER_OPACITY, BodyAppearance, VisiblePart, compute_appearance
+from mindstage.rendering.camera import CameraPose
 from mindstage.scene import AttachedLight, BodyGeometry, BodyId, Pose, World
 from mindstage.scene.geometry import NO_GEOMETRY, GeometryMap
 from mindstage.scene.transforms import pose_array
-from mindstage.viewer.appearance import OCCLUDER_OPACITY, BodyAppearance, VisiblePart, compute_appearance
-from mindstage.viewer.camera import CameraPose
 from mindstage.viewer.scene import BATCH_SIZE, ViewerScene, moved_rows
 from tests.kitchenette import kitchenette
 from tests.viewer.fake_server import FakeNode, FakeServer
@@ -317,7 +317,11 @@ def test_enclosures_are_lines_that_can_be_hidden(server: FakeServer, scene: View
 
 def test_the_ground_is_shown_and_removed(server: FakeServer, scene: ViewerScene) -> None:
     scene.set_ground(-0.5)
-    assert state(server, "/ground")["position"] == (0.0, 0.0, -0.5)
+    ground = state(server, "/ground")
+    assert ground["position"] == pytest.approx((0.0, 0.0, -0.5), abs=0.01)
+    assert ground["position"][2] < -0.5, "below the bodies, or their lower sides would flicker"
+    assert (ground["cell_thickness"], ground["section_thickness"]) == (0.0, 0.0), "no lines"
+    assert ground["shadow_opacity"] > 0.0
     scene.set_ground(None)
     assert server.scene.messages[-1] == ("/ground", "remove")
 

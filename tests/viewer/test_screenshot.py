@@ -11,10 +11,10 @@ from PIL import Image
 
 from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.errors import BodyNotFoundError, BrowserNotFoundError, InvalidArgumentError
+from mindstage.rendering.camera import CameraPose
+from mindstage.rendering.screenshot import Screenshot, placed_camera
 from mindstage.scene import BodyId
-from mindstage.viewer import Screenshot, Viewer
-from mindstage.viewer.camera import CameraPose
-from mindstage.viewer.screenshot import _camera_for
+from mindstage.viewer import Viewer
 from tests.viewer.waiting import wait_until
 
 PATIENCE_S = 300.0
@@ -67,7 +67,7 @@ def test_an_empty_page_that_needs_a_token_is_captured(chromium: Path) -> None:
         shot = Screenshot(size=(160, 100), position=(0.0, 0.0, 3.0), browser=str(chromium), timeout_s=PATIENCE_S)
         picture = pixels(viewer.screenshot(shot))
         assert picture.shape == (100, 160, 3)
-        assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20, "the background is a gradient"
+        assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 5, "the background is a soft gradient, not one color"
 
 
 def test_invalid_screenshots_are_refused(viewer: Viewer, chromium: Path) -> None:
@@ -86,16 +86,18 @@ def test_invalid_screenshots_are_refused(viewer: Viewer, chromium: Path) -> None
 
 
 def test_missing_camera_points_are_those_of_the_default() -> None:
-    assert _camera_for(Screenshot(), USUAL) == USUAL
-    assert _camera_for(Screenshot(position=(1.0, 1.0, 1.0)), USUAL) == CameraPose((1.0, 1.0, 1.0), (0.0, 0.0, 0.5), 0.6)
-    assert _camera_for(Screenshot(look_at=(10.0, 0.0, 0.5)), USUAL) == CameraPose(
+    assert placed_camera(Screenshot(), USUAL) == USUAL
+    assert placed_camera(Screenshot(position=(1.0, 1.0, 1.0)), USUAL) == CameraPose(
+        (1.0, 1.0, 1.0), (0.0, 0.0, 0.5), 0.6
+    )
+    assert placed_camera(Screenshot(look_at=(10.0, 0.0, 0.5)), USUAL) == CameraPose(
         (13.0, -3.0, 2.0), (10.0, 0.0, 0.5), 0.6
     )
-    both = _camera_for(Screenshot(position=(1.0, 2.0, 3.0), look_at=(4.0, 5.0, 6.0)), USUAL)
+    both = placed_camera(Screenshot(position=(1.0, 2.0, 3.0), look_at=(4.0, 5.0, 6.0)), USUAL)
     assert both == CameraPose((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), 0.6)
 
 
 def test_a_camera_straight_down_is_slightly_tilted() -> None:
-    x, y, z = _camera_for(Screenshot(position=(1.0, 2.0, 5.0), look_at=(1.0, 2.0, 0.0)), USUAL).position
+    x, y, z = placed_camera(Screenshot(position=(1.0, 2.0, 5.0), look_at=(1.0, 2.0, 0.0)), USUAL).position
     assert (x, z) == (1.0, 5.0)
     assert 2.0 - y == pytest.approx(0.005)

@@ -20,10 +20,10 @@ from playwright.sync_api import Error
 from mindstage.bridge.access import TlsCertificate, VisitorLimits, client_tls_context
 from mindstage.engines import NullEngine
 from mindstage.knowledge import KnowledgeBase
+from mindstage.rendering.screenshot import Screenshot
 from mindstage.simulation import Simulation
 from mindstage.viewer import Viewer
 from mindstage.viewer.http import RequestFilter
-from mindstage.viewer.screenshot import Screenshot
 from tests.bridge.certificates import Certificates, certificates
 
 __all__ = ["certificates"]

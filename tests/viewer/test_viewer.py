@@ -125,8 +125,10 @@ def test_moving_bodies_move_on_the_page(simulation: Simulation, viewer: Viewer) 
     wait_until(lambda: shown(viewer, "Mug"), "the mug is shown")
     pose = replace(kitchenette().body("Mug").pose, position=(1.0, 2.0, 3.0))
     simulation.run_on_engine(lambda engine: engine.set_pose(MUG, pose))
-    mug = viewer._server.scene.get_handle_by_name("/bodies/Mug")
-    wait_until(lambda: np.allclose(mug.position, (1.0, 2.0, 3.0)), "the mug has moved")
+    nodes = viewer._scene._bodies
+    assert nodes._blocks is not None
+    rows = nodes._blocks._rows
+    wait_until(lambda: np.allclose(rows[nodes._rows[MUG], :3], (1.0, 2.0, 3.0)), "the mug has moved")
 
 
 def test_a_highlight_is_shown_and_cleared(simulation: Simulation, viewer: Viewer) -> None:
@@ -184,7 +186,7 @@ def test_unknown_bodies_cannot_be_selected(viewer: Viewer) -> None:
 
 
 def test_a_body_moved_with_the_gizmo_can_be_moved_back_by_undo(simulation: Simulation, viewer: Viewer) -> None:
-    viewer._place_body(0, MUG, Pose((1.0, 0.0, 0.85)))
+    viewer._place_body(0, MUG, Pose((1.0, 0.0, 0.85)), to_surface=False)
     assert simulation.snapshot().body("Mug").pose.position == (1.0, 0.0, 0.85)
     simulation.undo_stack.undo()
     assert simulation.snapshot().body("Mug").pose == kitchenette().body("Mug").pose

@@ -13,9 +13,9 @@ import pytest
 from PIL import Image
 
 from mindstage import Simulation
+from mindstage.rendering.camera import CameraPose
 from mindstage.scene import Vector
 from mindstage.viewer import Viewer
-from mindstage.viewer.camera import CameraPose
 from tests.viewer.page_tab import to_picture
 from tests.viewer.pointer import PagePointer
 from tests.viewer.waiting import becomes_true, wait_until
@@ -54,6 +54,14 @@ class ViewTab(PagePointer):
     def has_node(self, name: str) -> bool:
         """Whether a node of that name exists."""
         return bool(self.page.evaluate("name => !!window.__viserSceneTree?.getState()[name]?.message", name))
+
+    def labels(self) -> list[str]:
+        """The texts of the labels that are drawn."""
+        return list(
+            self.page.evaluate(
+                "[...document.querySelectorAll('.mindstage-label:not([hidden]) b')].map((each) => each.textContent)"
+            )
+        )
 
     def wait_for(self, name: str) -> None:
         wait_until(lambda: self.is_drawn(name), f"{name} is drawn")

@@ -6,7 +6,7 @@ Otherwise it is simulated by MuJoCo, from a snapshot.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable
+from collections.abc import Callable, Collection, Container, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -33,7 +33,15 @@ from mindstage.simulation.joint_motion import find_joint
 from mindstage.simulation.state import EngineSession
 from mindstage.simulation.undo import SpawnRecord
 
-__all__ = ["EditRecordingEngine", "ForkOrigin", "commit_edits", "copied_engine", "match_world", "world_with_bodies"]
+__all__ = [
+    "EditRecordingEngine",
+    "ForkOrigin",
+    "commit_edits",
+    "copied_engine",
+    "match_world",
+    "without_bodies",
+    "world_with_bodies",
+]
 
 _MAX_BEYOND_LIMIT = 0.05
 """Joint limits are soft in simulations: a joint is so far beyond its limit at most [m or rad]."""
@@ -191,6 +199,11 @@ def world_with_bodies(world: World, ids: Container[BodyId], others: Container[Bo
         joints=tuple(each for each in world.joints if exists(each.parent) and exists(each.child)),
         attachments=tuple(each for each in world.attachments if exists(each.parent) and exists(each.child)),
     )
+
+
+def without_bodies(world: World, ids: Collection[BodyId]) -> World:
+    """The part of a world without these bodies."""
+    return world_with_bodies(world, {body.id for body in world.bodies}.difference(ids), ()) if ids else world
 
 
 def commit_edits(engine: Engine, origin: ForkOrigin | None) -> tuple[str, ...]:

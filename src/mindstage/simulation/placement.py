@@ -20,7 +20,6 @@ from mindstage.scene import (
     BodyGeometry,
     BodyId,
     BodyPhysics,
-    GeometryMap,
     Iri,
     Mobility,
     Pose,
@@ -32,15 +31,21 @@ from mindstage.scene.transforms import Array, normalize, pose_from_array, quat_c
 from mindstage.simulation.state import EngineSession
 
 __all__ = [
+    "FreePlaces",
     "PlacementResult",
     "enclosing_body_ids",
+    "free_id",
+    "iri_prefix",
     "make_body",
     "place_body",
+    "place_item",
 ]
 
 
 _MAX_ATTEMPTS = 12
 """Limit of the candidates that are simulated."""
+_MAX_NEAR = 36
+"""How many of the poses nearest to a point are candidates."""
 _SETTLE_STEP_S, _MAX_SETTLE_S = 0.1, 3.0
 """Interval of the rest test, and its limit [s of simulated time]."""
 _REST_TOLERANCE_M = 0.0005
@@ -76,15 +81,36 @@ def make_body(simulation: EngineSession, cls: str, *, id: str | None = None, siz
     if extents is None:
         remedy = f"assert ms:typicalSize of {local_name(iri)}, or give a size"
         raise InvalidArgumentError(local_name(iri), cause="the size of its instances is unknown", remedy=remedy)
-    name = BodyId(id or _free_id(local_name(iri), simulation.state.ids))
+    name = BodyId(id or free_id(local_name(iri), simulation.state.ids))
     physics = BodyPhysics(mobility=Mobility.DYNAMIC, gravity=True)
     return Body(
-        id=name, iri=Iri(_iri_prefix(simulation.worlds) + name), cls=iri, pose=Pose(), size=extents, physics=physics
+        id=name, iri=Iri(iri_prefix(simulation.worlds) + name), cls=iri, pose=Pose(), size=extents, physics=physics
     )
 
 
+def place_item(
+    simulation: EngineSession, item: Body | str, *, on: str | None, into: str | None, near: Vector | None
+) -> PlacementResult:
+    """Places a body, a body that exists, or a new one of a class; see `Simulation.place`."""
+    if (on is None) is (into is None):
+        raise InvalidArgumentError("place", cause="it needs one holder", remedy="give either `on` or `into`")
+    if isinstance(item, str) and item in simulation.state.ids:
+        body = simulation.snapshot().body(BodyId(item))
+        geometry = simulation.geometry.get(body.id)
+    else:
+        body = item if isinstance(item, Body) else make_body(simulation, item)
+        geometry = simulation.fit_geometry(body)
+    return place_body(simulation, body, geometry, support_id=on or into or "", inside=into is not None, near=near)
+
+
 def place_body(
-    simulation: EngineSession, body: Body, geometry: BodyGeometry | None, *, support_id: str, inside: bool
+    simulation: EngineSession,
+    body: Body,
+    geometry: BodyGeometry | None,
+    *,
+    support_id: str,
+    inside: bool | None,
+    near: Vector | None = None,
 ) -> PlacementResult:
     """Spawns a body on another one, or in it, at a pose at which it stays; a body that exists is moved there.
 
@@ -96,35 +122,30 @@ def place_body(
         body: the body; its pose is ignored.
         geometry: its geometry.
         support_id: the id of the holder. With `inside`, surfaces of its parts and drawers are used too.
-        inside: whether the body is placed in the holder, or on it.
+        inside: whether the body is placed in the holder, or on it; None for whichever is nearer.
+        near: a point that it is placed near, in the world frame [m]; by default near the centers of surfaces.
 
     Raises:
         BodyNotFoundError: the holder does not exist.
         NoFreePlacementError: no level surface is large enough and free, or the body is stable on none.
     """
-    snapshot, existing = simulation.state, simulation.geometry
-    bodies = {each.id: each for world in simulation.worlds for each in world.bodies}
-    rows = {id: row for row, id in enumerate(snapshot.ids)}
-    if support_id not in rows:
-        raise BodyNotFoundError(support_id, known=snapshot.ids)
-    exists = body.id in rows
-    if body.id == support_id:
+    places = FreePlaces(simulation, without=(body.id,))
+    exists = body.id in places.ids
+    if exists and body.id == support_id:
         raise NoFreePlacementError(body.id, f"on {support_id}", reason="it cannot be placed on itself")
     location = f"{'into' if inside else 'on'} {support_id}"
-    surfaces = list(
-        _placement_surfaces(simulation, BodyId(support_id), bodies, existing, rows, snapshot.poses, inside=inside)
-    )
+    surfaces = places.surfaces(support_id, inside=inside, near=near)
     if not surfaces:
         reason = "it has no known support surface inside" if inside else "none of its sides is level and faces up"
         raise NoFreePlacementError(body.id, location, reason=reason)
-    ignored_ids = enclosing_body_ids(simulation) | {body.id}
-    sampler = PlacementSampler(bodies, existing, snapshot.ids, snapshot.poses, ignored_ids)
     reasons, attempts = list[str](), 0
     for surface in surfaces:
-        candidates, reason = sampler.candidate_poses(body, geometry, surface)
+        candidates, reason = places.sampler.candidate_poses(body, geometry, surface, near=near)
         if reason:
             reasons.append(reason)
-        for candidate in _sample_poses(candidates, _MAX_ATTEMPTS - attempts):
+        # Near a point the first pose counts, not one far from it.
+        spread = _sample_poses(candidates[: len(candidates) if near is None else _MAX_NEAR], _MAX_ATTEMPTS - attempts)
+        for candidate in spread:
             attempts += 1
             placed = msgspec.structs.replace(body, pose=candidate)
             rest_pose = _try_move(simulation, placed) if exists else _try_placement(simulation, placed, geometry)
@@ -137,22 +158,48 @@ def place_body(
 # -- support surfaces --------------------------------------------------------------------------------------------------
 
 
-def _placement_surfaces(
-    simulation: EngineSession,
-    id: BodyId,
-    bodies: dict[BodyId, Body],
-    geometry: GeometryMap,
-    rows: dict[BodyId, int],
-    poses: Array,
-    *,
-    inside: bool,
-) -> Iterator[PlacementSurface]:
-    """The level support surfaces of a body, its own before those of its parts and drawers, larger ones first."""
-    found = []
-    for each in (id, *(_attached_bodies(simulation.worlds, id) if inside else ())):
-        if each in rows and each in bodies:
-            found += list(support_surfaces(bodies[each], geometry.get(each), poses[rows[each]], inside=inside))
-    yield from sorted(found, key=lambda surface: (surface.body_id != id, -surface.size[0] * surface.size[1]))
+class FreePlaces:
+    """Free places in the current state of a simulation; what happens later does not change them."""
+
+    def __init__(self, simulation: EngineSession, *, without: Iterable[str] = ()) -> None:
+        """Reads the state.
+
+        Args:
+            simulation: the simulation.
+            without: bodies that are no obstacles, besides those that enclose the scene.
+        """
+        snapshot = simulation.state
+        self.ids = snapshot.ids
+        """The bodies that exist."""
+        self._bodies = {each.id: each for world in simulation.worlds for each in world.bodies}
+        self._geometry, self._worlds, self._poses = simulation.geometry, simulation.worlds, snapshot.poses
+        self._rows = {id: row for row, id in enumerate(snapshot.ids)}
+        ignored = enclosing_body_ids(simulation) | frozenset(without)
+        self.sampler = PlacementSampler(self._bodies, self._geometry, snapshot.ids, snapshot.poses, ignored)
+        """Samples free poses."""
+
+    def surfaces(self, id: str, *, inside: bool | None, near: Vector | None = None) -> list[PlacementSurface]:
+        """The level support surfaces of a body, its own before those of its parts and drawers, larger ones first.
+
+        Args:
+            id: the body.
+            inside: whether surfaces in it, or on it; None for both.
+            near: a point in the world frame [m]; surfaces near it are first then.
+
+        Raises:
+            BodyNotFoundError: it does not exist.
+        """
+        if id not in self._rows:
+            raise BodyNotFoundError(id, known=self.ids)
+        found: list[PlacementSurface] = []
+        for where in (False, True) if inside is None else (inside,):
+            for each in (BodyId(id), *(_attached_bodies(self._worlds, BodyId(id)) if where else ())):
+                if each in self._rows and each in self._bodies:
+                    pose = self._poses[self._rows[each]]
+                    found += support_surfaces(self._bodies[each], self._geometry.get(each), pose, inside=where)
+        if near is not None:
+            return sorted(found, key=lambda surface: surface.distance(near))
+        return sorted(found, key=lambda surface: (surface.body_id != id, -surface.size[0] * surface.size[1]))
 
 
 def _attached_bodies(worlds: Iterable[World], id: BodyId) -> list[BodyId]:
@@ -276,13 +323,14 @@ def _upright_cosine(start: Array, now: Array) -> float:
 # -- names -------------------------------------------------------------------------------------------------------------
 
 
-def _free_id(name: str, taken: Iterable[str]) -> str:
+def free_id(name: str, taken: Iterable[str]) -> str:
+    """The first id of the form name_1, name_2 … that is not taken."""
     used = set(taken)
     plain = re.sub(r"[^\w.-]", "_", name)
     return next(id for number in range(1, len(used) + 2) if (id := f"{plain}_{number}") not in used)
 
 
-def _iri_prefix(worlds: Iterable[World]) -> str:
+def iri_prefix(worlds: Iterable[World]) -> str:
     """The common prefix of the IRIs of a map's individuals."""
     for world in worlds:
         for body in world.bodies:

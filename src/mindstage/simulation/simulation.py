@@ -18,58 +18,42 @@ import msgspec
 from msgspec.structs import replace
 
 from mindstage.engines import is_remote
-from mindstage.engines.base import (
-    Capability,
-    Engine,
-    MovedBody,
-    RebuildingEngine,
-    SavedState,
-    SpawnNote,
-    SpawnReport,
-)
+from mindstage.engines.base import Capability, Engine, MovedBody, RebuildingEngine, SavedState, SpawnNote, SpawnReport
 from mindstage.engines.place import REST_CHECK_S, find_bodies_that_move
-from mindstage.errors import (
-    EngineClosedError,
-    EngineError,
-    InvalidArgumentError,
-    SimulationError,
-)
+from mindstage.errors import BodyNotFoundError, EngineClosedError, EngineError, SimulationError
 from mindstage.knowledge import KnowledgeBase, SparqlResult
 from mindstage.knowledge.history import NOW, WorldState, time_arguments
 from mindstage.knowledge.over_time import argument_names, ask_over_time, recorded_so_far
 from mindstage.knowledge.queries import AnswerRow, Answers, Question
 from mindstage.knowledge.questions import StateAccess
 from mindstage.knowledge.sentences import resolve_question
-from mindstage.scene import IDENTITY, Body, BodyId, Color, GeometryMap, Pose, Vector, World
+from mindstage.scene import IDENTITY, Body, BodyGeometry, BodyId, Color, GeometryMap, Pose, Vector, World
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
 from mindstage.simulation.controllers import Controller, ControllerSchedule, find_robot
 from mindstage.simulation.engine_thread import DirectCalls, EditHold, EngineThread, RealTimeClock
 from mindstage.simulation.geometry_provider import GeometryProvider, with_geometry_notes, with_immovable_notes
-from mindstage.simulation.highlights import (
-    HighlightResult,
-    Highlights,
-    Marker,
-    MarkerStore,
-    highlight_request,
-)
+from mindstage.simulation.highlights import HighlightResult, Highlights, Marker, MarkerStore, highlight_request
 from mindstage.simulation.imagined import (
     EditRecordingEngine,
     ForkOrigin,
     commit_edits,
     copied_engine,
+    without_bodies,
     world_with_bodies,
 )
 from mindstage.simulation.interaction import Perturbations
 from mindstage.simulation.joint_motion import SimulationJoint, find_joint
 from mindstage.simulation.observation import ClientDirectory, Observers, SimulationObserver, current_client
-from mindstage.simulation.placement import PlacementResult, make_body, place_body
+from mindstage.simulation.placement import PlacementResult, make_body, place_item
 from mindstage.simulation.state import StateSnapshot
 from mindstage.simulation.undo import StartState, UndoStack
 
 if TYPE_CHECKING:
     from mindstage.episodes.recorder import Recorder
     from mindstage.geometry.fit import MeshProvider
+    from mindstage.rendering.camera import CameraPose
+    from mindstage.rendering.path_tracing import PathTracedPicture, PathTracingSettings
     from mindstage.robots.model import RobotModel
     from mindstage.robots.robot import Robot
     from mindstage.saving import FileDialect, FileFormat
@@ -703,21 +687,19 @@ class Simulation:
     # -- bodies and joints ---------------------------------------------------------------------------------
 
     def make_body(self, cls: str, *, id: str | None = None, size: Vector | None = None) -> Body:
-        """Creates a body of a class for `place`, by default of the size that the ontology gives for the class [m].
-
-        Raises:
-            NameNotFoundError: no class has that name.
-            InvalidArgumentError: the ontology has no size for the class.
-        """
+        """Creates a body of a class for `place`, which raises the same errors, by default of the class's size [m]."""
         return make_body(self, cls, id=id, size=size)
 
-    def place(self, item: Body | str, *, on: str | None = None, into: str | None = None) -> PlacementResult:
+    def place(
+        self, item: Body | str, *, on: str | None = None, into: str | None = None, near: Vector | None = None
+    ) -> PlacementResult:
         """Spawns a body on or in another one, at a free pose at which it stays; an existing body is moved there.
 
         Args:
-            item: a body, whose pose is ignored, the id of a body that exists, or the name of a class for a new body.
+            item: a body, whose pose is ignored, the id of one that exists, or the name of a class for a new one.
             on: the id of the body to place it on.
             into: the id of the body to place it in, including its parts and drawers.
+            near: a point that it is placed near, in the world frame [m].
 
         Raises:
             BodyNotFoundError: the holder does not exist.
@@ -725,15 +707,11 @@ class Simulation:
             NameNotFoundError: no class has that name.
             InvalidArgumentError: not exactly one of `on` and `into` is given, or the size of the class is unknown.
         """
-        if (on is None) is (into is None):
-            raise InvalidArgumentError("place", cause="it needs one holder", remedy="give either `on` or `into`")
-        if isinstance(item, str) and item in self._state.ids:
-            body = self.snapshot().body(BodyId(item))
-            geometry = self.geometry.get(body.id)
-            return place_body(self, body, geometry, support_id=on or into or "", inside=into is not None)
-        body = item if isinstance(item, Body) else self.make_body(item)
-        geometry = self._geometry_provider.fit(World(iri=body.iri, bodies=(body,))).geometry.get(body.id)
-        return place_body(self, body, geometry, support_id=on or into or "", inside=into is not None)
+        return place_item(self, item, on=on, into=into, near=near)
+
+    def fit_geometry(self, body: Body) -> BodyGeometry | None:
+        """The geometry that a body would have, without fitting it to other bodies."""
+        return self._geometry_provider.fit(World(iri=body.iri, bodies=(body,))).geometry.get(body.id)
 
     def joint(self, id: str) -> SimulationJoint:
         """A joint that can be opened, closed and moved: `sim.joint("fridge_door").open()`.
@@ -760,7 +738,7 @@ class Simulation:
     ) -> tuple[str, ...]:
         """Writes the current state to a file; the suffix determines the format (see `mindstage.save`).
 
-        Robots are written only if `robots` is true; what they hold is always written.
+        Robots are written only if `robots` is true, in MJCF with their actuators; what they hold is always written.
 
         Returns:
             Notes, one sentence each, on what the format cannot express.
@@ -770,18 +748,27 @@ class Simulation:
         """
         from mindstage.saving import save_world
 
-        world, parts = self.snapshot(), {id for robot in self._robots.values() for id in robot.body_ids}
-        if parts and not robots:
-            world = world_with_bodies(world, {body.id for body in world.bodies} - parts, ())
-        return save_world(
-            world,
-            path,
-            knowledge=self.knowledge,
-            format=format,
-            dialect=dialect,
-            assets=assets,
-            plain_shapes=plain_shapes,
-        )
+        parts = frozenset() if robots else frozenset(id for robot in self._robots.values() for id in robot.body_ids)
+        world = without_bodies(self.snapshot(), parts)
+        actuated = [robot.actuated_bodies() for robot in self._robots.values()] if robots else []
+        options: Any = {"format": format, "dialect": dialect, "assets": assets, "plain_shapes": plain_shapes}
+        return save_world(world, path, knowledge=self.knowledge, actuated=actuated, **options)
+
+    def render(
+        self, camera: CameraPose | None = None, settings: PathTracingSettings | None = None
+    ) -> PathTracedPicture:
+        """Renders a path-traced picture of the current state: `sim.render().encode(".png")`; the simulation may run.
+
+        Args:
+            camera: by default the first view of the page.
+            settings: size, quality and exposure.
+
+        Raises:
+            RendererUnavailableError: the extra "render" is not installed.
+        """
+        from mindstage.simulation.pictures import render_picture
+
+        return render_picture(self, camera, settings)
 
     # -- robots and controllers ----------------------------------------------------------------------------
 
@@ -854,8 +841,13 @@ class Simulation:
             id: the body.
             point: where the force acts, in the body frame [m].
             target: where the point is pulled to, in the world frame [m].
+
+        Raises:
+            BodyNotFoundError: there is no such body.
         """
         is_new = id not in self._perturbations
+        if is_new and id not in self._state.ids:
+            raise BodyNotFoundError(id, known=self._state.ids)
         self._perturbations.pull(id, point=point, target=target, worlds=self.worlds)
         if is_new:
             self._observers.report("pull", ids=(id,), details={"point": point, "target": target})

@@ -12,7 +12,7 @@ import msgspec
 
 from mindstage.engines.base import Capability, Engine, EngineStats, PoseArray, SpawnReport
 from mindstage.knowledge import KnowledgeBase
-from mindstage.scene import BodyId, Color, GeometryMap, Vector, World
+from mindstage.scene import Body, BodyGeometry, BodyId, Color, GeometryMap, Vector, World
 from mindstage.scene.transforms import Array, normalize
 from mindstage.simulation.highlights import HighlightGroup, Marker
 
@@ -94,6 +94,9 @@ class EngineSession(WorldSession, Protocol):
     @property
     def geometry(self) -> GeometryMap:
         """The geometry of the bodies that exist."""
+
+    def fit_geometry(self, body: Body) -> BodyGeometry | None:
+        """The geometry that a body would have, without fitting it to other bodies."""
 
     @property
     def immovable(self) -> frozenset[BodyId]:

@@ -15,11 +15,14 @@ from contextlib import suppress
 from typing import Protocol
 
 import msgspec
+import numpy as np
 
 from mindstage.engines.base import Capability, Engine, SavedState, SpawnOptions
 from mindstage.errors import (
     BodyExistsError,
     BodyNotFoundError,
+    HistoryChangedError,
+    InvalidArgumentError,
     NothingToUndoError,
     PoseUnreachableError,
     RestoreError,
@@ -28,6 +31,7 @@ from mindstage.errors import (
 from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, GeometryMap, Joint, Material, Pose, World
 from mindstage.scene.kinematics import handles_by_body, outward_joints
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_inverse, pose_multiply
+from mindstage.simulation.body_groups import find_dependents
 from mindstage.simulation.state import EngineSession
 
 __all__ = [
@@ -36,6 +40,7 @@ __all__ = [
     "DeleteBodies",
     "DetachBody",
     "EditCommand",
+    "MoveBodies",
     "MoveBody",
     "RestoreState",
     "SetMaterials",
@@ -75,6 +80,28 @@ class MoveBody(msgspec.Struct, frozen=True):
         before = current_pose(engine, self.id)
         engine.set_pose(self.id, self.pose)
         return MoveBody(self.id, before, self.label)
+
+
+class MoveBodies(msgspec.Struct, frozen=True):
+    """Sets the poses of several bodies at once, or of none."""
+
+    poses: Mapping[BodyId, Pose]
+    label: str
+
+    def apply(self, engine: Engine) -> MoveBodies:
+        """See `EditCommand`."""
+        present = current_poses(engine)
+        if unknown := [id for id in self.poses if id not in present]:
+            raise BodyNotFoundError(unknown[0], known=present)
+        before = {id: present[id] for id in self.poses}
+        try:
+            for id, pose in self.poses.items():
+                engine.set_pose(id, pose)
+        except WorldError:
+            for id, pose in before.items():
+                engine.set_pose(id, pose)
+            raise
+        return MoveBodies(before, self.label)
 
 
 class SetPhysics(msgspec.Struct, frozen=True):
@@ -381,6 +408,13 @@ def _same_pose(one: Array, other: Array) -> bool:
     return bool((one == other).all())
 
 
+def _is_moved(before: Pose, now: Pose) -> bool:
+    one, other = normalized_pose_array(before), normalized_pose_array(now)
+    return bool(np.linalg.norm(one[:3] - other[:3]) > _MOVED_M or abs(one[3:] @ other[3:]) < _UNTURNED_COSINE)
+
+
+_MOVED_M, _UNTURNED_COSINE = 0.001, 0.99999
+"""A body that moved by less, and turned by less than half a degree, counts as not moved."""
 _MAX_UNDO = 200
 """Length of the undo history."""
 
@@ -399,6 +433,7 @@ class UndoStack:
         self._simulation = simulation
         self._undo_edits: list[EditCommand] = []
         self._redo_edits: list[EditCommand] = []
+        self._version = 0
         self._lock = threading.RLock()
 
     @property
@@ -425,6 +460,21 @@ class UndoStack:
             PoseUnreachableError: a joint does not allow the pose.
         """
         self.apply(MoveBody(id, pose, f"pose of {id}"), continues_last=continues_last)
+
+    def move_all(self, poses: Mapping[BodyId, Pose], *, label: str = "", continues_last: bool = False) -> None:
+        """Sets the poses of several bodies as one edit; bodies that are attached to others of them move with those.
+
+        Args:
+            poses: the new poses in the world frame, by body.
+            label: the name of the edit.
+            continues_last: see `move`.
+
+        Raises:
+            BodyNotFoundError: one of the bodies does not exist; nothing is moved then.
+            PoseUnreachableError: a joint does not allow a pose; nothing is moved then.
+        """
+        name = next(iter(poses), "") if len(poses) == 1 else f"{len(poses)} bodies"
+        self.apply(MoveBodies(dict(poses), label or f"pose of {name}"), continues_last=continues_last)
 
     def set_physics(self, id: BodyId, physics: BodyPhysics, *, label: str = "physics") -> None:
         """Sets mobility, gravity, mass and overlap events; `label` names what changes.
@@ -459,21 +509,54 @@ class UndoStack:
         """
         self.apply(DetachBody(child, f"{child} detached"))
 
-    def delete(self, ids: Iterable[BodyId]) -> None:
-        """Deletes bodies with their joints and attachments.
+    def delete(self, ids: Iterable[BodyId], *, parts: bool = False, contents: bool = False) -> tuple[BodyId, ...]:
+        """Deletes bodies with their joints and attachments: `delete(["fridge"], parts=True, contents=True)`.
+
+        Args:
+            ids: the bodies.
+            parts: whether to delete their parts, too, which otherwise stay where they are; see `find_dependents`.
+            contents: whether to delete the loose bodies on or in them, too.
+
+        Returns:
+            The deleted bodies.
 
         Raises:
             BodyNotFoundError: for the first id that does not exist; nothing is deleted then.
         """
-        deleted = tuple(dict.fromkeys(ids))
-        name = deleted[0] if len(deleted) == 1 else f"{len(deleted)} bodies"
-        self.apply(self._deletion(deleted, f"{name} deleted"))
+        chosen = tuple(dict.fromkeys(ids))
+        deleted = chosen
+        if parts or contents:
+            found = find_dependents(self._simulation.snapshot(), chosen)
+            deleted += (*(found.parts if parts else ()), *(found.contents if contents else ()))
+        name = chosen[0] if len(chosen) == 1 else f"{len(chosen)} bodies"
+        more = f" with {len(deleted) - len(chosen)} more" if len(deleted) > len(chosen) else ""
+        self.apply(self._deletion(deleted, f"{name}{more} deleted"))
+        return deleted
 
-    def record_spawn(self, ids: Iterable[BodyId]) -> None:
-        """Records the spawn of bodies as an edit, so that it can be undone."""
+    def record_spawn(self, ids: Iterable[BodyId], *, verb: str = "added") -> None:
+        """Records the spawn of bodies as an edit, so that it can be undone; `verb` names it."""
         spawned = tuple(ids)
         name = spawned[0] if len(spawned) == 1 else f"{len(spawned)} bodies"
-        self.record(self._deletion(spawned, f"{name} added"))
+        self.record(self._deletion(spawned, f"{name} {verb}"))
+
+    def record_motion(self, before: Mapping[BodyId, Pose], *, label: str) -> bool:
+        """Records what has moved since some poses as one edit, such as a drag by hand; False if nothing has.
+
+        Args:
+            before: the poses that undoing restores; of bodies that are attached to others, those are enough.
+            label: the name of the edit.
+        """
+
+        def record(engine: Engine) -> bool:
+            now = current_poses(engine)
+            parents = {each.child: each.parent for each in engine.snapshot().attachments}
+            moved = {id for id, pose in before.items() if id in now and _is_moved(pose, now[id])}
+            poses = {id: before[id] for id in moved if parents.get(id) not in moved}
+            if poses:
+                self.record(MoveBodies(poses, label))
+            return bool(poses)
+
+        return self._simulation.run_on_engine(record, label=label)
 
     def reset(self) -> None:
         """Resets the simulation; can be undone if the engine can save its state, otherwise clears the history."""
@@ -502,6 +585,7 @@ class UndoStack:
     def record(self, inverse: EditCommand) -> None:
         """Records the inverse of an edit that was applied elsewhere."""
         with self._lock:
+            self._version += 1
             self._undo_edits.append(inverse)
             del self._undo_edits[:-_MAX_UNDO]
             self._redo_edits.clear()
@@ -524,24 +608,63 @@ class UndoStack:
         """
         return self._undo_redo(self._redo_edits, self._undo_edits, redo=True)
 
+    def go_to(self, position: int, *, version: int | None = None) -> None:
+        """Undoes or redoes edits, in one call of the engine, until so many are done.
+
+        Args:
+            position: how many edits of the history are done then; 0 undoes all.
+            version: the `version` of the history that the position is from; None for the current one.
+
+        Raises:
+            HistoryChangedError: the history has another version.
+            InvalidArgumentError: the history is shorter.
+            WorldError: the world no longer allows an edit, which is then removed; those before it stay.
+        """
+
+        def go(engine: Engine) -> None:
+            with self._lock:
+                done, count = len(self._undo_edits), len(self._undo_edits) + len(self._redo_edits)
+                if version is not None and version != self._version:
+                    raise HistoryChangedError
+            if not 0 <= position <= count:
+                raise InvalidArgumentError(str(position), cause=f"the history has {count} steps")
+            for _ in range(abs(position - done)):
+                if position < done:
+                    self._step(engine, self._undo_edits, self._redo_edits)
+                else:
+                    self._step(engine, self._redo_edits, self._undo_edits)
+
+        self._simulation.run_on_engine(go, label="go to a step of the history", edits=True)
+
+    @property
+    def version(self) -> int:
+        """A number that changes whenever the history does."""
+        return self._version
+
     def clear(self) -> None:
         """Removes all edits from the history."""
         with self._lock:
+            self._version += 1
             self._undo_edits.clear()
             self._redo_edits.clear()
 
     def _undo_redo(self, source: list[EditCommand], target: list[EditCommand], *, redo: bool) -> str:
         def undo_redo(engine: Engine) -> str:
-            with self._lock:
-                if not source:
-                    raise NothingToUndoError(redo=redo)
-                edit = source.pop()
-            inverse = edit.apply(engine)
-            with self._lock:
-                target.append(inverse)
-            return edit.label
+            if not source:
+                raise NothingToUndoError(redo=redo)
+            return self._step(engine, source, target)
 
         return self._simulation.run_on_engine(undo_redo, label="redo" if redo else "undo", edits=True)
+
+    def _step(self, engine: Engine, source: list[EditCommand], target: list[EditCommand]) -> str:
+        """Applies the last edit of a list and appends its inverse to the other; in the engine thread."""
+        with self._lock:
+            edit = source.pop()
+            self._version += 1
+        inverse = edit.apply(engine)
+        with self._lock:
+            target.append(inverse)
+        return edit.label
 
     def _spawn_record(self) -> SpawnRecord:
         return SpawnRecord.from_worlds(self._simulation.worlds)

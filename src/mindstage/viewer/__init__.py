@@ -1,7 +1,5 @@
 """The web viewer: a page on which a simulation is seen, edited and queried in a browser."""
 
-from mindstage.viewer.camera import LabelMode
-from mindstage.viewer.screenshot import Screenshot
 from mindstage.viewer.viewer import Viewer
 
-__all__ = ["LabelMode", "Screenshot", "Viewer"]
+__all__ = ["Viewer"]

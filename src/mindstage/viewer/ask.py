@@ -6,9 +6,11 @@ has a timeout, so that neither the simulation nor other requests of the page wai
 
 from __future__ import annotations
 
+import shutil
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from importlib.util import find_spec
 from itertools import count
 from typing import Any, Protocol
 
@@ -329,6 +331,21 @@ class _KeptAnswers(msgspec.Struct, frozen=True):
     answers: Answers[Any] | None
 
 
+def _missing_prolog() -> str:
+    """What keeps Prolog from being offered, and what to do."""
+    missing = [
+        text
+        for text, is_there in (
+            ("SWI-Prolog 9 (Debian: apt-get install swi-prolog-nox)", shutil.which("swipl") is not None),
+            ("the extra prolog (pip install 'mindstage[prolog]')", find_spec("pyswip") is not None),
+        )
+        if not is_there
+    ]
+    if missing:
+        return f"Prolog needs {' and '.join(missing)}. Install it and start the page again."
+    return "This page was opened by a program that offers no Prolog; open it with mindstage.view or the command line."
+
+
 class AskHandler:
     """Handles the requests `ask` and `ask.…`, and publishes the highlight groups as the topic `highlights`."""
 
@@ -431,9 +448,10 @@ class AskHandler:
 
         return self._remember(session, self._executor.run(answer, label="the query"))
 
-    def _languages(self, _: ClientSession, __: EmptyRequest) -> dict[str, bool]:
+    def _languages(self, _: ClientSession, __: EmptyRequest) -> dict[str, object]:
         """The query languages that are available besides forms and SPARQL."""
-        return {"prolog": self._prolog is not None}
+        missing = "" if self._prolog is not None else _missing_prolog()
+        return {"prolog": self._prolog is not None, "prolog_missing": missing}
 
     def _explain(self, session: ClientSession, request: ExplainRequest) -> tuple[str, ...]:
         kept = _kept_answers(session, request.key)

@@ -6,19 +6,23 @@ the plane of a revolute joint. A free body follows the pointer in the plane of t
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Hashable
+from concurrent.futures import ThreadPoolExecutor
 from enum import StrEnum
 
 import msgspec
 import numpy as np
 
+from mindstage.errors import SimulationError
 from mindstage.scene import AxisMotion, BodyId, Joint, Pose, Vector, World
-from mindstage.scene.transforms import Array, normalize, quat_conjugate, quat_rotate
+from mindstage.scene.transforms import Array, normalize, pose_from_array, quat_conjugate, quat_rotate
 from mindstage.simulation import Simulation, StateSnapshot
 from mindstage.simulation.observation import as_client
 
 __all__ = ["DragConstraint", "DragController", "DragForce", "DragMode", "drag_target"]
 
+_log = logging.getLogger(__name__)
 _MAX_LINE_COSINE = 0.95
 """Cosine above which ray and axis are too parallel for a nearest point."""
 _MIN_PLANE_COSINE = 0.15
@@ -67,6 +71,9 @@ class DragController:
         self._simulation = simulation
         self._constraints: dict[BodyId, DragConstraint] = {}
         self._drag_forces: dict[Hashable, DragForce] = {}
+        self._recorder = ThreadPoolExecutor(max_workers=1, thread_name_prefix="mindstage-drags")
+        self._starts: dict[Hashable, dict[BodyId, Pose]] = {}
+        """The poses of all bodies before each drag, which undoing restores."""
 
     @property
     def drag_forces(self) -> tuple[DragForce, ...]:
@@ -97,6 +104,9 @@ class DragController:
         with as_client("viewer"):
             self._simulation.pull(id, point=point, target=world_point)
         self._drag_forces[session] = DragForce(id, point, world_point)
+        state = self._simulation.state
+        poses = {each: pose_from_array(row) for each, row in zip(state.ids, state.poses, strict=True)}
+        self._starts[session] = {each: pose for each, pose in poses.items() if each not in self._robot_ids()}
         return True
 
     def move(self, session: Hashable, pointer: Vector, eye: Vector) -> None:
@@ -122,10 +132,25 @@ class DragController:
 
     def release(self, session: Hashable) -> None:
         """Ends the drag of a client, if there is one."""
-        force = self._drag_forces.pop(session, None)
+        force, start = self._drag_forces.pop(session, None), self._starts.pop(session, None)
         if force is not None and all(other.id != force.id for other in self._drag_forces.values()):
             with as_client("viewer"):
                 self._simulation.release(force.id)
+        if force is not None and start and not self._simulation.closed:
+            held = {other.id for other in self._drag_forces.values()}
+            before = {id: pose for id, pose in start.items() if id not in held}
+            # The engine may be busy, and this is the event loop of the viewer.
+            self._recorder.submit(self._record, before, f"{force.id} dragged")
+
+    def _record(self, before: dict[BodyId, Pose], label: str) -> None:
+        try:
+            self._simulation.undo_stack.record_motion(before, label=label)
+        except SimulationError as error:
+            _log.warning("%s: it cannot be undone: %s", label, error)
+
+    def _robot_ids(self) -> set[BodyId]:
+        """The bodies of robots, whose motions are not those of a drag."""
+        return {id for robot in self._simulation.robots.values() for id in robot.body_ids}
 
     def release_all(self) -> None:
         """Ends all drags."""

@@ -24,11 +24,11 @@ from mindstage.episodes.recording import EpisodeEvent, EpisodeEventKind, Episode
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, MindstageError
 from mindstage.knowledge import KnowledgeBase
+from mindstage.rendering.appearance import BodyAppearance, VisiblePart, compute_appearance
+from mindstage.rendering.camera import corners
 from mindstage.scene import BodyId, Color, Vector, World
 from mindstage.scene.transforms import Array, normalize
 from mindstage.simulation import Marker, MarkerType, Simulation, StateSnapshot
-from mindstage.viewer.appearance import BodyAppearance, VisiblePart, compute_appearance
-from mindstage.viewer.camera import corners
 from mindstage.viewer.ghosts import GhostGroup, GhostNodes
 from mindstage.viewer.scene import BodyNodes, Clickable, Pick
 from mindstage.viewer.server import ClientSession, EmptyRequest, RpcChannel

@@ -16,10 +16,10 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from mindstage.rendering.appearance import BodyAppearance, merge_visuals
 from mindstage.scene import BodyId, Color
 from mindstage.scene.colors import srgb_to_linear
 from mindstage.scene.transforms import Array, normalize
-from mindstage.viewer.appearance import BodyAppearance, merge_visuals
 
 if TYPE_CHECKING:
     from mindstage.imagination import ReplayFrame, Verdict

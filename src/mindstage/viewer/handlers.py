@@ -10,10 +10,10 @@ from __future__ import annotations
 import re
 import time
 import weakref
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 from urllib.parse import unquote, urlsplit
 
 import msgspec
@@ -21,21 +21,27 @@ import viser
 
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, MapNotFoundError, MindstageError
 from mindstage.knowledge import KnowledgeBase, MapDialect, MapFormat, SourceMapView, UnitConventions, write_map
-from mindstage.knowledge.names import EntityType
-from mindstage.knowledge.rdf import local_name
-from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Joint, Material, Mobility, Pose, Quaternion, Vector, World
-from mindstage.scene.colors import parse_color
-from mindstage.scene.transforms import pose_from_array
+from mindstage.rendering.screenshot import LabelMode
+from mindstage.scene import Body, BodyId, Iri, Joint, Pose, Vector, World
 from mindstage.simulation import JointHandle, Simulation, SpawnRecord, StateSnapshot
-from mindstage.simulation.placement import make_body
 from mindstage.simulation.state import poses_in
-from mindstage.simulation.undo import MoveBody
+from mindstage.viewer.adding import AddHandler
 from mindstage.viewer.ask import AskHandler, PrologSolver
-from mindstage.viewer.camera import ClientViews, GizmoMode, LabelMode
-from mindstage.viewer.inspector import BodyDetails, StatusHandler, StorageHint, body_details, live_details, scene_tree
+from mindstage.viewer.client_views import ClientViews, GizmoMode
+from mindstage.viewer.editing import EditHandler, history_message
+from mindstage.viewer.inspector import (
+    BodyDetails,
+    StatusHandler,
+    StorageHint,
+    TourHandler,
+    body_details,
+    live_details,
+    scene_tree,
+)
 from mindstage.viewer.server import ClientSession, EmptyRequest, RpcChannel, session_key_of
+from mindstage.viewer.view_tools import PointerPicker, SessionViews, ViewToolHandler
 
-__all__ = ["SELECTED", "ClockMessage", "EditHandler", "FileHandler", "Handlers", "ViewHandler", "WorldHandler"]
+__all__ = ["SELECTED", "ClockMessage", "FileHandler", "Handlers", "ViewHandler", "WorldHandler"]
 
 
 _SUFFIXES = (".owl", ".rdf", ".xml", ".ttl", ".urdf")
@@ -245,7 +251,7 @@ class WorldHandler:
     def publish(self, snapshot: StateSnapshot) -> None:
         """Publishes the clock, the undo history, and the live details of selected bodies."""
         self._channel.publish("clock", _clock_message(snapshot))
-        self._channel.publish("history", _undo_labels(self._simulation))
+        self._channel.publish("history", history_message(self._simulation))
         details: dict[BodyId, object] = {}
         for session in self._channel.sessions:
             id = session.state.get(SELECTED)
@@ -344,16 +350,13 @@ def _clock_message(snapshot: StateSnapshot) -> ClockMessage:
     )
 
 
-def _undo_labels(simulation: Simulation) -> dict[str, str | None]:
-    """The labels of the next undo and redo."""
-    history = simulation.undo_stack.history
-    return {"undo": next(iter(history.undo), None), "redo": next(iter(history.redo), None)}
-
-
 class SelectRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `select`: selects a body or nothing, and optionally moves the camera to it."""
 
     id: BodyId | None = None
+    """The body whose details are shown."""
+    further: Annotated[tuple[BodyId, ...], msgspec.Meta(max_length=10_000)] = ()
+    """The other selected bodies."""
     focus: bool = False
 
 
@@ -397,15 +400,23 @@ class ShowEnclosuresRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=T
 class ViewHandler:
     """Handles requests about the 3D view of a page; page and view are associated by the session key."""
 
-    def __init__(self, views: ClientViews, channel: RpcChannel, server: viser.ViserServer) -> None:
+    def __init__(
+        self,
+        views: ClientViews,
+        channel: RpcChannel,
+        server: viser.ViserServer,
+        *,
+        exists: Callable[[BodyId], bool],
+    ) -> None:
         """Registers the requests.
 
         Args:
             views: the views of all clients.
             channel: the channel of the pages.
             server: the server of both.
+            exists: whether a body is in the simulation, and drawn soon if it is not drawn yet.
         """
-        self._views, self._channel, self._server = views, channel, server
+        self._views, self._channel, self._server, self._exists = views, channel, server, exists
         channel.register("select", SelectRequest, self._select, queue="view")
         channel.register(
             "focus",
@@ -450,11 +461,17 @@ class ViewHandler:
 
     def view_center(self, session: ClientSession) -> Vector | None:
         """The point that the camera of a session looks at [m]; None if its view is not connected."""
-        for view in self._views_of(session):
+        camera = self.camera(session)
+        return None if camera is None else camera[1]
+
+    def camera(self, session: ClientSession) -> tuple[Vector, Vector] | None:
+        """Where the camera of a session is and what it looks at [m]; None if its view is not connected."""
+        for view in self.views_of(session):
             client = self._server.get_clients().get(view)
             if client is not None:
-                x, y, z = client.camera.look_at.tolist()
-                return x, y, z
+                x, y, z = client.camera.position.tolist()
+                looks_at = client.camera.look_at.tolist()
+                return (x, y, z), (looks_at[0], looks_at[1], looks_at[2])
         return None
 
     def _key_of(self, view: int) -> str | None:
@@ -468,26 +485,37 @@ class ViewHandler:
 
     # -- requests ------------------------------------------------------------------------------------------------------
 
-    def _views_of(self, session: ClientSession) -> list[int]:
+    def views_of(self, session: ClientSession) -> list[int]:
+        """The views of a page; usually one."""
         return [view for view in self._views.clients if self._key_of(view) == session.key]
 
     def _view_handler(self, action: Callable[[int, Any], None]) -> Callable[[ClientSession, Any], None]:
         def handle(session: ClientSession, request: Any) -> None:
-            for view in self._views_of(session):
+            for view in self.views_of(session):
                 action(view, request)
 
         return handle
 
     def _select(self, session: ClientSession, request: SelectRequest) -> None:
+        """Selects a body; waits for one that was added after the last `on_rebuild`."""
         before, session.state[SELECTED] = session.state.get(SELECTED), request.id
-        try:
-            for view in self._views_of(session):
-                self._views.select(request.id, client=view)
-                if request.focus and request.id is not None:
-                    self._views.focus([request.id], client=view)
-        except BodyNotFoundError:
-            session.state[SELECTED] = before
-            raise
+        end = time.monotonic() + _NEW_BODY_TIMEOUT_S
+        while True:
+            try:
+                self._select_in_views(session, request)
+                return
+            except BodyNotFoundError:
+                if request.id is None or not self._exists(request.id) or time.monotonic() > end:
+                    session.state[SELECTED] = before
+                    raise
+            time.sleep(_NEW_BODY_POLL_S)
+
+    def _select_in_views(self, session: ClientSession, request: SelectRequest) -> None:
+        for view in self.views_of(session):
+            ids = () if request.id is None else (*request.further, request.id)
+            self._views.select_several(ids, client=view)
+            if request.focus and request.id is not None:
+                self._views.focus(ids, client=view)
 
     def _show_bodies(self, _: ClientSession, request: SetVisibilityRequest) -> None:
         self._views.show_bodies(request.ids, request.shown)
@@ -504,254 +532,7 @@ class ViewHandler:
         # Not sent if the page itself has selected the body.
         if session is not None and session.state.get(SELECTED) != selected:
             session.state[SELECTED] = selected
-            session.send_event("selected", selected)
-
-
-_Meters = Annotated[float, msgspec.Meta(ge=-10_000.0, le=10_000.0)]
-_Extent = Annotated[float, msgspec.Meta(ge=0.001, le=1000.0)]
-_SLIDER_SETTLE_S = 2.0
-"""Time for which a joint is pulled on after its slider was released [s]."""
-_JOINT_TOLERANCE = 0.004
-_MAX_CLASSES = 60
-_CLEARANCE_M = 0.002
-
-
-class MoveRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Parameters of `move`."""
-
-    id: BodyId
-    position: tuple[_Meters, _Meters, _Meters]
-    quaternion: Quaternion
-
-
-class SetPhysicsRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Parameters of `set_physics`: changes the given properties."""
-
-    id: BodyId
-    mobility: Mobility | msgspec.UnsetType = msgspec.UNSET
-    gravity: bool | msgspec.UnsetType = msgspec.UNSET
-    mass_kg: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | msgspec.UnsetType = msgspec.UNSET
-
-
-class SetMaterialRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Parameters of `set_material`: replaces the materials of a body by one; removes them without name and color."""
-
-    id: BodyId
-    name: Annotated[str, msgspec.Meta(max_length=200)] = ""
-    color: str | None = None
-
-
-class MoveJointRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Parameters of `move_joint`: the target position of an axis."""
-
-    id: BodyId
-    axis: Literal["x", "y", "z", "twist", "swing2", "swing1"]
-    value: _Meters
-    done: bool = True
-    """False while the slider is being dragged."""
-
-
-class AttachRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Parameters of `attach`: attaches a body to another one; without a parent, detaches it."""
-
-    child: BodyId
-    parent: BodyId | None = None
-
-
-class DeleteRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Parameters of `delete`."""
-
-    ids: Annotated[tuple[BodyId, ...], msgspec.Meta(min_length=1, max_length=10_000)]
-
-
-class FindClassesRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Parameters of `find_classes`: a part of the name."""
-
-    text: Annotated[str, msgspec.Meta(max_length=200)] = ""
-
-
-class AddRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"cls": "class"}):
-    """Parameters of `add`: adds a body of a class."""
-
-    cls: Annotated[str, msgspec.Meta(min_length=1, max_length=2000)]
-    on: BodyId | None = None
-    """The body that it is placed on."""
-    into: BodyId | None = None
-    """The body that it is placed in."""
-    at: tuple[_Meters, _Meters, _Meters] | None = None
-    """Center of its lower side [m], without `on` and `into`; by default the point that the camera looks at."""
-    size: tuple[_Extent, _Extent, _Extent] | None = None
-
-
-class EditHandler:
-    """Handles edits of the world; any client can undo them."""
-
-    def __init__(
-        self,
-        simulation: Simulation,
-        channel: RpcChannel,
-        world_handler: WorldHandler,
-        *,
-        view_center: Callable[[ClientSession], Vector | None],
-    ) -> None:
-        """Registers the requests.
-
-        Args:
-            simulation: the simulation.
-            channel: the channel of the pages.
-            world_handler: provides handles of joints.
-            view_center: returns the point that the camera of a session looks at.
-        """
-        self._simulation, self._world_handler, self._view_center = simulation, world_handler, view_center
-        self._joint_drags: dict[BodyId, _JointDrag] = {}
-        undo_stack = simulation.undo_stack
-        channel.register("move", MoveRequest, self._move)
-        channel.register("set_physics", SetPhysicsRequest, self._set_physics)
-        channel.register("set_material", SetMaterialRequest, self._set_material)
-        channel.register("move_joint", MoveJointRequest, self._move_joint)
-        channel.register("attach", AttachRequest, self._attach)
-        channel.register("delete", DeleteRequest, lambda _, request: undo_stack.delete(request.ids))
-        channel.register("undo", EmptyRequest, lambda _, __: undo_stack.undo())
-        channel.register("redo", EmptyRequest, lambda _, __: undo_stack.redo())
-        channel.register("find_classes", FindClassesRequest, self._find_classes, queue="view")
-        channel.register("add", AddRequest, self._add)
-        channel.on_disconnect(self._release)
-
-    def publish(self, snapshot: StateSnapshot) -> None:
-        """Releases joints that have reached the positions of their sliders."""
-        for id, drag in list(self._joint_drags.items()):
-            if drag.release_time is None:
-                continue
-            try:
-                joint = self._world_handler.joint(drag.joint)
-                poses = poses_in(snapshot, {joint.joint.parent, joint.joint.child})
-                reached = abs(joint.positions(poses)[drag.axis] - drag.value) < _JOINT_TOLERANCE
-            except (BodyNotFoundError, KeyError):  # deleted in the meantime
-                reached = True
-            if reached or time.monotonic() > drag.release_time or not snapshot.playing:
-                self._joint_drags.pop(id, None)
-                self._simulation.release(id)
-
-    # -- bodies --------------------------------------------------------------------------------------------------------
-
-    def _move(self, _: ClientSession, request: MoveRequest) -> None:
-        if not any(request.quaternion):
-            raise InvalidArgumentError("quaternion", cause="its norm is 0")
-        self._simulation.undo_stack.move(request.id, Pose(request.position, request.quaternion))
-
-    def _set_physics(self, _: ClientSession, request: SetPhysicsRequest) -> None:
-        changes = {
-            name: value
-            for name in ("mobility", "gravity", "mass_kg")
-            if (value := getattr(request, name)) is not msgspec.UNSET
-        }
-        physics: BodyPhysics = msgspec.structs.replace(self._body(request.id).physics, **changes)
-        self._simulation.undo_stack.set_physics(
-            request.id, physics, label=" and ".join(changes).replace("_kg", "") or "physics"
-        )
-
-    def _set_material(self, _: ClientSession, request: SetMaterialRequest) -> None:
-        if not request.name and request.color is None:
-            self._simulation.undo_stack.set_materials(request.id, ())
-            return
-        current = next((each for each in self._body(request.id).materials if each.name == request.name), None)
-        color = None if request.color is None else parse_color(request.color)
-        material = Material(name=request.name or "paint", path=current.path if current else "", color=color)
-        self._simulation.undo_stack.set_materials(request.id, (material,))
-
-    def _attach(self, _: ClientSession, request: AttachRequest) -> None:
-        if request.parent is None:
-            self._simulation.undo_stack.detach(request.child)
-        else:
-            self._simulation.undo_stack.attach(request.parent, request.child)
-
-    def _body(self, id: BodyId) -> Body:
-        return self._simulation.snapshot().body(id)
-
-    # -- joints --------------------------------------------------------------------------------------------------------
-
-    def _move_joint(self, session: ClientSession, request: MoveJointRequest) -> None:
-        """Pulls the moving body while the simulation runs, so that obstacles stop it; moves it while paused."""
-        joint, snapshot = self._world_handler.joint(request.id), self._simulation.state
-        if request.axis not in {axis.name for axis in joint.axes}:
-            raise InvalidArgumentError(request.axis, cause=f"{request.id!r} has no such axis")
-        poses = poses_in(snapshot, {joint.joint.parent, joint.joint.child})
-        previous = self._joint_drags.get(joint.moving_body)
-        start_pose = previous.start_pose if previous is not None else pose_from_array(poses[joint.moving_body])
-        release_time = time.monotonic() + _SLIDER_SETTLE_S if request.done else None
-        self._joint_drags[joint.moving_body] = _JointDrag(
-            request.id, request.axis, request.value, session.key, start_pose, release_time
-        )
-        if not snapshot.playing:
-            pose = joint.pose_for(request.axis, request.value, poses)
-            self._simulation.undo_stack.move(joint.moving_body, pose, continues_last=previous is not None)
-            return
-        pull = joint.pull_target(request.axis, request.value, poses)
-        self._simulation.pull(pull.id, point=pull.point, target=pull.target)
-        if request.done:
-            self._simulation.undo_stack.record(MoveBody(joint.moving_body, start_pose, f"pose of {joint.moving_body}"))
-
-    def _release(self, session: ClientSession) -> None:
-        for id, drag in list(self._joint_drags.items()):
-            if drag.session == session.key:
-                self._joint_drags.pop(id, None)
-                self._simulation.release(id)
-
-    # -- new bodies ----------------------------------------------------------------------------------------------------
-
-    def _find_classes(self, _: ClientSession, request: FindClassesRequest) -> list[dict[str, object]]:
-        knowledge, text = self._simulation.knowledge, request.text.strip().casefold()
-        with knowledge.lock:
-            known = {iri: local_name(iri) for iri in knowledge.reasoner.declared_classes() if not iri.startswith("_:")}
-            used = {body.cls for world in self._simulation.worlds for body in world.bodies}
-            known |= {cls: local_name(cls) for cls in used}
-            matching = [iri for iri, name in known.items() if text in name.casefold()]
-            matching.sort(key=lambda iri: _search_rank(known[iri], text, is_used=iri in used))
-            return [
-                {"class": iri, "name": known[iri], "size": getattr(knowledge.shape_rule(iri), "size", None)}
-                for iri in matching[:_MAX_CLASSES]
-            ]
-
-    def _add(self, session: ClientSession, request: AddRequest) -> BodyId:
-        knowledge = self._simulation.knowledge
-        with knowledge.lock:
-            cls = knowledge.names.find(request.cls, EntityType.CLASS)
-        body = make_body(self._simulation, cls, size=request.size)
-        if request.on is not None or request.into is not None:
-            placed = self._simulation.place(body, on=request.on, into=request.into)
-            self._simulation.undo_stack.record_spawn([placed.id])
-            return placed.id
-        x, y, z = request.at or self._view_center(session) or (0.0, 0.0, 0.0)
-        height = body.size[2] if body.size else 0.0
-        self._spawn(msgspec.structs.replace(body, pose=Pose((x, y, z + height / 2 + _CLEARANCE_M))))
-        return body.id
-
-    def _spawn(self, body: Body) -> None:
-        first = next(iter(self._simulation.worlds), None)
-        iri, name = (first.iri, first.name) if first else (Iri("http://mindstage.org/maps/new.owl#map"), "new")
-        report = self._simulation.spawn(World(iri=iri, name=name, bodies=(body,)), persistent=False)
-        for failure in report.failed_bodies:
-            raise InvalidArgumentError(failure.id, cause=failure.reason)
-        self._simulation.undo_stack.record_spawn([body.id])
-
-
-class _JointDrag(msgspec.Struct, frozen=True):
-    """A joint that a client moves by its slider."""
-
-    joint: BodyId
-    axis: str
-    value: float
-    session: str
-    start_pose: Pose
-    """Pose of the moving body before the drag."""
-    release_time: float | None
-    """When the joint is released at the latest, by the monotonic clock [s]; None while the slider is held."""
-
-
-def _search_rank(name: str, text: str, *, is_used: bool) -> tuple[bool, bool, bool, int, str]:
-    """A sort key: exact matches first, then prefixes, then classes that are used in the world, then short names."""
-    folded = name.casefold()
-    return folded != text, not folded.startswith(text), not is_used, len(name), name
+            session.send_event("selected", self._views.selection(view))
 
 
 class Handlers:
@@ -777,11 +558,16 @@ class Handlers:
         """
         self._channel = channel
         self._world = WorldHandler(simulation, channel)
-        self._views = ViewHandler(views, channel, server)
-        self._edits = EditHandler(simulation, channel, self._world, view_center=self._views.view_center)
+        self._views = ViewHandler(views, channel, server, exists=lambda body: body in simulation.state.ids)
+        self._edits = EditHandler(simulation, channel, find_joint=self._world.joint)
+        session_views = SessionViews(views, server, views_of=self._views.views_of)
+        self._picker = PointerPicker(simulation, views)
+        self._adding = AddHandler(simulation, channel, session_views, self._picker)
+        self._tools = ViewToolHandler(simulation, channel, session_views, self._picker)
         self._files = FileHandler(simulation, channel)
         self._ask = AskHandler(simulation, channel, prolog=prolog)
         self._status = StatusHandler(simulation, channel)
+        self._tour = TourHandler(simulation, channel, camera=self._views.camera)
 
     def session_of_view(self, view: int) -> ClientSession | None:
         """The session of the page that contains a view; None if the view was opened without the page."""
@@ -790,6 +576,17 @@ class Handlers:
     def view_center(self, session: ClientSession) -> Vector | None:
         """The point that the camera of a session looks at [m]; None if its view is not connected."""
         return self._views.view_center(session)
+
+    def move_group(self, id: BodyId, pose: Pose, selection: Collection[BodyId], *, to_surface: bool) -> None:
+        """Moves a body, and the other selected ones rigidly with it, as one edit.
+
+        Args:
+            id: the body.
+            pose: its new pose.
+            selection: the selected bodies.
+            to_surface: whether to put the body down on what is below it.
+        """
+        self._edits.move_group(id, pose, selection, below=self._picker.below if to_surface else None)
 
     def toast(self, view: int, text: str, *, kind: str = "error") -> None:
         """Shows a message to the client of a view."""

@@ -19,9 +19,9 @@ from mindstage.episodes.recording import EpisodeEventKind, EpisodeFrame, Recordi
 from mindstage.errors import EpisodeFileError
 from mindstage.files import atomic_write
 from mindstage.knowledge.knowledge_base import KnowledgeBase
+from mindstage.rendering.appearance import BodyAppearance, compute_appearance
+from mindstage.rendering.camera import CameraPose, ground_height, initial_target
 from mindstage.scene import BodyId
-from mindstage.viewer.appearance import BodyAppearance, compute_appearance
-from mindstage.viewer.camera import CameraPose, ground_height, initial_target
 from mindstage.viewer.scene import Clickable, Pick, ViewerScene
 from mindstage.viewer.server import RpcChannel, serve, shut_down
 
@@ -88,7 +88,7 @@ def _record(
     """The page, the number of its frames, and its duration [s]."""
     frames = _thinned(recording, rate_hz)
     first = next(frames)
-    scene = ViewerScene(server, on_node=_not_clickable)
+    scene = ViewerScene(server, on_node=_not_clickable, has_scripts=False)
     appearances = _show(scene, first, recording, knowledge)
     world = first.world()
     scene.set_ground(ground_height(world, appearances))

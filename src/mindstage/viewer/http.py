@@ -24,6 +24,9 @@ import msgspec
 from mindstage.bridge.access import DEFAULT_VISITOR_LIMITS, Visitor, VisitorLimits, VisitorRegistry, is_loopback
 from mindstage.bridge.server import TokenAuth
 from mindstage.errors import AuthenticationError
+from mindstage.textures.baking import content_version
+from mindstage.textures.catalog import texture_names
+from mindstage.textures.images import TextureMap, texture_jpeg
 
 __all__ = [
     "CHANNEL",
@@ -65,6 +68,21 @@ def page_files() -> dict[str, StaticFile]:
             content = path.read_bytes()
             found[path.name] = StaticFile(type, content, f'"{hashlib.sha256(content).hexdigest()[:24]}"')
     return found
+
+
+_TEXTURE = re.compile(r"/mindstage/textures/([a-z_]+)-(color|roughness|normal)-([0-9a-f]+)\.jpg")
+_TEXTURE_PIXELS = 256
+_FOREVER = "public, max-age=31536000, immutable"
+
+
+def texture_path(name: str, map: TextureMap) -> str | None:
+    """The path of an image of a texture, which has the version of its content; pages load each once."""
+    return f"/mindstage/textures/{name}-{map}-{content_version()}.jpg"
+
+
+def is_texture_path(path: str) -> bool:
+    """Whether a request is for an image of a texture, which may have to be computed."""
+    return _TEXTURE.fullmatch(request_path(path)) is not None
 
 
 CHANNEL = "/mindstage/channel"
@@ -195,12 +213,7 @@ class RequestFilter:
             return self._cookie(path) or self._file(page_files()["index.html"], headers)
         if view_key(path) is not None:
             return None
-        file = page_files().get(route.removeprefix("/mindstage/")) if route.startswith("/mindstage/") else None
-        return (
-            self._file(file, headers)
-            if file
-            else _error_response(HTTPStatus.NOT_FOUND, "there is no such page; open /")
-        )
+        return _texture_response(route) or self._named_file(route, headers)
 
     # -- host, origin and token ----------------------------------------------------------------------------------------
 
@@ -272,6 +285,14 @@ class RequestFilter:
 
     # -- responses -----------------------------------------------------------------------------------------------------
 
+    def _named_file(self, route: str, headers: RequestHeaders) -> HttpResponse:
+        file = page_files().get(route.removeprefix("/mindstage/")) if route.startswith("/mindstage/") else None
+        return (
+            self._file(file, headers)
+            if file
+            else _error_response(HTTPStatus.NOT_FOUND, "there is no such page; open /")
+        )
+
     def _file(self, file: StaticFile, headers: RequestHeaders) -> HttpResponse:
         sent = {"Content-Type": file.type, "ETag": file.etag, "Cache-Control": "no-cache"}
         sent["Content-Security-Policy"] = _page_policy(headers.get("Host") or "")
@@ -307,10 +328,20 @@ def _page_policy(host: str) -> str:
 def _view_policy(host: str) -> str:
     return (
         "default-src 'none'; script-src 'self' 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' blob: data:; "
-        "worker-src blob: data:; style-src 'self' 'unsafe-inline'; img-src data: blob:; font-src data:; "
+        "worker-src blob: data:; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src data:; "
         f"connect-src 'self' data: blob: ws://{host} wss://{host}; base-uri 'none'; form-action 'none'; "
         "frame-ancestors 'self'"
     )
+
+
+def _texture_response(route: str) -> HttpResponse | None:
+    """The image of a texture at a path, which may have to be computed; None if there is none."""
+    match = _TEXTURE.fullmatch(route)
+    if match is None or match[1] not in texture_names():
+        return None
+    content = texture_jpeg(match[1], TextureMap(match[2]), _TEXTURE_PIXELS)
+    headers = {"Content-Type": "image/jpeg", "Cache-Control": _FOREVER}
+    return HttpResponse(HTTPStatus.OK, content, _SECURITY_HEADERS | headers)
 
 
 def _error_response(status: HTTPStatus, text: str) -> HttpResponse:
@@ -325,8 +356,18 @@ def _base64(digest: bytes) -> str:
 
 
 _STYLESHEETS = ("viserOverrides.css",)
-_SCRIPTS = ("clippingPlane.js", "shadowBias.js")
-"""Files of the page that are added to viser's page."""
+_SCRIPTS = (
+    "bodyPoses.js",
+    "clippingPlane.js",
+    "labels.js",
+    "renderQuality.js",
+    "selectionBox.js",
+    "shadowBias.js",
+    "surroundings.js",
+)
+"""Modules of the page that are added to viser's page."""
+_FIRST_SCRIPT = "viserHooks.js"
+"""The script that must run before viser's, and is therefore part of the page."""
 
 
 class ViserPage:
@@ -339,7 +380,8 @@ class ViserPage:
             viser: the page of viser.
         """
         available = page_files()
-        links = [f'<link rel="stylesheet" href="/mindstage/{name}" />' for name in _STYLESHEETS if name in available]
+        links = [f"<script>{available[_FIRST_SCRIPT].content.decode()}</script>"]
+        links += [f'<link rel="stylesheet" href="/mindstage/{name}" />' for name in _STYLESHEETS if name in available]
         links += [f'<script type="module" src="/mindstage/{name}"></script>' for name in _SCRIPTS if name in available]
         self._page = viser.replace(b"<title>", "".join(links).encode() + b"<title>", 1)
         self._compressed = gzip.compress(self._page, compresslevel=6)

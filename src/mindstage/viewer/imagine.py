@@ -19,11 +19,11 @@ from mindstage.errors import InvalidArgumentError, MindstageError
 from mindstage.imagination import Place, Progress, Verdict, imagine
 from mindstage.imagination.trials import physical_simulation, plan_from_text
 from mindstage.knowledge.rdf import local_name
+from mindstage.rendering.appearance import BodyAppearance, compute_appearance
 from mindstage.scene import BodyId, Vector, World
 from mindstage.scene.colors import hex_color
 from mindstage.scene.display import counted
 from mindstage.simulation import Simulation, StateSnapshot
-from mindstage.viewer.appearance import BodyAppearance, compute_appearance
 from mindstage.viewer.ghosts import (
     GhostGroup,
     GhostNodes,

@@ -1,4 +1,4 @@
-"""Data of the inspector panels: the scene tree, the details of one body, and the status of simulation and map.
+"""Data of the page's panels: the scene tree, the details of one body, the status of simulation and map, the tour.
 
 The status is published a few times a second if it has changed; the report of findings, assumptions and failed spawns is
 sent on request. The scene tree refers to rows and classes by index: 5,000 bodies take a few hundred kilobytes.
@@ -7,11 +7,12 @@ sent on request. The scene tree refers to rows and classes by index: 5,000 bodie
 from __future__ import annotations
 
 import time
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from enum import IntEnum
 
 import msgspec
 
+from mindstage.errors import MindstageError
 from mindstage.knowledge import Severity
 from mindstage.knowledge.rdf import local_name
 from mindstage.scene import BlankNode, Body, BodyId, Color, Iri, IriRef, Literal, Pose, PropertyAssertion, Vector, World
@@ -36,6 +37,8 @@ __all__ = [
     "StatusHandler",
     "StatusMessage",
     "StorageHint",
+    "TourHandler",
+    "TourState",
     "body_details",
     "live_details",
     "scene_tree",
@@ -465,3 +468,62 @@ def report_entries(simulation: Simulation) -> Iterator[ReportEntry]:
             yield ReportEntry(group=_NOT_SPAWNED, text=f"{failure.id}: {failure.reason}", is_error=True)
         for note in report.notes:
             yield ReportEntry(group=note.kind.value, text=note.text, ids=note.ids)
+
+
+class TourState(msgspec.Struct, frozen=True, kw_only=True):
+    """What the tour of the page needs in order to notice that a step was done."""
+
+    camera: tuple[Vector, Vector] | None
+    """Where the camera of the page is, and what it looks at [m]; None without a 3D view."""
+    front: BodyId | None
+    """The door that the tour opens: that of a refrigerator, or else any door or drawer; None if there is none."""
+    openness: float
+    """How far it is open: 0 is closed, 1 open."""
+
+
+class TourHandler:
+    """Handles `tour.state`."""
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        channel: RpcChannel,
+        *,
+        camera: Callable[[ClientSession], tuple[Vector, Vector] | None],
+    ) -> None:
+        """Registers the request.
+
+        Args:
+            simulation: the simulation.
+            channel: the channel of the pages.
+            camera: returns where the camera of a session is, and what it looks at.
+        """
+        self._simulation, self._camera = simulation, camera
+        self._front: tuple[object, BodyId | None] = (None, None)
+        channel.register("tour.state", EmptyRequest, self._state, queue="status")
+
+    def _state(self, session: ClientSession, _: EmptyRequest) -> TourState:
+        front, openness = self._find_front(), 0.0
+        if front is not None:
+            try:
+                openness = self._simulation.joint(front).openness
+            except MindstageError:
+                front = None  # deleted in the meantime
+        return TourState(camera=self._camera(session), front=front, openness=openness)
+
+    def _find_front(self) -> BodyId | None:
+        ids = self._simulation.state.ids
+        if self._front[0] is not ids:
+            worlds = self._simulation.worlds
+            joints = [joint for world in worlds for joint in world.joints]
+            joints = [joint for joint in joints if any(reach != 0.0 for reach in joint_reach(joint))]
+            classes = {body.id: body.cls for world in worlds for body in world.bodies}
+            refrigerators = {id for id, cls in classes.items() if self._is_refrigerator(cls)}
+            joints.sort(key=lambda joint: not {joint.parent, joint.child} & refrigerators)
+            first = next(iter(joints), None)
+            front = None if first is None else first.parent if first.child in refrigerators else first.child
+            self._front = (ids, front)
+        return self._front[1]
+
+    def _is_refrigerator(self, cls: Iri) -> bool:
+        return any(local_name(each) == "Refrigerator" for each in (cls, *self._simulation.knowledge.ancestors(cls)))

@@ -18,21 +18,23 @@ import viser
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from mindstage.rendering.appearance import (
+    BodyAppearance,
+    Paint,
+    VisiblePart,
+    cached_visuals_to_glb,
+    dimmed,
+    highlighted,
+    merge_visuals,
+)
+from mindstage.rendering.camera import CameraPose, find_occluders
 from mindstage.scene import AttachedLight, BodyId, Color, Vector
 from mindstage.scene.colors import srgb_to_linear
 from mindstage.scene.mesh import TriangleMesh, arrow, box, box_edges, cone, cylinder, sphere
 from mindstage.scene.transforms import Array, normalize, normalized_pose_array, pose_multiply
 from mindstage.simulation import Marker, MarkerType
-from mindstage.viewer.appearance import (
-    BodyAppearance,
-    Paint,
-    VisiblePart,
-    dimmed,
-    highlighted,
-    merge_visuals,
-    visuals_to_glb,
-)
-from mindstage.viewer.camera import CameraPose, find_occluders
+from mindstage.textures.images import TextureUri
+from mindstage.viewer.view_data import PoseBlocks
 
 __all__ = [
     "BATCH_SIZE",
@@ -86,15 +88,29 @@ class _BodyNode(Protocol):
 class BodyNodes:
     """The nodes of all bodies."""
 
-    def __init__(self, scene: viser.SceneApi, *, on_node: NodeCallback, parent: str = "") -> None:
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        *,
+        on_node: NodeCallback,
+        parent: str = "",
+        texture_uri: TextureUri | None = None,
+        has_scripts: bool = True,
+    ) -> None:
         """Creates no nodes yet.
 
         Args:
             scene: the scene of the server.
             on_node: called with each clickable node when it is created.
             parent: the name of the node whose frame poses are relative to, such as "/beside"; by default the world.
+            texture_uri: where pages find the images of textures; None to draw plain colors.
+            has_scripts: whether the page has the scripts of Mindstage, which set the poses of many nodes at once.
         """
         self._scene, self._on_node, self._parent = scene, on_node, parent
+        self._texture_uri = texture_uri
+        self._blocks = PoseBlocks(scene, topic=f"poses{parent}") if has_scripts else None
+        self._rows: dict[BodyId, int] = {}
+        """The rows in the blocks, of bodies with a node of their own."""
         self._nodes: dict[BodyId, _BodyNode] = {}
         self._appearances: dict[BodyId, BodyAppearance] = {}
         self._is_draggable: dict[BodyId, bool] = {}
@@ -118,6 +134,8 @@ class BodyNodes:
             node.remove(ids)
         for id in removed:
             del self._nodes[id], self._appearances[id], self._is_draggable[id]
+        if self._blocks is not None:
+            self._blocks.remove([self._rows.pop(id) for id in removed if id in self._rows])
         new = [id for id in appearances if id not in self._appearances]
         counts = Counter(appearances[id].key for id in new if appearances[id].part is VisiblePart.WHOLE)
         batches: dict[tuple[str, bool], list[BodyId]] = {}
@@ -128,7 +146,12 @@ class BodyNodes:
                 batches.setdefault((appearance.key, is_draggable), []).append(id)
             else:
                 name = f"{self._parent}/bodies/{quote(id, safe='')}"  # a slash would make it a child of another one
-                self._nodes[id] = _SingleNode(self._scene, name, id, appearance, self._on_node, draggable=is_draggable)
+                glb = _glb(appearance, self._texture_uri)
+                self._nodes[id] = _SingleNode(
+                    self._scene, name, id, appearance, glb, self._on_node, draggable=is_draggable
+                )
+                if self._blocks is not None:
+                    self._rows[id] = self._blocks.add(name)
         for (_, is_draggable), ids in batches.items():
             for start in range(0, len(ids), _MAX_BATCH_SIZE):
                 self._add_batch(ids[start : start + _MAX_BATCH_SIZE], is_draggable)
@@ -141,9 +164,13 @@ class BodyNodes:
             ids: the bodies; those without nodes are skipped.
             rows: poses with unit quaternions, n x 7.
         """
+        own = np.array([self._rows.get(id, -1) for id in ids], dtype=np.intp)
+        has_own = own >= 0
+        if self._blocks is not None and has_own.any():
+            self._blocks.set_poses(own[has_own], rows[has_own])
         groups: dict[_BodyNode, list[int]] = {}
-        for row, id in enumerate(ids):
-            if (node := self._nodes.get(id)) is not None:
+        for row in np.flatnonzero(~has_own).tolist():
+            if (node := self._nodes.get(ids[row])) is not None:
                 groups.setdefault(node, []).append(row)
         for node, numbers in groups.items():
             node.set_poses([ids[number] for number in numbers], rows[numbers])
@@ -176,7 +203,8 @@ class BodyNodes:
     def _add_batch(self, ids: list[BodyId], draggable: bool) -> None:
         self._batch_count += 1
         name, appearance = f"{self._parent}/batches/{self._batch_count}", self._appearances[ids[0]]
-        batch = _BatchNode(self._scene, name, ids, appearance, self._on_node, draggable=draggable)
+        glb = _glb(appearance, self._texture_uri)
+        batch = _BatchNode(self._scene, name, ids, appearance, glb, self._on_node, draggable=draggable)
         self._nodes.update(dict.fromkeys(ids, batch))
 
     def _by_node(self, ids: Iterable[BodyId]) -> dict[_BodyNode, list[BodyId]]:
@@ -196,6 +224,7 @@ class _SingleNode:
         name: str,
         id: BodyId,
         appearance: BodyAppearance,
+        glb: bytes,
         on_node: NodeCallback,
         *,
         draggable: bool,
@@ -217,9 +246,7 @@ class _SingleNode:
                 thickness_units="screen",
             )
         else:
-            self._textured_node = scene.add_glb(
-                f"{self._name}/textured", _glb(appearance), cast_shadow=_casts_shadow(appearance)
-            )
+            self._textured_node = scene.add_glb(f"{self._name}/textured", glb, cast_shadow=_casts_shadow(appearance))
             if self._clickable:
                 self._on_node(self._textured_node)
 
@@ -277,11 +304,12 @@ class _BatchNode:
         name: str,
         ids: Sequence[BodyId],
         appearance: BodyAppearance,
+        glb: bytes,
         on_node: NodeCallback,
         *,
         draggable: bool,
     ) -> None:
-        self._scene, self._name, self._appearance, self._on_node = scene, name, appearance, on_node
+        self._scene, self._name, self._appearance, self._glb, self._on_node = scene, name, appearance, glb, on_node
         self._draggable, self._clickable = draggable, _is_clickable(appearance, draggable)
         self._rows: dict[BodyId, Array] = {id: np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]) for id in ids}
         self._paints: dict[BodyId, Paint] = {}
@@ -352,7 +380,7 @@ class _BatchNode:
         positions, quaternions = self._member_poses(self._members)
         node = self._scene.add_batched_glb(
             f"{self._name}/textured",
-            _glb(self._appearance),
+            self._glb,
             quaternions,
             positions,
             cast_shadow=_casts_shadow(self._appearance),
@@ -422,8 +450,8 @@ def _opacity(paint: Paint) -> float | None:
 
 
 @lru_cache(maxsize=4096)
-def _glb(appearance: BodyAppearance) -> bytes:
-    return visuals_to_glb(appearance.visuals)
+def _glb(appearance: BodyAppearance, texture_uri: TextureUri | None) -> bytes:
+    return cached_visuals_to_glb(appearance.visuals, texture_uri=texture_uri)
 
 
 @lru_cache(maxsize=4096)
@@ -632,7 +660,12 @@ _TRANSPARENT_OPACITY = 0.32
 _POSE_TOLERANCE = 5e-5
 """Smallest change of a position [m] or quaternion component that is sent."""
 _SKY_COLORS = ((247, 248, 249), (222, 226, 230))
-"""Colors of the background at the upper and the lower edge."""
+"""Colors of the background at the upper and the lower edge; `surroundings.js` has those of the dark theme."""
+_GROUND_COLOR = (229, 231, 233)
+_GROUND_FADE_M = 28.0
+"""Distance from the camera at which the ground has faded into the background [m]."""
+_GROUND_GAP_M = 0.002
+"""Distance below the lowest bodies, whose lower sides would otherwise flicker [m]."""
 
 
 def moved_rows(sent: Array, now: Array) -> NDArray[np.intp]:
@@ -643,15 +676,24 @@ def moved_rows(sent: Array, now: Array) -> NDArray[np.intp]:
 class ViewerScene:
     """The scene of all clients."""
 
-    def __init__(self, server: viser.ViserServer, *, on_node: NodeCallback) -> None:
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        *,
+        on_node: NodeCallback,
+        texture_uri: TextureUri | None = None,
+        has_scripts: bool = True,
+    ) -> None:
         """Creates an empty scene with daylight.
 
         Args:
             server: the server of the scene.
             on_node: called with each clickable node when it is created.
+            texture_uri: where pages find the images of textures; None to draw plain colors.
+            has_scripts: whether the page has the scripts of Mindstage, see `BodyNodes`.
         """
         self._server = server
-        self._bodies = BodyNodes(server.scene, on_node=on_node)
+        self._bodies = BodyNodes(server.scene, on_node=on_node, texture_uri=texture_uri, has_scripts=has_scripts)
         self._lights = LightNodes(server.scene)
         self._highlights: dict[BodyId, Color] = {}
         self._occluders: frozenset[BodyId] = frozenset()
@@ -751,20 +793,22 @@ class ViewerScene:
         self._sun.position = _sun_direction(np.subtract(camera_pose.position, camera_pose.look_at))
 
     def set_ground(self, height: float | None) -> None:
-        """Shows a ground grid at a height [m]; None removes it."""
-        grid = self._server.scene.get_handle_by_name("/ground")
-        if grid is not None:
-            grid.remove()
+        """Shows a plane at a height [m] that fades into the background and receives shadows; None removes it."""
+        ground = self._server.scene.get_handle_by_name("/ground")
+        if ground is not None:
+            ground.remove()
         if height is not None:
             self._server.scene.add_grid(
                 "/ground",
                 infinite_grid=True,
-                position=(0.0, 0.0, height),
-                cell_size=0.5,
-                cell_color=(214, 217, 220),
-                section_color=(196, 200, 204),
-                fade_distance=30.0,
-                shadow_opacity=0.18,
+                position=(0.0, 0.0, height - _GROUND_GAP_M),
+                cell_thickness=0.0,
+                section_thickness=0.0,
+                plane_color=_GROUND_COLOR,
+                plane_opacity=1.0,
+                fade_distance=_GROUND_FADE_M,
+                fade_strength=1.6,
+                shadow_opacity=0.3,
             )
 
     # -- internals -----------------------------------------------------------------------------------------------------

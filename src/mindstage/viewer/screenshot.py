@@ -13,7 +13,6 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self, TypeVar
 from urllib.parse import urlencode
@@ -21,12 +20,12 @@ from urllib.parse import urlencode
 import viser
 
 from mindstage.errors import BrowserCrashedError, BrowserNotFoundError, InvalidArgumentError
-from mindstage.scene import BodyId, Vector
-from mindstage.viewer.camera import CameraPose, ClientViews, LabelMode
+from mindstage.rendering.screenshot import DEFAULT_CAMERA, LabelMode, Screenshot, placed_camera
+from mindstage.viewer.client_views import ClientViews
 from mindstage.viewer.devtools import CdpPipe
 from mindstage.viewer.server import address, session_key_of
 
-__all__ = ["BROWSERS", "HeadlessBrowser", "Screenshot", "ScreenshotTaker", "find_browser"]
+__all__ = ["BROWSERS", "HeadlessBrowser", "ScreenshotTaker", "find_browser"]
 
 
 BROWSERS = (
@@ -189,8 +188,6 @@ class HeadlessBrowser:
 
 T = TypeVar("T")
 
-_MAX_SIZE_PX = 8192
-"""Maximum width and height that browsers can render."""
 _STABLE_S = 1.2
 """Time without changes after which a picture is finished [s]."""
 _MAX_WAIT_S = 15.0
@@ -200,6 +197,8 @@ _DRAFT_RESOLUTION = 0.25
 """Device pixel ratio until the scene has loaded: without a GPU, time is proportional to the number of pixels."""
 _FINAL_RESOLUTION = 1.0
 """Device pixel ratio of the picture."""
+_PENDING_TEXTURES = "(document.getElementById('view')?.contentWindow ?? window).mindstageView?.pendingTextures?.() ?? 0"
+"""The number of images of textures that the view has requested and not received."""
 _DRAW = """new Promise((drawn) => {
   const window_ = document.getElementById("view")?.contentWindow ?? window;
   const view = window_.__viserMutable;
@@ -212,59 +211,6 @@ _DRAW = """new Promise((drawn) => {
   }));
 })"""
 """Renders one frame at a device pixel ratio, and stops rendering."""
-_DEFAULT_CAMERA = CameraPose((2.5, -2.5, 2.0), (0.0, 0.0, 0.5), 0.63)
-"""The camera for an empty scene."""
-_MIN_HORIZONTAL_M = 1e-3
-"""Minimum horizontal part of a view direction: straight down, the up direction would be undefined."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Screenshot:
-    """What a screenshot shows, and how it is taken."""
-
-    size: tuple[int, int] = (1280, 800)
-    """Width and height [px]."""
-    position: Vector | None = None
-    """Position of the camera [m]; without this and `look_at`, the home view."""
-    look_at: Vector | None = None
-    """Point in the center of the picture [m]."""
-    from_above: bool = False
-    """Whether the camera looks straight down, as on a floor plan."""
-    focus: tuple[BodyId, ...] = ()
-    """Bodies that the camera frames."""
-    focus_points: tuple[Vector, ...] = ()
-    """Points that the camera frames [m]."""
-    clip_height: float | None = None
-    """Height of the clipping plane: nothing above it is drawn [m]."""
-    selected: BodyId | None = None
-    """The selected body, whose details are in the panel."""
-    labels: LabelMode = LabelMode.NONE
-    with_panels: bool = False
-    """Whether the picture shows the whole page, or the 3D view alone."""
-    panel: str = ""
-    """The panel to open, such as "ask"; by default the one that is open initially."""
-    browser: str | None = None
-    """The executable; by default the one of `find_browser`."""
-    timeout_s: float = 180.0
-    """Time limit of everything; large worlds are rendered slowly without a GPU [s]."""
-
-    def __post_init__(self) -> None:
-        """Checks size, view and panel.
-
-        Raises:
-            InvalidArgumentError: one of them is invalid.
-        """
-        if not all(0 < side <= _MAX_SIZE_PX for side in self.size):
-            cause = f"{self.size[0]} x {self.size[1]} cannot be rendered"
-            raise InvalidArgumentError("a picture's size", cause=cause, remedy=f"each side is 1 to {_MAX_SIZE_PX} px")
-        if self.position is not None and self.position == self.look_at:
-            raise InvalidArgumentError(
-                "a picture's view", cause="position and look_at are equal", remedy="give two different points"
-            )
-        if self.panel and not self.with_panels:
-            raise InvalidArgumentError(
-                self.panel, cause="there are no panels in the picture", remedy="show the whole page"
-            )
 
 
 class ScreenshotTaker:
@@ -311,14 +257,30 @@ class ScreenshotTaker:
                     lambda: browser.evaluate("window.mindstage?.clientKey ?? ''"), end, "the page did not open"
                 )
                 _show_panel(browser, screenshot.panel)
-            client = _wait_for(lambda: self._client(key), end, "the view did not open")
-            self._prepare(screenshot, client.client_id)
-            if not self._views.wait_idle(timeout_s=max(0.0, end - time.monotonic())):
-                raise BrowserCrashedError("the view was not updated in time")
-            _wait_received(client, end)
+            while not self._is_received(screenshot, key, end):
+                time.sleep(_POLL_INTERVAL_S)
             _wait_stable(browser, end)
             browser.evaluate(_DRAW % _FINAL_RESOLUTION)
             return browser.screenshot()
+
+    def _is_received(self, screenshot: Screenshot, key: str, end: float) -> bool:
+        """Prepares the view and waits until the browser has everything; False if it lost its connection meanwhile.
+
+        A browser that is busy with a large map may answer too late to keep its connection; it then connects anew.
+        """
+        client = _wait_for(lambda: self._client(key), end, "the view did not open")
+        self._prepare(screenshot, client.client_id)
+        if not self._views.wait_idle(timeout_s=max(0.0, end - time.monotonic())):
+            raise BrowserCrashedError("the view was not updated in time")
+        try:
+            client.get_render(8, 8, timeout=max(0.1, end - time.monotonic()))  # answered after all earlier messages
+        except TimeoutError as error:
+            raise BrowserCrashedError("the view was not rendered in time") from error
+        except RuntimeError as error:
+            if time.monotonic() > end:
+                raise BrowserCrashedError(f"the connection to the view was lost: {error}") from error
+            return False
+        return True
 
     def _address(self, key: str, screenshot: Screenshot) -> str:
         path = "/" if screenshot.with_panels else f"/view/{key}/"
@@ -347,8 +309,8 @@ class ScreenshotTaker:
         elif screenshot.from_above:
             views.go_top(client=view)
         elif screenshot.position is not None or screenshot.look_at is not None:
-            default = target.camera(screenshot.size[0] / screenshot.size[1]) if target else _DEFAULT_CAMERA
-            views.set_camera(_camera_for(screenshot, default), client=view)
+            default = target.camera(screenshot.aspect) if target else DEFAULT_CAMERA
+            views.set_camera(placed_camera(screenshot, default), client=view)
 
 
 def _show_panel(browser: HeadlessBrowser, panel: str) -> None:
@@ -358,37 +320,6 @@ def _show_panel(browser: HeadlessBrowser, panel: str) -> None:
         raise InvalidArgumentError(panel, cause="the page has no such panel", remedy=f"there is {', '.join(known)}")
     if panel:
         browser.evaluate(f"document.querySelector('[data-tab={panel}]').click()")
-
-
-def _camera_for(screenshot: Screenshot, default: CameraPose) -> CameraPose:
-    """The camera of a screenshot; a missing point is that of the default, moved with the other one."""
-    x, y, z = default.position
-    (to_x, to_y, to_z) = default.look_at
-    if screenshot.position is None and screenshot.look_at is not None:
-        to_x, to_y, to_z, x, y, z = (
-            *screenshot.look_at,
-            *(
-                end + eye - middle
-                for end, eye, middle in zip(screenshot.look_at, default.position, default.look_at, strict=True)
-            ),
-        )
-    elif screenshot.position is not None:
-        x, y, z = screenshot.position
-        to_x, to_y, to_z = screenshot.look_at or default.look_at
-    height = abs(z - to_z)
-    if abs(x - to_x) + abs(y - to_y) < _MIN_HORIZONTAL_M * height:
-        y -= _MIN_HORIZONTAL_M * height
-    return CameraPose((x, y, z), (to_x, to_y, to_z), default.field_of_view_rad)
-
-
-def _wait_received(client: viser.ClientHandle, end: float) -> None:
-    """Waits until the client has received everything sent so far: it answers a render request after it."""
-    try:
-        client.get_render(8, 8, timeout=max(0.1, end - time.monotonic()))
-    except TimeoutError as error:
-        raise BrowserCrashedError("the view was not rendered in time") from error
-    except RuntimeError as error:
-        raise BrowserCrashedError(f"the connection to the view was lost: {error}") from error
 
 
 def _wait_for(condition: Callable[[], T | None], end: float, label: str) -> T:
@@ -405,10 +336,14 @@ def _wait_for(condition: Callable[[], T | None], end: float, label: str) -> T:
 
 
 def _wait_stable(browser: HeadlessBrowser, end: float) -> None:
-    """Waits until the picture no longer changes, or for `_MAX_WAIT_S`."""
+    """Waits until all textures are loaded, then until the picture no longer changes, or for `_MAX_WAIT_S`."""
+    while time.monotonic() < end and browser.evaluate(_PENDING_TEXTURES):
+        time.sleep(_POLL_INTERVAL_S)
     picture = browser.screenshot()
     start = since = time.monotonic()
     while time.monotonic() < min(end, start + _MAX_WAIT_S) and time.monotonic() - since <= _STABLE_S:
         time.sleep(_POLL_INTERVAL_S)
+        if browser.evaluate(_PENDING_TEXTURES):
+            start = since = time.monotonic()
         if (newer := browser.screenshot()) != picture:
             picture, since = newer, time.monotonic()

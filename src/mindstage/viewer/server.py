@@ -56,7 +56,15 @@ from mindstage.errors import (
     ViewerUnavailableError,
 )
 from mindstage.simulation.observation import as_client
-from mindstage.viewer.http import CHANNEL, HttpResponse, RequestFilter, ViserPage, request_path, view_key
+from mindstage.viewer.http import (
+    CHANNEL,
+    HttpResponse,
+    RequestFilter,
+    ViserPage,
+    is_texture_path,
+    request_path,
+    view_key,
+)
 
 __all__ = [
     "CLIENT",
@@ -209,9 +217,19 @@ class HttpRoutes:
         if (headers.get("Upgrade") or "").lower() == "websocket":
             refusal = self._filter.socket_error(request.path, headers, visitor=visitor, now_s=now_s)
             return None if refusal is None else _response(socket, refusal)
+        if is_texture_path(request.path):
+            return self._texture(socket, request, visitor, now_s)
         answer = self._filter.respond(request.path, headers, visitor=visitor, now_s=now_s)
         if answer is None:
             answer = self._view_answer(request, lambda plain: page(socket, plain))
+        return _response(socket, answer)
+
+    async def _texture(self, socket: Any, request: Any, visitor: Visitor, now_s: float) -> Any:
+        """Serves an image of a texture, in a thread: the first request of all computes it."""
+        answer = await asyncio.to_thread(
+            self._filter.respond, request.path, request.headers, visitor=visitor, now_s=now_s
+        )
+        assert answer is not None
         return _response(socket, answer)
 
     def _view_answer(self, request: Any, page: Callable[[Any], Any]) -> HttpResponse:
@@ -392,6 +410,8 @@ class RpcChannel:
         self._connect_callbacks: list[Callable[[ClientSession], None]] = []
         self._disconnect_callbacks: list[Callable[[ClientSession], None]] = []
         self._executor = ThreadPoolExecutor(max_workers=32, thread_name_prefix="mindstage-page")
+        # Pages send it when nothing was received for some seconds, to notice that a server or network has stalled.
+        self.register("ping", EmptyRequest, lambda _, __: None, queue="ping")
 
     # -- requests ------------------------------------------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection
 from functools import wraps
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -21,21 +21,25 @@ from mindstage.bridge.access import DEFAULT_VISITOR_LIMITS, TlsCertificate, Visi
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.errors import InvalidArgumentError, MindstageError
 from mindstage.knowledge.rdf import local_name
+from mindstage.rendering.appearance import compute_appearance, find_outlines
+from mindstage.rendering.camera import FramingTarget, ground_height, initial_target
+from mindstage.rendering.render_scene import described_world
+from mindstage.rendering.screenshot import Screenshot
 from mindstage.scene import BodyId, BodyPhysics, Iri, Pose, Vector, World
 from mindstage.scene.transforms import Array
 from mindstage.simulation import Simulation, SpawnNoteKind, StateSnapshot
 from mindstage.simulation.observation import as_client
-from mindstage.viewer.appearance import compute_appearance, find_outlines
 from mindstage.viewer.ask import PrologSolver
-from mindstage.viewer.camera import ClientViews, FramingTarget, ground_height, initial_target
+from mindstage.viewer.client_views import ClientViews
 from mindstage.viewer.drag import DragController
 from mindstage.viewer.episodes import RecordingHandler, TimelineHandler
 from mindstage.viewer.ghosts import GhostNodes
 from mindstage.viewer.handlers import Handlers
+from mindstage.viewer.http import texture_path
 from mindstage.viewer.imagine import ImagineHandler
 from mindstage.viewer.robots import RobotHandler
 from mindstage.viewer.scene import Clickable, MarkerNodes, Pick, ViewerScene
-from mindstage.viewer.screenshot import Screenshot, ScreenshotTaker
+from mindstage.viewer.screenshot import ScreenshotTaker
 from mindstage.viewer.server import CLIENT, RpcChannel, address, serve, shut_down
 
 if TYPE_CHECKING:
@@ -48,6 +52,8 @@ _TEXT_INTERVAL_S = 0.1
 """Interval at which panels are updated, longer than that of the 3D scene [s]."""
 _RETRY_DELAY_S = 1.0
 """Pause after a failed update [s]."""
+_MAX_UNSEEN = 500
+"""Maximum number of bodies that a page is asked to frame."""
 _PAUSED = "The simulation is paused: press Play to pull bodies."
 
 _log = logging.getLogger(__name__)
@@ -105,7 +111,7 @@ class Viewer:
             visitor_limits=visitor_limits,
         )
         self._drag_controller = DragController(simulation)
-        self._scene = ViewerScene(self._server, on_node=self._make_clickable)
+        self._scene = ViewerScene(self._server, on_node=self._make_clickable, texture_uri=texture_path)
         self.views = ClientViews(self._server, on_place=self._place_body)
         """The views of all clients: camera, selection, labels."""
         self._markers = MarkerNodes(self._server)
@@ -145,6 +151,10 @@ class Viewer:
             BodyNotFoundError: there is no such body.
         """
         self.views.select(id)
+
+    def offer_tour(self) -> None:
+        """Lets pages start the tour by themselves if their user has neither done nor skipped it."""
+        self.channel.publish("tour", {"offered": True})
 
     def show_verdict(self, verdict: Verdict) -> tuple[Vector, ...]:
         """Shows where bodies end in the samples of a verdict, and its first failing sample, as ghosts in all views.
@@ -237,6 +247,7 @@ class Viewer:
             self._move(snapshot)
         if before is None or snapshot.highlights != before.highlights:
             self._scene.set_highlights(snapshot.highlights)
+            self._report_unseen(snapshot.highlights)
         if before is None or snapshot.markers is not before.markers or snapshot.revision != before.revision:
             self._markers.show(snapshot.markers, self._scene.appearances)
         self._snapshot = snapshot
@@ -255,9 +266,16 @@ class Viewer:
             if self._timeline is not None:
                 self._timeline.publish(snapshot)
 
+    def _report_unseen(self, highlights: Collection[BodyId]) -> None:
+        """Sends the highlighted bodies to pages in whose view none is noticed; they move the camera or offer it."""
+        ids = list(highlights)[:_MAX_UNSEEN]
+        for client in self.views.clients_not_seeing(ids) if ids else ():
+            if (session := self._handlers.session_of_view(client)) is not None:
+                session.send_event("unseen_answers", ids)
+
     def _rebuild(self, snapshot: StateSnapshot) -> None:
         """Updates panels and scene after bodies were added, removed or edited."""
-        world = _with_described_poses(self._simulation.snapshot(), self._simulation.worlds)
+        world = described_world(self._simulation.snapshot(), self._simulation.worlds)
         if world == self._last_world and self._snapshot is not None and snapshot.ids is self._snapshot.ids:
             self._move(snapshot)
             return
@@ -284,7 +302,7 @@ class Viewer:
         self._scene.show(appearances, snapshot.ids, snapshot.poses, draggable=self._drag_controller.draggable)
         self._scene.set_ground(ground_height(world, appearances))
         labels = {body.id: body.label or local_name(body.cls) for body in world.bodies}
-        self.views.set_bodies(appearances, labels, snapshot.ids, snapshot.poses)
+        self.views.set_bodies(appearances, labels, snapshot.ids, snapshot.poses, parts=_parts(world))
         if not appearances:
             self._framed_world = None
         elif self._framed_world != world.iri:
@@ -322,14 +340,17 @@ class Viewer:
             node.on_drag("left")(on_drag)
 
     def _click(self, id: BodyId | None, client: int) -> None:
-        """Selects a body; a click on the selected body clears the selection."""
+        """Reports a click to the page, which decides what it does; a view without a page selects the body."""
+        if (session := self._handlers.session_of_view(client)) is not None:
+            session.send_event("clicked", id)
+            return
         self.views.select(None if self.views.selected(client) == id else id, client=client)
 
-    def _place_body(self, client: int, id: BodyId, pose: Pose) -> None:
-        """Moves a body to where a client left it with the gizmo."""
+    def _place_body(self, client: int, id: BodyId, pose: Pose, *, to_surface: bool) -> None:
+        """Moves the selected bodies with one that a client has moved with the gizmo."""
         try:
             with as_client(CLIENT):
-                self._simulation.undo_stack.move(id, pose)
+                self._handlers.move_group(id, pose, self.views.selection(client), to_surface=to_surface)
         except MindstageError as error:
             self._handlers.toast(client, str(error))
 
@@ -373,6 +394,23 @@ class Viewer:
         return text
 
 
+def _parts(world: World) -> dict[BodyId, tuple[BodyId, ...]]:
+    """The parts of each body: what is attached or joined to it, directly or through other parts."""
+    children: dict[BodyId, list[BodyId]] = {}
+    links = [(link.parent, link.child) for link in world.attachments]
+    for parent, child in links + [(joint.parent, joint.child) for joint in world.joints]:
+        children.setdefault(parent, []).append(child)
+    parts = {}
+    for id in children:
+        found, waiting = {id: None}, [id]
+        while waiting:
+            new = [child for child in children.get(waiting.pop(), ()) if child not in found]
+            found.update(dict.fromkeys(new))
+            waiting += new
+        parts[id] = tuple(found)[1:]
+    return parts
+
+
 def _visible_part(world: World) -> World:
     """A copy of the world without what does not change its appearance: masses, gravity, tags and facts."""
     bodies = (
@@ -380,10 +418,3 @@ def _visible_part(world: World) -> World:
         for body in world.bodies
     )
     return msgspec.structs.replace(world, bodies=tuple(bodies), facts=())
-
-
-def _with_described_poses(current: World, worlds: Iterable[World]) -> World:
-    """The current bodies at the poses of the spawned worlds, which joints and enclosures are derived from."""
-    described = {body.id: body.pose for world in worlds for body in world.bodies}
-    bodies = (msgspec.structs.replace(body, pose=described.get(body.id, body.pose)) for body in current.bodies)
-    return msgspec.structs.replace(current, bodies=tuple(bodies))

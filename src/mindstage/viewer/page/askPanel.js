@@ -15,6 +15,7 @@ class AskPanel {
   #questions = [];
   #inputs = new Map();
   #requests = 0;
+  #prologMissing = "";
   #form = el("div", { class: "ask-form" });
   #answers = el("div", { "aria-live": "polite", "aria-busy": "false", "data-role": "answers" });
   #modes = el("div", { class: "modes", role: "group", "aria-label": "Query language" });
@@ -29,9 +30,24 @@ class AskPanel {
     const questions = await callOrToast("ask.questions");
     if (!questions) return;
     this.#questions = questions;
-    const { prolog } = (await callOrToast("ask.languages")) ?? {};
-    if (prolog) this.#modes.append(this.#modeButton("prolog", "Prolog"));
+    const { prolog, prolog_missing: missing } = (await callOrToast("ask.languages")) ?? {};
+    this.#prologMissing = prolog ? "" : missing;
+    this.#modes.append(this.#modeButton("prolog", "Prolog"));
     this.#setMode("question");
+  }
+
+  // The declared questions: {name, summary, ...}.
+  get questions() {
+    return this.#questions;
+  }
+
+  // Shows the form of a question.
+  show(name) {
+    this.#setMode("question");
+    const menu = this.#form.querySelector("[data-role=question]");
+    menu.value = name;
+    menu.dispatchEvent(new Event("change"));
+    this.#form.querySelector("form input")?.focus();
   }
 
   #modeButton(name, title) {
@@ -43,6 +59,7 @@ class AskPanel {
     replaceChildren(this.#answers);
     if (mode === "question") this.#showQuestions();
     else if (mode === "sparql") this.#showEditor("SPARQL query", EXAMPLE_SPARQL, "7", (query) => this.#ask("ask.sparql", { query }));
+    else if (this.#prologMissing) replaceChildren(this.#form, el("p", { "data-role": "prolog-missing" }, this.#prologMissing));
     else this.#showEditor("Prolog goal", EXAMPLE_PROLOG, "4", (line) => this.#ask("ask.prolog", { line }));
   }
 
@@ -131,8 +148,8 @@ class AskPanel {
   }
 }
 
-const panel = new AskPanel();
-panels.add({ id: "ask", title: "Ask", side: "right", order: 30, build: (root) => panel.build(root) });
+export const askPanel = new AskPanel();
+panels.add({ id: "ask", title: "Ask", side: "right", order: 30, build: (root) => askPanel.build(root) });
 
 // -- the legend over the 3D view ---------------------------------------------------------------------------------------
 

@@ -3,6 +3,7 @@
 import { channel } from "./rpcChannel.js";
 import { el, formatNumber, replaceChildren } from "./dom.js";
 import { icon } from "./icons.js";
+import { deleteBodies, duplicate } from "./editActions.js";
 import { jointSliders } from "./jointSliders.js";
 import { panels } from "./panels.js";
 import { bodyLink, selection } from "./selection.js";
@@ -18,14 +19,21 @@ class DetailsPanel {
   #live = null;
   #sliders = null;
   #poseFields = [];
+  #shownId = undefined;
   #attaching = null; // the body that is attached to the next selected one
   #refreshPending = false;
+  #others = el("p", { class: "muted", "data-role": "others", hidden: true });
 
   build(root) {
     this.#root = root;
     root.setAttribute("aria-live", "off");
     this.#showPlaceholder();
-    selection.onChange((id) => this.#onSelect(id));
+    selection.onChange((id, ids) => {
+      this.#others.hidden = ids.length < 2;
+      this.#others.textContent = `The last of ${ids.length} selected bodies; the gizmo, copies and deleting apply to all.`;
+      if (id !== this.#shownId) this.#onSelect(id);
+      this.#shownId = id;
+    });
     channel.on("details_changed", () => this.#load());
     channel.on("live_details", (live) => this.#showLive(live));
     root.addEventListener("focusout", () => this.#refreshPending && this.#load());
@@ -103,7 +111,7 @@ class DetailsPanel {
 
   #title({ id, label, cls, ancestors, iri }) {
     const superclasses = ancestors.slice(0, 6).join(" › ");
-    return el("div", {}, el("h2", { "data-role": "title" }, label || cls), el("div", { class: "wrap", "data-role": "id" }, id),
+    return el("div", {}, el("h2", { "data-role": "title" }, label || cls), el("div", { class: "wrap", "data-role": "id" }, id), this.#others,
       el("div", { class: "muted wrap", "data-role": "class", title: iri }, [cls, superclasses].filter(Boolean).join(" › ") + (ancestors.length > 6 ? " …" : "")));
   }
 
@@ -113,7 +121,8 @@ class DetailsPanel {
       action("focus", "Focus", () => callOrToast("focus", { ids: [id] }), { "data-action": "focus-selected" }),
       parent ? action("unlink", "Detach", () => callOrToast("attach", { child: id, parent: null }), { "data-action": "detach" })
         : action("link", "Attach to…", () => this.#startAttaching(id), { "data-action": "attach" }),
-      action("trash", "Delete", () => this.#delete(id), { "data-action": "delete", class: "danger" }));
+      action("box", "Duplicate", duplicate, { "data-action": "duplicate" }),
+      action("trash", "Delete", () => deleteBodies(selection.ids.includes(id) ? selection.ids : [id]), { "data-action": "delete", class: "danger" }));
   }
 
   #section(title, ...content) {
@@ -174,10 +183,6 @@ class DetailsPanel {
     if (this.#poseFields.some((field) => field.value === "") || !numbers.every(Number.isFinite)) return toast("A pose needs six numbers.", "error");
     await callOrToast("move", { id: selection.id, position: numbers.slice(0, 3), quaternion: quaternionFromEuler(numbers.slice(3)) });
     this.#poseFields.forEach((field) => field.blur());
-  }
-
-  async #delete(id) {
-    await callOrToast("delete", { ids: [id] });
   }
 
   #startAttaching(id) {

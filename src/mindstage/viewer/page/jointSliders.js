@@ -17,6 +17,7 @@ class AxisSlider {
   #sentAt = 0;
   #value = el("output", { "data-role": "joint-value" });
   #slider;
+  #blocked = el("div", { class: "error-text", role: "status", "data-role": "blocked" });
 
   constructor(joint, axis) {
     this.#joint = joint;
@@ -28,7 +29,7 @@ class AxisSlider {
       oninput: () => this.#moveJoint(false), onchange: () => this.#moveJoint(true),
     });
     this.element = el("div", { class: "axis" }, el("span", { class: "muted" }, axis.slides ? `translation ${axis.name}` : `rotation ${axis.name}`), this.#value, this.#slider,
-      el("div", { class: "limits muted" }, el("span", {}, axis.low === null ? "no limit" : this.#format(axis.low)), el("span", {}, axis.high === null ? "no limit" : this.#format(axis.high))));
+      el("div", { class: "limits muted" }, el("span", {}, axis.low === null ? "no limit" : this.#format(axis.low)), el("span", {}, axis.high === null ? "no limit" : this.#format(axis.high))), this.#blocked);
   }
 
   // Shows the current joint position [m or rad].
@@ -48,7 +49,8 @@ class AxisSlider {
     if (!done && now - this.#sentAt < MIN_INTERVAL_MS) return;
     this.#sentAt = now;
     try {
-      await channel.call("move_joint", { id: this.#joint.id, axis: this.#axis.name, value: Number(this.#slider.value), done });
+      const { blocked_by: blocker } = await channel.call("move_joint", { id: this.#joint.id, axis: this.#axis.name, value: Number(this.#slider.value), done });
+      this.#blocked.textContent = blocker ? `stopped by ${blocker}` : "";
     } catch (error) {
       toast(error.message, "error");
     }

@@ -3,23 +3,25 @@
 import { channel, clientKey } from "./rpcChannel.js";
 import { selection } from "./selection.js";
 import { panels } from "./panels.js";
+import "./connectionBanner.js";
 import "./viewFrame.js";
 import "./toasts.js";
 import "./toolbar.js";
+import "./viewMenu.js";
 import "./mapFiles.js";
+import "./toolbarOverflow.js";
 import { outliner } from "./outliner.js";
 import { detailsPanel } from "./detailsPanel.js";
 import "./addObjectPanel.js";
+import "./historyPanel.js";
+import { viewBookmarks } from "./viewsPanel.js";
+import { viewTools } from "./viewTools.js";
 import "./askPanel.js";
 import "./imaginePanel.js";
 import "./robotPanel.js";
 import "./statusPanel.js";
 import { timelinePanel } from "./timelinePanel.js";
-
-channel.on("connection", (connected) => {
-  document.getElementById("disconnected").hidden = connected;
-  document.body.dataset.connected = String(connected);
-});
+import { tour } from "./tour.js";
 
 // Exposed for tests and for the browser's console.
-window.mindstage = { channel, clientKey, panels, selection, outliner, detailsPanel, timelinePanel };
+window.mindstage = { channel, clientKey, panels, selection, outliner, detailsPanel, timelinePanel, tour, viewBookmarks, viewTools };

@@ -8,7 +8,7 @@ import { panels } from "./panels.js";
 import { selection } from "./selection.js";
 import { callOrToast } from "./toasts.js";
 
-const ROW_PX = matchMedia("(pointer: coarse)").matches ? 34 : 24;
+const ROW_PX = matchMedia("(pointer: coarse)").matches ? 40 : 24;
 const OVERSCAN_ROWS = 8;
 const JOINT_LINK = 2; // ParentLink.JOINT in mindstage/viewer/inspector.py
 
@@ -26,7 +26,7 @@ class Outliner {
     oninput: debounce(() => this.#applyFilter(), 80), onkeydown: (event) => this.#onSearchKey(event) });
   #count = el("div", { class: "muted count", role: "status" });
   #rowsBox = el("div", { class: "tree-rows", role: "presentation" });
-  #tree = el("div", { class: "tree", role: "tree", tabindex: "0", "aria-label": "Bodies of the world", "data-role": "tree",
+  #tree = el("div", { class: "tree", role: "tree", "aria-multiselectable": "true", tabindex: "0", "aria-label": "Bodies of the world", "data-role": "tree",
     onscroll: () => this.#render(), onkeydown: (event) => this.#onTreeKey(event),
     // A listener on the row would not work: the first click replaces the row's element.
     ondblclick: () => this.#cursor && selection.select(this.#cursor, { focus: true }) }, this.#rowsBox);
@@ -40,7 +40,7 @@ class Outliner {
       this.#hidden = new Set(hidden);
       this.#render();
     });
-    selection.onChange((id) => this.#reveal(id));
+    selection.onChange((id) => (id === this.#cursor && id ? this.#render() : this.#reveal(id)));
   }
 
   // -- the tree ----------------------------------------------------------------------------------------------------
@@ -49,7 +49,7 @@ class Outliner {
     const collator = new Intl.Collator(undefined, { numeric: true });
     this.#nodes = rows.map(([id, label, cls, parent, link, joint, movable, encloses]) => {
       const className = classes[cls];
-      return { id, label, className, parent, link, joint, movable, encloses, children: [], searchText: `${id} ${label} ${className}`.toLowerCase() };
+      return { id, title: label || className || id, label, className, parent, link, joint, movable, encloses, children: [], searchText: `${id} ${label} ${className}`.toLowerCase() };
     });
     this.#byId = new Map(this.#nodes.map((node) => [node.id, node]));
     this.#roots = [];
@@ -57,7 +57,7 @@ class Outliner {
       node.parentNode = this.#nodes[node.parent] ?? null;
       (node.parentNode?.children ?? this.#roots).push(node);
     }
-    const order = (a, b) => collator.compare(a.label || a.id, b.label || b.id);
+    const order = (a, b) => collator.compare(a.title, b.title) || collator.compare(a.id, b.id);
     for (const list of [this.#roots, ...this.#nodes.map(({ children }) => children)]) list.sort(order);
     this.#updateRows();
   }
@@ -109,7 +109,7 @@ class Outliner {
   }
 
   #row({ node, level, matches }, index) {
-    const { id, label, className, children, link, encloses } = node;
+    const { id, title, label, className, children, link, encloses } = node;
     const expanded = this.#filter ? true : this.#expanded.has(id);
     const hidden = this.#hidden.has(id);
     const toggle = children.length
@@ -117,12 +117,14 @@ class Outliner {
       : el("span", { class: "caret" });
     const eye = el("button", { type: "button", class: "flat eye", tabindex: "-1", "aria-pressed": String(hidden), "aria-label": hidden ? "Show" : "Hide", title: hidden ? "Show this body and its children" : "Hide this body and its children", "data-action": "toggle-visibility",
       onclick: (event) => this.#setVisible(event, this.#byId.get(id), hidden) }, icon(hidden ? "hidden" : "eye"));
-    const row = el("div", { id: `row-${id}`, class: "tree-row", role: "treeitem", "data-id": id, "aria-level": level, "aria-selected": String(selection.id === id), "aria-expanded": children.length ? String(expanded) : undefined,
-      onclick: () => this.#select(id) },
+    const row = el("div", { id: `row-${id}`, class: "tree-row", role: "treeitem", "data-id": id, "aria-level": level, "aria-selected": String(selection.has(id)), "aria-expanded": children.length ? String(expanded) : undefined,
+      onclick: (event) => this.#click(event, id) },
       toggle,
       link === JOINT_LINK && el("span", { class: "joint-icon", title: `Joint: ${node.joint}`, role: "img", "aria-label": "connected by a joint" }, icon("joint")),
-      el("span", { class: "tree-name" }, label || id),
-      el("span", { class: "tree-class muted" }, encloses ? `${className} · outline` : className), eye);
+      // The label or class is what a person recognizes, while ids are opaque in many maps: a narrow row cuts the id.
+      el("span", { class: "tree-name", title: `${className} ${id}` }, title),
+      label && className !== title && el("span", { class: "tree-class muted" }, className),
+      el("span", { class: "tree-id muted" }, [encloses && "outline", id !== title && id].filter(Boolean).join(" · ")), eye);
     row.classList.toggle("ancestor-only", Boolean(this.#filter) && !matches);
     row.classList.toggle("hidden-body", hidden);
     row.classList.toggle("active", this.#cursor === id);
@@ -137,6 +139,17 @@ class Outliner {
   #select(id) {
     this.#cursor = id;
     selection.select(id);
+  }
+
+  // With Ctrl, a click adds a row to the selection or removes it; with Shift, it adds all rows from the last one on.
+  #click({ ctrlKey, metaKey, shiftKey }, id) {
+    const from = this.#rows.findIndex(({ node }) => node.id === this.#cursor);
+    const to = this.#rows.findIndex(({ node }) => node.id === id);
+    if (shiftKey && from >= 0) selection.selectAll([...selection.ids, ...this.#rows.slice(Math.min(from, to), Math.max(from, to) + 1).map(({ node }) => node.id).filter((other) => other !== id), id]);
+    else if (ctrlKey || metaKey) {
+      this.#cursor = id;
+      selection.toggle(id);
+    } else this.#select(id);
   }
 
   #toggle(event, { id }) {

@@ -2,6 +2,15 @@
 
 const RESPONSE_TIMEOUT_MS = 90_000;
 const RECONNECT_DELAYS_MS = [250, 500, 1000, 2000];
+// Requests that are made while there is no connection are sent if it is back within this time, otherwise rejected.
+const QUEUE_MS = 4000;
+// After so long without a message the page asks for one; a server or network without an answer has stalled.
+const PING_AFTER_MS = 5000;
+const STALLED_AFTER_MS = 10_000;
+const ABANDONED_AFTER_MS = 40_000;
+const WATCH_INTERVAL_MS = 1000;
+// A request that takes longer is listed in the topic "waiting".
+const SLOW_MS = 4000;
 
 // Identifies this page to the server; the URL of its 3D view has the same key.
 export const clientKey = Array.from(crypto.getRandomValues(new Uint8Array(8)), (byte) => byte.toString(16).padStart(2, "0")).join("");
@@ -19,11 +28,16 @@ class RpcChannel {
   #nextId = 1;
   #pending = new Map();
   #listeners = new Map();
+  #responseListeners = new Set();
   #latest = new Map();
   #attempts = 0;
+  #queue = [];
+  #receivedAt = 0;
+  #pinging = false;
 
   constructor() {
     this.#connect();
+    setInterval(() => this.#watch(), WATCH_INTERVAL_MS);
   }
 
   get connected() {
@@ -32,14 +46,29 @@ class RpcChannel {
 
   // Calls a method of the server. The promise is rejected with an RpcError that has the server's message.
   call(method, params = {}) {
-    if (!this.connected) return Promise.reject(new RpcError({ type: "Disconnected", message: "there is no connection to the server" }));
-    const id = this.#nextId++;
     return new Promise((resolve, reject) => {
-      const error = { type: "Timeout", message: `the server did not respond within ${RESPONSE_TIMEOUT_MS / 1000} s` };
-      const timeout = setTimeout(() => this.#settle(id, { error }), RESPONSE_TIMEOUT_MS);
-      this.#pending.set(id, { resolve, reject, timeout });
-      this.#socket.send(JSON.stringify({ id, method, params }));
+      const request = { method, params, resolve, reject, startedAt: Date.now() };
+      if (this.connected) this.#send(request);
+      else this.#enqueue(request);
     });
+  }
+
+  #send(request) {
+    const id = this.#nextId++;
+    const error = { type: "Timeout", message: `the server did not respond to ${request.method} within ${RESPONSE_TIMEOUT_MS / 1000} s` };
+    request.timeout = setTimeout(() => this.#settle(id, { error }), RESPONSE_TIMEOUT_MS);
+    this.#pending.set(id, request);
+    this.#socket.send(JSON.stringify({ id, method: request.method, params: request.params }));
+  }
+
+  #enqueue(request) {
+    this.#queue.push(request);
+    setTimeout(() => {
+      const index = this.#queue.indexOf(request);
+      if (index < 0) return;
+      this.#queue.splice(index, 1);
+      request.reject(new RpcError({ type: "Disconnected", message: `there is no connection to the server: ${request.method} was not sent` }));
+    }, QUEUE_MS);
   }
 
   // Calls a listener with the latest value of a topic, if there is one, and with each later value. Returns a function
@@ -49,6 +78,11 @@ class RpcChannel {
     this.#listeners.get(topic).add(listener);
     if (this.#latest.has(topic)) listener(this.#latest.get(topic));
     return () => this.#listeners.get(topic).delete(listener);
+  }
+
+  // Calls a listener with {method, params, result} after each successful request of this page.
+  onResponse(listener) {
+    this.#responseListeners.add(listener);
   }
 
   latest(topic) {
@@ -61,16 +95,52 @@ class RpcChannel {
     this.#socket = socket;
     socket.onopen = () => {
       this.#attempts = 0;
+      this.#receivedAt = Date.now();
       this.#emit("connection", true);
+      for (const request of this.#queue.splice(0)) this.#send(request);
     };
-    socket.onmessage = ({ data }) => this.#receive(JSON.parse(data));
-    socket.onclose = () => {
-      this.#emit("connection", false);
-      const error = { type: "Disconnected", message: "the connection was lost before the server responded" };
-      for (const id of [...this.#pending.keys()]) this.#settle(id, { error });
-      const delay = RECONNECT_DELAYS_MS[Math.min(this.#attempts++, RECONNECT_DELAYS_MS.length - 1)];
-      setTimeout(() => this.#connect(), delay);
+    socket.onmessage = ({ data }) => {
+      this.#receivedAt = Date.now();
+      if (this.latest("stalled")) this.#emit("stalled", false);
+      this.#receive(JSON.parse(data));
     };
+    socket.onclose = () => this.#lost(socket);
+  }
+
+  #lost(socket) {
+    if (socket !== this.#socket) return; // abandoned before
+    this.#socket = null;
+    this.#emit("connection", false);
+    this.#emit("stalled", false);
+    const error = { type: "Disconnected", message: "the connection was lost before the server responded" };
+    for (const id of [...this.#pending.keys()]) this.#settle(id, { error });
+    const delay = RECONNECT_DELAYS_MS[Math.min(this.#attempts++, RECONNECT_DELAYS_MS.length - 1)];
+    setTimeout(() => this.#connect(), delay);
+  }
+
+  // Detects a connection that is open but dead, for example of a phone that has left its network, and lists slow requests.
+  #watch() {
+    const oldest = [...this.#pending.values()].find(({ method }) => method !== "ping");
+    const waiting_s = oldest ? Math.floor((Date.now() - oldest.startedAt) / 1000) : 0;
+    const waiting = waiting_s * 1000 >= SLOW_MS ? { method: oldest.method, seconds: waiting_s } : null;
+    if (waiting?.seconds !== this.latest("waiting")?.seconds) this.#emit("waiting", waiting);
+    if (!this.connected || document.hidden) {
+      this.#receivedAt = Date.now(); // timers of hidden pages are slowed down
+      return;
+    }
+    const silent_ms = Date.now() - this.#receivedAt;
+    if (silent_ms > ABANDONED_AFTER_MS) {
+      const socket = this.#socket;
+      socket.close();
+      this.#lost(socket); // the close event of a dead connection may come minutes later
+    } else if (silent_ms > STALLED_AFTER_MS) {
+      if (!this.latest("stalled")) this.#emit("stalled", true);
+    } else if (silent_ms > PING_AFTER_MS && !this.#pinging) {
+      this.#pinging = true;
+      this.call("ping").catch(() => {}).finally(() => {
+        this.#pinging = false;
+      });
+    }
   }
 
   #receive(message) {
@@ -80,12 +150,16 @@ class RpcChannel {
   }
 
   #settle(id, { result, error }) {
-    const { resolve, reject, timeout } = this.#pending.get(id) ?? {};
-    if (!resolve) return;
+    const request = this.#pending.get(id);
+    if (!request) return;
     this.#pending.delete(id);
-    clearTimeout(timeout);
-    if (error) reject(new RpcError(error));
-    else resolve(result);
+    clearTimeout(request.timeout);
+    if (error) {
+      request.reject(new RpcError(error));
+      return;
+    }
+    request.resolve(result);
+    for (const listener of this.#responseListeners) listener({ method: request.method, params: request.params, result });
   }
 
   #emit(topic, value) {

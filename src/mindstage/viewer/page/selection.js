@@ -1,45 +1,70 @@
-// The body that is selected in this page, kept in step with the 3D view and the server.
+// The bodies that are selected in this page, kept in step with the 3D view and the server. The details panel and the
+// gizmo belong to the one that was selected last.
 
 import { channel } from "./rpcChannel.js";
 import { el } from "./dom.js";
 import { toast } from "./toasts.js";
 
 class Selection {
-  #id = null;
+  #ids = [];
   #listeners = new Set();
 
   constructor() {
-    // Sent by the server when a body was clicked in the view, or when the selected body was deleted.
-    channel.on("selected", (id) => this.#set(id));
+    // Sent by the server when the selection was changed by a program, or when a selected body was deleted.
+    channel.on("selected", (ids) => this.#set(ids));
     channel.on("connection", (connected) => {
-      if (connected && this.#id) channel.call("select", { id: this.#id }).catch(() => this.#set(null));
+      if (connected && this.id) this.#send().catch(() => this.#set([]));
     });
   }
 
+  // The body that was selected last, or null.
   get id() {
-    return this.#id;
+    return this.#ids.at(-1) ?? null;
   }
 
-  // Selects a body, or nothing with null; with `focus` the camera flies to it.
-  async select(id, { focus = false } = {}) {
-    this.#set(id);
+  // All selected bodies, the one that was selected last at the end.
+  get ids() {
+    return [...this.#ids];
+  }
+
+  has(id) {
+    return this.#ids.includes(id);
+  }
+
+  // Selects a body, or nothing with null; with `focus` the camera moves to it.
+  select(id, { focus = false } = {}) {
+    return this.selectAll(id === null ? [] : [id], { focus });
+  }
+
+  // Adds a body to the selection, or removes it.
+  toggle(id) {
+    return this.selectAll(this.has(id) ? this.#ids.filter((other) => other !== id) : [...this.#ids, id]);
+  }
+
+  async selectAll(ids, { focus = false } = {}) {
+    this.#set(ids);
     try {
-      await channel.call("select", { id, focus });
+      await this.#send(focus);
     } catch (error) {
       toast(error.message, "error");
     }
   }
 
-  // Calls a listener now and whenever the selection changes.
+  // Calls a listener now and whenever the selection changes, with the last selected body and all selected ones.
   onChange(listener) {
     this.#listeners.add(listener);
-    listener(this.#id);
+    listener(this.id, this.ids);
   }
 
-  #set(id) {
-    if (id === this.#id) return;
-    this.#id = id;
-    for (const listener of this.#listeners) listener(id);
+  #send(focus = false) {
+    return channel.call("select", { id: this.id, further: this.#ids.slice(0, -1), focus });
+  }
+
+  #set(ids) {
+    const unique = [...new Set(ids)];
+    if (unique.length === this.#ids.length && unique.every((id, index) => id === this.#ids[index])) return;
+    this.#ids = unique;
+    for (const listener of this.#listeners) listener(this.id, this.ids);
   }
 }
 

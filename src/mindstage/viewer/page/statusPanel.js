@@ -4,6 +4,7 @@ import { channel } from "./rpcChannel.js";
 import { debounce, el, replaceChildren } from "./dom.js";
 import { panels } from "./panels.js";
 import { selection } from "./selection.js";
+import { viewFrame } from "./viewFrame.js";
 import { callOrToast, toast } from "./toasts.js";
 
 const MAX_ENTRIES = 200;
@@ -49,6 +50,7 @@ class StatusPanel {
       contacts: engine ? String(engine.contacts) : "not reported by the engine",
       "time step": engine?.timestep_s ? `${Number((engine.timestep_s * 1000).toPrecision(3))} ms` : null,
       browsers: String(status.browsers),
+      "3D view": viewFrame.contentWindow?.mindstageView?.quality?.description ?? null,
       fault: status.fault || null,
     };
     replaceChildren(this.#statistics, Object.entries(rows).filter(([, text]) => text !== null).flatMap(([name, text]) => [

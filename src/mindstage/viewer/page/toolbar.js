@@ -1,10 +1,13 @@
-// The toolbar (time, undo, camera, display), the status bar and the keyboard shortcuts.
+// The toolbar (time, undo, camera, display) and the status bar. Buttons run commands of `commands.js`.
 
 import { channel } from "./rpcChannel.js";
 import { el } from "./dom.js";
 import { icon } from "./icons.js";
-import { selection } from "./selection.js";
+import { command, keyText, run } from "./commands.js";
+import { gizmo } from "./editActions.js";
+import { helpMenu } from "./helpMenu.js";
 import { callOrToast, toast } from "./toasts.js";
+import { viewTools } from "./viewTools.js";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5];
 const LABEL_MODES = [["none", "No labels"], ["selected", "Label selected body"], ["class", "Label bodies of its class"], ["all", "Label all bodies"]];
@@ -13,17 +16,23 @@ function iconButton(iconName, title, onclick, attributes = {}) {
   return el("button", { type: "button", class: "flat", title, "aria-label": title, onclick, ...attributes }, icon(iconName));
 }
 
+// The button of a command.
+function commandButton(id, attributes = {}) {
+  const { title, keys, icon: iconName } = command(id);
+  return iconButton(iconName, [title, keys.length && `(${keyText(keys[0])})`].filter(Boolean).join(" "), () => run(id), { "data-action": id, "aria-label": title, ...attributes });
+}
+
 // -- time ----------------------------------------------------------------------------------------------------------
 
 const speed = el("select", { "aria-label": "Speed", "data-action": "speed", title: "Speed",
   onchange: () => channel.latest("clock")?.playing && callOrToast("play", { speed: Number(speed.value) }) },
   SPEEDS.map((factor) => el("option", { value: String(factor) }, `${factor} ×`)));
 speed.value = "1";
-const play = iconButton("play", "Play", () => callOrToast(channel.latest("clock")?.playing ? "pause" : "play", channel.latest("clock")?.playing ? {} : { speed: Number(speed.value) }), { "data-action": "play" });
-const step = iconButton("step", "Step 0.1 s", () => callOrToast("step", {}), { "data-action": "step" });
-const reset = iconButton("reset", "Reset to the spawned state", () => callOrToast("reset"), { "data-action": "reset" });
-const undo = iconButton("undo", "Undo", () => callOrToast("undo"), { "data-action": "undo", disabled: true });
-const redo = iconButton("redo", "Redo", () => callOrToast("redo"), { "data-action": "redo", disabled: true });
+const play = commandButton("play");
+const step = commandButton("step");
+const reset = commandButton("reset");
+const undo = commandButton("undo", { disabled: true });
+const redo = commandButton("redo", { disabled: true });
 const record = el("button", { type: "button", class: "flat record", "data-action": "record", "aria-pressed": "false", onclick: () => toggleRecording() }, icon("record"), el("span", { "data-role": "recorded-time" }));
 document.getElementById("time-controls").append(play, step, speed, reset, undo, redo, record);
 
@@ -33,8 +42,8 @@ channel.on("clock", (clock) => {
   if (clock.playing !== playing) {
     playing = clock.playing;
     play.replaceChildren(icon(playing ? "pause" : "play"));
-    play.title = playing ? "Pause" : "Play";
-    play.setAttribute("aria-label", play.title);
+    play.title = `${playing ? "Pause" : "Play"} (${keyText("Space")})`;
+    play.setAttribute("aria-label", playing ? "Pause" : "Play");
     play.setAttribute("aria-pressed", String(playing));
   }
   if (playing && SPEEDS.includes(clock.speed)) speed.value = String(clock.speed);
@@ -47,7 +56,7 @@ channel.on("history", ({ undo: undoable, redo: redoable }) => {
 
 function updateHistoryButton(button, verb, edit) {
   button.disabled = edit === null;
-  button.title = edit === null ? `Nothing to ${verb.toLowerCase()}` : `${verb}: ${edit}`;
+  button.title = `${edit === null ? `Nothing to ${verb.toLowerCase()}` : `${verb}: ${edit}`} (${keyText(command(verb.toLowerCase()).keys[0])})`;
   button.setAttribute("aria-label", edit === null ? verb : `${verb}: ${edit}`);
 }
 
@@ -82,20 +91,27 @@ const clipButton = iconButton("clip", "Clip: hide everything above a height", ()
 }, { "data-action": "clip", "aria-pressed": "false" });
 const labels = el("select", { "aria-label": "Labels", title: "Labels", "data-action": "labels", onchange: () => callOrToast("set_labels", { mode: labels.value }) },
   LABEL_MODES.map(([value, text]) => el("option", { value }, text)));
-const gizmoButtons = ["move", "turn"].map((mode) => iconButton(mode === "move" ? "translate" : "rotate", mode === "move" ? "Translate gizmo on the selected body" : "Rotate gizmo on the selected body", () => {
-  const requested = gizmoButtons.find((each) => each.dataset.gizmo === mode).getAttribute("aria-pressed") !== "true" ? mode : null;
-  for (const each of gizmoButtons) each.setAttribute("aria-pressed", String(each.dataset.gizmo === requested));
-  callOrToast("set_gizmo", { mode: requested });
-}, { "data-gizmo": mode, "aria-pressed": "false" }));
+const gizmoButtons = ["move", "turn"].map((mode) => commandButton(mode, { "data-gizmo": mode, "aria-pressed": "false" }));
+gizmo.onChange((active) => gizmoButtons.forEach((button) => button.setAttribute("aria-pressed", String(button.dataset.gizmo === active))));
+const SNAPPINGS = {
+  none: ["No snapping", { step_m: 0, step_deg: 0, to_surface: false }],
+  surface: ["Snap to surfaces", { step_m: 0, step_deg: 15, to_surface: true }],
+  fine: ["Snap 1 cm, 5°", { step_m: 0.01, step_deg: 5, to_surface: false }],
+  medium: ["Snap 5 cm, 15°", { step_m: 0.05, step_deg: 15, to_surface: false }],
+  coarse: ["Snap 25 cm, 45°", { step_m: 0.25, step_deg: 45, to_surface: false }],
+};
+const snapping = el("select", { "aria-label": "Snapping of the gizmo", title: "Snapping of the gizmo", "data-action": "snapping", onchange: () => gizmo.snap(SNAPPINGS[snapping.value][1]) },
+  Object.entries(SNAPPINGS).map(([value, [text]]) => el("option", { value }, text)));
+const measure = commandButton("measure", { "aria-pressed": "false" });
+viewTools.onChange((tool) => measure.setAttribute("aria-pressed", String(tool === "measure")));
 const enclosures = el("input", { type: "checkbox", checked: true, onchange: () => callOrToast("show_enclosures", { shown: enclosures.checked }) });
 const outlines = el("label", { class: "row", title: "Show the outlines of enclosing bodies such as walls and sky spheres", hidden: true }, enclosures, "Outlines");
 
 document.getElementById("view-controls").append(
-  iconButton("home", "Reset the camera", () => callOrToast("reset_camera"), { "data-action": "reset-camera" }),
-  iconButton("top", "View from the top", () => callOrToast("view_from_top"), { "data-action": "view-from-top" }),
-  iconButton("focus", "Focus the selected body", () => callOrToast("focus", { ids: selection.id ? [selection.id] : [] }), { "data-action": "focus" }),
-  ...gizmoButtons, clipButton, clippingHeight, labels, outlines,
+  commandButton("reset-camera"), commandButton("view-from-top"), commandButton("focus"),
+  ...gizmoButtons, snapping, measure, clipButton, clippingHeight, labels, outlines
 );
+for (const id of ["help", "palette"]) helpMenu.add({ title: `${command(id).title} (${keyText(command(id).keys[0])})`, action: id, run: () => run(id) });
 
 channel.on("visibility", ({ enclosures: shown }) => {
   enclosures.checked = shown;
@@ -128,21 +144,4 @@ channel.on("scene_tree", ({ name: title, engine, joints }) => {
   statusBar.engine.textContent = `${joints} joints · ${engine}`;
   document.getElementById("world-name").textContent = title || "Mindstage";
   document.title = title ? `${title} – Mindstage` : "Mindstage";
-});
-
-// -- keyboard shortcuts ----------------------------------------------------------------------------------------------------------
-
-document.addEventListener("keydown", (event) => {
-  if (event.target.closest?.("input, select, textarea")) return;
-  if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z") {
-    event.preventDefault();
-    callOrToast(event.shiftKey ? "redo" : "undo");
-  } else if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "y") {
-    event.preventDefault();
-    callOrToast("redo");
-  } else if (event.key === "Delete" && selection.id) {
-    callOrToast("delete", { ids: [selection.id] });
-  } else if (event.key === "f" && !event.ctrlKey && !event.metaKey) {
-    callOrToast("focus", { ids: selection.id ? [selection.id] : [] });
-  }
 });

@@ -1,8 +1,7 @@
-"""The views of clients: camera, selection box, labels, previews, gizmo; and how the initial camera is chosen.
+"""The views of clients: camera, selection box, labels, previews and gizmo.
 
 Methods of `ClientViews` may be called from any thread; they enqueue actions, which the drawing thread executes at its
-next update. A client is identified by the id of viser's connection. The initial camera frames the furniture rather than
-the building, from the direction in which most of it is visible, for windows of any aspect ratio.
+next update. A client is identified by the id of viser's connection.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ import logging
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from enum import StrEnum
 from queue import Empty, SimpleQueue
 from typing import Protocol
@@ -23,314 +22,51 @@ import viser
 from numpy.typing import NDArray
 
 from mindstage.errors import BodyNotFoundError
-from mindstage.scene import BodyId, Pose, Vector, World
+from mindstage.rendering.appearance import BodyAppearance, merge_visuals
+from mindstage.rendering.camera import (
+    CameraPose,
+    FramingTarget,
+    corners,
+    focus_camera,
+)
+from mindstage.rendering.screenshot import LabelMode
+from mindstage.scene import BodyId, Pose, Vector, VisualMesh
+from mindstage.scene.colors import srgb_to_linear
 from mindstage.scene.mesh import box_edges
 from mindstage.scene.transforms import (
     Array,
     normalize,
     normalized_pose_array,
-    pose_array,
     pose_from_array,
-    rotation_matrix,
+    pose_inverse,
+    pose_multiply,
+    quat_conjugate,
+    quat_multiply,
+    quat_rotate,
 )
-from mindstage.viewer.appearance import BodyAppearance, VisiblePart, merge_visuals
+from mindstage.viewer.view_data import send_view_data
 
-__all__ = [
-    "CameraPose",
-    "ClientView",
-    "ClientViews",
-    "FramingTarget",
-    "GizmoMode",
-    "LabelMode",
-    "PlaceCallback",
-    "corners",
-    "find_occluders",
-    "focus_camera",
-    "ground_height",
-    "initial_camera",
-    "initial_target",
-]
-
-
-_FIELD_OF_VIEW_RAD = np.radians(36.0)
-_ELEVATION_RAD = np.radians(33.0)
-_UPRIGHT_ELEVATION_RAD = np.radians(50.0)
-"""Elevation in a portrait window, where a steeper view makes the floor fill the height."""
-_MAX_ELEVATION_RAD = np.radians(89.5)
-"""At 90 degrees the up direction would be undefined."""
-_DIRECTIONS = 24
-_ASPECT = 1.25
-"""Aspect ratio (width / height) until that of the client is known."""
-_OCCLUSION_LENGTH_M = 0.15
-"""Length of occluding bodies on a line of sight that reduces the visibility by a factor of e."""
-_DIAGONAL_BONUS = 0.2
-"""Bonus of a direction diagonal to the walls over one perpendicular to a wall."""
-_MAX_SAMPLED_BODIES = 160
-"""Number of bodies, sampled evenly, whose visibility is computed."""
-_MARGIN = 1.2
-_MAX_OCCLUDERS = 200
-"""Number of the largest bodies that count as occluders."""
-_MIN_DISTANCE_M = 0.4
-
-
-class CameraPose(msgspec.Struct, frozen=True):
-    """The pose and field of view of a camera."""
-
-    position: Vector
-    look_at: Vector
-    field_of_view_rad: float
-    """Vertical field of view."""
-
-
-class FramingTarget(msgspec.Struct, frozen=True, eq=False):
-    """What the initial camera shows and from which direction; its pose depends on the aspect ratio of the window."""
-
-    points: Array
-    """Corners of the bodies to show, n x 3 [m]."""
-    azimuth_rad: float
-    """Direction of the camera from the center, about z."""
-    alignment_rad: float = 0.0
-    """Yaw of walls and furniture, modulo 90 degrees."""
-
-    def camera(self, aspect: float = _ASPECT) -> CameraPose:
-        """Returns the camera pose that shows all points.
-
-        Args:
-            aspect: the aspect ratio of the window (width / height).
-        """
-        elevation = _ELEVATION_RAD if aspect >= 1.0 else _UPRIGHT_ELEVATION_RAD
-        return _fit_camera(self.points, _view_direction(self.azimuth_rad, elevation), aspect)
-
-    def top_camera(self, aspect: float = _ASPECT) -> CameraPose:
-        """Returns the camera pose from above, with walls parallel to the edges of the window.
-
-        Args:
-            aspect: the aspect ratio of the window (width / height).
-        """
-        quarter = np.pi / 2
-        nearest = np.floor((self.azimuth_rad - self.alignment_rad) / quarter)
-        azimuths = (self.alignment_rad + quarter * (nearest + step) for step in (0, 1))
-        poses = [_fit_camera(self.points, _view_direction(each, _MAX_ELEVATION_RAD), aspect) for each in azimuths]
-        return min(poses, key=lambda pose: round(pose.position[2], 6))
-
-
-def corners(poses: Array, sizes: Array) -> Array:
-    """The corners of the boxes of bodies in the world frame, 8 n x 3 [m].
-
-    Args:
-        poses: poses, n x 7.
-        sizes: extents, n x 3 [m].
-    """
-    signs = np.indices((2, 2, 2)).reshape(3, -1).T - 0.5
-    local = signs[None] * sizes[:, None]
-    rotation = rotation_matrix(normalize(poses[:, 3:]))
-    in_world: Array = np.einsum("nij,nkj->nki", rotation, local) + poses[:, None, :3]
-    return in_world.reshape(-1, 3)
-
-
-def focus_camera(points: Array, eye: Vector, look_at: Vector, aspect: float = _ASPECT) -> CameraPose:
-    """Returns the camera pose that shows all points from the current direction.
-
-    Args:
-        points: points to show, n x 3 [m].
-        eye: current position of the camera [m].
-        look_at: current target of the camera [m].
-        aspect: the aspect ratio of the window (width / height).
-    """
-    away = np.subtract(eye, look_at)
-    length = float(np.linalg.norm(away))
-    away = away / length if length > 1e-6 else _view_direction(0.0, _ELEVATION_RAD)
-    if float(np.hypot(away[0], away[1])) < float(np.cos(_MAX_ELEVATION_RAD)):
-        away = _view_direction(float(np.arctan2(away[1], away[0])), _MAX_ELEVATION_RAD)
-    return _fit_camera(points, away, aspect)
-
-
-def initial_camera(
-    world: World, appearances: Mapping[BodyId, BodyAppearance], *, aspect: float = _ASPECT
-) -> CameraPose:
-    """Returns the initial camera pose for a world.
-
-    Args:
-        world: the world, with the poses of its description.
-        appearances: how its bodies are drawn.
-        aspect: the aspect ratio of the window (width / height).
-    """
-    return initial_target(world, appearances).camera(aspect)
-
-
-def initial_target(world: World, appearances: Mapping[BodyId, BodyAppearance]) -> FramingTarget:
-    """Chooses what the initial camera shows, and the direction.
-
-    Shows the dynamic, jointed and attached bodies; if there are none, all furniture.
-
-    Args:
-        world: the world, with the poses of its description.
-        appearances: how its bodies are drawn.
-    """
-    bodies = [body for body in world.bodies if body.id in appearances]
-    drawn = [appearances[body.id] for body in bodies]
-    ends = {end for joint in world.joints for end in (joint.parent, joint.child)}
-    ends |= {end for link in world.attachments for end in (link.parent, link.child)}
-    furniture = np.array([not each.is_building and each.part is VisiblePart.WHOLE for each in drawn], dtype=bool)
-    movable = np.array([body.id in ends or body.physics.is_dynamic for body in bodies], dtype=bool) & furniture
-    opaque = np.array([each.part is VisiblePart.WHOLE and each.is_opaque for each in drawn], dtype=bool)
-    sizes = np.array([each.size for each in drawn], dtype=float).reshape(-1, 3)
-    poses = pose_array(body.pose for body in bodies)
-    return _find_target(poses, sizes, movable if movable.any() else furniture, opaque)
-
-
-def ground_height(world: World, appearances: Mapping[BodyId, BodyAppearance]) -> float | None:
-    """The height of the ground plane, below all bodies [m]; None if the world has a floor."""
-    if any(each.is_floor for each in appearances.values()):
-        return None
-    bodies = [
-        body for body in world.bodies if body.id in appearances and appearances[body.id].part is not VisiblePart.OUTLINE
-    ]
-    return min((body.pose.position[2] - appearances[body.id].size[2] / 2 for body in bodies), default=0.0)
-
-
-def _find_target(
-    poses: Array, sizes: Array, body_mask: NDArray[np.bool_], occluders: NDArray[np.bool_]
-) -> FramingTarget:
-    """Finds the direction in which most bodies are visible.
-
-    Args:
-        poses: poses of all bodies, n x 7.
-        sizes: extents of all bodies, n x 3 [m].
-        body_mask: the bodies to show; all if it is empty.
-        occluders: a mask of the bodies that hide others.
-    """
-    if len(poses) == 0:
-        return FramingTarget(np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 1.0]]), -np.pi / 4)
-    if not body_mask.any():
-        body_mask = np.ones(len(poses), dtype=bool)
-    rotations = rotation_matrix(normalize(poses[:, 3:]))
-    rows = _without_outliers(poses[body_mask, :3], np.flatnonzero(body_mask))
-    points = corners(poses[rows], sizes[rows])
-    sampled = rows[np.linspace(0, len(rows) - 1, min(len(rows), _MAX_SAMPLED_BODIES)).astype(int)]
-    largest = np.flatnonzero(occluders)
-    largest = largest[np.argsort(-np.prod(sizes[largest], axis=1))[:_MAX_OCCLUDERS]]
-    azimuths = np.arange(_DIRECTIONS) * 2 * np.pi / _DIRECTIONS
-    eyes = [np.array(FramingTarget(points, float(azimuth)).camera().position) for azimuth in azimuths]
-    visible = np.array([_visibility(eye, poses, sizes, rotations, sampled, largest) for eye in eyes])
-    alignment = _alignment(rotations[rows])
-    diagonal = np.abs(np.sin(2 * (azimuths - alignment)))
-    # Rounded, so that of equally good directions the first is chosen on every machine.
-    best = int(np.argmax(np.round(visible * (1.0 + _DIAGONAL_BONUS * diagonal), 6)))
-    return FramingTarget(points, float(azimuths[best]), alignment)
-
-
-def _without_outliers(centers: Array, rows: NDArray[np.intp]) -> NDArray[np.intp]:
-    """The rows without bodies that are far from all others, which would make everything else small."""
-    median = np.median(centers, axis=0)
-    distance = np.linalg.norm(centers - median, axis=1)
-    near: NDArray[np.bool_] = distance <= 3.0 * max(float(np.median(distance)), _MIN_DISTANCE_M)
-    return rows[near]
-
-
-def _alignment(rotations: Array) -> float:
-    """The mean yaw of the furniture, modulo 90 degrees [rad]."""
-    yaw = np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])
-    return float(np.angle(np.exp(4j * yaw).sum())) / 4
-
-
-def _view_direction(azimuth: float, elevation: float) -> Array:
-    """The unit vector from the center to the camera."""
-    horizontal = np.cos(elevation)
-    return np.array([horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), np.sin(elevation)])
-
-
-def _fit_camera(points: Array, direction: Array, aspect: float) -> CameraPose:
-    """The nearest camera pose in a direction that shows all points, centered, with a margin."""
-    right = np.cross([0.0, 0.0, 1.0], direction)
-    right /= np.linalg.norm(right)
-    up = np.cross(direction, right)
-    # Coordinates of the points to the right, up and towards the camera.
-    local = (points - points[0]) @ np.stack([right, up, direction], axis=1)
-    tangents = np.tan(_FIELD_OF_VIEW_RAD / 2) * np.array([aspect, 1.0]) / _MARGIN
-    # The planes of the frustum touch the outermost points; opposite planes intersect at the camera.
-    most = np.max(local[:, :2] + local[:, 2:] * tangents, axis=0)
-    least = np.min(local[:, :2] - local[:, 2:] * tangents, axis=0)
-    depth = float(np.max((most - least) / (2 * tangents)))
-    nearest = float(local[:, 2].max()) + _MIN_DISTANCE_M
-    depth = max(depth, nearest)
-    x, y = ((most + least) / 2).tolist()
-    eye = points[0] + x * right + y * up + depth * direction
-    middle = float(np.median(local[:, 2]))
-    return CameraPose(
-        _to_vector(eye), _to_vector(eye - max(depth - middle, _MIN_DISTANCE_M) * direction), float(_FIELD_OF_VIEW_RAD)
-    )
-
-
-def _visibility(
-    eye: Array, poses: Array, sizes: Array, rotations: Array, sampled: NDArray[np.intp], occluders: NDArray[np.intp]
-) -> float:
-    """The number of visible bodies; a body counts less the more of the occluders is between it and the eye."""
-    through = np.zeros(len(sampled))
-    for row in occluders:
-        start = (eye - poses[row, :3]) @ rotations[row]
-        path = (poses[sampled, :3] - poses[row, :3]) @ rotations[row] - start
-        with np.errstate(divide="ignore", invalid="ignore"):
-            enter, leave = (-sizes[row] / 2 - start) / path, (sizes[row] / 2 - start) / path
-        first = np.nanmax(np.minimum(enter, leave), axis=1)
-        last = np.nanmin(np.maximum(enter, leave), axis=1)
-        inside = np.clip(np.minimum(last, 1.0) - np.maximum(first, 0.0), 0.0, 1.0) * np.linalg.norm(path, axis=1)
-        through += np.where(sampled == row, 0.0, inside)
-    return float(np.exp(-through / _OCCLUSION_LENGTH_M).sum())
-
-
-def _to_vector(array: Array) -> Vector:
-    x, y, z = array.tolist()
-    return x, y, z
-
-
-_SAMPLE_INSET = 0.8
-"""Part of the extents of a highlighted body that has to be visible; its edges may be occluded."""
-
-
-def find_occluders(eye: Array, poses: Array, sizes: Array, highlighted: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Finds the bodies that occlude or contain a part of the highlighted bodies.
-
-    Args:
-        eye: position of the camera [m].
-        poses: poses of all bodies, n x 7.
-        sizes: extents of all bodies, n x 3 [m].
-        highlighted: rows of the highlighted bodies.
-
-    Returns:
-        Rows of bodies that are not highlighted.
-    """
-    points = np.concatenate([poses[highlighted, :3], corners(poses[highlighted], sizes[highlighted] * _SAMPLE_INSET)])
-    rotations = rotation_matrix(normalize(poses[:, 3:]))
-    # In the frame of each body, the segment from the eye to a point is `start + s * path` for s from 0 to 1.
-    start = np.einsum("nji,nj->ni", rotations, eye - poses[:, :3])[:, None]
-    path = np.einsum("nji,npj->npi", rotations, points[None] - poses[:, None, :3]) - start
-    with np.errstate(divide="ignore", invalid="ignore"):
-        enter, leave = ((sign * sizes[:, None] / 2 - start) / path for sign in (-1.0, 1.0))
-    first = np.nanmax(np.minimum(enter, leave), axis=2)
-    last = np.nanmin(np.maximum(enter, leave), axis=2)
-    crossed = np.any(np.maximum(first, 0.0) < np.minimum(last, 1.0), axis=1)
-    crossed[highlighted] = False
-    return np.flatnonzero(crossed)
+__all__ = ["ClientView", "ClientViews", "Ghost", "GizmoMode", "PlaceCallback", "Snapping", "moved_with"]
 
 
 _ACCENT = (232, 93, 4)
 _PREVIEW_OPACITY = 0.35
+_GHOST_OPACITY = 0.6
+_FREE_COLOR, _BLOCKED_COLOR = (46, 150, 90), (205, 50, 40)
+_PRECISION = 0.1
 _CAMERA_MOVE_S = 0.6
-_MAX_LABELS = 300
-"""Maximum number of labels; the largest bodies are labeled first."""
+_SELECTED_COLORS = ((250, 160, 90), _ACCENT)
+"""Colors of the boxes of selected bodies: of the further ones, and of the one whose details are shown."""
+_PART_COLOR = (222, 190, 168)
+_BOX_EDGES = 12
+_MAX_LABELS = 1000
+"""Maximum number of labels that a page receives, of the largest bodies; it draws those that have space."""
 _MIN_FOCUS_SIZE_M = 0.25
 """Smallest extent that the camera zooms to [m]."""
-
-
-class LabelMode(StrEnum):
-    """Which bodies are labeled."""
-
-    NONE = "none"
-    SELECTED = "selected"
-    CLASS = "class"
-    """All bodies with the same label as the selected one."""
-    ALL = "all"
+_IN_PICTURE = 0.92
+"""Share of the picture around its center in which the center of a body counts as visible."""
+_NOTICED_SIZE = 0.015
+"""Size at which a body is noticed, as a share of the picture's height: about 10 pixels."""
 
 
 class GizmoMode(StrEnum):
@@ -340,17 +76,67 @@ class GizmoMode(StrEnum):
     TURN = "turn"
 
 
+class Snapping(msgspec.Struct, frozen=True, kw_only=True):
+    """How the gizmo rounds what it does."""
+
+    step_m: float = 0.0
+    """Positions are multiples of it along the axes of the world [m]; 0 does not round."""
+    step_deg: float = 0.0
+    """Turns are multiples of it [degrees]; 0 does not round."""
+    to_surface: bool = False
+    """Whether a moved body is put down on what is below it."""
+    precise: bool = False
+    """Whether the body moves by a tenth of the gizmo's motion, without rounding."""
+
+    def apply(self, start: Pose, pose: Pose) -> Pose:
+        """The rounded pose of a body that was at a start and is to be moved to a pose."""
+        before, after = normalized_pose_array(start), normalized_pose_array(pose)
+        offset, turn = after[:3] - before[:3], quat_multiply(after[3:], quat_conjugate(before[3:]))
+        turn = turn if turn[0] >= 0.0 else -turn
+        sine = float(np.linalg.norm(turn[1:]))
+        angle = 2.0 * float(np.arctan2(sine, turn[0]))
+        if self.precise:
+            offset, angle = _PRECISION * offset, _PRECISION * angle
+        else:
+            if self.step_m > 0.0:
+                moved = np.abs(offset) > 1e-6  # an axis along which the gizmo is not moved stays exactly as it is
+                rounded = np.round((before[:3] + offset) / self.step_m) * self.step_m
+                offset = np.where(moved, rounded - before[:3], 0.0)
+            if self.step_deg > 0.0:
+                angle = float(np.round(np.degrees(angle) / self.step_deg) * np.radians(self.step_deg))
+        turn = np.concatenate([[np.cos(angle / 2)], turn[1:] / max(sine, 1e-12) * np.sin(angle / 2)])
+        return pose_from_array(np.concatenate([before[:3] + offset, normalize(quat_multiply(turn, before[3:]))]))
+
+
 class PlaceCallback(Protocol):
     """Called when a client has moved a body with the gizmo."""
 
-    def __call__(self, client: int, id: BodyId, pose: Pose) -> None:
-        """Moves the body.
+    def __call__(self, client: int, id: BodyId, pose: Pose, *, to_surface: bool) -> None:
+        """Moves the body, and the other selected ones with it.
 
         Args:
             client: the client.
             id: the body.
             pose: its new pose.
+            to_surface: whether to put it down on what is below it.
         """
+
+
+class Ghost(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A body that does not exist, for example one that is being dragged into the view."""
+
+    key: str
+    """Equal for ghosts with the same meshes."""
+    visuals: tuple[VisualMesh, ...]
+    pose: Pose
+    is_free: bool
+    """Whether it can be placed there."""
+
+
+def moved_with(start: Pose, end: Pose, poses: Mapping[BodyId, Pose]) -> dict[BodyId, Pose]:
+    """The poses of bodies that move rigidly with one that is moved from a start to an end."""
+    change = pose_multiply(normalized_pose_array(end), pose_inverse(normalized_pose_array(start)))
+    return {id: pose_from_array(pose_multiply(change, normalized_pose_array(pose))) for id, pose in poses.items()}
 
 
 class ClientView:
@@ -375,13 +161,25 @@ class ClientView:
         self._poses: Array = np.zeros((0, 7))
         self._target: FramingTarget | None = None
         self._camera_move: tuple[float, CameraPose, CameraPose] | None = None
-        self._selection_box: viser.LineSegmentsHandle | None = None
-        self._labels, self._label_nodes = LabelMode.NONE, dict[BodyId, viser.LabelHandle]()
+        self._further: tuple[BodyId, ...] = ()
+        """Selected bodies besides `selected`."""
+        self._parts: Mapping[BodyId, tuple[BodyId, ...]] = {}
+        self._selection_lines: tuple[viser.LineSegmentsHandle, ...] = ()
+        self._drawn_lines: Array = np.zeros((0, 2, 3))
+        self._label_mode = LabelMode.NONE
+        self._labeled: tuple[BodyId, ...] = ()
+        self._label_texts: list[str] = []
+        self._label_positions: NDArray[np.float32] = np.zeros((0, 3), np.float32)
         self._previews: dict[BodyId, viser.MeshHandle] = {}
         self._clip_height: viser.FrameHandle | None = None
         self._mode: GizmoMode | None = None
         self._gizmo: viser.TransformControlsHandle | None = None
         self._dragging = False
+        self._drag_start: Pose | None = None
+        self._snapping = Snapping()
+        self._ghost: tuple[str, viser.MeshHandle] | None = None
+        self._measurement: list[viser.SceneNodeHandle] = []
+        self.clip_height: float | None = None
 
     # -- bodies --------------------------------------------------------------------------------------------------------
 
@@ -391,69 +189,95 @@ class ClientView:
         names: Mapping[BodyId, str],
         ids: tuple[BodyId, ...],
         poses: Array,
+        parts: Mapping[BodyId, tuple[BodyId, ...]],
     ) -> bool:
-        """Sets the bodies and their poses; returns whether the selected body was removed.
+        """Sets the bodies and their poses; returns whether a selected body was removed.
 
         Args:
             appearances: how bodies are drawn.
             names: their labels.
             ids: the bodies of the rows of `poses`.
             poses: n x 7.
+            parts: the parts of bodies, which are outlined with them.
         """
         changed = [id for id in self._appearances if appearances.get(id) != self._appearances[id]]
-        self._appearances, self._names, self._poses = dict(appearances), names, poses
+        self._appearances, self._names, self._poses, self._parts = dict(appearances), names, poses, parts
         self._rows = {id: row for row, id in enumerate(ids)}
         for id in changed:
             self.show_preview(id, None)
-        selected = self.selected
-        removed = selected is not None and selected not in appearances
-        if removed or selected in changed:
-            self.select(None)
-            if selected is not None and not removed:
-                self.select(selected)
+        selected = self.selection
+        remaining = tuple(id for id in selected if id in appearances)
+        if remaining != selected or not set(changed).isdisjoint(selected):
+            self.select(())
+            self.select(remaining)
         else:
             self._update_labels()
         self.update_poses(poses)
-        return removed
+        return remaining != selected
 
     def update_poses(self, poses: Array) -> None:
         """Moves selection box, gizmo and labels to the poses of their bodies."""
         self._poses = poses
-        if self._selection_box is not None and self.selected in self._rows:
-            self._selection_box.position, self._selection_box.wxyz = self._pose(self.selected)
+        self._outline_selection()
         if self._gizmo is not None and not self._dragging and self.selected in self._rows:
             self._gizmo.position, self._gizmo.wxyz = self._pose(self.selected)
-        for id, label in self._label_nodes.items():
-            label.position = self._label_position(id)
+        self._move_labels()
 
     # -- selection and labels ------------------------------------------------------------------------------------------
 
-    def select(self, id: BodyId | None) -> bool:
-        """Selects a body, or none; returns whether the selection changed."""
-        if id == self.selected or (id is not None and id not in self._rows):
+    @property
+    def selection(self) -> tuple[BodyId, ...]:
+        """All selected bodies; the last one is `selected`."""
+        return self._further if self.selected is None else (*self._further, self.selected)
+
+    def select(self, ids: Sequence[BodyId]) -> bool:
+        """Selects bodies, the last of which has the gizmo and the details; returns whether the selection changed."""
+        known = tuple(dict.fromkeys(id for id in ids if id in self._rows))
+        if known == self.selection or (ids and not known):
             return False
-        self.selected = id
-        if self._selection_box is not None:
-            self._selection_box.remove()
-            self._selection_box = None
-        if id is not None:
-            position, wxyz = self._pose(id)
-            self._selection_box = self._scene.add_line_segments(
-                "/selected",
-                box_edges(self._appearances[id].size, margin=0.004),
-                _ACCENT,
-                thickness=2.5,
-                thickness_units="screen",
-                position=position,
-                wxyz=wxyz,
-            )
+        self._further, self.selected = known[:-1], known[-1] if known else None
+        self._outline_selection()
         self._update_labels()
         self.set_gizmo(self._mode)
         return True
 
+    def _outline_selection(self) -> None:
+        """Draws the boxes of selected bodies and, faintly, of their parts; a second node is drawn through fronts."""
+        boxes = [
+            *((id, _SELECTED_COLORS[id == self.selected]) for id in self.selection),
+            *((part, _PART_COLOR) for id in self.selection for part in self._parts.get(id, ()) if part in self._rows),
+        ]
+        if not boxes:
+            for lines in self._selection_lines:
+                lines.remove()
+            self._selection_lines, self._drawn_lines = (), np.zeros((0, 2, 3))
+            return
+        segments = np.concatenate([self._box(id) for id, _ in boxes])
+        if np.array_equal(segments, self._drawn_lines):
+            return
+        self._drawn_lines = segments
+        linear = 255 * srgb_to_linear(np.array([color for _, color in boxes]) / 255)  # viser takes colors of points so
+        colors = np.repeat(np.round(linear).astype(np.uint8), _BOX_EDGES * 2, axis=0).reshape(-1, 2, 3)
+        if not self._selection_lines:
+            self._selection_lines = tuple(
+                self._scene.add_line_segments(name, segments, colors, thickness=thickness, thickness_units="screen")
+                for name, thickness in (("/selected", 1.8), ("/selected_behind", 1.2))
+            )
+            return
+        with self._client.atomic():
+            for lines in self._selection_lines:
+                lines.points, lines.colors = segments, colors
+
+    def _box(self, id: BodyId) -> Array:
+        """The edges of the box of a body in the world frame, 12 x 2 x 3 [m]."""
+        position, wxyz = self._pose(id)
+        edges = box_edges(self._appearances[id].size, margin=0.004)
+        moved: Array = quat_rotate(wxyz, edges.reshape(-1, 3)) + position
+        return moved.reshape(-1, 2, 3)
+
     def set_labels(self, labels: LabelMode) -> None:
         """Sets which bodies are labeled."""
-        self._labels = labels
+        self._label_mode = labels
         self._update_labels()
 
     def show_preview(self, id: BodyId, pose: Pose | None) -> None:
@@ -502,34 +326,107 @@ class ClientView:
 
     def _drag(self, id: BodyId, event: viser.TransformControlsEvent) -> None:
         """Called in a thread of the server."""
+        if self._drag_start is None:
+            position, wxyz = self._pose(id)
+            self._drag_start = pose_from_array(np.concatenate([position, wxyz]))
+        start, snapping = self._drag_start, self._snapping
         pose = pose_from_array(np.concatenate([event.target.position, normalize(event.target.wxyz)]))
+        pose = snapping.apply(start, pose)
         self._dragging = event.phase != "end"
-        self._enqueue(lambda: self.show_preview(id, None if event.phase == "end" else pose))
+        others = [each for each in self.selection if each != id]
+
+        def preview() -> None:
+            for each, moved in moved_with(start, pose, {each: self._pose_of(each) for each in (id, *others)}).items():
+                self.show_preview(each, None if event.phase == "end" else moved)
+
+        self._enqueue(preview)
         if event.phase == "end":
-            self._on_place(self.client_id, id, pose)
+            self._drag_start = None
+            self._on_place(self.client_id, id, pose, to_surface=snapping.to_surface)
+            self._enqueue(lambda: self.set_gizmo(self._mode))  # it was left where the pointer was
+
+    def _pose_of(self, id: BodyId) -> Pose:
+        return pose_from_array(np.concatenate(self._pose(id)))
+
+    def set_snapping(self, snapping: Snapping) -> None:
+        """Sets how the gizmo rounds."""
+        self._snapping = snapping
+
+    # -- tools ---------------------------------------------------------------------------------------------------------
+
+    def show_ghost(self, ghost: Ghost | None) -> None:
+        """Draws a transparent body that does not exist, or removes it."""
+        key = None if ghost is None else f"{ghost.key} {ghost.is_free}"
+        if self._ghost is not None and self._ghost[0] != key:
+            self._ghost[1].remove()
+            self._ghost = None
+        if ghost is None:
+            return
+        if self._ghost is None:
+            mesh = merge_visuals(ghost.visuals)
+            node = self._scene.add_mesh_simple(
+                "/ghost",
+                mesh.points.astype(np.float32),
+                mesh.faces,
+                color=_FREE_COLOR if ghost.is_free else _BLOCKED_COLOR,
+                opacity=_GHOST_OPACITY,
+                cast_shadow=False,
+                receive_shadow=False,
+            )
+            self._ghost = (f"{ghost.key} {ghost.is_free}", node)
+        row = normalized_pose_array(ghost.pose)
+        self._ghost[1].position, self._ghost[1].wxyz = row[:3], row[3:]
+
+    def show_measurement(self, points: tuple[Vector, ...], text: str) -> None:
+        """Draws points with the line between them and a label; without points, removes them."""
+        for node in self._measurement:
+            node.remove()
+        self._measurement = [
+            self._scene.add_icosphere(f"/measurement/{row}", radius=0.012, color=_ACCENT, position=point)
+            for row, point in enumerate(points)
+        ]
+        if len(points) == 2:
+            segment = np.array([points], dtype=np.float32)
+            name = "/measurement/line"
+            self._measurement.append(
+                self._scene.add_line_segments(name, segment, _ACCENT, thickness=2.5, thickness_units="screen")
+            )
+            middle = _vector(np.mean(points, axis=0))
+            self._measurement.append(self._scene.add_label("/measurement/label", text, position=middle))
 
     def _update_labels(self) -> None:
-        """Adds and removes labels by the current mode and selection."""
-        wanted = dict.fromkeys(self._wanted_labels())
-        for id in self._label_nodes.keys() - wanted.keys():
-            self._label_nodes.pop(id).remove()
-        for id in wanted:
-            if id not in self._label_nodes:
-                name = f"/labels/{quote(id, safe='')}"
-                self._label_nodes[id] = self._scene.add_label(
-                    name, self._names.get(id, id), anchor="bottom-center", position=self._label_position(id)
-                )
+        """Sends the labels by the current mode and selection; the page draws those that do not overlap."""
+        wanted = tuple(self._wanted_labels())
+        texts = [self._names.get(id, id) for id in wanted]
+        if (wanted, texts) != (self._labeled, self._label_texts):
+            self._labeled, self._label_texts = wanted, texts
+            sizes = np.array([max(self._appearances[id].size) for id in wanted], np.float32)
+            send_view_data(self._scene, "labels", {"ids": list(wanted), "texts": texts, "sizes": sizes})
+            self._label_positions = np.zeros((0, 3), np.float32)
+        self._move_labels()
+
+    def _move_labels(self) -> None:
+        """Sends the positions of the labels, above the centers of the bodies, if they have changed."""
+        if not self._labeled:
+            return
+        poses = self._poses[[self._rows[id] for id in self._labeled]]
+        sizes = np.array([self._appearances[id].size for id in self._labeled])
+        tops = corners(poses, sizes).reshape(-1, 8, 3)[:, :, 2].max(axis=1) + 0.02
+        positions = np.column_stack([poses[:, :2], tops]).astype(np.float32)
+        if not np.array_equal(positions, self._label_positions):
+            self._label_positions = positions
+            send_view_data(self._scene, "labels", {"positions": positions})
 
     def _wanted_labels(self) -> list[BodyId]:
-        match self._labels:
+        drawn = [id for id in self._rows if id in self._appearances]
+        match self._label_mode:
             case LabelMode.ALL:
-                sizes = {id: max(each.size) for id, each in self._appearances.items() if id in self._rows}
-                return sorted(sizes, key=lambda each: -sizes[each])[:_MAX_LABELS]
+                return sorted(drawn, key=lambda each: -max(self._appearances[each].size))[:_MAX_LABELS]
             case LabelMode.CLASS if self.selected is not None:
                 name = self._names.get(self.selected)
-                return [id for id in self._rows if self._names.get(id) == name][:_MAX_LABELS]
-            case LabelMode.SELECTED if self.selected is not None:
-                return [self.selected]
+                return [id for id in drawn if self._names.get(id) == name][:_MAX_LABELS]
+            case LabelMode.SELECTED:
+                return list(self.selection)
             case _:
                 return []
 
@@ -543,12 +440,12 @@ class ClientView:
     def go_home(self) -> None:
         """Animates the camera to the home view."""
         if self._target is not None:
-            self._move_camera(self._target.camera(self._aspect))
+            self.move_camera(self._target.camera(self._aspect))
 
     def go_top(self) -> None:
         """Animates the camera to the view from above."""
         if self._target is not None:
-            self._move_camera(self._target.top_camera(self._aspect))
+            self.move_camera(self._target.top_camera(self._aspect))
 
     def focus(self, ids: tuple[BodyId, ...]) -> None:
         """Animates the camera to bodies; without any, to the home view."""
@@ -560,7 +457,25 @@ class ClientView:
         points = corners(self._poses[rows], np.maximum(sizes, _MIN_FOCUS_SIZE_M))
         camera = self._client.camera
         eye, look_at = _vector(camera.position), _vector(camera.look_at)
-        self._move_camera(focus_camera(points, eye, look_at, self._aspect))
+        self.move_camera(focus_camera(points, eye, look_at, self._aspect))
+
+    def sees_any(self, ids: Iterable[BodyId]) -> bool:
+        """Whether one of the bodies is in the picture, and large enough to be noticed."""
+        rows = [self._rows[id] for id in ids if id in self._rows]
+        if not rows:
+            return True
+        camera = self._client.camera
+        eye, look_at = np.array(camera.position), np.array(camera.look_at)
+        ahead = normalize(look_at - eye)
+        right = np.cross(ahead, [0.0, 0.0, 1.0])
+        right = normalize(right) if right.any() else np.array([1.0, 0.0, 0.0])
+        offsets = self._poses[rows, :3] - eye
+        depth = np.maximum(offsets @ ahead, 1e-9)
+        half_height = depth * np.tan(camera.fov / 2)
+        sizes = np.array([max(self._appearances[id].size) for id in ids if id in self._rows])
+        aside = np.abs(offsets @ right) < _IN_PICTURE * half_height * self._aspect
+        above = np.abs(offsets @ np.cross(right, ahead)) < _IN_PICTURE * half_height
+        return bool(np.any(aside & above & (sizes > _NOTICED_SIZE * 2 * half_height)))
 
     def focus_points(self, points: tuple[Vector, ...]) -> None:
         """Animates the camera to points."""
@@ -568,7 +483,7 @@ class ClientView:
         margins = np.full((len(points), 3), _MIN_FOCUS_SIZE_M)
         camera = self._client.camera
         eye, look_at = _vector(camera.position), _vector(camera.look_at)
-        self._move_camera(focus_camera(corners(poses, margins), eye, look_at, self._aspect))
+        self.move_camera(focus_camera(corners(poses, margins), eye, look_at, self._aspect))
 
     def set_camera(self, camera_pose: CameraPose) -> None:
         """Sets the camera without animation."""
@@ -577,6 +492,7 @@ class ClientView:
 
     def set_clip_height(self, height: float | None) -> None:
         """Clips everything above a height [m]; None clips nothing."""
+        self.clip_height = height
         if self._clip_height is not None:
             self._clip_height.remove()
             self._clip_height = None
@@ -604,7 +520,8 @@ class ClientView:
     def _aspect(self) -> float:
         return float(np.clip(self._client.camera.aspect, 0.2, 5.0))
 
-    def _move_camera(self, camera_pose: CameraPose) -> None:
+    def move_camera(self, camera_pose: CameraPose) -> None:
+        """Animates the camera to a pose."""
         camera = self._client.camera
         origin = CameraPose(_vector(camera.position), _vector(camera.look_at), camera.fov)
         self._camera_move = time.monotonic(), origin, camera_pose
@@ -623,12 +540,6 @@ class ClientView:
     def _pose(self, id: BodyId) -> tuple[Array, Array]:
         row = self._poses[self._rows[id]]
         return row[:3], normalize(row[3:])
-
-    def _label_position(self, id: BodyId) -> Vector:
-        """The position of a label: above the center of the body."""
-        row = self._poses[self._rows[id]]
-        top = corners(row[None], np.array([self._appearances[id].size]))[:, 2].max()
-        return float(row[0]), float(row[1]), float(top) + 0.02
 
 
 def _vector(array: Array) -> Vector:
@@ -659,6 +570,7 @@ class ClientViews:
         self._appearances: Mapping[BodyId, BodyAppearance] = {}
         self._ids: tuple[BodyId, ...] = ()
         self._poses: Array | None = None
+        self._parts: Mapping[BodyId, tuple[BodyId, ...]] = {}
         self._target: FramingTarget | None = None
         self._hidden: frozenset[BodyId] = frozenset()
         self._hidden_lock = threading.Lock()
@@ -680,9 +592,14 @@ class ClientViews:
         self._listeners.append(listener)
 
     def selected(self, client: int) -> BodyId | None:
-        """The selected body of a client."""
+        """The selected body of a client; of several, the one selected last."""
         view = self._views.get(client)
         return view.selected if view is not None else None
+
+    def selection(self, client: int) -> tuple[BodyId, ...]:
+        """All selected bodies of a client; the last one is `selected`."""
+        view = self._views.get(client)
+        return view.selection if view is not None else ()
 
     def select(self, id: BodyId | None, *, client: int | None = None) -> None:
         """Selects a body; None selects nothing.
@@ -690,10 +607,19 @@ class ClientViews:
         Raises:
             BodyNotFoundError: there is no such body.
         """
-        self._require_bodies([] if id is None else [id])
+        self.select_several([] if id is None else [id], client=client)
+
+    def select_several(self, ids: Iterable[BodyId], *, client: int | None = None) -> None:
+        """Selects bodies; the last one has the gizmo, and its details are shown.
+
+        Raises:
+            BodyNotFoundError: one of them does not exist.
+        """
+        bodies = tuple(ids)
+        self._require_bodies(bodies)
 
         def select_in(view: ClientView) -> None:
-            if view.select(id):
+            if view.select(bodies):
                 self._notify(view.client_id)
 
         self._request("select", select_in, client)
@@ -746,6 +672,32 @@ class ClientViews:
         """Shows the gizmo at the selected body; None removes it."""
         self._request("gizmo", lambda view: view.set_gizmo(mode), client)
 
+    def set_snapping(self, snapping: Snapping, *, client: int | None = None) -> None:
+        """Sets how the gizmo rounds."""
+        self._request("snapping", lambda view: view.set_snapping(snapping), client)
+
+    def move_camera(self, camera_pose: CameraPose, *, client: int | None = None) -> None:
+        """Animates the camera to a pose."""
+        self._request(None, lambda view: view.move_camera(camera_pose), client)
+
+    def show_ghost(self, ghost: Ghost | None, *, client: int | None = None) -> None:
+        """Draws a transparent body that does not exist, or removes it."""
+        self._request(None, lambda view: view.show_ghost(ghost), client)
+
+    def show_measurement(self, points: tuple[Vector, ...], text: str, *, client: int | None = None) -> None:
+        """Draws points with the line between them and a label; without points, removes them."""
+        self._request(None, lambda view: view.show_measurement(points, text), client)
+
+    @property
+    def appearances(self) -> Mapping[BodyId, BodyAppearance]:
+        """How the bodies are drawn."""
+        return self._appearances
+
+    def clip_height(self, client: int) -> float | None:
+        """The height above which a client sees nothing [m]; None without one."""
+        view = self._views.get(client)
+        return None if view is None else view.clip_height
+
     @property
     def is_drawn(self) -> bool:
         """Whether the scene was drawn at least once, even if it is empty."""
@@ -789,6 +741,8 @@ class ClientViews:
         names: Mapping[BodyId, str],
         ids: tuple[BodyId, ...],
         poses: Array,
+        *,
+        parts: Mapping[BodyId, tuple[BodyId, ...]] | None = None,
     ) -> None:
         """Sets the bodies and their poses.
 
@@ -797,12 +751,14 @@ class ClientViews:
             names: their labels.
             ids: the bodies of the rows of `poses`.
             poses: n x 7.
+            parts: the parts of bodies, which are outlined with them.
         """
         self._appearances, self._names, self._ids, self._poses = appearances, names, ids, poses
+        self._parts = parts or {}
         with self._hidden_lock:
             self._hidden &= appearances.keys()
         for view in self._views.values():
-            if view.set_bodies(appearances, names, ids, poses):
+            if view.set_bodies(appearances, names, ids, poses, self._parts):
                 self._notify(view.client_id)
 
     def set_target(self, target: FramingTarget) -> None:
@@ -810,6 +766,10 @@ class ClientViews:
         self._target = target
         for view in self._views.values():
             view.set_target(target)
+
+    def clients_not_seeing(self, ids: Collection[BodyId]) -> tuple[int, ...]:
+        """The clients in whose picture none of these bodies is noticed."""
+        return tuple(client for client, view in self._views.items() if not view.sees_any(ids))
 
     def update_poses(self, poses: Array) -> None:
         """Moves selection box, gizmo and labels to the poses of their bodies."""
@@ -860,7 +820,7 @@ class ClientViews:
     def _on_connect(self, client: viser.ClientHandle) -> None:
         view = self._views[client.client_id] = ClientView(client, on_place=self._on_place, enqueue=self._enqueue)
         if self._poses is not None:
-            view.set_bodies(self._appearances, self._names, self._ids, self._poses)
+            view.set_bodies(self._appearances, self._names, self._ids, self._poses, self._parts)
         if self._target is not None:
             view.set_target(self._target)
         for action in self._defaults.values():

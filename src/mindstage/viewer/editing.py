@@ -1,0 +1,351 @@
+"""Edits of the world that pages request; any client can undo them.
+
+All edits go through `Simulation.undo_stack`, which has one history for all clients.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from mindstage.errors import BodyNotFoundError, InvalidArgumentError
+from mindstage.rendering.camera import corners
+from mindstage.scene import Body, BodyId, BodyPhysics, Material, Mobility, Pose, Quaternion, Vector
+from mindstage.scene.colors import parse_color
+from mindstage.scene.transforms import pose_array, pose_from_array
+from mindstage.simulation import JointHandle, Simulation, StateSnapshot
+from mindstage.simulation.body_groups import BodyGroup, Dependents, find_dependents, paste_group
+from mindstage.simulation.joint_motion import JointClearance
+from mindstage.simulation.state import poses_in
+from mindstage.simulation.undo import MoveBody
+from mindstage.viewer.client_views import moved_with
+from mindstage.viewer.server import ClientSession, EmptyRequest, RpcChannel
+from mindstage.viewer.view_tools import PickResult
+
+__all__ = ["EditHandler", "history_message"]
+
+
+_Meters = Annotated[float, msgspec.Meta(ge=-10_000.0, le=10_000.0)]
+_SLIDER_SETTLE_S = 2.0
+"""Time for which a joint is pulled on after its slider was released [s]."""
+_JOINT_TOLERANCE = 0.004
+_CLEARANCE_M = 0.001
+_MAX_TEXT_LENGTH = 5_000_000
+
+
+class MoveRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of `move`."""
+
+    id: BodyId
+    position: tuple[_Meters, _Meters, _Meters]
+    quaternion: Quaternion
+
+
+class BodyPose(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One of the new poses of `move_all`."""
+
+    position: tuple[_Meters, _Meters, _Meters]
+    quaternion: Quaternion
+
+
+class MoveAllRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of `move_all`: the new poses of bodies, which are one step of the history."""
+
+    poses: Annotated[dict[BodyId, BodyPose], msgspec.Meta(min_length=1, max_length=10_000)]
+
+
+class SetPhysicsRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of `set_physics`: changes the given properties."""
+
+    id: BodyId
+    mobility: Mobility | msgspec.UnsetType = msgspec.UNSET
+    gravity: bool | msgspec.UnsetType = msgspec.UNSET
+    mass_kg: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | msgspec.UnsetType = msgspec.UNSET
+
+
+class SetMaterialRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of `set_material`: replaces the materials of a body by one; removes them without name and color."""
+
+    id: BodyId
+    name: Annotated[str, msgspec.Meta(max_length=200)] = ""
+    color: str | None = None
+
+
+class MoveJointRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of `move_joint`: the target position of an axis."""
+
+    id: BodyId
+    axis: Literal["x", "y", "z", "twist", "swing2", "swing1"]
+    value: _Meters
+    done: bool = True
+    """False while the slider is being dragged."""
+
+
+class AttachRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of `attach`: attaches a body to another one; without a parent, detaches it."""
+
+    child: BodyId
+    parent: BodyId | None = None
+
+
+_Ids = Annotated[tuple[BodyId, ...], msgspec.Meta(min_length=1, max_length=10_000)]
+
+
+class BodiesRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of `dependents`, `copy` and `duplicate`."""
+
+    ids: _Ids
+
+
+class DeleteRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of `delete`; see `dependents`."""
+
+    ids: _Ids
+    parts: bool = False
+    """Whether to delete what is attached or joined to them, too."""
+    contents: bool = False
+    """Whether to delete the loose bodies on or in them, too."""
+
+
+class PasteRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of `paste`: the text that `copy` returned."""
+
+    text: Annotated[str, msgspec.Meta(max_length=_MAX_TEXT_LENGTH)]
+
+
+class GoToRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of `go_to_step`: how many steps of the history are done then."""
+
+    position: Annotated[int, msgspec.Meta(ge=0, le=1000)]
+    version: int
+    """That of the topic `history` that the page has shown."""
+
+
+def history_message(simulation: Simulation) -> dict[str, object]:
+    """The history of edits for the topic `history`: the steps that are done, oldest first, and those to redo."""
+    history = simulation.undo_stack.history
+    return {
+        "undo": next(iter(history.undo), None),
+        "redo": next(iter(history.redo), None),
+        "done": history.undo[::-1],
+        "undone": history.redo,
+        "version": simulation.undo_stack.version,
+    }
+
+
+class MoveJointReply(msgspec.Struct, frozen=True):
+    """The result of `move_joint`."""
+
+    value: float
+    """The position that was set, or that the joint is pulled to [m or rad]."""
+    blocked_by: BodyId | None = None
+    """The body that the moved one would be inside of at the wanted position."""
+
+
+def _put_down(body: Body, below: Callable[[Vector], PickResult | None]) -> Pose:
+    """The pose of a body that is moved vertically until it is on what is below its center."""
+    ends = corners(pose_array([body.pose]), np.array([body.size or (0.0, 0.0, 0.0)]))
+    x, y, _ = body.pose.position
+    lowest = float(ends[:, 2].min())
+    found = below((x, y, lowest))
+    if found is None:
+        return body.pose
+    if found.id == body.id:  # its own lower side
+        found = below((x, y, lowest - _CLEARANCE_M))
+    if found is None or found.id == body.id:
+        return body.pose
+    height = body.pose.position[2] - lowest + found.point[2] + _CLEARANCE_M
+    return msgspec.structs.replace(body.pose, position=(x, y, height))
+
+
+class EditHandler:
+    """Handles edits of the world; any client can undo them."""
+
+    def __init__(
+        self, simulation: Simulation, channel: RpcChannel, *, find_joint: Callable[[BodyId], JointHandle]
+    ) -> None:
+        """Registers the requests.
+
+        Args:
+            simulation: the simulation.
+            channel: the channel of the pages.
+            find_joint: returns the handle of a joint.
+        """
+        self._simulation, self._find_joint = simulation, find_joint
+        self._joint_drags: dict[BodyId, _JointDrag] = {}
+        undo_stack = simulation.undo_stack
+        channel.register("move", MoveRequest, self._move)
+        channel.register("set_physics", SetPhysicsRequest, self._set_physics)
+        channel.register("set_material", SetMaterialRequest, self._set_material)
+        channel.register("move_joint", MoveJointRequest, self._move_joint)
+        channel.register("attach", AttachRequest, self._attach)
+        channel.register("move_all", MoveAllRequest, self._move_all)
+        channel.register("delete", DeleteRequest, self._delete)
+        channel.register("dependents", BodiesRequest, self._dependents, queue="details")
+        channel.register("copy", BodiesRequest, lambda _, request: self._group(request.ids).text)
+        channel.register("duplicate", BodiesRequest, self._duplicate)
+        channel.register("paste", PasteRequest, self._paste)
+        channel.register("go_to_step", GoToRequest, self._go_to)
+        channel.register("undo", EmptyRequest, lambda _, __: undo_stack.undo())
+        channel.register("redo", EmptyRequest, lambda _, __: undo_stack.redo())
+        channel.on_disconnect(self._release)
+
+    def publish(self, snapshot: StateSnapshot) -> None:
+        """Releases joints that have reached the positions of their sliders."""
+        for id, drag in list(self._joint_drags.items()):
+            if drag.release_time is None:
+                continue
+            try:
+                joint = self._find_joint(drag.joint)
+                poses = poses_in(snapshot, {joint.joint.parent, joint.joint.child})
+                reached = abs(joint.positions(poses)[drag.axis] - drag.value) < _JOINT_TOLERANCE
+            except (BodyNotFoundError, KeyError):  # deleted in the meantime
+                reached = True
+            if reached or time.monotonic() > drag.release_time or not snapshot.playing:
+                self._joint_drags.pop(id, None)
+                self._simulation.release(id)
+
+    # -- bodies --------------------------------------------------------------------------------------------------------
+
+    def _move(self, _: ClientSession, request: MoveRequest) -> None:
+        if not any(request.quaternion):
+            raise InvalidArgumentError("quaternion", cause="its norm is 0")
+        self._simulation.undo_stack.move(request.id, Pose(request.position, request.quaternion))
+
+    def _move_all(self, _: ClientSession, request: MoveAllRequest) -> None:
+        poses = {id: Pose(pose.position, pose.quaternion) for id, pose in request.poses.items()}
+        if not all(any(pose.quaternion) for pose in poses.values()):
+            raise InvalidArgumentError("quaternion", cause="its norm is 0")
+        self._simulation.undo_stack.move_all(poses)
+
+    def move_group(
+        self,
+        id: BodyId,
+        pose: Pose,
+        selection: Collection[BodyId],
+        *,
+        below: Callable[[Vector], PickResult | None] | None,
+    ) -> None:
+        """Moves a body, and the other selected ones rigidly with it, as one edit.
+
+        Args:
+            id: the body.
+            pose: its new pose.
+            selection: the selected bodies; those that are parts of others move with those.
+            below: finds what is below a point, to put the body down on it; None keeps the pose.
+        """
+        world = self._simulation.snapshot()
+        bodies = {body.id: body for body in world.bodies}
+        parts = {id for each in selection if each in bodies for id in find_dependents(world, [each]).parts}
+        group = {each: bodies[each].pose for each in selection if each in bodies and each not in parts and each != id}
+        if below is not None:
+            pose = _put_down(msgspec.structs.replace(bodies[id], pose=pose), below)
+        moved = moved_with(world.body(id).pose, pose, group)
+        if not moved:
+            self._simulation.undo_stack.move(id, pose)
+        else:
+            self._simulation.undo_stack.move_all({id: pose, **moved})
+
+    def _delete(self, _: ClientSession, request: DeleteRequest) -> tuple[BodyId, ...]:
+        undo_stack = self._simulation.undo_stack
+        return undo_stack.delete(request.ids, parts=request.parts, contents=request.contents)
+
+    def _dependents(self, _: ClientSession, request: BodiesRequest) -> Dependents:
+        return find_dependents(self._simulation.snapshot(), request.ids)
+
+    def _group(self, ids: tuple[BodyId, ...]) -> BodyGroup:
+        return BodyGroup.from_world(self._simulation.snapshot(), ids)
+
+    def _duplicate(self, _: ClientSession, request: BodiesRequest) -> tuple[BodyId, ...]:
+        return self._spawn_group(self._group(request.ids), verb="duplicated")
+
+    def _paste(self, _: ClientSession, request: PasteRequest) -> tuple[BodyId, ...]:
+        return self._spawn_group(BodyGroup.from_text(request.text), verb="pasted")
+
+    def _spawn_group(self, group: BodyGroup, *, verb: str) -> tuple[BodyId, ...]:
+        pasted = paste_group(self._simulation, group)
+        self._simulation.undo_stack.record_spawn(pasted, verb=verb)
+        return pasted
+
+    def _go_to(self, _: ClientSession, request: GoToRequest) -> None:
+        self._simulation.undo_stack.go_to(request.position, version=request.version)
+
+    def _set_physics(self, _: ClientSession, request: SetPhysicsRequest) -> None:
+        changes = {
+            name: value
+            for name in ("mobility", "gravity", "mass_kg")
+            if (value := getattr(request, name)) is not msgspec.UNSET
+        }
+        physics: BodyPhysics = msgspec.structs.replace(self._body(request.id).physics, **changes)
+        self._simulation.undo_stack.set_physics(
+            request.id, physics, label=" and ".join(changes).replace("_kg", "") or "physics"
+        )
+
+    def _set_material(self, _: ClientSession, request: SetMaterialRequest) -> None:
+        if not request.name and request.color is None:
+            self._simulation.undo_stack.set_materials(request.id, ())
+            return
+        current = next((each for each in self._body(request.id).materials if each.name == request.name), None)
+        color = None if request.color is None else parse_color(request.color)
+        material = Material(name=request.name or "paint", path=current.path if current else "", color=color)
+        self._simulation.undo_stack.set_materials(request.id, (material,))
+
+    def _attach(self, _: ClientSession, request: AttachRequest) -> None:
+        if request.parent is None:
+            self._simulation.undo_stack.detach(request.child)
+        else:
+            self._simulation.undo_stack.attach(request.parent, request.child)
+
+    def _body(self, id: BodyId) -> Body:
+        return self._simulation.snapshot().body(id)
+
+    # -- joints --------------------------------------------------------------------------------------------------------
+
+    def _move_joint(self, session: ClientSession, request: MoveJointRequest) -> MoveJointReply:
+        """Pulls the moving body while the simulation runs, so that obstacles stop it; moves it while paused.
+
+        A paused body is moved as far as it does not enter another one that cannot give way.
+        """
+        joint, snapshot = self._find_joint(request.id), self._simulation.state
+        if request.axis not in {axis.name for axis in joint.axes}:
+            raise InvalidArgumentError(request.axis, cause=f"{request.id!r} has no such axis")
+        poses = poses_in(snapshot, {joint.joint.parent, joint.joint.child})
+        previous = self._joint_drags.get(joint.moving_body)
+        start_pose = previous.start_pose if previous is not None else pose_from_array(poses[joint.moving_body])
+        release_time = time.monotonic() + _SLIDER_SETTLE_S if request.done else None
+        self._joint_drags[joint.moving_body] = _JointDrag(
+            request.id, request.axis, request.value, session.key, start_pose, release_time
+        )
+        if not snapshot.playing:
+            value, blocked_by = JointClearance(self._simulation, joint).limit(request.axis, request.value, poses)
+            pose = joint.pose_for(request.axis, value, poses)
+            self._simulation.undo_stack.move(joint.moving_body, pose, continues_last=previous is not None)
+            return MoveJointReply(value, blocked_by)
+        pull = joint.pull_target(request.axis, request.value, poses)
+        self._simulation.pull(pull.id, point=pull.point, target=pull.target)
+        if request.done:
+            self._simulation.undo_stack.record(MoveBody(joint.moving_body, start_pose, f"pose of {joint.moving_body}"))
+        return MoveJointReply(request.value)
+
+    def _release(self, session: ClientSession) -> None:
+        for id, drag in list(self._joint_drags.items()):
+            if drag.session == session.key:
+                self._joint_drags.pop(id, None)
+                self._simulation.release(id)
+
+
+class _JointDrag(msgspec.Struct, frozen=True):
+    """A joint that a client moves by its slider."""
+
+    joint: BodyId
+    axis: str
+    value: float
+    session: str
+    start_pose: Pose
+    """Pose of the moving body before the drag."""
+    release_time: float | None
+    """When the joint is released at the latest, by the monotonic clock [s]; None while the slider is held."""

@@ -1,0 +1,22 @@
+// Access to viser's view and to data from the server, for the modules inside the viewer iframe; see viserHooks.js.
+
+const { beforeFrames, handlers, resetCallbacks, viewReady } = window.mindstageHooks;
+
+// `viewReady` is a promise of the mutable state of viser's page (`ViewerMutable` in viser's client).
+// `beforeFrames(view, priority, callback)` calls a function before each frame; viser sets poses at priority -1,000.
+export { beforeFrames, viewReady };
+
+// Calls `handler(key, values)` for each message of a topic: of "poses/3" the topic is "poses" and the key "3".
+export function onViewData(topic, handler) {
+  handlers.set(topic, handler);
+}
+
+// Calls a function when a new connection begins, which sends all data again.
+export function onNewConnection(callback) {
+  resetCallbacks.push(callback);
+}
+
+// The state of react-three-fiber: renderer, camera, raycaster.
+export function fiberState(view) {
+  return view.scene?.__r3f?.root?.getState();
+}

@@ -1,0 +1,212 @@
+"""Editing on the page in a real browser: commands, history, several bodies, and the Add panel with its drags."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from mindstage import KnowledgeBase, MujocoEngine, Simulation
+from mindstage.scene import BodyId, Pose
+from mindstage.viewer import Viewer
+from tests.kitchenette import kitchenette
+from tests.viewer.page_tab import PageTab
+from tests.viewer.waiting import wait_until
+
+OpenPage = Callable[..., PageTab]
+MUG = BodyId("Mug")
+
+
+@pytest.fixture
+def physics_simulation() -> Iterator[Simulation]:
+    with Simulation(KnowledgeBase(), MujocoEngine()) as simulation:
+        simulation.spawn(kitchenette())
+        yield simulation
+
+
+def selected(tab: PageTab) -> list[str]:
+    return list(tab.page.evaluate("mindstage.selection.ids"))
+
+
+def history(tab: PageTab) -> list[str]:
+    return list(tab.page.locator("[data-role=history] li").all_inner_texts())
+
+
+def blur(tab: PageTab) -> None:
+    tab.page.evaluate("document.activeElement.blur()")
+
+
+def test_the_palette_runs_commands_and_selects_bodies(
+    simulation: Simulation, viewer: Viewer, open_page: OpenPage
+) -> None:
+    tab = open_page(viewer, view=False)
+    wait_until(lambda: len(tab.tree_rows()) == 4, "the tree is shown")
+    tab.page.keyboard.press("Control+k")
+    tab.page.keyboard.type("mug")
+    wait_until(lambda: tab.page.locator("#palette [data-entry='Select Mug']").is_visible(), "bodies are found")
+    tab.page.keyboard.press("Enter")
+    wait_until(lambda: tab.selected == "Mug", "the body is selected")
+    tab.page.keyboard.press("Control+k")
+    tab.page.keyboard.type("duplic")
+    tab.page.keyboard.press("Enter")
+    wait_until(lambda: selected(tab) == ["Mug_1"], "the copy is selected")
+    assert "Mug_1" in simulation.state.ids
+    tab.page.keyboard.press("Control+z")
+    wait_until(lambda: "Mug_1" not in simulation.state.ids, "the copy is removed")
+    tab.page.keyboard.press("Control+Shift+z")
+    wait_until(lambda: "Mug_1" in simulation.state.ids, "the copy is there again")
+
+
+def test_keys_work_outside_of_fields_and_the_help_lists_them(
+    simulation: Simulation, viewer: Viewer, open_page: OpenPage
+) -> None:
+    tab = open_page(viewer, view=False)
+    wait_until(lambda: len(tab.tree_rows()) == 4, "the tree is shown")
+    tab.page.locator("[data-role=find-body]").fill("?")
+    tab.page.locator("[data-role=find-body]").press("Space")
+    assert not tab.page.locator("#keyboard-help").is_visible(), "a key typed into a field is text"
+    assert not simulation.state.playing
+    tab.page.locator("[data-role=find-body]").fill("")
+    blur(tab)
+    tab.page.keyboard.press("?")
+    tab.page.locator("#keyboard-help").wait_for()
+    text = tab.page.locator("#keyboard-help").inner_text()
+    for key in ("Ctrl+K", "Space", "Ctrl+Z", "Esc", "Del", "Home"):
+        assert key in text
+    tab.page.keyboard.press("Escape")
+    wait_until(lambda: not tab.page.locator("#keyboard-help").is_visible(), "the help is closed")
+    tab.page.keyboard.press("Space")
+    wait_until(lambda: simulation.state.playing and tab.shows_text("playing at"), "Space plays, and the page shows it")
+    tab.page.keyboard.press("Space")
+    wait_until(lambda: not simulation.state.playing, "Space pauses")
+    tab.select_in_tree("Mug")
+    blur(tab)
+    tab.page.keyboard.press("Escape")
+    wait_until(lambda: tab.selected is None, "Escape selects nothing")
+
+
+def test_deleting_asks_about_parts_and_the_history_goes_back(
+    simulation: Simulation, viewer: Viewer, open_page: OpenPage
+) -> None:
+    tab = open_page(viewer, view=False)
+    tab.select_in_tree("Fridge")
+    blur(tab)
+    tab.page.keyboard.press("Delete")
+    tab.page.locator("dialog.choice").wait_for()
+    assert "its 2 parts" in tab.page.locator("dialog.choice").inner_text()
+    tab.page.keyboard.press("Escape")
+    wait_until(lambda: not tab.page.locator("dialog.choice").count(), "nothing is deleted")
+    assert BodyId("Fridge") in simulation.state.ids
+    tab.page.keyboard.press("Delete")
+    tab.page.locator("[data-choice=all]").click()
+    wait_until(lambda: len(simulation.state.ids) == 5, "the fridge is deleted with its door and handle")
+    simulation.undo_stack.move(MUG, Pose((1.0, 0.0, 0.85)))
+    tab.open_panel("history")
+    wait_until(lambda: history(tab) == ["Start", "Fridge with 2 more deleted", "pose of Mug"], "both steps are listed")
+    tab.page.locator("[data-step='0']").click()
+    wait_until(lambda: len(simulation.state.ids) == 8, "everything is undone")
+    wait_until(lambda: tab.page.locator("[data-step='2'].undone").count() == 1, "undone steps stay in the list")
+    tab.page.locator("[data-step='1']").click()
+    wait_until(lambda: len(simulation.state.ids) == 5, "one step is redone")
+
+
+def test_several_bodies_are_selected_hidden_and_deleted(
+    simulation: Simulation, viewer: Viewer, open_page: OpenPage
+) -> None:
+    tab = open_page(viewer, view=False)
+    wait_until(lambda: len(tab.tree_rows()) == 4, "the tree is shown")
+    tab.page.locator(".tree-row[data-id=Fridge] .tree-name").click()
+    tab.page.locator(".tree-row[data-id=Mug] .tree-name").click(modifiers=["Control"])
+    wait_until(lambda: selected(tab) == ["Fridge", "Mug"], "two bodies are selected")
+    assert tab.page.locator(".tree-row[aria-selected=true]").count() == 2
+    wait_until(lambda: tab.page.locator("[data-role=others]").is_visible(), "the details say so")
+    blur(tab)
+    tab.page.keyboard.press("h")
+    wait_until(lambda: viewer.views.hidden == {"Fridge", "Mug"}, "both are hidden")
+    wait_until(lambda: tab.page.locator(".tree-row.hidden-body").count() >= 2, "the page shows it")
+    tab.page.keyboard.press("Control+h")
+    wait_until(lambda: not viewer.views.hidden, "all are shown again")
+    tab.page.keyboard.press("Shift+h")
+    wait_until(lambda: {"Floor", "Cupboard"} <= viewer.views.hidden, "the others are hidden")
+    assert viewer.views.hidden.isdisjoint({"Fridge", "FridgeDoor", "FridgeHandle", "Mug"})
+    tab.page.locator(".tree-row[data-id=Fridge] .tree-name").click(modifiers=["Control"])
+    wait_until(lambda: selected(tab) == ["Mug"], "one is removed from the selection")
+
+
+def test_copied_bodies_are_pasted_as_text_in_another_tab(
+    simulation: Simulation, viewer: Viewer, open_page: OpenPage
+) -> None:
+    tab, other = open_page(viewer, view=False), open_page(viewer, view=False)
+    tab.select_in_tree("Mug")
+    text = tab.page.evaluate("mindstage.channel.call('copy', { ids: mindstage.selection.ids })")
+    paste = """text => {
+        const data = new DataTransfer();
+        data.setData("text/plain", text);
+        document.body.dispatchEvent(new ClipboardEvent("paste", { clipboardData: data, bubbles: true }));
+    }"""
+    other.page.evaluate(paste, text)
+    wait_until(lambda: selected(other) == ["Mug_1"], "the copy is selected in the other tab")
+    assert selected(tab) == ["Mug"]
+    other.page.evaluate(paste, "something else")
+    wait_until(lambda: other.shows_text("not a copied group of bodies"), "other text is refused")
+
+
+def test_classes_are_found_by_category_and_synonym_with_pictures(
+    simulation: Simulation, viewer: Viewer, open_page: OpenPage
+) -> None:
+    tab = open_page(viewer, view=False)
+    tab.open_panel("add")
+    tab.page.locator("[data-category=Tableware]").click()
+    wait_until(lambda: tab.page.locator("[data-class=DinnerPlate]").count() == 1, "plates are tableware")
+    wait_until(lambda: not tab.page.locator("[data-class=Refrigerator]").count(), "other categories are not listed")
+    tab.page.locator("[data-category=All]").click()
+    tab.page.locator("[data-role=find-class]").fill("fridge")
+    wait_until(lambda: tab.page.locator("[data-class=Refrigerator]").count() == 1, "a synonym is found")
+    wait_until(lambda: tab.page.locator("[data-class=Refrigerator] img.thumbnail").count() == 1, "it has a picture")
+    width = "document.querySelector('[data-class=Refrigerator] img').naturalWidth"
+    wait_until(lambda: tab.page.evaluate(width) == 96, "the picture is loaded")
+
+
+def test_objects_are_added_to_the_body_that_was_selected_last(
+    physics_simulation: Simulation, open_page: OpenPage
+) -> None:
+    with Viewer(physics_simulation, port=0) as viewer:
+        tab = open_page(viewer, view=False)
+        tab.select_in_tree("Cupboard")
+        tab.open_panel("add")
+        tab.page.locator("[data-role=find-class]").fill("cup")
+        tab.page.locator("[data-class=Cup]").click()
+        for size in tab.page.locator("[data-size]").all():
+            size.fill("0.08")
+        for number in (1, 2):
+            tab.click_button("add")
+            wait_until(lambda number=number: tab.selected == f"Cup_{number}", f"cup {number} is selected")
+            assert physics_simulation.snapshot().body(BodyId(f"Cup_{number}")).pose.position[2] > 0.5
+        assert tab.page.locator(".toast.error").count() == 0
+        tab.page.close()
+
+
+def test_an_object_is_dragged_into_the_view_onto_a_surface(physics_simulation: Simulation, open_page: OpenPage) -> None:
+    with Viewer(physics_simulation, port=0) as viewer:
+        tab = open_page(viewer, size=(1000, 560))
+        tab.open_panel("add")
+        tab.page.locator("[data-role=find-class]").fill("bowl")
+        tile = tab.page.locator("[data-class=Bowl]")
+        tile.wait_for()
+        box = tile.bounding_box()
+        body = physics_simulation.snapshot().body(BodyId("Cupboard"))
+        assert body.size is not None
+        x, y, z = body.pose.position
+        to_x, to_y = tab.to_window((x, y, z + body.size[2] / 2))
+        tab.page.mouse.move(box["x"] + 20, box["y"] + 20)
+        tab.page.mouse.down()
+        tab.page.mouse.move(box["x"] - 30, box["y"] + 30, steps=3)
+        tab.page.mouse.move(to_x, to_y, steps=4)
+        wait_until(lambda: tab.page.locator(".drag-hint").inner_text() == "on Cupboard", "the place is named")
+        tab.page.mouse.up()
+        wait_until(lambda: BodyId("Bowl_1") in physics_simulation.state.ids, "the bowl is added")
+        at = physics_simulation.snapshot().body(BodyId("Bowl_1")).pose.position
+        assert at[2] == pytest.approx(z + body.size[2] / 2, abs=0.2)
+        assert at[2] > z + body.size[2] / 2 - 0.01, "it is on top"
+        assert at[:2] == pytest.approx((x, y), abs=0.25)
+        assert viewer.views.clients
