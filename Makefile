@@ -9,6 +9,8 @@ export PYTHON
 python := .venv/bin/python
 corpus_options ?=
 # Generators of ROS messages and what they need; /PATH:PACKAGE is installed if the path does not exist.
+opengl_packages := /usr/lib/$(shell uname -m)-linux-gnu/libEGL.so.1:libegl1 \
+	/usr/lib/$(shell uname -m)-linux-gnu/dri/swrast_dri.so:libgl1-mesa-dri
 ros_packages := rosidl:rosidl-tools gcc:gcc /usr/include/stdio.h:libc6-dev \
 	/usr/include/rosidl_runtime_c:rosidl-generator-c-cpp \
 	/usr/lib/python3/dist-packages/ament_index_python:python3-ament-index \
@@ -32,6 +34,7 @@ demo: .venv/run.stamp  ## the bundled kitchen in the browser
 
 test: .venv/dev.stamp  ## all tests; `make test pytest_options="-k word"` for some
 	@scripts/install_system.sh chromium:chromium swipl:swi-prolog-nox node:nodejs npm:npm Xvfb:xvfb xauth:xauth
+	@scripts/install_system.sh $(opengl_packages)
 	@scripts/install_system.sh $(ros_packages)
 	@scripts/install_node.sh
 	@scripts/install_godot.sh || test -z "$$CI"
@@ -76,7 +79,7 @@ kitchen: .venv/dev.stamp  ## regenerate the bundled kitchen
 	@$(python) scripts/make_kitchen.py
 
 pictures: .venv/run.stamp  ## regenerate the documentation's screenshots of the viewer
-	@scripts/install_system.sh chromium:chromium
+	@scripts/install_system.sh chromium:chromium $(opengl_packages)
 	@scripts/photograph_page.sh
 
 pin:  ## pin the newest versions that pyproject.toml allows

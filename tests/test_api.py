@@ -219,3 +219,13 @@ def test_the_types_are_checked_by_mypy(tmp_path: Path) -> None:
     )
     assert "Found 1 error" in result.stdout, result.stdout
     assert 'variable has type "int"' in result.stdout
+
+
+def test_the_package_lists_its_public_names_and_packages_only() -> None:
+    public = [name for name in dir(ms) if not name.startswith("__")]
+    assert {"open", "Simulation", "robots", "scene"} <= set(public)
+    assert {"import_module", "TYPE_CHECKING", "cli", "_MODULES"}.isdisjoint(public)
+    for name in set(public) - {"prolog"}:
+        assert getattr(ms, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'robot'"):
+        ms.robot  # noqa: B018

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import subprocess
 import sys
 import tarfile
@@ -75,7 +77,7 @@ def test_the_pins_satisfy_the_requirements_of_the_project() -> None:
     extras = project["optional-dependencies"]
     sets = {
         "run": [],
-        "dev": [line for extra, lines in extras.items() if extra != "docs" for line in lines],
+        "dev": [line for extra, lines in extras.items() if extra not in {"all", "docs"} for line in lines],
         "docs": extras["docs"],
     }
     for name, lines in sets.items():
@@ -87,3 +89,76 @@ def test_the_pins_satisfy_the_requirements_of_the_project() -> None:
         for line in [*project["dependencies"], *lines]:
             wanted = Requirement(line)
             assert wanted.specifier.contains(pins[wanted.name]), f"{line} but {name}.txt has {pins[wanted.name]}"
+
+
+def test_the_extra_all_has_every_extra_but_those_for_developers_and_special_machines() -> None:
+    import tomllib
+
+    from packaging.requirements import Requirement
+
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    (line,) = extras["all"]
+    requirement = Requirement(line)
+    assert requirement.name == "mindstage"
+    assert requirement.extras == extras.keys() - {"all", "bench", "dev", "docs", "gpu", "ray"}
+
+
+def test_the_installed_wheel_runs_the_demo_and_answers_outside_the_checkout(
+    wheel: zipfile.ZipFile, tmp_path: Path
+) -> None:
+    wheel.extractall(tmp_path / "site")
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("MINDSTAGE")}
+    environment |= {"PYTHONPATH": str(tmp_path / "site"), "HOME": str(tmp_path), "MINDSTAGE_CACHE": str(tmp_path)}
+
+    def run(*arguments: str) -> str:
+        command = [sys.executable, "-m", "mindstage", *arguments]
+        done = subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    where = subprocess.run(
+        [sys.executable, "-c", "import mindstage; print(mindstage.__file__)"],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    assert where.startswith(str(tmp_path)), "the wheel is tested, not the checkout"
+    assert "is served at http://127.0.0.1:" in run("demo", "--port", "0", "--for", "0.5", "--no-open")
+    assert "fridge" in run("ask", "where is milk kept?", "--map", "bundled:kitchen")
+
+
+# -- the container -----------------------------------------------------------------------------------------------------
+
+
+def instructions() -> list[tuple[str, str]]:
+    """The instructions of the Containerfile and their arguments."""
+    text = (ROOT / "Containerfile").read_text(encoding="utf-8").replace("\\\n", " ")
+    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    return [(line.partition(" ")[0], line.partition(" ")[2]) for line in lines]
+
+
+def test_the_container_runs_the_demo_without_root_on_the_loopback_interface() -> None:
+    found = instructions()
+    last_stage = found[max(index for index, (name, _) in enumerate(found) if name == "FROM") :]
+    values = dict(last_stage)
+    assert values["USER"] == "mindstage"
+    assert json.loads(values["ENTRYPOINT"]) == ["mindstage"]
+    assert json.loads(values["CMD"]) == ["demo", "--no-open"], "other addresses only by an explicit --host"
+    assert "MINDSTAGE_TOKEN" not in " ".join(argument for _, argument in found), "no token is baked into the image"
+    assert all("slim" in argument for name, argument in found if name == "FROM")
+
+
+def test_the_container_installs_pinned_packages_and_copies_files_that_exist() -> None:
+    known = {"FROM", "WORKDIR", "COPY", "RUN", "USER", "ENV", "EXPOSE", "ENTRYPOINT", "CMD"}
+    for name, argument in instructions():
+        assert name in known
+        if name == "COPY" and not argument.startswith("--from"):
+            for source in argument.split()[:-1]:
+                assert (ROOT / source).exists(), source
+        for command in argument.split("&&") if name == "RUN" else ():
+            if "pip install" in command:
+                assert "--require-hashes" in command or "--no-deps" in command, command

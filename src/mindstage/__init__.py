@@ -10,10 +10,13 @@
         sim.save("now.owl")
     print(ms.diff("kitchen.owl", "now.owl"))
 
-Submodules are imported when one of their names is first used.
+Submodules are imported when one of their names is first used. Where gymnasium was imported before, its environments
+`mindstage/Open-v0`, Pick, Place and PutAway are registered.
 """
 
+import sys
 from importlib import import_module
+from pkgutil import iter_modules
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -21,9 +24,11 @@ if TYPE_CHECKING:
     from mindstage.engines import MujocoEngine, NullEngine
     from mindstage.imagination import imagine, try_first
     from mindstage.knowledge import KnowledgeBase
+    from mindstage.pictures import shot
+    from mindstage.rendering import Screenshot
     from mindstage.scene import World
     from mindstage.simulation import Simulation
-    from mindstage.viewer import Screenshot, Viewer
+    from mindstage.viewer import Viewer
 
 __all__ = [
     "KnowledgeBase",
@@ -40,6 +45,7 @@ __all__ = [
     "load",
     "open",
     "save",
+    "shot",
     "try_first",
     "view",
 ]
@@ -50,7 +56,7 @@ _MODULES = {
     "KnowledgeBase": "mindstage.knowledge",
     "MujocoEngine": "mindstage.engines",
     "NullEngine": "mindstage.engines",
-    "Screenshot": "mindstage.viewer",
+    "Screenshot": "mindstage.rendering",
     "Simulation": "mindstage.simulation",
     "Viewer": "mindstage.viewer",
     "World": "mindstage.scene",
@@ -60,16 +66,31 @@ _MODULES = {
     "load": "mindstage.api",
     "open": "mindstage.api",
     "save": "mindstage.api",
+    "shot": "mindstage.pictures",
     "try_first": "mindstage.imagination",
     "view": "mindstage.api",
 }
 
 
+def _packages() -> set[str]:
+    """The names of the sub-packages and modules, without those of the command line and internal ones."""
+    return {module.name for module in iter_modules(__path__)} - {"__main__", "cli", "lazy_names"}
+
+
 def __getattr__(name: str) -> object:
     if name in _MODULES:
         return getattr(import_module(_MODULES[name]), name)
+    if not name.startswith("_") and name in _packages():
+        return import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    special = {name for name in globals() if name.startswith("__") and name.endswith("__")}
+    return sorted({*special, *__all__, *_packages()})
+
+
+if "gymnasium" in sys.modules:
+    from mindstage.robots.environments import register_environments
+
+    register_environments()

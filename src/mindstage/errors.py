@@ -9,6 +9,7 @@
     │   ├── NoFreePlacementError        no free placement for the object
     │   ├── RestoreError                a deleted body cannot be restored
     │   ├── NothingToUndoError          the undo or redo stack is empty
+    │   ├── HistoryChangedError         another client has edited since the history was read
     │   └── AttachmentError             a cycle, or the child already has a parent
     ├── KnowledgeError                  a source of knowledge or a query cannot be used (exit code 2)
     │   ├── SourceParseError            missing file, or content that does not follow its format
@@ -29,6 +30,7 @@
     │   ├── ReasonerUnavailableError    the OWL 2 RL reasoner is not installed
     │   ├── StoreError                  a store folder cannot be opened or written
     │   ├── ShapeNotFoundError          no shape has that name
+    │   ├── TextureNotFoundError        no texture has that name
     │   ├── InvalidShapeError           an invalid size or parameter of a shape
     │   ├── EndpointUnreachableError    a SPARQL endpoint does not respond, or not in time
     │   └── EndpointError               a SPARQL endpoint returned an error or an invalid reply
@@ -73,6 +75,7 @@
     ├── BrowserError                    failure of the browser that renders pictures (exit code 2)
     │   ├── BrowserNotFoundError        not installed, or it does not start
     │   └── BrowserCrashedError         it exited, returned an error or did not reply in time
+    ├── RendererUnavailableError        a library that a renderer needs is not installed (exit code 2)
     ├── CacheError                      the cache directory cannot be written (exit code 2)
     ├── InvalidRequestError             invalid request from the page (exit code 2)
     └── ViewerUnavailableError          the page's server cannot listen at that address (exit code 2)
@@ -119,6 +122,7 @@ __all__ = [
     "EpisodeTimeError",
     "FailureResponseError",
     "FoxgloveUnavailableError",
+    "HistoryChangedError",
     "ImaginationError",
     "InvalidArgumentError",
     "InvalidColorError",
@@ -143,6 +147,7 @@ __all__ = [
     "QuestionNotFoundError",
     "QuestionTimeoutError",
     "ReasonerUnavailableError",
+    "RendererUnavailableError",
     "RestoreError",
     "RobotError",
     "RobotLibraryError",
@@ -161,6 +166,7 @@ __all__ = [
     "SparqlSyntaxError",
     "SparqlTimeoutError",
     "StoreError",
+    "TextureNotFoundError",
     "TypeNotFoundError",
     "UnreachableError",
     "UnsupportedByEngineError",
@@ -324,6 +330,8 @@ class UnreachableError(WorldError):
     """Which limit or which obstacle, with numbers."""
     obstacle: str | None = None
     """The id of the body in the way, if it is one."""
+    shortfall_m: float | None = None
+    """By how much the hand does not get to the target [m], if that is the reason."""
 
 
 @dataclass(eq=False, repr=False)
@@ -362,6 +370,14 @@ class NothingToUndoError(WorldError):
     def action(self) -> str:
         """Part of the message."""
         return "redo" if self.redo else "undo"
+
+
+@dataclass(eq=False, repr=False)
+class HistoryChangedError(WorldError):
+    """A step of the undo history was chosen, and the history has changed since it was read."""
+
+    code = "HistoryChanged"
+    template = "the history has changed in the meantime; look at it and choose the step again"
 
 
 # -- knowledge ---------------------------------------------------------------------------------------------------------
@@ -670,6 +686,27 @@ class ShapeNotFoundError(KnowledgeError):
     def __post_init__(self) -> None:
         self.known = tuple(sorted(self.known))
         self.suggestions = closest_names(self.shape, self.known)
+
+    @property
+    def remedy(self) -> str:
+        """The end of the message where no name is similar."""
+        return f"there is {', '.join(self.known)}"
+
+
+@dataclass(eq=False, repr=False)
+class TextureNotFoundError(KnowledgeError):
+    """No texture has that name."""
+
+    code = "TextureUnknown"
+    template = "no texture {texture!r}{hint}"
+    texture: str
+    _: KW_ONLY
+    known: Iterable[str] = ()
+    suggestions: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.known = tuple(sorted(self.known))
+        self.suggestions = closest_names(self.texture, self.known)
 
     @property
     def remedy(self) -> str:
@@ -1173,6 +1210,18 @@ class BrowserCrashedError(BrowserError):
     code = "BrowserBroken"
     template = "the browser failed: {cause}; try again, or increase the timeout"
     cause: str
+
+
+@dataclass(eq=False, repr=False)
+class RendererUnavailableError(MindstageError):
+    """A library that a renderer of pictures needs is not installed, or does not work here."""
+
+    code = "RendererUnavailable"
+    template = "pictures cannot be rendered with {renderer}: {cause}{hint}"
+    renderer: str
+    _: KW_ONLY
+    cause: str
+    remedy: str = ""
 
 
 @dataclass(eq=False, repr=False)

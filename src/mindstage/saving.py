@@ -9,7 +9,9 @@ A file is written completely or not at all.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from contextlib import nullcontext
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -18,6 +20,7 @@ from mindstage.errors import InvalidArgumentError, MapWriteError, SourceParseErr
 
 if TYPE_CHECKING:
     from mindstage.assets import MeshLibrary
+    from mindstage.engines.actuators import ActuatedBodies
     from mindstage.geometry import FittedGeometry
     from mindstage.knowledge import KnowledgeBase, SourceMapView
     from mindstage.scene import World
@@ -111,6 +114,7 @@ def save_world(
     assets: StrPath | Iterable[StrPath] = (),
     plain_shapes: bool = False,
     godot: StrPath | None = None,
+    actuated: Iterable[ActuatedBodies] = (),
 ) -> tuple[str, ...]:
     """Writes a world to a file, completely or not at all.
 
@@ -124,6 +128,7 @@ def save_world(
         assets: folders of mesh files, for MJCF, glTF and Godot scenes.
         plain_shapes: whether MJCF, glTF and Godot scenes get only the primitive shape of each body.
         godot: path of the Godot executable, for Godot scenes; by default searched on PATH and in the usual places.
+        actuated: its bodies with actuators; MJCF has these, too.
 
     Returns:
         Notes, one sentence each, on what the format cannot express or approximates.
@@ -141,10 +146,9 @@ def save_world(
     if kind.is_map:
         chosen = FileDialect.SEMLOG if dialect is None else _choice(FileDialect, dialect)
         return _save_map(world, out, kind, chosen, knowledge)
-    if knowledge is None:
-        with KnowledgeBase() as bundled:
-            return _save_scene(world, out, kind, bundled, assets=assets, plain_shapes=plain_shapes, godot=godot)
-    return _save_scene(world, out, kind, knowledge, assets=assets, plain_shapes=plain_shapes, godot=godot)
+    with nullcontext(knowledge) if knowledge is not None else KnowledgeBase() as used:
+        fitted = _fitted(world, used, assets, plain_shapes=plain_shapes, actuated=(actuated := tuple(actuated)))
+        return _save_scene(world, out, kind, used, fitted, godot=godot, actuated=actuated)
 
 
 def mesh_assets(folders: StrPath | Iterable[StrPath], knowledge: KnowledgeBase) -> MeshLibrary:
@@ -204,30 +208,42 @@ def _origin_of(world: World, knowledge: KnowledgeBase, dialect: FileDialect) -> 
     return given
 
 
+def _fitted(
+    world: World,
+    knowledge: KnowledgeBase,
+    assets: StrPath | Iterable[StrPath],
+    *,
+    plain_shapes: bool,
+    actuated: Sequence[ActuatedBodies],
+) -> FittedGeometry:
+    """The geometry that is written: none for plain shapes; that of robots is their own."""
+    from mindstage.geometry import FittedGeometry, fit_geometry
+    from mindstage.scene import NO_GEOMETRY
+
+    if plain_shapes:
+        return FittedGeometry(NO_GEOMETRY)
+    fitted = fit_geometry(world, knowledge, meshes=mesh_assets(assets, knowledge))
+    own = {id: each for bodies in actuated for id, each in bodies.geometry.items()}
+    return replace(fitted, geometry={**fitted.geometry, **own}) if own else fitted
+
+
 def _save_scene(
     world: World,
     path: Path,
     format: FileFormat,
     knowledge: KnowledgeBase,
+    fitted: FittedGeometry,
     *,
-    assets: StrPath | Iterable[StrPath],
-    plain_shapes: bool,
     godot: StrPath | None,
+    actuated: Sequence[ActuatedBodies],
 ) -> tuple[str, ...]:
     """Writes a MuJoCo model, a glTF scene or a Godot scene."""
-    from mindstage.geometry import FittedGeometry, fit_geometry
     from mindstage.knowledge.io.write import save_file
-    from mindstage.scene import NO_GEOMETRY
 
-    fitted = (
-        FittedGeometry(NO_GEOMETRY)
-        if plain_shapes
-        else fit_geometry(world, knowledge, meshes=mesh_assets(assets, knowledge))
-    )
     if format is FileFormat.MJCF:
         from mindstage.engines.mujoco import world_to_mjcf
 
-        text, notes = world_to_mjcf(world, geometry=fitted.geometry, find_mesh=knowledge.find_file)
+        text, notes = world_to_mjcf(world, geometry=fitted.geometry, find_mesh=knowledge.find_file, actuated=actuated)
         save_file(path, text.encode())
     elif format is FileFormat.GLTF:
         from mindstage.assets.gltf import world_to_glb

@@ -33,6 +33,7 @@ from mindstage.errors import (
     EngineError,
     EngineTimeoutError,
     EngineUnavailableError,
+    HistoryChangedError,
     MessageValidationError,
     NoFreePlacementError,
     NothingToUndoError,
@@ -196,6 +197,7 @@ SIMULATION_ERRORS = [
     NoFreePlacementError("cup", "on table", reason="it is full"),
     RestoreError("cup", reason="its id is taken"),
     NothingToUndoError(),
+    HistoryChangedError(),
     UnreachableError("robot", target="the handle", reason="it is 0.3 m beyond its reach"),
 ]
 """Errors of the simulation, which no engine raises; the message has no fields for them."""

@@ -206,3 +206,21 @@ def test_former_names_of_verbs_are_hidden_aliases(alias: str, verb: str, run: Ru
     listed = run("--help").stdout
     assert verb in listed
     assert alias not in listed
+
+
+@pytest.mark.parametrize("arguments", [["check", "kitchen"], ["ask", "where_is", "--map", "Kitchen.owl"]])
+def test_a_missing_map_named_like_the_bundled_kitchen_names_it(run: Run, arguments: list[str]) -> None:
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert "there is no such file; did you mean bundled:kitchen?" in result.stderr
+
+
+def test_another_missing_map_does_not_name_the_bundled_kitchen(run: Run) -> None:
+    assert "bundled" not in run("check", "laboratory.owl").stderr
+
+
+def test_the_demo_takes_the_name_of_the_kitchen_and_says_what_shows_other_maps(run: Run) -> None:
+    result = run("demo", "laboratory.owl")
+    assert result.exit_code == 2
+    assert "another map is shown by: mindstage spawn laboratory.owl" in result.stderr
+    assert run("demo", "kitchen", "--port", "0", "--for", "0", "--no-open").exit_code == 0

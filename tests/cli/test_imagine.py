@@ -106,11 +106,11 @@ def _is_imagining(process_id: int) -> bool:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK") > 4.0
 
 
-def test_a_picture_shows_where_things_end(run: Run, write_map: WriteMap, tmp_path: Path, chromium: Path) -> None:
+def test_a_picture_shows_where_things_end(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
     maps, picture = write_map("mugs.owl", mugs={"X": "0 0 0.5"}), tmp_path / "new" / "ends.png"
     plan = "{steps: [{do: move, thing: X, by: [0, 0, 0.6]}], uncertainty: [{thing: X, position_m: 0.1}]}"
     options = ["--samples", 4, "--check", "individual_of_class cls=Mug", "--expect", "none"]
-    options += ["--browser", chromium, "--picture", picture]
+    options += ["--picture", picture]
     result = run("imagine", plan, maps, *options, "--json")
     assert result.exit_code == 1, result.output
     content = json_output(result)
@@ -119,9 +119,11 @@ def test_a_picture_shows_where_things_end(run: Run, write_map: WriteMap, tmp_pat
     assert np.count_nonzero(red > green + 60) > 500
 
 
-def test_without_a_browser_no_plan_is_tried_for_a_picture(run: Run, plan: Path, tmp_path: Path) -> None:
-    plan.write_text("steps:\n" + DROP)
-    result = run("imagine", plan, KITCHEN, "--picture", tmp_path / "x.png", "--browser", "no-such-browser")
+def test_an_unknown_format_of_the_picture_is_an_error_before_the_map_is_read(
+    run: Run, plan: Path, tmp_path: Path
+) -> None:
+    plan.write_text("steps:\n" + ON_TABLE)
+    result = run("imagine", plan, tmp_path / "none.owl", "--picture", tmp_path / "x.gif")
     assert result.exit_code == 2
-    assert "there is no program 'no-such-browser'" in result.stderr
+    assert ".gif is no format of pictures" in " ".join(result.stderr.split())
     assert not result.stdout

@@ -46,6 +46,19 @@ def test_unplaced_items_have_a_reason_and_exit_1(run: Run, tmp_path: Path) -> No
     assert json_output(result)["put"] == []
 
 
+def test_a_map_without_some_of_the_items_is_named_so(run: Run, tmp_path: Path) -> None:
+    items, out = tmp_path / "items.ttl", tmp_path / "out.owl"
+    items.write_text(
+        ITEMS.partition(":milk")[0]
+        + ":plate a knowrob:DinnerPlate ; ms:putOn 'table' .\n"
+        + ":lost a knowrob:DinnerPlate ; ms:putOn 'no_such_table' .\n",
+        encoding="utf-8",
+    )
+    result = run("place", "bundled:kitchen", "--with", items, "--out", out)
+    assert result.exit_code == 1
+    assert "out.owl, without 1 of 2 items" in " ".join(result.stdout.split())
+
+
 def test_an_invalid_list_is_rejected(run: Run, tmp_path: Path) -> None:
     items = tmp_path / "items.ttl"
     items.write_text("@prefix : <http://example.org/#> .\n:Mug a <http://www.w3.org/2002/07/owl#Class> .\n")

@@ -118,6 +118,8 @@ class ServerGoalHandle:
         """The goal as it was sent: an object, or a list of its fields in order."""
         self._feedback = feedback
         self._cancelled = threading.Event()
+        self._lock = threading.Lock()
+        self._on_cancel: list[Callable[[], object]] = []
 
     @property
     def cancel_requested(self) -> bool:
@@ -132,9 +134,25 @@ class ServerGoalHandle:
         """Sends feedback, from any thread."""
         self._feedback(self.id, values)
 
+    def on_cancel(self, callback: Callable[[], object]) -> None:
+        """Registers a callback that is called when cancellation is requested, or now if it was.
+
+        It is called in the thread that receives the request, so that nothing waits for the thread of the handler; it
+        must return at once.
+        """
+        with self._lock:
+            if not self._cancelled.is_set():
+                self._on_cancel.append(callback)
+                return
+        callback()
+
     def request_cancel(self) -> None:
         """Sets `cancel_requested`."""
-        self._cancelled.set()
+        with self._lock:
+            self._cancelled.set()
+            callbacks, self._on_cancel = self._on_cancel, []
+        for callback in callbacks:
+            callback()
 
     @staticmethod
     def succeeded(values: object = None) -> GoalResult:

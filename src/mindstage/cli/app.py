@@ -30,6 +30,7 @@ _MODULES = {
     "demo": "viewer",
     "spawn": "simulate",
     "shot": "shot",
+    "render": "render",
     "analyze": "maps",
     "validate": "maps",
     "compare": "maps",

@@ -37,7 +37,7 @@ from mindstage.cli.output import (
     warn,
 )
 from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
-from mindstage.cli.shot import BrowserPath, take_picture
+from mindstage.cli.shot import take_picture
 
 if TYPE_CHECKING:
     from mindstage.imagination import Check, Progress, Uncertainty, Verdict
@@ -107,7 +107,7 @@ Picture = Annotated[
         "--picture",
         metavar="FILE.png",
         help="Write a picture of where things end in the samples (green succeeded, red failed, yellow unknown), with "
-        "the first failing sample over time; needs a browser.",
+        "the first failing sample over time: .png, .jpg or .webp.",
         show_default=False,
     ),
 ]
@@ -128,7 +128,6 @@ def imagine(
     uncertainty: Uncertainties = None,
     settle: SettleTime = 0.0,
     picture: Picture = None,
-    browser: BrowserPath = None,
     map_name: MapName = None,
     reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
@@ -140,12 +139,13 @@ def imagine(
     """Try a plan many times in copies of a world; exit 0 if it succeeds, 1 if it fails, 2 if that is unknown."""
     from mindstage.imagination import imagine as try_plan
     from mindstage.imagination import load_plan
+    from mindstage.pictures import picture_format
 
     file = load_plan(plan)
     deviations = [deviations_of(text) for text in uncertainty or ()]
     asked = _check(check, expect or [])
     if picture is not None:
-        _require_browser(browser)
+        picture_format(picture)  # before the map is read, so that a wrong suffix fails at once
     running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps, reading)
@@ -168,23 +168,17 @@ def imagine(
         else:
             _print_verdict(verdict, verbose=verbose)
         if picture is not None and not interrupted.is_set():
-            _draw(simulation, verdict, picture, browser, as_json=as_json)
+            _draw(simulation, verdict, picture, as_json=as_json)
     if interrupted.is_set():
         return ExitCode.INTERRUPTED
     codes = {"succeeded": ExitCode.OK, "failed": ExitCode.NEGATIVE}
     return codes.get(verdict.outcome.value, ExitCode.ERROR)
 
 
-def _require_browser(browser: str | None) -> None:
-    from mindstage.viewer.screenshot import find_browser
+def _draw(simulation: Simulation, verdict: Verdict, path: Path, *, as_json: bool) -> None:
+    from mindstage.rendering import Screenshot
 
-    find_browser(browser)  # before the map is read, so that a missing browser fails at once
-
-
-def _draw(simulation: Simulation, verdict: Verdict, path: Path, browser: str | None, *, as_json: bool) -> None:
-    from mindstage.viewer import Screenshot
-
-    take_picture(simulation, Screenshot(browser=browser), path, verdict=verdict)
+    take_picture(simulation, Screenshot(), path, verdict=verdict)
     if not as_json:
         print_line(f"picture → {path}")
 

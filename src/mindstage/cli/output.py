@@ -49,6 +49,7 @@ __all__ = [
     "print_records",
     "print_report",
     "print_table",
+    "progress_bar",
     "progress_spinner",
     "reasons_json",
     "report_json",
@@ -302,6 +303,21 @@ def step_with_progress(simulation: Simulation, duration_s: float) -> float:
 
         simulation.step(duration_s, progress=progress)
     return time.perf_counter() - start
+
+
+@contextmanager
+def progress_bar(text: str) -> Iterator[Callable[[float], None]]:
+    """Shows a progress bar during the `with` block, if stderr is a terminal.
+
+    Yields:
+        A function that takes the part that is done, from 0 to 1.
+    """
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn(text), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=1.0, visible=bar.console.is_terminal)
+        yield lambda part: bar.update(task, completed=part)
 
 
 def assumptions_json(knowledge: KnowledgeBase, about: World | None = None) -> list[dict[str, object]]:

@@ -108,7 +108,7 @@ def place(
         if out is None and with_viewport:
             print_and_serve(simulation, output, port=port, duration_s=seconds, as_json=as_json)
         else:
-            _finish(simulation, output, out, as_json=as_json)
+            _finish(simulation, output, placement, out, as_json=as_json)
     return ExitCode.OK if not shortcomings(report, findings) and not placement.unplaced else ExitCode.NEGATIVE
 
 
@@ -120,7 +120,9 @@ def _read_items(text: str, knowledge: KnowledgeBase) -> tuple[PlacementItem, ...
     return load_items(path, knowledge) if path.suffix or path.exists() else (parse_item(text, knowledge),)
 
 
-def _finish(simulation: Simulation, output: dict[str, object], out: Path | None, *, as_json: bool) -> None:
+def _finish(
+    simulation: Simulation, output: dict[str, object], placement: PlacementReport, out: Path | None, *, as_json: bool
+) -> None:
     """Writes the world, if requested, and prints the output."""
     from mindstage.knowledge import save_map
 
@@ -130,7 +132,14 @@ def _finish(simulation: Simulation, output: dict[str, object], out: Path | None,
     if as_json:
         print_json(output if out is None else output | {"out": str(out)})
     elif out is not None:
-        print_line(f"world → {out}")
+        print_line(f"world → {out}{_omission(placement)}")
+
+
+def _omission(placement: PlacementReport) -> str:
+    from mindstage.scene.display import counted
+
+    total = len(placement.placed) + len(placement.unplaced)
+    return f", without {len(placement.unplaced)} of {counted(total, 'item')}" if placement.unplaced else ""
 
 
 def _report_json(placement: PlacementReport) -> dict[str, object]:

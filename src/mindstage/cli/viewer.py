@@ -46,6 +46,7 @@ __all__ = [
 
 
 LOOPBACK = "127.0.0.1"
+BUNDLED = "bundled:kitchen"
 
 _POLL_INTERVAL_S = 0.2
 """Interval at which the deadline and the error of the simulation are checked [s]."""
@@ -134,6 +135,7 @@ def show_page(
     announce: Callable[[str], None],
     quiet: bool = False,
     access: ServerAccess = LOCAL_ACCESS,
+    tour: bool = False,
 ) -> None:
     """Serves the page and plays the simulation until Ctrl-C or the end of the duration.
 
@@ -144,8 +146,11 @@ def show_page(
         announce: called with the URL when the page is served.
         quiet: whether to print nothing.
         access: who may open the page.
+        tour: whether pages offer the tour to new users.
     """
     viewport = open_viewer(simulation, port=port, access=access)
+    if tour:
+        viewport.offer_tour()
     try:
         announce(viewport.url)
         keep_alive(simulation, duration_s=duration_s, quiet=quiet)
@@ -208,6 +213,7 @@ def keep_alive(simulation: Simulation, *, duration_s: float | None, quiet: bool 
 
 
 def demo(
+    name: Annotated[str, typer.Argument(hidden=True, show_default=False)] = BUNDLED,
     *,
     engine: EngineName = "mujoco",
     port: Port = 8080,
@@ -232,10 +238,13 @@ def demo(
         ),
     ] = None,
 ) -> ExitCode:
-    """Show the bundled kitchen in the browser."""
+    """Show the bundled kitchen in the browser, with a tour for new users."""
+    if name not in {BUNDLED, BUNDLED.partition(":")[2]}:
+        remedy = f"another map is shown by: mindstage spawn {name}"
+        raise InvalidArgumentError(name, cause=f"the demo shows {BUNDLED}", remedy=remedy)
     access = server_access(host, token, tls_cert, tls_key, limits)
     with progress_spinner("loading the kitchen"):
-        knowledge = knowledge_base(["bundled:kitchen"])
+        knowledge = knowledge_base([BUNDLED])
         world = knowledge.world()
         simulation = simulation_from_options(knowledge, make_engine(engine))
     with simulation:
@@ -248,5 +257,5 @@ def demo(
             print_line(f"The kitchen is served at {url}")
             open_page(url, wanted=open_browser)
 
-        show_page(simulation, port=port, duration_s=seconds, announce=announce, access=access)
+        show_page(simulation, port=port, duration_s=seconds, announce=announce, access=access, tour=True)
     return ExitCode.OK
