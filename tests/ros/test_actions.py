@@ -164,6 +164,8 @@ def test_spawning_sends_feedback_and_is_undone_when_canceled(knowledge: Knowledg
         assert engine.spawning.wait(TIMEOUT_S)
         eventually(lambda: sum(each["phase"] == "spawning" for each in feedback_values) >= 3)
         sent.cancel()
+        received = len(feedback_values)  # the loop delivers in order: feedback sent later shows that the cancel came
+        eventually(lambda: len(feedback_values) >= received + 3)
         engine.go_on.set()
         assert sent.wait(TIMEOUT_S).status is GoalStatus.CANCELED
         assert simulation.state.ids == ()
