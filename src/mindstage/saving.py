@@ -9,7 +9,7 @@ A file is written completely or not at all.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from enum import StrEnum
@@ -243,8 +243,18 @@ def _save_scene(
     if format is FileFormat.MJCF:
         from mindstage.engines.mujoco import world_to_mjcf
 
-        text, notes = world_to_mjcf(world, geometry=fitted.geometry, find_mesh=knowledge.find_file, actuated=actuated)
-        save_file(path, text.encode())
+        folder = f"{path.stem}_assets"
+        written = world_to_mjcf(
+            world,
+            geometry=fitted.geometry,
+            find_mesh=knowledge.find_file,
+            actuated=actuated,
+            visuals_folder=folder if fitted.geometry else None,
+        )
+        if written.files:
+            _save_folder(path.parent / folder, {Path(name).name: data for name, data in written.files.items()})
+        save_file(path, written.text.encode())
+        notes = written.notes
     elif format is FileFormat.GLTF:
         from mindstage.assets.gltf import world_to_glb
 
@@ -253,6 +263,29 @@ def _save_scene(
     else:
         return _save_godot_scene(world, path, fitted, godot=godot)
     return (*(note.text for note in fitted.notes), *notes)
+
+
+def _save_folder(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Writes the meshes and textures of a MuJoCo model, and removes those of an earlier one.
+
+    Raises:
+        MapWriteError: the folder has other files, or cannot be written.
+    """
+    kinds = {Path(name).suffix for name in files}
+    try:
+        existing = list(folder.iterdir()) if folder.exists() else []
+        other = next((each for each in existing if each.suffix not in kinds | {".obj", ".png"}), None)
+        if other is not None:
+            cause = f"it exists, and has files other than meshes and textures of a MuJoCo model: {other.name}"
+            raise MapWriteError(str(folder), cause=cause, remedy="move it, or choose another name for the model")
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, data in files.items():
+            (folder / name).write_bytes(data)
+        for each in existing:
+            if each.name not in files:
+                each.unlink()
+    except OSError as error:
+        raise MapWriteError(str(folder), cause=error.strerror or str(error)) from error
 
 
 def _save_godot_scene(world: World, path: Path, fitted: FittedGeometry, *, godot: StrPath | None) -> tuple[str, ...]:

@@ -7,8 +7,10 @@ from pathlib import Path
 import mujoco
 import pytest
 
+from mindstage.knowledge import save_map
 from mindstage.knowledge.io.files import BUNDLED_KITCHEN
 from tests.cli.runner import Run, WriteMap, json_output
+from tests.kitchenette import kitchenette
 
 SAMPLES = ("ameva-task-two", "iai-kitchen-original", "knowrob1-ccrl", "soma-iai-room")
 
@@ -67,6 +69,26 @@ def test_a_map_is_converted_to_a_mujoco_model(suffix: str, run: Run, write_map: 
     assert (result.exit_code, json_output(result)["dialect"]) == (0, None)
     model = mujoco.MjModel.from_xml_path(str(out))
     assert {model.body(number).name for number in range(model.nbody)} == {"world", "Mug1", "Mug2"}
+
+
+def test_a_mujoco_model_has_the_meshes_of_its_bodies_and_replaces_those_of_an_earlier_one(
+    run: Run, tmp_path: Path
+) -> None:
+    source, out, folder = tmp_path / "map.owl", tmp_path / "out.xml", tmp_path / "out_assets"
+    save_map(kitchenette(), source)
+    folder.mkdir()
+    (folder / "old.obj").write_text("")
+    assert run("convert", source, out).exit_code == 0
+    assert not (folder / "old.obj").exists()
+    model = mujoco.MjModel.from_xml_path(str(out))
+    seen = {model.body(body).name for body in model.geom_bodyid[model.geom_group == 1]}
+    assert seen == {body.id for body in kitchenette().bodies}
+    (folder / "thesis.pdf").write_text("")
+    before = out.read_bytes(), sorted(folder.iterdir())
+    result = run("convert", source, out)
+    assert result.exit_code == 2
+    assert "thesis.pdf" in result.stderr
+    assert (out.read_bytes(), sorted(folder.iterdir())) == before
 
 
 def test_a_map_is_converted_to_a_gltf_scene(run: Run, write_map: WriteMap, tmp_path: Path) -> None:

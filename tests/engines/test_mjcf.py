@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
@@ -19,6 +20,7 @@ from mindstage.scene import (
     Attachment,
     AxisMotion,
     Body,
+    BodyGeometry,
     BodyId,
     BodyPhysics,
     CollisionShapeType,
@@ -29,8 +31,10 @@ from mindstage.scene import (
     LinearLimits,
     Material,
     Mobility,
+    PbrMaterial,
     Pose,
     Vector,
+    VisualMesh,
     World,
 )
 from mindstage.scene.transforms import normalize, pose_array, quat_angle
@@ -234,3 +238,71 @@ def test_geometry_is_exported_and_simulates_the_same() -> None:
         mujoco.mj_kinematics(model, data)
         np.testing.assert_allclose(data.xpos[numbers], engine.poses()[1][rows, :3], atol=2e-3)
     assert data.xpos[numbers[0]][0] < -0.2, "the ball did not roll"
+
+
+def square(size: float, image: np.ndarray | None = None, **material: object) -> VisualMesh:
+    """A square and one triangle below it, with texture coordinates."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, -1]], dtype=float) * size
+    faces = np.array([[0, 1, 2], [0, 2, 3], [0, 4, 1]], dtype=np.uint32)
+    uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.25, 0.125]], dtype=float)
+    return VisualMesh(points, faces, PbrMaterial(**material), uv=uv, image=image)  # type: ignore[arg-type]
+
+
+def with_visuals(*visuals: VisualMesh) -> BodyGeometry:
+    geometry = wedge_geometry((0.6, 0.4, 0.3))
+    return dataclasses.replace(geometry, key=str([visual.material for visual in visuals]), visuals=visuals)
+
+
+def test_visual_meshes_and_textures_are_files_that_mujoco_reads() -> None:
+    image = np.zeros((8, 4, 4), dtype=np.uint8)
+    image[:4] = (255, 0, 0, 255)
+    image[4:] = (0, 0, 255, 255)
+    oak = square(1.0, name="wood", texture="oak_board", color=(1.0, 0.5, 0.25), opacity=0.9)
+    geometry = with_visuals(oak, square(0.5, image, name="paper"))
+    shapes = {BodyId(name): geometry for name in ("table", "bench")}
+    world = world_of(
+        replace(item("table"), size=(0.6, 0.4, 0.3)), replace(item("bench", at=(2.0, 0.0, 0.0)), size=(0.6, 0.4, 0.3))
+    )
+    written = world_to_mjcf(world, geometry=shapes, visuals_folder="x_assets")
+    model = mujoco.MjModel.from_xml_string(written.text, dict(written.files))
+    visual = np.flatnonzero(model.geom_group == 1)
+    assert model.geom_group.tolist().count(1) == 4
+    assert set(model.geom_group[model.geom_contype > 0]) == {3}
+    assert not model.geom_contype[visual].any()
+    assert len(written.files) == 4, "two meshes and two pictures, shared by both bodies"
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    first = visual[0]
+    mesh = model.geom_dataid[first]
+    start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    points = model.mesh_vert[start : start + count] @ data.geom_xmat[first].reshape(3, 3).T + data.geom_xpos[first]
+    np.testing.assert_allclose(np.unique(points.round(5), axis=0), np.unique(oak.points, axis=0), atol=1e-5)
+    # MuJoCo's pictures begin with the top row, and its texture coordinates at the top.
+    coordinates = model.mesh_texcoord[model.mesh_texcoordadr[mesh] : model.mesh_texcoordadr[mesh] + 5]
+    assert {tuple(row) for row in coordinates.tolist()} == {(0, 1), (1, 1), (1, 0), (0, 0), (0.25, 0.875)}
+    wood, paper = (model.mat(int(model.geom_matid[row])) for row in visual[:2])
+    np.testing.assert_allclose(wood.rgba, (1.0, 0.5, 0.25, 0.9), atol=1e-6)
+    pixels = model.tex_data[model.tex_adr[model.mat_texid[paper.id][1]] :][: 8 * 4 * 3].reshape(8, 4, 3)
+    assert (pixels == image[..., :3]).all()
+
+
+def test_a_color_of_the_body_replaces_that_of_solid_meshes_without_a_picture() -> None:
+    image = np.full((4, 4, 4), 255, dtype=np.uint8)
+    geometry = with_visuals(
+        square(1.0, color=(0.5, 0.5, 0.5)), square(1.0, opacity=0.3), square(1.0, image, name="print")
+    )
+    red = Material(name="red", color=(0.75, 0.25, 0.0))
+    world = world_of(replace(item("cup", materials=(red,)), size=(0.6, 0.4, 0.3)))
+    written = world_to_mjcf(world, geometry={BodyId("cup"): geometry}, visuals_folder="x_assets")
+    model = mujoco.MjModel.from_xml_string(written.text, dict(written.files))
+    colors = model.mat_rgba[model.geom_matid[model.geom_group == 1]]
+    np.testing.assert_allclose(colors[:, 0], (0.75, 0.8, 0.8), atol=1e-6)
+
+
+def test_a_mesh_without_an_area_is_left_out_and_reported() -> None:
+    flat = square(0.0)
+    world = world_of(replace(item("cup"), size=(0.6, 0.4, 0.3)))
+    shapes = {BodyId("cup"): with_visuals(flat, square(1.0, name="metal"))}
+    written = world_to_mjcf(world, geometry=shapes, visuals_folder="x_assets")
+    assert any("1 visual mesh" in note for note in written.notes)
+    mujoco.MjModel.from_xml_string(written.text, dict(written.files))

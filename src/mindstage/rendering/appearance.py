@@ -454,12 +454,17 @@ def _class_nouns(cls: Iri, ancestors: tuple[Iri, ...]) -> Iterator[str]:
             yield from singular_forms(word)
 
 
+def takes_body_color(visual: VisualMesh) -> bool:
+    """Whether a color of the body replaces that of the mesh: not if it is transparent or has a picture."""
+    return visual.image is None and visual.material.opacity > _SOLID_OPACITY
+
+
 def _tinted(visuals: Iterable[VisualMesh], color: Color) -> tuple[VisualMesh, ...]:
-    """The same meshes in another color, except transparent and textured ones."""
+    """The same meshes in another color, except transparent ones and those with a picture."""
     return tuple(
-        visual
-        if visual.image is not None or visual.material.opacity <= _SOLID_OPACITY
-        else VisualMesh(visual.points, visual.faces, replace(visual.material, color=color), visual.normals, visual.uv)
+        VisualMesh(visual.points, visual.faces, replace(visual.material, color=color), visual.normals, visual.uv)
+        if takes_body_color(visual)
+        else visual
         for visual in visuals
     )
 

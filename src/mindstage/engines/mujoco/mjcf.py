@@ -21,9 +21,10 @@ from mindstage.engines.base import SpawnNoteKind, SpawnOptions
 from mindstage.engines.kinematic_tree import AXIS_NAMES
 from mindstage.engines.mujoco.compiler import MeshAsset, compile_model, load_mesh
 from mindstage.engines.mujoco.engine import ModelCache
+from mindstage.engines.mujoco.mjcf_visuals import VisualAssets
 from mindstage.engines.mujoco.state import CompiledModel, limit_stiffness
 from mindstage.errors import MapWriteError
-from mindstage.scene import NO_GEOMETRY, Body, BodyId, GeometryMap, Joint, Light, LightType, World
+from mindstage.scene import NO_GEOMETRY, Body, BodyGeometry, BodyId, GeometryMap, Joint, Light, LightType, World
 from mindstage.scene.transforms import normalized_pose_array, quat_rotate
 
 __all__ = ["MjcfExport", "world_to_mjcf"]
@@ -45,13 +46,17 @@ _MIN_NUMBER = 2.3e-308
 """Smaller numbers are written as 0, since MuJoCo refuses them."""
 _VISUAL_GROUP, _COLLISION_GROUP = "1", "3"
 """Geom groups: MuJoCo's viewer shows the first and hides the other."""
+_VISUAL_GEOM = {"type": "mesh", "mass": "0", "contype": "0", "conaffinity": "0", "group": _VISUAL_GROUP}
 
 
 class MjcfExport(NamedTuple):
-    """An MJCF document, and notes on what it leaves out."""
+    """An MJCF document, notes on what it leaves out, and the files that it refers to."""
 
     text: str
     notes: tuple[str, ...]
+    files: Mapping[str, bytes]
+    """Contents of meshes and textures by path, relative to the document; MuJoCo's `from_xml_string` takes them as
+    `assets`."""
 
 
 def world_to_mjcf(
@@ -60,6 +65,7 @@ def world_to_mjcf(
     geometry: GeometryMap = NO_GEOMETRY,
     find_mesh: Callable[[str], Path | None] = lambda name: None,
     actuated: Iterable[ActuatedBodies] = (),
+    visuals_folder: str | None = None,
 ) -> MjcfExport:
     """Writes a world as MJCF.
 
@@ -71,6 +77,8 @@ def world_to_mjcf(
         geometry: geometry of its bodies; their collision shapes are written, hulls as points.
         find_mesh: returns the path of a body's mesh file, or None; the file is referenced, not copied.
         actuated: bodies with actuators; their geometry takes precedence.
+        visuals_folder: the folder for visual meshes and textures, relative to the document; without it they are left
+            out, and collision shapes are shown.
 
     Raises:
         MapWriteError: MuJoCo could not read the file.
@@ -87,17 +95,23 @@ def world_to_mjcf(
     compiled = compile_model(replace(cache.model_input(), kinematics_driven=True), scenery=False)
     if compiled.actuators.names:
         limit_stiffness(compiled)
-    document = _Document(world, compiled, find_mesh, geometry)
+    document = _Document(world, compiled, find_mesh, geometry, visuals_folder)
     document.write()
     document.write_actuators({name: command for bodies in actuated for name, command in bodies.commands.items()})
     notes = [f"{failure.id} is left out: {failure.reason}" for failure in failures]
     notes += [note.text for note in report.notes if note.kind in (SpawnNoteKind.JOINT, SpawnNoteKind.SETTLED)]
-    return MjcfExport(document.text(), (*notes, *document.notes))
+    files = {} if document.visuals is None else document.visuals.files
+    return MjcfExport(document.text(), (*notes, *document.notes), files)
 
 
 class _Document:
     def __init__(
-        self, world: World, compiled: CompiledModel, find_mesh: Callable[[str], Path | None], geometry: GeometryMap
+        self,
+        world: World,
+        compiled: CompiledModel,
+        find_mesh: Callable[[str], Path | None],
+        geometry: GeometryMap,
+        visuals_folder: str | None,
     ) -> None:
         self.world, self.compiled, self.find_mesh, self.geometry = world, compiled, find_mesh, geometry
         self.model: Any = compiled.model
@@ -108,6 +122,7 @@ class _Document:
         self.notes: list[str] = []
         self.root = ElementTree.Element("mujoco", model=_xml_text(world.name) or "world")
         self.assets = ElementTree.Element("asset")
+        self.visuals = None if visuals_folder is None else VisualAssets(self.root, self.assets, visuals_folder)
         self.meshes: dict[tuple[Path, tuple[float, ...]], str] = {}
         self.mesh_cache: dict[Path, MeshAsset | None] = {}
         self.names = self._names()
@@ -185,6 +200,9 @@ class _Document:
         entities: list[Body | Joint | Light] = [*world.bodies, *world.joints, *world.lights]
         facts = sum(len(entity.facts) for entity in entities) + len(world.resources) + len(world.facts)
         tags = sum(len(entity.tags) for entity in entities)
+        if self.visuals is not None and self.visuals.left_out:
+            count = self.visuals.left_out
+            self.notes.append(f"{count} visual {'mesh' if count == 1 else 'meshes'} without an area left out")
         if facts or tags:
             self.notes.append(f"MJCF cannot express {facts} facts and resources and {tags} tags; they are left out")
 
@@ -254,7 +272,7 @@ class _Document:
                 "margin": _format_numbers([model.geom_margin[geom]]),
             }
         body = self.bodies.get(int(model.geom_bodyid[geom]))
-        if body and self._mesh_of(body):
+        if body and (self._mesh_of(body) or self._geometry_with_visuals(body)):
             attributes["group"] = _COLLISION_GROUP
         ElementTree.SubElement(element, "geom", attributes | self._color_attributes(body))
 
@@ -280,6 +298,7 @@ class _Document:
     def _add_visual_mesh(self, element: ElementTree.Element, body: Body) -> None:
         mesh = self._mesh_of(body)
         if mesh is None:
+            self._add_visuals(element, body)
             return
         scale = mesh.scale_to(body.size)
         name = self.meshes.get((mesh.path, scale))
@@ -287,15 +306,22 @@ class _Document:
             name = self.meshes[mesh.path, scale] = f"{_xml_text(mesh.path.stem)}-{len(self.meshes) + 1}"
             attributes = {"name": name, "file": str(mesh.path), "scale": _format_numbers(scale), "inertia": "shell"}
             ElementTree.SubElement(self.assets, "mesh", attributes)
-        attributes = {
-            "type": "mesh",
-            "mesh": name,
-            "mass": "0",
-            "contype": "0",
-            "conaffinity": "0",
-            "group": _VISUAL_GROUP,
-        }
-        ElementTree.SubElement(element, "geom", attributes | self._color_attributes(body))
+        attributes = {"mesh": name} | self._color_attributes(body)
+        ElementTree.SubElement(element, "geom", _VISUAL_GEOM | attributes)
+
+    def _add_visuals(self, element: ElementTree.Element, body: Body) -> None:
+        """Visual geoms of the body's geometry."""
+        geometry = self._geometry_with_visuals(body)
+        if self.visuals is None or geometry is None:
+            return
+        color = next((material.color for material in body.materials if material.color), None)
+        for attributes in self.visuals.geoms(element.attrib["name"], geometry, color):
+            ElementTree.SubElement(element, "geom", _VISUAL_GEOM | attributes)
+
+    def _geometry_with_visuals(self, body: Body) -> BodyGeometry | None:
+        """The body's geometry, if visual meshes are written and it has some."""
+        geometry = self.geometry.get(body.id) if self.visuals is not None else None
+        return geometry if geometry is not None and geometry.visuals else None
 
     def _mesh_of(self, body: Body) -> MeshAsset | None:
         path = self.find_mesh(body.mesh) if body.mesh else None
