@@ -35,6 +35,8 @@ def browser(chromium: Path) -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 
     arguments = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    # Without a GPU the panels are painted much faster directly than by the emulated GPU, which the 3D view needs.
+    arguments += ["--disable-gpu-compositing", "--disable-gpu-rasterization"]
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=arguments)
         yield browser

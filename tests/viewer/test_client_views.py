@@ -15,10 +15,10 @@ from mindstage.errors import BodyNotFoundError
 from mindstage.rendering.appearance import compute_appearance
 from mindstage.rendering.camera import CameraPose, initial_target
 from mindstage.rendering.screenshot import LabelMode
-from mindstage.scene import BodyId, Pose, World
+from mindstage.scene import Body, BodyId, Iri, Pose, Vector, World
 from mindstage.scene.transforms import pose_array
 from mindstage.viewer import client_views as camera_module
-from mindstage.viewer.client_views import ClientViews, GizmoMode
+from mindstage.viewer.client_views import ClientViews, GizmoMode, MountCulling
 from tests.kitchenette import kitchenette
 from tests.viewer.fake_server import FakeClient, FakeServer
 
@@ -69,12 +69,12 @@ def connect(server: FakeServer, views: ClientViews, client: FakeClient) -> FakeC
     return client
 
 
-def set_world(views: ClientViews, world: World) -> None:
+def set_world(views: ClientViews, world: World, *, is_culling: bool = False) -> None:
     appearances = compute_appearance(world, KNOWLEDGE.shape_rule, KNOWLEDGE.ancestors)
     names = {body.id: body.cls.split("#")[-1] for body in world.bodies}
-    views.set_bodies(
-        appearances, names, tuple(body.id for body in world.bodies), pose_array(body.pose for body in world.bodies)
-    )
+    ids = tuple(body.id for body in world.bodies)
+    culling = MountCulling(world, appearances, ids) if is_culling else None
+    views.set_bodies(appearances, names, ids, pose_array(body.pose for body in world.bodies), culling=culling)
 
 
 def labels(client: FakeClient) -> set[str]:
@@ -358,3 +358,59 @@ def test_the_clipping_height_is_a_node_of_the_scene(views: ClientViews, ann: Fak
     views.set_clip_height(None, client=1)
     views.process_queue()
     assert "/clipping_plane" not in ann.scene.nodes
+
+
+# -- what is mounted on walls ------------------------------------------------------------------------------------------
+
+
+def walled_kitchen() -> World:
+    """The kitchenette with a wall behind the camera at x = 9 and a radiator mounted on it, above the floor."""
+    fridge = WORLD.body("Fridge")
+
+    def built(id: str, cls: str, position: Vector, size: Vector) -> Body:
+        iri, kind = Iri(f"{fridge.iri}{id}"), Iri(fridge.cls.replace("Refrigerator", cls))
+        return replace(fridge, id=BodyId(id), iri=iri, cls=kind, pose=Pose(position), size=size)
+
+    wall = built("Wall", "Wall", (6.0, 0.0, 1.25), (0.1, 6.0, 2.5))
+    radiator = built("Radiator", "Radiator", (5.9, 1.0, 0.5), (0.1, 0.8, 0.6))
+    return replace(WORLD, bodies=(*WORLD.bodies, wall, radiator))
+
+
+def test_what_is_mounted_on_a_wall_is_hidden_where_the_wall_is(server: FakeServer, on_place: RecordedMoves) -> None:
+    views = ClientViews(server, on_place=on_place, instances=lambda ids: {f"/bodies/{id}": [] for id in ids})  # type: ignore[arg-type]
+    set_world(views, walled_kitchen(), is_culling=True)
+    outside, inside = FakeClient(1), FakeClient(2)
+    inside.camera.position = np.array([4.0, -2.0, 1.5])
+    for client in (outside, inside):
+        server.connect(client)
+    views.set_labels(LabelMode.ALL)
+    views.process_queue()
+    assert outside.scene.data["culled"] == {"names": ["/bodies/Radiator"], "instances": [[]]}
+    assert "Radiator" not in labels(outside)
+    assert "culled" not in inside.scene.data
+    assert {"Radiator", "Wall"} <= labels(inside)
+    assert views.culled(1) == {"Radiator"}
+    views.select(BodyId("Radiator"), client=1)
+    views.process_queue()
+    assert not outside.scene.data["culled"]["names"], "a selected body is drawn in any case"
+    views.select(None, client=1)
+    views.set_highlighted([BodyId("Radiator")])
+    views.process_queue()
+    assert not outside.scene.data["culled"]["names"], "and so is a highlighted one"
+    views.set_highlighted([])
+    outside.camera.position = np.array([4.0, 2.0, 1.5])
+    views.process_queue()
+    assert not views.culled(1), "the camera has moved into the room"
+
+
+def test_what_has_left_its_wall_is_drawn(server: FakeServer, on_place: RecordedMoves) -> None:
+    views = ClientViews(server, on_place=on_place)  # type: ignore[arg-type]
+    world = walled_kitchen()
+    set_world(views, world, is_culling=True)
+    connect(server, views, FakeClient(1))
+    assert views.culled(1) == {"Radiator"}
+    poses = pose_array(body.pose for body in world.bodies)
+    poses[-1, :3] = (2.0, -1.5, 0.3)
+    views.update_poses(poses)
+    views.process_queue()
+    assert not views.culled(1), "it stands on the floor"

@@ -282,6 +282,16 @@ def test_removing_a_member_keeps_the_rest_of_the_batch(
     assert not any(name.startswith("/batches/") for name in server.scene.nodes)
 
 
+def test_bodies_are_found_in_their_nodes_and_batches(scene: ViewerScene) -> None:
+    show(scene, many_mugs())
+    wanted = [MUG, BodyId("Mug2"), BodyId("Mug4"), BodyId("nobody")]
+    assert scene.instances(wanted) == {"/bodies/Mug": [], "/batches/1/textured": [2, 4]}
+    scene.set_highlights({BodyId("Mug4"): GREEN})
+    assert scene.instances(wanted) == {"/bodies/Mug": [], "/batches/1/plain": [2, 4]}
+    scene.hide(frozenset({BodyId("Mug0")}))
+    assert scene.instances(wanted[1:2]) == {"/batches/1/plain": [1]}
+
+
 # -- hidden bodies -----------------------------------------------------------------------------------------------------
 
 

@@ -44,6 +44,8 @@ def test_a_complete_session_from_opening_the_page_to_loading_a_map(
     with Viewer(kitchen, port=0) as viewer, open_tabs(browser) as open_page:
         tab = open_page(viewer, size=WINDOW)
         picture(tab, "opened")
+        wait_until(lambda: is_drawn(tab, "fridge") is True, "the fridge is drawn")
+        wait_until(lambda: is_drawn(tab, "radiator") is False, "nothing floats where a wall is not drawn")
         find_the_fridge(tab)
         picture(tab, "selected")
         pull_its_door_open(tab, kitchen)
@@ -195,6 +197,13 @@ def wait_for_camera(tab: PageTab) -> None:
         return count_pixels[-3:].count(count_pixels[-1]) == 3
 
     wait_until(still, "the camera has stopped")
+
+
+def is_drawn(tab: PageTab, id: str) -> bool | None:
+    """Whether the node of a body is visible; None before there is one."""
+    nodes = "document.getElementById('view').contentWindow.__viserMutable.nodeRefFromName"
+    visible: bool | None = tab.page.evaluate(f"{nodes}['/bodies/{id}']?.visible ?? null")
+    return visible
 
 
 def blue(tab: PageTab) -> int:

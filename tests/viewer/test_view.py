@@ -17,6 +17,7 @@ from mindstage.rendering.screenshot import LabelMode
 from mindstage.scene import BodyId, Pose, Vector
 from mindstage.viewer import Viewer
 from mindstage.viewer.client_views import GizmoMode
+from mindstage.viewer.view_data import send_view_data
 from tests.kitchenette import kitchenette
 from tests.viewer.view_tab import ViewTab, open_views, position
 from tests.viewer.waiting import wait_until
@@ -175,6 +176,24 @@ def test_a_member_of_a_batch_is_clicked_highlighted_moved_and_removed(
     wait_until(lambda: viewer._scene.appearances.keys() == set(simulation.state.ids), "the page is updated")
     wait_until(lambda: clicked((1.12, 0.0, 1.4)) == "Mug4", "the moved body is clickable")
     assert clicked((1.12, 0.5, 1.4)) == "Mug3"
+    for instances in ([[0, 2]], [[2]]):
+        client = viewer._server.get_clients()[ann.number]
+        send_view_data(client.scene, "culled", {"names": ["/batches/1/textured"], "instances": instances})
+        wait_until(lambda instances=instances: culled_instances(ann) == instances[0], "instances are hidden")
+
+
+def culled_instances(tab: ViewTab) -> list[int]:
+    """The invisible instances of the batch."""
+    return list(
+        tab.page.evaluate(
+            """() => {
+                const meshes = [];
+                window.__viserMutable.nodeRefFromName["/batches/1/textured"].traverse((node) => meshes.push(node));
+                const mesh = meshes.find((each) => each.getVisibilityAt);
+                return [...Array(mesh.instancesCount).keys()].filter((row) => !mesh.getVisibilityAt(row));
+            }"""
+        )
+    )
 
 
 def test_late_and_reconnecting_clients_see_the_current_state(

@@ -236,7 +236,8 @@ class AddHandler:
     def _place_at(self, session: ClientSession, dragged: _Dragged, pointer: Pointer) -> _Place | None:
         """The free place nearest to the pointer, without a support if there is none; None if nothing is there."""
         origin, direction = self._session_views.ray(session, pointer)
-        picked = self._picker.pick(origin, direction, clip_height=self._session_views.clip_height(session))
+        height, culled = self._session_views.clip_height(session), self._session_views.culled(session)
+        picked = self._picker.pick(origin, direction, clip_height=height, culled=culled)
         if picked is None:
             return None
         places = FreePlaces(self._simulation)

@@ -29,8 +29,9 @@ from mindstage.rendering.camera import (
     corners,
     focus_camera,
 )
+from mindstage.rendering.render_scene import find_culled
 from mindstage.rendering.screenshot import LabelMode
-from mindstage.scene import BodyId, Pose, Vector, VisualMesh
+from mindstage.scene import BodyId, Pose, Vector, VisualMesh, World
 from mindstage.scene.colors import srgb_to_linear
 from mindstage.scene.mesh import box_edges
 from mindstage.scene.transforms import (
@@ -43,10 +44,20 @@ from mindstage.scene.transforms import (
     quat_conjugate,
     quat_multiply,
     quat_rotate,
+    rotation_matrix,
 )
 from mindstage.viewer.view_data import send_view_data
 
-__all__ = ["ClientView", "ClientViews", "Ghost", "GizmoMode", "PlaceCallback", "Snapping", "moved_with"]
+__all__ = [
+    "ClientView",
+    "ClientViews",
+    "Ghost",
+    "GizmoMode",
+    "MountCulling",
+    "PlaceCallback",
+    "Snapping",
+    "moved_with",
+]
 
 
 _ACCENT = (232, 93, 4)
@@ -139,6 +150,55 @@ def moved_with(start: Pose, end: Pose, poses: Mapping[BodyId, Pose]) -> dict[Bod
     return {id: pose_from_array(pose_multiply(change, normalized_pose_array(pose))) for id, pose in poses.items()}
 
 
+_MOVED_M = 0.02
+"""How far a culled body moves before it is computed again what holds it [m]."""
+
+
+class MountCulling:
+    """Finds what would float in the air because the wall that it is mounted on is not drawn from where a camera is.
+
+    Pages draw one side of walls, ceilings and doors in walls. What is culled therefore changes only when a camera or
+    such a body passes through the plane of the other; results are kept by the sides on which the camera is.
+    """
+
+    def __init__(self, world: World, appearances: Mapping[BodyId, BodyAppearance], ids: Sequence[BodyId]) -> None:
+        """Computes nothing yet.
+
+        Args:
+            world: the world, with what is attached and joined to what.
+            appearances: how its bodies are drawn.
+            ids: the bodies of the rows of poses.
+        """
+        self._world, self._appearances, self._ids = world, appearances, tuple(ids)
+        sides = [(row, each.side) for row, id in enumerate(ids) if (each := appearances.get(id)) and each.side]
+        self._rows = np.array([row for row, _ in sides], dtype=np.intp)
+        self._axes = np.array([axis for _, (axis, _) in sides], dtype=np.intp)
+        self._signs = np.array([sign for _, (_, sign) in sides], dtype=float)
+        self._found: dict[bytes, tuple[frozenset[BodyId], NDArray[np.intp], Array]] = {}
+
+    def find(self, eye: Array, poses: Array) -> frozenset[BodyId]:
+        """The bodies that are not drawn, without the walls themselves.
+
+        Args:
+            eye: position of the camera [m].
+            poses: the current poses, n x 7.
+        """
+        if not len(self._rows):
+            return frozenset()
+        walls = poses[self._rows]
+        normals = rotation_matrix(normalize(walls[:, 3:]))[np.arange(len(walls)), :, self._axes]
+        is_behind = np.einsum("ij,ij->i", eye - walls[:, :3], normals) * self._signs < 0.0
+        key = is_behind.tobytes()
+        known = self._found.get(key)
+        if known is None or np.abs(poses[known[1], :3] - known[2]).max(initial=0.0) > _MOVED_M:
+            current = {id: pose_from_array(row) for id, row in zip(self._ids, poses, strict=True)}
+            culled = find_culled(self._world, self._appearances, _vector(eye), poses=current)
+            culled -= {self._ids[row] for row in self._rows[is_behind].tolist()}
+            rows = np.array([row for row, id in enumerate(self._ids) if id in culled], dtype=np.intp)
+            known = self._found[key] = culled, rows, poses[rows, :3].copy()
+        return known[0]
+
+
 class ClientView:
     """The view of one client, and the nodes drawn for it alone. Not thread-safe."""
 
@@ -180,6 +240,9 @@ class ClientView:
         self._ghost: tuple[str, viser.MeshHandle] | None = None
         self._measurement: list[viser.SceneNodeHandle] = []
         self.clip_height: float | None = None
+        self.culled: frozenset[BodyId] = frozenset()
+        """The bodies that are not drawn because their wall is not."""
+        self._sent_culled: Mapping[str, list[int]] = {}
 
     # -- bodies --------------------------------------------------------------------------------------------------------
 
@@ -222,6 +285,30 @@ class ClientView:
         if self._gizmo is not None and not self._dragging and self.selected in self._rows:
             self._gizmo.position, self._gizmo.wxyz = self._pose(self.selected)
         self._move_labels()
+
+    def cull(
+        self,
+        culling: MountCulling,
+        kept: Collection[BodyId],
+        instances: Callable[[Iterable[BodyId]], Mapping[str, list[int]]],
+    ) -> None:
+        """Hides what would float from where the camera is.
+
+        Args:
+            culling: finds these bodies.
+            kept: bodies that are drawn in any case.
+            instances: returns the nodes that draw bodies.
+        """
+        selected = {part for id in self.selection for part in (id, *self._parts.get(id, ()))}
+        culled = culling.find(np.asarray(self._client.camera.position, dtype=float), self._poses)
+        culled = culled - selected - frozenset(kept)
+        if culled != self.culled:
+            self.culled = culled
+            self._update_labels()
+        nodes = instances(sorted(culled))
+        if nodes != self._sent_culled:
+            self._sent_culled = nodes
+            send_view_data(self._scene, "culled", {"names": list(nodes), "instances": list(nodes.values())})
 
     # -- selection and labels ------------------------------------------------------------------------------------------
 
@@ -418,7 +505,7 @@ class ClientView:
             send_view_data(self._scene, "labels", {"positions": positions})
 
     def _wanted_labels(self) -> list[BodyId]:
-        drawn = [id for id in self._rows if id in self._appearances]
+        drawn = [id for id in self._rows if id in self._appearances and id not in self.culled]
         match self._label_mode:
             case LabelMode.ALL:
                 return sorted(drawn, key=lambda each: -max(self._appearances[each].size))[:_MAX_LABELS]
@@ -553,14 +640,23 @@ _log = logging.getLogger(__name__)
 class ClientViews:
     """The views of all clients. Without `client`, methods apply to all clients, later ones included."""
 
-    def __init__(self, server: viser.ViserServer, *, on_place: PlaceCallback) -> None:
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        *,
+        on_place: PlaceCallback,
+        instances: Callable[[Iterable[BodyId]], Mapping[str, list[int]]] = lambda ids: {},
+    ) -> None:
         """Registers for connections of clients.
 
         Args:
             server: the server that clients connect to.
             on_place: called when a client has moved a body with the gizmo.
+            instances: returns the names of the nodes that draw bodies and, of nodes with instances, which of them.
         """
-        self._on_place = on_place
+        self._on_place, self._instances = on_place, instances
+        self._culling: MountCulling | None = None
+        self._highlighted: frozenset[BodyId] = frozenset()
         self._queue: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._views: dict[int, ClientView] = {}
         self._defaults: dict[str, Callable[[ClientView], None]] = {}
@@ -698,6 +794,11 @@ class ClientViews:
         view = self._views.get(client)
         return None if view is None else view.clip_height
 
+    def culled(self, client: int) -> frozenset[BodyId]:
+        """The bodies that a client does not see because the wall that they are mounted on is not drawn."""
+        view = self._views.get(client)
+        return frozenset() if view is None else view.culled
+
     @property
     def is_drawn(self) -> bool:
         """Whether the scene was drawn at least once, even if it is empty."""
@@ -743,6 +844,7 @@ class ClientViews:
         poses: Array,
         *,
         parts: Mapping[BodyId, tuple[BodyId, ...]] | None = None,
+        culling: MountCulling | None = None,
     ) -> None:
         """Sets the bodies and their poses.
 
@@ -752,8 +854,10 @@ class ClientViews:
             ids: the bodies of the rows of `poses`.
             poses: n x 7.
             parts: the parts of bodies, which are outlined with them.
+            culling: finds what would float beside walls that are not drawn; by default nothing.
         """
         self._appearances, self._names, self._ids, self._poses = appearances, names, ids, poses
+        self._culling = culling
         self._parts = parts or {}
         with self._hidden_lock:
             self._hidden &= appearances.keys()
@@ -766,6 +870,10 @@ class ClientViews:
         self._target = target
         for view in self._views.values():
             view.set_target(target)
+
+    def set_highlighted(self, ids: Iterable[BodyId]) -> None:
+        """Sets the highlighted bodies, which are drawn although their wall is not."""
+        self._highlighted = frozenset(ids)
 
     def clients_not_seeing(self, ids: Collection[BodyId]) -> tuple[int, ...]:
         """The clients in whose picture none of these bodies is noticed."""
@@ -787,6 +895,8 @@ class ClientViews:
             action()
         for view in self._views.values():
             view.step_camera()
+            if self._culling is not None:
+                view.cull(self._culling, self._highlighted, self._instances)
 
     def wait_idle(self, *, timeout_s: float) -> bool:
         """Waits until all actions enqueued so far are executed; False if that takes too long."""

@@ -359,6 +359,7 @@ _STYLESHEETS = ("viserOverrides.css",)
 _SCRIPTS = (
     "bodyPoses.js",
     "clippingPlane.js",
+    "culling.js",
     "labels.js",
     "renderQuality.js",
     "selectionBox.js",

@@ -8,7 +8,7 @@ and dimmed bodies. Only one thread may call into this module.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Protocol, TypeVar
 from urllib.parse import quote
@@ -82,6 +82,7 @@ class _BodyNode(Protocol):
     def set_poses(self, ids: Sequence[BodyId], rows: Array) -> None: ...
     def set_paints(self, paints: Mapping[BodyId, Paint | None]) -> None: ...
     def set_visible(self, ids: Iterable[BodyId], shown: bool) -> None: ...
+    def instances(self, ids: Collection[BodyId]) -> Mapping[str, list[int]]: ...
     def remove(self, ids: Iterable[BodyId]) -> None: ...
 
 
@@ -192,6 +193,13 @@ class BodyNodes:
             node.set_visible([id for id in ids if id in hidden], False)
             node.set_visible([id for id in ids if id not in hidden], True)
 
+    def instances(self, ids: Iterable[BodyId]) -> dict[str, list[int]]:
+        """The names of the nodes that draw bodies; of a node with instances, which of them, otherwise none."""
+        found: dict[str, list[int]] = {}
+        for node, group in self._by_node(ids).items():
+            found.update(node.instances(group))
+        return found
+
     def _restore_state(self, ids: Iterable[BodyId]) -> None:
         """Applies paints and visibility to new nodes."""
         for node, group in self._by_node(ids).items():
@@ -277,6 +285,9 @@ class _SingleNode:
         for _ in ids:
             self._root.visible = shown
 
+    def instances(self, ids: Collection[BodyId]) -> Mapping[str, list[int]]:
+        return {self._name: []}
+
     def remove(self, ids: Iterable[BodyId]) -> None:
         self._root.remove()
 
@@ -341,6 +352,13 @@ class _BatchNode:
         if changed:
             self._hidden = self._hidden - changed if shown else self._hidden | changed
             self._assign_members()
+
+    def instances(self, ids: Collection[BodyId]) -> Mapping[str, list[int]]:
+        wanted, found = set(ids), {}
+        for variant, members in (("textured", self._members), ("plain", self._painted_members)):
+            if rows := [row for row, id in enumerate(members) if id in wanted]:
+                found[f"{self._name}/{variant}"] = rows
+        return found
 
     def remove(self, ids: Iterable[BodyId]) -> None:
         for id in ids:
@@ -771,6 +789,10 @@ class ViewerScene:
             self._hidden = hidden
             with self._server.atomic():
                 self._hide()
+
+    def instances(self, ids: Iterable[BodyId]) -> dict[str, list[int]]:
+        """The names of the nodes that draw bodies; of a node with instances, which of them, otherwise none."""
+        return self._bodies.instances(ids)
 
     def show_enclosures(self, shown: bool) -> None:
         """Shows or hides the outlines of enclosing bodies."""

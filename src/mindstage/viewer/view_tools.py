@@ -7,7 +7,7 @@ cast on the server against collision shapes, through what is hidden, clipped, or
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import StrEnum
 from typing import Annotated, Any
 
@@ -75,6 +75,10 @@ class SessionViews:
         heights = (self.views.clip_height(view) for view in self._views_of(session))
         return next((height for height in heights if height is not None), None)
 
+    def culled(self, session: ClientSession) -> frozenset[BodyId]:
+        """The bodies that a page does not draw because the wall that they are mounted on is not drawn."""
+        return frozenset().union(*(self.views.culled(view) for view in self._views_of(session)))
+
     def ray(self, session: ClientSession, pointer: Pointer) -> tuple[Array, Array]:
         """Origin [m] and direction of the ray through a point of the view.
 
@@ -114,7 +118,13 @@ class PointerPicker:
         self._scene: ShapeScene | None = None
 
     def pick(
-        self, origin: Array, direction: Array, *, clip_height: float | None = None, corners_too: bool = False
+        self,
+        origin: Array,
+        direction: Array,
+        *,
+        clip_height: float | None = None,
+        culled: Collection[BodyId] = (),
+        corners_too: bool = False,
     ) -> PickResult | None:
         """Returns what a ray meets first that is drawn; None without anything.
 
@@ -122,6 +132,7 @@ class PointerPicker:
             origin: where it starts [m].
             direction: a unit vector.
             clip_height: nothing above it is met [m].
+            culled: bodies that are not drawn from where the ray starts.
             corners_too: whether a corner of the body's box near the point is taken instead.
         """
         with self._lock:
@@ -132,7 +143,7 @@ class PointerPicker:
             if direction[2] > -1e-6:
                 return None
             start = start + direction * float((clip_height - start[2]) / direction[2])
-        hidden = self._views.hidden
+        hidden = self._views.hidden.union(culled)
         skipped = np.array([body.id in hidden or body.id not in shown for body in scene.bodies], dtype=bool)
         limits = np.array([_MAX_RAY_M])
         for _ in range(_MAX_SKIPPED):
@@ -294,14 +305,15 @@ class ViewToolHandler:
 
     def _pick(self, session: ClientSession, request: PickRequest) -> PickResult | None:
         origin, direction = self._session_views.ray(session, request.pointer)
-        height = self._session_views.clip_height(session)
-        return self._picker.pick(origin, direction, clip_height=height, corners_too=request.corners)
+        height, culled = self._session_views.clip_height(session), self._session_views.culled(session)
+        return self._picker.pick(origin, direction, clip_height=height, culled=culled, corners_too=request.corners)
 
     def _bodies_in_box(self, session: ClientSession, request: SelectBoxRequest) -> list[BodyId]:
         """The bodies that are drawn and whose centers are in a rectangle of the view."""
         camera = self._session_views.camera(session)
         state, shown = self._simulation.state, self._views.appearances
-        hidden, height = self._views.hidden, self._session_views.clip_height(session)
+        hidden = self._views.hidden | self._session_views.culled(session)
+        height = self._session_views.clip_height(session)
         if not state.ids:
             return []
         turn = rotation_matrix(normalize(np.asarray(camera.wxyz, dtype=float)))

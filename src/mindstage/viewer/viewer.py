@@ -30,7 +30,7 @@ from mindstage.scene.transforms import Array
 from mindstage.simulation import Simulation, SpawnNoteKind, StateSnapshot
 from mindstage.simulation.observation import as_client
 from mindstage.viewer.ask import PrologSolver
-from mindstage.viewer.client_views import ClientViews
+from mindstage.viewer.client_views import ClientViews, MountCulling
 from mindstage.viewer.drag import DragController
 from mindstage.viewer.episodes import RecordingHandler, TimelineHandler
 from mindstage.viewer.ghosts import GhostNodes
@@ -112,7 +112,7 @@ class Viewer:
         )
         self._drag_controller = DragController(simulation)
         self._scene = ViewerScene(self._server, on_node=self._make_clickable, texture_uri=texture_path)
-        self.views = ClientViews(self._server, on_place=self._place_body)
+        self.views = ClientViews(self._server, on_place=self._place_body, instances=self._scene.instances)
         """The views of all clients: camera, selection, labels."""
         self._markers = MarkerNodes(self._server)
         self._handlers = Handlers(simulation, self.channel, self.views, self._server, prolog=prolog)
@@ -247,6 +247,7 @@ class Viewer:
             self._move(snapshot)
         if before is None or snapshot.highlights != before.highlights:
             self._scene.set_highlights(snapshot.highlights)
+            self.views.set_highlighted(snapshot.highlights)
             self._report_unseen(snapshot.highlights)
         if before is None or snapshot.markers is not before.markers or snapshot.revision != before.revision:
             self._markers.show(snapshot.markers, self._scene.appearances)
@@ -302,7 +303,8 @@ class Viewer:
         self._scene.show(appearances, snapshot.ids, snapshot.poses, draggable=self._drag_controller.draggable)
         self._scene.set_ground(ground_height(world, appearances))
         labels = {body.id: body.label or local_name(body.cls) for body in world.bodies}
-        self.views.set_bodies(appearances, labels, snapshot.ids, snapshot.poses, parts=_parts(world))
+        culling = MountCulling(world, appearances, snapshot.ids)
+        self.views.set_bodies(appearances, labels, snapshot.ids, snapshot.poses, parts=_parts(world), culling=culling)
         if not appearances:
             self._framed_world = None
         elif self._framed_world != world.iri:

@@ -18,18 +18,20 @@ function fiberState(view) {
   return view.scene?.__r3f?.root?.getState();
 }
 
-// Drops intersections with clipped geometry. The y axis of the three.js scene is the z axis of the world.
+function isCulled(object) {
+  for (let node = object; node; node = node.parent) if (node.userData.isCulled) return true;
+  return false;
+}
+
+// Drops intersections with clipped and culled geometry. The y axis of the three.js scene is the z axis of the world.
 function patchRaycaster(raycaster) {
   if (raycaster === patchedRaycaster) return;
   for (const name of ["intersectObject", "intersectObjects"]) {
     const intersect = raycaster[name].bind(raycaster);
     raycaster[name] = (...args) => {
       const hits = intersect(...args);
-      if (height !== null) {
-        const visible = hits.filter((hit) => hit.point.y <= height);
-        hits.length = 0;
-        hits.push(...visible);
-      }
+      const visible = hits.filter((hit) => (height === null || hit.point.y <= height) && !isCulled(hit.object));
+      if (visible.length < hits.length) hits.splice(0, hits.length, ...visible);
       return hits;
     };
   }
