@@ -2,7 +2,8 @@
 
     python -m benchmarks.robots_skills [--robot mobile_manipulator] [--seeds 10] [--fronts fridge_door …]
 
-Prints one line for each front and seed, then the counts, and the deepest penetration of two bodies on the way.
+Prints one line for each front and seed, with the deepest penetration of two bodies on the way; then the table of the
+fronts as Markdown, and the counts. `--first-seed 4 --seeds 3` and `--fronts` measure a part.
 """
 
 from __future__ import annotations
@@ -10,17 +11,16 @@ from __future__ import annotations
 import argparse
 import random
 import time
-from collections.abc import Generator
+from collections.abc import Collection, Generator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 import mindstage as ms
 from mindstage.engines.base import Engine
-from mindstage.errors import MindstageError
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.robot import Robot
-from mindstage.robots.skills import SkillResult, can_open, start_skill
+from mindstage.robots.skills import SkillResult, SkillStep, can_open, start_skill
 from mindstage.scene import BodyId, Pose
 from mindstage.simulation import Simulation
 
@@ -29,27 +29,57 @@ _DEADLINE_S = 240.0
 _REACH_M = 0.7
 _OPEN, _CLOSED = 0.95, 0.05
 """The openness from which on a front counts as open, and below which it counts as closed."""
+_DEEP_M, _FAST = 0.005, 1.05
 _SUPPORTS = ("counter_left", "table", "counter_west", "counter_right", "dresser")
 
 
-class _Depths:
-    """The deepest penetration of two bodies of which one belongs to the robot or was moved by it."""
+class _Watch:
+    """The deepest penetration of a part of the robot, or of what it holds; and how near its joints came to limits."""
 
     def __init__(self, robot: Robot) -> None:
-        self.own = {*robot.link_ids.values()}
-        self.depth_m, self.pair = 0.0, ("", "")
+        self.robot, self.own = robot, frozenset(robot.link_ids.values())
+        self.depth_m, self.pair, self.when = 0.0, ("", ""), ""
+        self.beyond, self.speed = 0.0, 0.0
+        """Largest position beyond a limit [m or rad], and largest fraction of a velocity limit."""
+        self.fastest = ""
+        self._step = ""
 
-    def read(self, engine: Engine) -> None:
-        """Reads the contacts of the last step."""
+    def on_step(self, step: SkillStep) -> None:
+        """Notes what the robot does."""
+        self._step = step.text if step.end_s is None else f"after: {step.text}"
+
+    def look(self) -> None:
+        """Reads the contacts and the joints after the last step."""
+        held = self.robot.held.values()
+        self.robot.session.run_on_engine(lambda engine: self._read(engine, held))
+
+    def _read(self, engine: Engine, held: Collection[BodyId]) -> None:
+        own = self.own.union(held)
         for contact in engine.contacts():
-            if contact.b is not None and contact.depth_m > self.depth_m and {contact.a, contact.b} & self.own:
-                self.depth_m, self.pair = contact.depth_m, (contact.a, contact.b)
+            if contact.depth_m > self.depth_m and not own.isdisjoint((contact.a, contact.b)):
+                self.depth_m, self.pair, self.when = contact.depth_m, (contact.a, contact.b or "ground"), self._step
+        states = self.robot.read_joint_states(engine)
+        for joint in self.robot.model.actuated_joints:
+            if (state := states.get(joint.name)) is None:
+                continue
+            low, high = joint.lower, joint.upper
+            beyond = max(0.0 if low is None else low - state.position, 0.0 if high is None else state.position - high)
+            self.beyond = max(self.beyond, beyond)
+            speed = abs(state.velocity) / (joint.velocity or np.inf)
+            if speed > self.speed:
+                self.speed, self.fastest = speed, f" by {joint.name}: {self._step}" if speed > _FAST else ""
+
+    def __str__(self) -> str:
+        text = f"{self.depth_m * 1000:.1f} mm"
+        text += f" ({'-'.join(self.pair)}: {self.when})" if self.depth_m > _DEEP_M else ""
+        return f"{text}, {self.beyond * 1000:.1f}e-3 beyond limits, {self.speed:.0%} of the speed{self.fastest};"
 
 
-def _perform(robot: Robot, name: str, args: dict[str, object]) -> tuple[SkillResult, _Depths, float]:
-    depths, start = _Depths(robot), time.perf_counter()
+def _perform(robot: Robot, name: str, args: dict[str, object]) -> tuple[SkillResult, _Watch, float]:
+    watch, start = _Watch(robot), time.perf_counter()
+    motion = start_skill(robot, name, args, deadline_s=_DEADLINE_S, on_step=watch.on_step)
 
-    def watched(motion: Generator[float, None, SkillResult]) -> Generator[float, None, SkillResult]:
+    def watched() -> Generator[float, None, SkillResult]:
         while True:
             try:
                 duration_s = next(motion)
@@ -57,17 +87,15 @@ def _perform(robot: Robot, name: str, args: dict[str, object]) -> tuple[SkillRes
                 result: SkillResult = end.value
                 return result
             yield duration_s
-            robot.session.run_on_engine(depths.read)
+            watch.look()
 
-    result = robot.run(watched(start_skill(robot, name, args, deadline_s=_DEADLINE_S)), timeout_s=2 * _DEADLINE_S)
-    return result, depths, time.perf_counter() - start
+    result = robot.run(watched(), timeout_s=2 * _DEADLINE_S)
+    return result, watch, time.perf_counter() - start
 
 
-def _line(what: str, result: SkillResult, depths: _Depths, wall_s: float) -> None:
-    deep = f"{depths.depth_m * 1000:.1f} mm {'-'.join(depths.pair) if depths.depth_m > 0.005 else ''}"
-    print(
-        f"{what:44} {result.outcome:9} {result.duration_s:6.1f} s ({wall_s:5.1f} s) {deep} {result.reason}", flush=True
-    )
+def _line(what: str, result: SkillResult, watch: _Watch, wall_s: float) -> None:
+    times = f"{result.duration_s:6.1f} s ({wall_s:5.1f} s)"
+    print(f"{what:44} {result.outcome:9} {times} {watch} {result.reason}", flush=True)
     for each in result.assumptions:
         print(f"{'':46}assumed: {each}")
 
@@ -76,64 +104,71 @@ class _Row(NamedTuple):
     """The result of opening and closing one front."""
 
     front: str
-    opened: bool
-    closed: bool | None
-    """None if that was not tried."""
-    openness: float
-    """After it was opened."""
+    opened: float
+    """Openness after it was opened."""
+    closed: float | None
+    """Openness after it was closed; None if that was not tried."""
+    depth_m: float
+    """The deepest penetration."""
     why: str
+    """Why it was not opened or closed."""
+
+    def markdown(self) -> str:
+        """A row of the table."""
+        closed = "" if self.closed is None else f"{self.closed:.0%}"
+        return f"| `{self.front}` | {self.opened:.0%} | {closed} | {self.depth_m * 1000:.1f} | {self.why} |"
 
 
 def open_and_close(sim: Simulation, robot: Robot, fronts: list[str], *, closes: bool) -> None:
     """Opens and closes each front, from the same state; says of those that stay closed whether they are reachable."""
     names = fronts or [row.front.rpartition("#")[2] for row in sim.ask("openings")]
-    rows: list[_Row] = []
-    deepest = 0.0
-    for front in names:
-        sim.reset()
-        result, depths, wall_s = _perform(robot, "open", {"thing": front})
-        _line(f"open {front}", result, depths, wall_s)
-        openness = sim.joint(front).openness
-        opened = openness >= _OPEN
-        deepest, closed, why = max(deepest, depths.depth_m), None, result.reason
-        if not opened:
-            robot.run(start_skill(robot, "park", {}))
-            sim.reset()
-            reach = can_open(robot, front)
-            possible = "reachable from " + " and ".join(str(each.base) for each in reach.steps)
-            why = f"{possible if reach else f'not reachable: {reach.reason}'}; {why}"
-        elif closes:
-            result, depths, wall_s = _perform(robot, "close", {"thing": front})
-            _line(f"close {front}", result, depths, wall_s)
-            closed, deepest = sim.joint(front).openness < _CLOSED, max(deepest, depths.depth_m)
-            why = result.reason
-        rows.append(_Row(front, opened, closed, openness, why))
+    rows = [_open_and_close_one(sim, robot, front, closes=closes) for front in names]
     sim.reset()
-    print(f"{'front':30} opened      closed  why not")
+    print("| front | opened | closed | penetration [mm] | why not |\n|---|---|---|---|---|")
     for row in rows:
-        closed_text = {None: "-", True: "yes", False: "no"}[row.closed]
-        print(f"{row.front:30} {'yes' if row.opened else 'no':3} {row.openness:5.0%}   {closed_text:6}  {row.why}")
-    opened_count, closed_count = sum(row.opened for row in rows), sum(bool(row.closed) for row in rows)
-    print(f"opened {opened_count} of {len(rows)}, closed {closed_count} of {opened_count if closes else 0}; ", end="")
+        print(row.markdown())
+    opened = sum(row.opened >= _OPEN for row in rows)
+    closed = sum(row.closed is not None and row.closed < _CLOSED for row in rows)
+    deepest = max(row.depth_m for row in rows)
+    print(f"opened {opened} of {len(rows)}, closed {closed} of {opened if closes else 0}; ", end="")
     print(f"deepest penetration {deepest * 1000:.1f} mm", flush=True)
 
 
-def put_milk_away(sim: Simulation, robot: Robot, seeds: int) -> None:
+def _open_and_close_one(sim: Simulation, robot: Robot, front: str, *, closes: bool) -> _Row:
+    sim.reset()
+    result, watch, wall_s = _perform(robot, "open", {"thing": front})
+    _line(f"open {front}", result, watch, wall_s)
+    opened, depth_m = sim.joint(front).openness, watch.depth_m
+    if opened < _OPEN:
+        sim.reset()
+        reach = can_open(robot, front)
+        if not reach:
+            return _Row(front, opened, None, depth_m, f"{reach.openness:.0%} in reach: {reach.reason}")
+        stances = " and ".join(f"({x:.2f}, {y:.2f}, {yaw:.2f})" for x, y, yaw in (each.base for each in reach.steps))
+        return _Row(front, opened, None, depth_m, f"in reach from {stances}, but {result.reason}")
+    if not closes:
+        return _Row(front, opened, None, depth_m, "")
+    result, watch, wall_s = _perform(robot, "close", {"thing": front})
+    _line(f"close {front}", result, watch, wall_s)
+    return _Row(front, opened, sim.joint(front).openness, max(depth_m, watch.depth_m), result.reason)
+
+
+def put_milk_away(sim: Simulation, robot: Robot, seeds: Sequence[int]) -> None:
     """Puts a carton from a random place into the fridge, and closes it."""
     succeeded, deepest = 0, 0.0
-    for seed in range(seeds):
+    for seed in seeds:
         sim.reset()
         support = _place_milk(sim, robot, random.Random(seed))
-        result, depths, wall_s = _perform(robot, "put_away", {"thing": "milk_carton_1"})
+        result, watch, wall_s = _perform(robot, "put_away", {"thing": "milk_carton_1"})
         is_in = any(
             row.other.endswith("fridge") for row in sim.ask("where_is", thing="milk_carton_1", relation="inside")
         )
-        is_closed = sim.joint("fridge_door").openness < 0.05
-        _line(f"put_away milk from {support}, seed {seed}", result, depths, wall_s)
+        is_closed = sim.joint("fridge_door").openness < _CLOSED
+        _line(f"put_away milk from {support}, seed {seed}", result, watch, wall_s)
         succeeded += bool(result) and is_in and is_closed
-        deepest = max(deepest, depths.depth_m)
+        deepest = max(deepest, watch.depth_m)
     sim.reset()
-    print(f"milk put away {succeeded} of {seeds}; deepest penetration {deepest * 1000:.1f} mm")
+    print(f"milk put away {succeeded} of {len(seeds)}; deepest penetration {deepest * 1000:.1f} mm")
 
 
 def _place_milk(sim: Simulation, robot: Robot, chance: random.Random) -> str:
@@ -159,20 +194,18 @@ def main() -> None:
     """Runs the parts that were asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robot", default="mobile_manipulator")
-    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--seeds", type=int, default=10, help="number of places of the milk")
+    parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--open-only", action="store_true", help="do not close what was opened")
     parser.add_argument("--fronts", nargs="*", help="these fronts only; none without names")
     options = parser.parse_args()
     with ms.open("bundled:kitchen") as sim:
         robot = sim.add_robot(options.robot, Pose((_START[0], _START[1], 0.0)))
         sim.step(0.5)
-        try:
-            if options.seeds:
-                put_milk_away(sim, robot, options.seeds)
-            if options.fronts is None or options.fronts:
-                open_and_close(sim, robot, options.fronts or [], closes=not options.open_only)
-        except MindstageError as error:
-            print(f"error: {error}")
+        if options.seeds:
+            put_milk_away(sim, robot, range(options.first_seed, options.first_seed + options.seeds))
+        if options.fronts is None or options.fronts:
+            open_and_close(sim, robot, options.fronts or [], closes=not options.open_only)
 
 
 if __name__ == "__main__":

@@ -131,7 +131,7 @@ def spline_of(
         if joint.type is RobotJointType.CONTINUOUS:
             turns = round((now[column] - positions[0, column]) / (2 * math.pi))
             positions[:, column] += turns * 2 * math.pi
-    _check_positions(trajectory, joints, times, positions, robot)
+    _check_positions(joints, times, positions, robot)
     speeds = [_row(point.velocities) for point in trajectory.points]
     accelerations = [_row(point.accelerations) for point in trajectory.points]
     if times[0] > 0.0:
@@ -239,9 +239,7 @@ def _check_form(trajectory: JointTrajectory, limits: Mapping[str, RobotJoint], r
             raise _refused(robot, what, cause, "end with velocity 0")
 
 
-def _check_positions(
-    trajectory: JointTrajectory, joints: Sequence[RobotJoint], times: Array, positions: Array, robot: str
-) -> None:
+def _check_positions(joints: Sequence[RobotJoint], times: Array, positions: Array, robot: str) -> None:
     """Refuses positions beyond a limit; those that are so by rounding are moved to it."""
     for column, joint in enumerate(joints):
         unit = _unit(joint)

@@ -269,6 +269,7 @@ class _Document:
                 "friction": _format_numbers(model.geom_friction[geom]),
                 "priority": str(int(model.geom_priority[geom])),
                 "solref": _format_numbers(model.geom_solref[geom]),
+                "solimp": _format_numbers(model.geom_solimp[geom]),
                 "margin": _format_numbers([model.geom_margin[geom]]),
             }
         body = self.bodies.get(int(model.geom_bodyid[geom]))

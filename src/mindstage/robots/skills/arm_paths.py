@@ -55,6 +55,17 @@ class ArmPath(NamedTuple):
         """Whether the base moves along."""
         return bool(np.abs(self.roots - self.roots[:1]).max(initial=0.0) > 1e-6)
 
+    def cut(self, count: int, reason: str) -> ArmPath:
+        """The first poses of it.
+
+        Args:
+            count: their number.
+            reason: why it ends there.
+        """
+        return self._replace(
+            positions=self.positions[:count], roots=self.roots[:count], reached=count, reason=reason, shortfall_m=None
+        )
+
     def at(self, row: int) -> dict[str, float]:
         """The positions at one pose."""
         return dict(zip(self.joints, self.positions[row].tolist(), strict=True))

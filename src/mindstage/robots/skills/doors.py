@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mindstage.errors import CommandRefusedError, SkillFailedError, UnreachableError
+from mindstage.robots.collisions import CollisionChecker
+from mindstage.robots.skills.arm_paths import ArmPath
 from mindstage.robots.skills.declaration import FractionOpen, SkillMotion, SkillNeed, ThingName, skill
 from mindstage.robots.skills.front_access import BACK_M, FrontMotion, FrontWay, find_front_motion
 from mindstage.robots.skills.manipulator import Manipulator, free_hand
@@ -27,6 +29,8 @@ _LEAD_RATE, _MAX_LEAD_M = 16.0, 0.3
 """How fast the target of the spring moves ahead by the distance of the handle from the gripper [1/s], and how far."""
 _TOLERANCES = {True: 0.05, False: 0.04}
 """Permitted error of the openness when a front is opened, and when it is closed."""
+_CHECKED_EVERY = 2
+"""Of the poses of a path, every second one is tested for collisions."""
 _MAX_ROUNDS = 6
 """How often the handle is grasped anew to move the front farther."""
 _LEAST_PROGRESS = 0.08
@@ -90,6 +94,8 @@ def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMot
                 break
             errors.append(error)
             continue  # it is planned anew from where the arm was stopped
+        if abs(opening.openness - fraction) <= tolerance:  # it has moved on when the hand let it go
+            return
         try:
             motion = find_front_motion(hand, opening, task.surroundings(), target, excluded=excluded)
         except UnreachableError as error:
@@ -170,7 +176,7 @@ def _pushing(task: SkillTask, hand: Manipulator, opening: Opening, motion: Front
         pressed = motion.path.copy()
         ahead = _PRESS_M * np.linspace(1.0, 0.0, len(pressed))[:, None]
         pressed[:, :3] += ahead * _directions(pressed[:, :3])
-        path = hand.path(pressed, may_drive=hand.is_mobile)
+        path = _free_path(hand, opening, motion, hand.path(pressed, may_drive=hand.is_mobile))
         if path.reached >= 2:
             yield from hand.following(path, speed=0.4, cartesian_speed=0.15)
     yield from hand.withdrawing(pose_multiply(hand.grasp_pose, np.array([-_PUSH_BACK_M, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])))
@@ -189,7 +195,8 @@ def _moving_grasped(
     """Moves the grasped handle or edge along its path."""
     surroundings, body = task.surroundings(), motion.body
     in_hand = pose_multiply(pose_inverse(surroundings.pose(body)), hand.grasp_pose)
-    path = hand.path(pose_multiply(motion.poses, in_hand), may_drive=hand.is_mobile)
+    whole = hand.path(pose_multiply(motion.poses, in_hand), may_drive=hand.is_mobile)
+    path = _free_path(hand, opening, motion, whole)
     if path.reached < 2:
         raise task.failure(f"{body} cannot be moved: {path.reason}", "stand elsewhere")
 
@@ -205,6 +212,24 @@ def _moving_grasped(
     result = yield from hand.following(path, speed=0.4, cartesian_speed=0.08, on_tick=check)
     if not result:
         raise task.failure(result.reason, "move what is in the way")
+
+
+def _free_path(hand: Manipulator, opening: Opening, motion: FrontMotion, path: ArmPath) -> ArmPath:
+    """The first part of a path, up to where the robot would touch something else than the front.
+
+    The path that was tested for the stance began at the exact grasp, and ended at a collision, too.
+    """
+    touch = {opening.front, motion.body, *([] if opening.handle is None else [opening.handle])}
+    checker = CollisionChecker(hand.robot, joints=hand.arm.joints, base_moves=hand.is_mobile, touch=touch)
+    for row in range(1, path.reached):
+        if row % _CHECKED_EVERY and row < path.reached - 1:
+            continue
+        checker.set_joint(opening.joint.id, float(motion.positions[row]))
+        hit = checker.find_at(path.at(row), hand.base_of(path.roots[row]) if hand.is_mobile else None)
+        if hit is not None:
+            rows = max(row - _CHECKED_EVERY, 1)
+            return path.cut(rows, f"there {hit}")
+    return path
 
 
 class _Spring:

@@ -284,6 +284,7 @@ class _FrontSearch:
             moved=self._moved_door(),
             touched=(opening.front, self.handle),
             least=_LEAST_PART,
+            enough=_ENOUGH[self.is_level],
             is_closed=way is FrontWay.PUSH,
             checks_path_closed=way is not FrontWay.PUSH,
             steps=steps,

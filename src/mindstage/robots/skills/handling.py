@@ -542,9 +542,7 @@ def _placing(task: SkillTask, hand: Manipulator, id: BodyId, support: BodyId, *,
         reason = surroundings.why_no_place(id, support, inside=inside)
         raise NoFreePlacementError(id, f"{'into' if inside else 'on'} {support}", reason=reason)
     in_hand = pose_multiply(pose_inverse(surroundings.pose(id)), hand.grasp_pose)
-    stance = yield from _standing_for(
-        task, hand, id, support, places, in_hand, surroundings.box(support) if inside else None
-    )
+    stance = yield from _standing_for(hand, id, support, places, in_hand, surroundings.box(support) if inside else None)
     at = stance.grasp.pose - np.array([0.0, 0.0, _GAP_M, 0.0, 0.0, 0.0, 0.0])
     above = at + np.array([0.0, 0.0, _LIFT_M + _GAP_M, 0.0, 0.0, 0.0, 0.0])
     yield from hand.moving_straight(above, why=f"over {support}", speed=0.25)
@@ -560,7 +558,6 @@ def _placing(task: SkillTask, hand: Manipulator, id: BodyId, support: BodyId, *,
 
 
 def _standing_for(
-    task: SkillTask,
     hand: Manipulator,
     id: BodyId,
     support: BodyId,
@@ -638,13 +635,13 @@ def _letting_go(task: SkillTask, hand: Manipulator, *, back_m: float = _BACK_M) 
     """Releases what is held, and withdraws the hand."""
     held = hand.held
     opening = hand.robot.opening(hand.gripper.name)
-    if held is not None and _is_fixed(task, hand, held):
+    if held is not None and _is_fixed(task, held):
         task.session.run_on_engine(lambda engine: engine.detach(held), label="detach", edits=True)
     yield from hand.opening(min(opening + 2 * _ROOM_M, hand.gripper.max_opening_m))
     yield from hand.withdrawing(pose_multiply(hand.grasp_pose, np.array([-back_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])))
 
 
-def _is_fixed(task: SkillTask, hand: Manipulator, id: BodyId) -> bool:
+def _is_fixed(task: SkillTask, id: BodyId) -> bool:
     own = task.robot_bodies()
     return any(each.child == id and each.parent in own for each in task.session.snapshot().attachments)
 
@@ -676,7 +673,7 @@ def _tilting(task: SkillTask, hand: Manipulator, id: BodyId, target: BodyId) -> 
             at = [*(((low + high) / 2)[:2] - lip[:2]), high[2] + _POUR_GAP_M - lowest]
             tilted.append(np.concatenate([at, quat_multiply(spin, now[3:])]))
         options.append(np.array(tilted))
-    stance, poses = _pour_stance(hand, id, target, options, in_hand)
+    stance, poses = _pour_stance(hand, id, options, in_hand)
     with task.step("pour", f"pour {id} into {target}"):
         yield from hand.driving_to(stance.base, why=f"to reach {target}")
         yield from hand.moving_to(stance.start, why=f"beside {target}")
@@ -689,9 +686,7 @@ def _tilting(task: SkillTask, hand: Manipulator, id: BodyId, target: BodyId) -> 
         yield from hand.following(hand.path(pose_multiply(poses[::-1], in_hand)), speed=0.4)
 
 
-def _pour_stance(
-    hand: Manipulator, id: BodyId, target: BodyId, options: Sequence[Array], in_hand: Array
-) -> tuple[Stance, Array]:
+def _pour_stance(hand: Manipulator, id: BodyId, options: Sequence[Array], in_hand: Array) -> tuple[Stance, Array]:
     error: UnreachableError | None = None
     for poses in options:
         grasp = Grasp(in_hand, 0.0, is_by_friction=True, is_whole=True, is_central=True)

@@ -14,7 +14,7 @@ from mindstage.robots.collisions import Collision, CollisionChecker, links_behin
 from mindstage.robots.kinematics import BASE_JOINTS
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.search_limits import SearchLimit
-from mindstage.robots.skills.arm_paths import ArmPath, follow_poses, interpolated_poses
+from mindstage.robots.skills.arm_paths import POSE_JOINTS, ArmPath, follow_poses, interpolated_poses
 from mindstage.robots.skills.grasps import Grasp
 from mindstage.robots.skills.manipulator import BasePose, Manipulator
 from mindstage.scene import BodyId, Pose
@@ -41,6 +41,8 @@ _GOOD_ENOUGH = 0.98
 """Part of the path beyond which no better stance is looked for."""
 _IK_ATTEMPTS, _ADJUSTED_IK_ATTEMPTS = 5, 3
 """Attempts of the inverse kinematics, without and with the pose of the base among its unknowns."""
+_RANDOM_SEEDS = 2
+"""Number of random positions of an arm from which the inverse kinematics starts if nothing else led to a stance."""
 _MISSES = 4
 """Number of places from which the inverse kinematics fails before a grasp is given up."""
 _OUTSIDE_M = 0.1
@@ -99,6 +101,8 @@ class StanceRequest(NamedTuple):
     """Bodies that the hand, or what it holds, may touch."""
     least: float = 0.3
     """The least part of the path that is worth it."""
+    enough: float = 0.3
+    """The part of the path from which on other configurations of the arm are not tried."""
     is_closed: bool = False
     """Whether the gripper is closed when it comes, rather than open."""
     stays: bool = False
@@ -140,6 +144,8 @@ class _Search:
         self.here = robot.base_pose()
         self.positions = robot.joint_positions()
         self.moves_base = hand.is_mobile and not request.stays
+        self.adjusts = hand.needs_base and self.moves_base
+        """Whether the pose of the base is among the unknowns of the inverse kinematics."""
         self.checker = CollisionChecker(
             robot,
             joints=(*hand.arm.joints, *hand.gripper.joints),
@@ -176,9 +182,38 @@ class _Search:
     def find(self) -> Stance:
         """See `find_stance`."""
         best: Stance | None = None
+        for seed in self._seeds():
+            best = self._find_from(seed, best)
+            if self.limit.is_over or (best is not None and best.reach >= self.request.enough):
+                break
+        if best is None:
+            raise self._failure()
+        if self.limit.ended_by_time:
+            self.hand.task.assume(f"no better stance to reach {self.request.target} was found {self.limit}")
+        return best
+
+    def _seeds(self) -> Iterator[dict[str, float]]:
+        """Positions from which inverse kinematics starts: an arm with more joints than it needs has many solutions.
+
+        The present ones come first, since the solution should be near to them.
+        """
+        arm = self.hand.arm.joints
+        if not self.adjusts:
+            yield self.positions
+        yield {**self.positions, **self.hand.ready_positions()}
+        if len(arm) <= POSE_JOINTS:
+            return
+        limits = np.array([self.hand.kinematics.limits(name) for name in arm])
+        low, high = np.clip(limits, -pi, pi).T
+        chance = np.random.default_rng(self.hand.task.seed)
+        for _ in range(_RANDOM_SEEDS):
+            yield {**self.positions, **dict(zip(arm, chance.uniform(low, high).tolist(), strict=True))}
+
+    def _find_from(self, seed: Mapping[str, float], best: Stance | None) -> Stance | None:
+        """The best stance, or the best of those before, with arms near to some positions."""
         for base in self._bases():
             for number, grasp in self._possible_grasps():
-                stance = self._try(base, grasp, number)
+                stance = self._try(base, grasp, number, seed)
                 if stance is None or (best is not None and stance.reach <= best.reach + 0.02):
                     continue
                 if not self._can_drive_to(stance.base):
@@ -188,10 +223,6 @@ class _Search:
                     return best
             if self._is_over():
                 break
-        if best is None:
-            raise self._failure()
-        if self.limit.ended_by_time:
-            self.hand.task.assume(f"no better stance to reach {self.request.target} was found {self.limit}")
         return best
 
     def _possible_grasps(self) -> list[tuple[int, Grasp]]:
@@ -290,16 +321,16 @@ class _Search:
             for heading in _OTHER_HEADINGS_RAD:
                 yield (float(x), float(y), facing + heading)
 
-    def _try(self, base: BasePose, grasp: Grasp, number: int) -> Stance | None:
+    def _try(self, base: BasePose, grasp: Grasp, number: int, seed: Mapping[str, float]) -> Stance | None:
         hand, request = self.hand, self.request
         self.fingers, self.last_hit = self._fingers(grasp), None
         at = grasp.in_world(request.poses[0])
-        adjusts = hand.needs_base and self.moves_base
+        adjusts = self.adjusts
         found = hand.kinematics.solve_ik(
             hand.kinematics.frame_of(hand.arm),
             at,
             joints=(*(BASE_JOINTS if adjusts else ()), *hand.arm.joints),  # any place is driven to before
-            seed={**self.positions, **hand.ready_positions()} if adjusts else self.positions,
+            seed=seed,
             root_pose=hand.root_at(base),
             attempts=_ADJUSTED_IK_ATTEMPTS if adjusts else _IK_ATTEMPTS,
         )
@@ -313,9 +344,9 @@ class _Search:
         base = hand.base_of(root)
         if adjusts and not self._stands_free(base):
             return None
-        seed = {**self.positions, **found.positions}
+        at_grasp = {**self.positions, **found.positions}
         self._move_joint(0)
-        start = self._start(at, root, seed)
+        start = self._start(at, root, at_grasp)
         if start is None:
             self._exclude(number, grasp)
             return None
@@ -324,7 +355,7 @@ class _Search:
             hand.arm,
             request.paths[number] if request.paths else pose_multiply(request.poses, grasp.pose),
             root=root,
-            seed=seed,
+            seed=at_grasp,
             may_drive=self.moves_base,
         )
         if request.checks_path_closed:
