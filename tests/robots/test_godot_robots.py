@@ -24,3 +24,53 @@ def test_a_base_drives_and_turns_in_godot(godot: Path) -> None:
         assert robot.base_pose() == pytest.approx(goal, abs=0.02)
         now = robot.joint_positions()
         assert {joint: now[joint] for joint in arm} == pytest.approx(arm, abs=0.03), "the arm is held meanwhile"
+
+
+def link(name: str, mass_kg: float, size_m: float) -> str:
+    moment = mass_kg * size_m**2 / 6
+    return f"""<link name="{name}"><inertial><mass value="{mass_kg}"/>
+      <inertia ixx="{moment}" iyy="{moment}" izz="{moment}" ixy="0" ixz="0" iyz="0"/></inertial>
+      <collision><geometry><box size="{size_m} {size_m} {size_m}"/></geometry></collision></link>"""
+
+
+def joint(name: str, parent: str, child: str, kind: str, *, x: float, axis: str = "0 0 1") -> str:
+    limit = '<limit lower="-2" upper="2" effort="100" velocity="1"/>' if kind == "revolute" else ""
+    return f"""<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
+      <origin xyz="{x} 0 0"/><axis xyz="{axis}"/>{limit}</joint>"""
+
+
+WRIST = "\n".join(
+    [
+        '<robot name="wrist">',
+        link("base", 10.0, 0.4),
+        link("forearm", 0.3, 0.05),
+        link("yaw", 0.05, 0.03),
+        link("yaw_bottom", 0.002, 0.01),
+        link("pitch", 0.05, 0.03),
+        link("roll", 0.05, 0.03),
+        link("gripper", 0.002, 0.01),
+        link("finger", 0.02, 0.02),
+        joint("forearm_joint", "base", "forearm", "revolute", x=0.3),
+        joint("yaw_joint", "forearm", "yaw", "revolute", x=0.1),
+        joint("yaw_bottom_joint", "yaw", "yaw_bottom", "fixed", x=0.04),
+        joint("pitch_joint", "yaw_bottom", "pitch", "revolute", x=0.04, axis="0 1 0"),
+        joint("roll_joint", "pitch", "roll", "revolute", x=0.04, axis="1 0 0"),
+        joint("gripper_joint", "roll", "gripper", "fixed", x=0.04),
+        joint("finger_joint", "gripper", "finger", "revolute", x=0.04),
+        "</robot>",
+    ]
+)
+"""Grams between the joints of a wrist, as Stretch has them: links that only carry others."""
+
+
+def test_drives_hold_a_wrist_whose_joints_are_connected_by_light_links(godot: Path, tmp_path: Path) -> None:
+    (tmp_path / "wrist.urdf").write_text(WRIST, encoding="utf-8")
+    with Simulation(KnowledgeBase(), GodotEngine(godot, timeout_s=60.0), timeout_s=60.0) as sim:
+        robot = sim.add_robot(str(tmp_path / "wrist.urdf"), Pose((0.0, 0.0, 0.0)))
+        expected = dict(robot.joint_positions())
+        for name, goal in (("roll_joint", 0.5), ("pitch_joint", -0.4), ("yaw_joint", -0.6)):
+            result = robot.run(robot.moving_to({name: goal}), timeout_s=60.0)
+            assert result, result.reason
+            sim.step(0.5)
+            expected[name] = goal
+            assert robot.joint_positions() == pytest.approx(expected, abs=0.01)

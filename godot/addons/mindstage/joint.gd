@@ -213,14 +213,13 @@ func add_armature() -> void:
 		if drive.axis < 3:
 			rigid.mass += drive.armature
 		elif drive.armature > 0.0:
-			var own: Vector3 = (
-				rigid.inertia if rigid.inertia != Vector3.ZERO else MindstageMassProperties.moments(group_b)
-			)
-			rigid.inertia = own + drive.armature * Vector3.ONE
+			rigid.inertia = _moments(group_b) + drive.armature * Vector3.ONE
+			_raise_moments(group_a, LOCKED_MASS_RATIO * drive.armature)
 
 
 ## Makes a light weightless body heavier that is locked to a heavy one, as links of robots are that only carry
-## others. The solver cannot hold bodies together whose masses differ by orders of magnitude.
+## others. The solver cannot hold bodies together whose masses or moments differ by orders of magnitude, least of all if
+## the drive of the next link acts on the light one.
 func balance_locked() -> void:
 	if axes.any(func(axis: PackedFloat64Array) -> bool: return axis[0] != LOCKED):
 		return
@@ -228,13 +227,33 @@ func balance_locked() -> void:
 		return
 	if group_a.gravity_factor > 0.0 or group_b.gravity_factor > 0.0:
 		return
-	var a: RigidBody3D = group_a.node as RigidBody3D
-	var b: RigidBody3D = group_b.node as RigidBody3D
-	var light: RigidBody3D = a if a.mass < b.mass else b
-	var heavy: MindstageRigidGroup = group_b if light == a else group_a
-	if light.mass < LOCKED_MASS_RATIO * heavy.mass_kg():
-		light.mass = LOCKED_MASS_RATIO * heavy.mass_kg()
-		light.inertia = LOCKED_MASS_RATIO * MindstageMassProperties.moments(heavy).maxf(1e-5)
+	for pair: Array in [[group_a, group_b], [group_b, group_a]]:
+		_balance(pair[0], pair[1])
+
+
+## Raises mass and moments of one body to a part of those of another.
+static func _balance(light: MindstageRigidGroup, heavy: MindstageRigidGroup) -> void:
+	var rigid: RigidBody3D = light.node as RigidBody3D
+	var other: RigidBody3D = heavy.node as RigidBody3D
+	# The axes of the two may differ.
+	var moments: Vector3 = _moments(heavy)
+	_raise_moments(light, LOCKED_MASS_RATIO * moments[moments.max_axis_index()])
+	rigid.mass = maxf(rigid.mass, LOCKED_MASS_RATIO * other.mass)
+
+
+## Raises the principal moments of a weightless body to a least value [kg m²].
+static func _raise_moments(group: MindstageRigidGroup, least: float) -> void:
+	if not group.is_dynamic() or group.gravity_factor > 0.0:
+		return
+	var own: Vector3 = _moments(group)
+	if own[own.min_axis_index()] < least:
+		(group.node as RigidBody3D).inertia = own.maxf(least)
+
+
+## The principal moments with what drives have added [kg m²].
+static func _moments(group: MindstageRigidGroup) -> Vector3:
+	var rigid: RigidBody3D = group.node as RigidBody3D
+	return rigid.inertia if rigid.inertia != Vector3.ZERO else MindstageMassProperties.moments(group)
 
 
 ## The velocity along or about an axis [m/s or rad/s].
