@@ -11,7 +11,7 @@
     print(ms.diff("kitchen.owl", "now.owl"))
 
 Submodules are imported when one of their names is first used. Where gymnasium was imported before, its environments
-`mindstage/Open-v0`, Pick, Place and PutAway are registered.
+`mindstage/Open-v0`, Pick, Place and PutAway are registered; `gymnasium.make("mindstage:mindstage/Open-v0")` imports it.
 """
 
 import sys

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mindstage.robots.control import MotionGoal
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import eventually
 from tests.ros.robot_client import RobotClient, duration, point, seconds
@@ -34,6 +35,12 @@ def track(client: RobotClient, joint: str) -> list[tuple[float, float]]:
     return [(seconds(each["header"]["stamp"]), each["position"][each["name"].index(joint)]) for each in messages]
 
 
+def speeds(client: RobotClient, joint: str) -> list[tuple[float, float]]:
+    """Times and speeds of a joint in all messages so far [s], [rad/s]."""
+    messages = list(client.subscribe("joint_states"))
+    return [(seconds(each["header"]["stamp"]), abs(each["velocity"][each["name"].index(joint)])) for each in messages]
+
+
 # -- trajectories ------------------------------------------------------------------------------------------------------
 
 
@@ -54,25 +61,35 @@ def test_a_trajectory_is_reached_within_a_fiftieth_of_a_radian(robot_client: Rob
     assert 0.6 < times[-1] < 1.2
 
 
-def test_a_canceled_trajectory_stops_within_a_fifth_of_a_second(
-    robot_client: RobotClient, robot_simulation: Simulation
+def test_a_canceled_trajectory_stands_still_a_fifth_of_a_second_after_the_cancel_is_received(
+    robot_client: RobotClient, robot_simulation: Simulation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    received_s: list[float] = []
+    cancel = MotionGoal.cancel
+
+    def record(motion: MotionGoal) -> None:  # called by the thread that receives the request
+        received_s.append(robot_simulation.state.time_s)
+        cancel(motion)
+
+    monkeypatch.setattr(MotionGoal, "cancel", record)
     joint = "elbow_joint"
     goal = robot_client.follow(moved(robot_client, **{joint: -1.5}), 3.0)
     eventually(lambda: len(goal.feedback) >= 18)
-    robot_simulation.play(speed=0.2)  # 0.2 s of simulated time are enough for a slow machine
-    canceled_s = robot_client.now()
+    robot_simulation.play(speed=0.2)  # more states per simulated second
+    robot_client.wait_for("joint_states", 3)
     goal.cancel()
-    status, _ = goal.wait()
+    assert goal.wait()[0] == "CANCELED"
+    eventually(lambda: speeds(robot_client, joint)[-1][0] > received_s[0] + 0.4)
+    before = [speed for time_s, speed in speeds(robot_client, joint) if time_s <= received_s[0]]
+    after = [(time_s - received_s[0], speed) for time_s, speed in speeds(robot_client, joint) if time_s > received_s[0]]
+    assert before[-1] > 0.2, "it was moving"
+    stands_s = next(time_s for number, (time_s, _) in enumerate(after) if max(v for _, v in after[number:]) < 0.01)
+    print(f"stands still {stands_s:.3f} s of simulated time after the cancel was received")
+    assert stands_s <= 0.2
     robot_simulation.play()
-    eventually(lambda: track(robot_client, joint)[-1][0] > canceled_s + 0.7)
-    positions = track(robot_client, joint)
-    assert status == "CANCELED"
-    after = [position for time_s, position in positions if time_s >= canceled_s + 0.2]
-    before = [position for time_s, position in positions if canceled_s - 0.2 <= time_s <= canceled_s]
-    assert max(before) - min(before) > 0.03  # it was moving
-    assert len(after) > 5
-    assert max(after) - min(after) < 0.005  # it holds its position
+    held = robot_client.joints()[joint]
+    robot_client.wait_for("joint_states", 12)
+    assert robot_client.joints()[joint] == pytest.approx(held, abs=2e-3)
 
 
 def test_a_newer_goal_replaces_one_for_the_same_joints_only(robot_client: RobotClient) -> None:

@@ -1,9 +1,9 @@
 """Environments of Gymnasium in which a robot opens, picks, places and puts away things of any map.
 
     import gymnasium
-    import mindstage  # after gymnasium: registers the environments
 
-    env = gymnasium.make("mindstage/Open-v0", map="bundled:kitchen", robot="mobile_manipulator", thing="fridge_door")
+    id = "mindstage:mindstage/Open-v0"  # Gymnasium imports the module before the colon
+    env = gymnasium.make(id, map="bundled:kitchen", robot="mobile_manipulator", thing="fridge_door")
 
 Rewards are computed from the answers to declared questions about the current state, such as `openings` and `where_is`,
 and nothing else of the simulation: the same questions can be asked about a real place. Each episode begins in the same
