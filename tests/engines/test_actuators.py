@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from mindstage.engines import ActuatorMode, ActuatorState, MujocoEngine, SpawnNoteKind, SpawnOptions
-from mindstage.scene import BodyGeometry, BodyId, Mobility, PrimitiveShape, PrimitiveType, World
+from mindstage.scene import BodyGeometry, BodyId, CollisionShapeType, Mobility, PrimitiveShape, PrimitiveType, World
 from mindstage.scene.geometry import Inertia
 from mindstage.scene.transforms import quat_angle
 from tests.engines.actuator_contract import arm_world, gripper_world, position_of, servo, state, step
-from tests.engines.geometries import box_shape
+from tests.engines.geometries import box_shape, single_shape_geometry
 from tests.engines.scenes import body, prismatic_joint, revolute_joint, world
 
 _TWO_LINKS = """
@@ -274,3 +274,21 @@ def test_an_actuator_of_a_joint_that_is_not_simulated_rests_and_keeps_its_comman
     engine.set_physics(cart, physics)
     step(engine, 2.0)
     assert state(engine, "cart").position == pytest.approx(0.1, abs=1e-4)
+
+
+def test_a_strong_drive_presses_the_tip_of_a_light_finger_hardly_into_a_wall() -> None:
+    engine = MujocoEngine()
+    tip = {BodyId("finger"): single_shape_geometry(CollisionShapeType.SPHERE, (0.02, 0.02, 0.02))}
+    parts = world(
+        body("base", (-0.2, 0, 0.5), (0.1, 0.1, 0.1)),
+        body("finger", (0, 0, 0.5), (0.02, 0.02, 0.02), "dynamic", 0.12),
+        body("wall", (0.07, 0, 0.5), (0.1, 0.2, 0.2)),
+        prismatic_joint("slide", "base", "finger", (0, 0, 0.5)),
+    )
+    engine.spawn(parts, geometry=tip)
+    engine.set_actuators([servo("press", "slide", stiffness=6000.0, effort_limit=60.0, armature=0.03)])
+    engine.set_commands({"press": 0.1})
+    step(engine, 0.4)
+    (contact,) = engine.contacts()
+    assert contact.force_n == pytest.approx(60.0, rel=0.05)
+    assert contact.depth_m < 0.0025  # 10 mm with MuJoCo's default impedances

@@ -23,11 +23,14 @@ from mindstage.robots.skills import (
     split_command,
     start_skill,
 )
+from mindstage.robots.skills.front_access import find_front_motion
+from mindstage.robots.skills.manipulator import hands_of
 from mindstage.robots.skills.surroundings import Surroundings
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId, Iri, Mobility, Pose, World
 from mindstage.scene.transforms import quat_rotate
 from mindstage.simulation import Simulation
+from tests.kitchenette import kitchenette
 from tests.robots.rooms import box, robot_in
 
 
@@ -158,32 +161,6 @@ class TestSkills:
         towards = np.array(kitchen.snapshot().body("fridge").pose.position) - pose[:3]
         assert forward @ towards / np.linalg.norm(towards) > 0.995
 
-    def test_a_drawer_is_opened_and_closed_by_its_handle(self, kitchen: Simulation, robot: Robot) -> None:
-        steps: list[SkillStep] = []
-        result = robot.run(start_skill(robot, "open", {"thing": "drawer_left_2"}, on_step=steps.append))
-        assert result, result.reason
-        assert kitchen.joint("drawer_left_2").openness > 0.95
-        assert result.state.openness == {"drawer_left_2": pytest.approx(1.0, abs=0.05)}
-        assert not result.assumptions  # held by friction
-        assert [each.name for each in result.steps if each.depth == 0][-2:] == ["open gripper", "move"]
-        assert all(each.succeeded for each in result.steps)
-        assert len(steps) == 2 * len(result.steps)  # at the begin and at the end of each
-        result = perform(robot, "close", thing="drawer_left_2")
-        assert result, result.reason
-        assert kitchen.joint("drawer_left_2").openness < 0.05
-
-    def test_a_carton_is_picked_up_by_friction_and_put_down(self, kitchen: Simulation, robot: Robot) -> None:
-        milk = BodyId("milk_carton_1")
-        kitchen.place(milk, on="counter_left")
-        result = perform(robot, "pick", thing="milk_carton_1")
-        assert result, result.reason
-        assert result.state.held == {"gripper": milk}
-        assert not kitchen.snapshot().attachments or all(each.child != milk for each in kitchen.snapshot().attachments)
-        result = perform(robot, "place", thing="milk_carton_1", on="counter_left")
-        assert result, result.reason
-        assert result.state.supports == {milk: "on counter_left"}
-        assert not result.state.held
-
     def test_a_result_is_plain_data(self, robot: Robot) -> None:
         result = perform(robot, "park")
         assert result, result.reason
@@ -196,6 +173,54 @@ class TestSkills:
             assert imagined.run(start_skill(imagined, "go_to", {"x": 0.3, "y": 0.6}))
             assert imagined.base_pose()[0] == pytest.approx(0.3, abs=0.02)
         assert robot.base_pose() == pytest.approx(before, abs=1e-6)
+
+
+@pytest.fixture(scope="module")
+def pantry(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Simulation]:
+    """A drawer, a door with handles and a mug on a cupboard, of which the knowledge base has the classes."""
+    path = tmp_path_factory.mktemp("map") / "map.owl"
+    ms.save(kitchenette(), path)
+    with ms.open(path) as sim:
+        sim.add_robot("mobile_manipulator", Pose((0.6, 0.0, 0.0)))
+        sim.step(0.2)
+        yield sim
+
+
+class TestSmallKitchen:
+    @pytest.fixture(autouse=True)
+    def start(self, pantry: Simulation) -> None:
+        pantry.reset()
+
+    def test_a_drawer_is_opened_and_closed_by_its_handle(self, pantry: Simulation) -> None:
+        robot, steps = pantry.robot(), list[SkillStep]()
+        result = robot.run(start_skill(robot, "open", {"thing": "Drawer"}, on_step=steps.append))
+        assert result, result.reason
+        assert pantry.joint("Drawer").openness > 0.95
+        assert result.state.openness == {"Drawer": pytest.approx(1.0, abs=0.05)}
+        assert not result.assumptions  # held by friction
+        assert [each.name for each in result.steps if each.depth == 0][-2:] == ["open gripper", "move"]
+        assert all(each.succeeded for each in result.steps)
+        assert len(steps) == 2 * len(result.steps)  # at the begin and at the end of each
+        result = perform(robot, "close", thing="Drawer")
+        assert result, result.reason
+        assert pantry.joint("Drawer").openness < 0.05
+
+    def test_a_door_is_opened_by_a_fraction(self, pantry: Simulation) -> None:
+        result = perform(pantry.robot(), "open", thing="FridgeDoor", fraction=0.7)
+        assert result, result.reason
+        assert pantry.joint("FridgeDoor").openness == pytest.approx(0.7, abs=0.05)
+        assert not result.assumptions
+
+    def test_a_mug_is_picked_up_by_friction_and_put_down(self, pantry: Simulation) -> None:
+        robot, mug = pantry.robot(), BodyId("Mug")
+        result = perform(robot, "pick", thing="Mug")
+        assert result, result.reason
+        assert result.state.held == {"gripper": mug}
+        assert all(each.child != mug for each in pantry.snapshot().attachments)
+        result = perform(robot, "place", thing="Mug", on="Cupboard")
+        assert result, result.reason
+        assert result.state.supports == {mug: "on Cupboard"}
+        assert not result.state.held
 
 
 @pytest.fixture(scope="module")
@@ -329,6 +354,18 @@ class TestWhatCanBeOpened:
         )
         assert result.outcome is SkillOutcome.FAILED
         assert reach.reason in result.reason
+
+    def test_a_low_drawer_among_furniture_is_closed_with_the_arm_beside_the_base(
+        self, kitchen: Simulation, robot: Robot
+    ) -> None:
+        robot.set_base_pose(-0.87, -1.49, 2.44)  # the nearest solutions of the arm are inside of the base there
+        kitchen.joint("drawer_south_3").open(1.0)
+        kitchen.step(0.1)
+        task = SkillTask(robot)
+        surroundings = task.surroundings()
+        opening = surroundings.opening(BodyId("drawer_south_3"))
+        motion = find_front_motion(hands_of(task)[0], opening, surroundings, opening.joint.closed_position)
+        assert motion.stance.reach > 0.95
 
 
 class TestKitchenSurroundings:
