@@ -213,8 +213,8 @@ func add_armature() -> void:
 		if drive.axis < 3:
 			rigid.mass += drive.armature
 		elif drive.armature > 0.0:
-			rigid.inertia = _moments(group_b) + drive.armature * Vector3.ONE
-			_raise_moments(group_a, LOCKED_MASS_RATIO * drive.armature)
+			rigid.inertia = MindstageMassProperties.current_moments(group_b) + drive.armature * Vector3.ONE
+			MindstageMassProperties.raise_moments(group_a, LOCKED_MASS_RATIO * drive.armature)
 
 
 ## Makes a light weightless body heavier that is locked to a heavy one, as links of robots are that only carry
@@ -225,10 +225,9 @@ func balance_locked() -> void:
 		return
 	if not (group_a.is_dynamic() and group_b.is_dynamic()):
 		return
-	if group_a.gravity_factor > 0.0 or group_b.gravity_factor > 0.0:
-		return
-	for pair: Array in [[group_a, group_b], [group_b, group_a]]:
-		_balance(pair[0], pair[1])
+	if group_a.gravity_factor <= 0.0 and group_b.gravity_factor <= 0.0:
+		_balance(group_a, group_b)
+		_balance(group_b, group_a)
 
 
 ## Raises mass and moments of one body to a part of those of another.
@@ -236,24 +235,9 @@ static func _balance(light: MindstageRigidGroup, heavy: MindstageRigidGroup) -> 
 	var rigid: RigidBody3D = light.node as RigidBody3D
 	var other: RigidBody3D = heavy.node as RigidBody3D
 	# The axes of the two may differ.
-	var moments: Vector3 = _moments(heavy)
-	_raise_moments(light, LOCKED_MASS_RATIO * moments[moments.max_axis_index()])
+	var moments: Vector3 = MindstageMassProperties.current_moments(heavy)
+	MindstageMassProperties.raise_moments(light, LOCKED_MASS_RATIO * moments[moments.max_axis_index()])
 	rigid.mass = maxf(rigid.mass, LOCKED_MASS_RATIO * other.mass)
-
-
-## Raises the principal moments of a weightless body to a least value [kg m²].
-static func _raise_moments(group: MindstageRigidGroup, least: float) -> void:
-	if not group.is_dynamic() or group.gravity_factor > 0.0:
-		return
-	var own: Vector3 = _moments(group)
-	if own[own.min_axis_index()] < least:
-		(group.node as RigidBody3D).inertia = own.maxf(least)
-
-
-## The principal moments with what drives have added [kg m²].
-static func _moments(group: MindstageRigidGroup) -> Vector3:
-	var rigid: RigidBody3D = group.node as RigidBody3D
-	return rigid.inertia if rigid.inertia != Vector3.ZERO else MindstageMassProperties.moments(group)
 
 
 ## The velocity along or about an axis [m/s or rad/s].

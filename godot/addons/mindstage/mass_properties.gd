@@ -44,6 +44,21 @@ static func moments(group: MindstageRigidGroup) -> Vector3:
 	)
 
 
+## The principal moments of its node, with what drives have added [kg m²].
+static func current_moments(group: MindstageRigidGroup) -> Vector3:
+	var rigid: RigidBody3D = group.node as RigidBody3D
+	return rigid.inertia if rigid.inertia != Vector3.ZERO else moments(group)
+
+
+## Raises the principal moments of a weightless body to a least value [kg m²].
+static func raise_moments(group: MindstageRigidGroup, least: float) -> void:
+	if not group.is_dynamic() or group.gravity_factor > 0.0:
+		return
+	var own: Vector3 = current_moments(group)
+	if own[own.min_axis_index()] < least:
+		(group.node as RigidBody3D).inertia = own.maxf(least)
+
+
 ## A collision shape with its share of the body's mass.
 class Part:
 	var xform: Transform3D
