@@ -300,8 +300,8 @@ def test_clients_share_one_history(physics_simulation: Simulation, page: Viewer,
     with connect_page_client(page.url) as other:
         client.ask("set_physics", id="Mug", mass_kg=0.7)
         other.ask("set_physics", id="Mug", gravity=False)
+        steps = ["mass of Mug", "gravity of Mug"]
         for each in (client, other):
-            steps = ["mass of Mug", "gravity of Mug"]
             eventually(each, "history", lambda history: history["done"] == steps, "both see both steps")
         client.ask("undo")
         mug = physics_simulation.snapshot().body("Mug").physics
