@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).resolve().parent.parent
 
-OUTSIDE_PROGRAMS = frozenset({"browser", "chromium", "open_page", "godot", "cluster", "roslibjs"})
+OUTSIDE_PROGRAMS = frozenset({"browser", "panel_browser", "chromium", "open_page", "godot", "cluster", "roslibjs"})
 """Fixtures of programs that are not ours and whose speed is not in our hands."""
 OUTSIDE_MODULES = ("imagination/test_ray.py", "ros/test_real_rosbridge.py", "cli/test_shot.py")
 

@@ -29,22 +29,38 @@ def viewer(simulation: Simulation) -> Iterator[Viewer]:
         yield viewer
 
 
+_GPU = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+_NO_GPU = ["--disable-gpu"]
+"""For pages without the 3D view: the emulated GPU would take half of the time to paint panels."""
+
+
 @pytest.fixture(scope="session")
-def browser(chromium: Path) -> Iterator[Any]:
-    """One headless browser for all tests."""
+def playwright() -> Iterator[Any]:
+    """The library that controls the browsers."""
     from playwright.sync_api import sync_playwright
 
-    arguments = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-    # Without a GPU the panels are painted much faster directly than by the emulated GPU, which the 3D view needs.
-    arguments += ["--disable-gpu-compositing", "--disable-gpu-rasterization"]
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=arguments)
-        yield browser
-        browser.close()
+        yield playwright
+
+
+@pytest.fixture(scope="session")
+def browser(chromium: Path, playwright: Any) -> Iterator[Any]:
+    """One headless browser for all tests of the 3D view."""
+    browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", *_GPU])
+    yield browser
+    browser.close()
+
+
+@pytest.fixture(scope="session")
+def panel_browser(chromium: Path, playwright: Any) -> Iterator[Any]:
+    """One headless browser for all tests of pages without the 3D view."""
+    browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", *_NO_GPU])
+    yield browser
+    browser.close()
 
 
 @pytest.fixture
-def open_page(browser: Any) -> Iterator[Callable[[Viewer], PageTab]]:
+def open_page(request: pytest.FixtureRequest, browser: Any) -> Iterator[Callable[[Viewer], PageTab]]:
     """Opens pages in the browser, and closes them after the test."""
-    with open_tabs(browser) as open_page:
+    with open_tabs(browser, panel_browser=lambda: request.getfixturevalue("panel_browser")) as open_page:
         yield open_page

@@ -136,13 +136,19 @@ class PageTab(PagePointer):
 
 
 @contextmanager
-def open_tabs(browser: Any) -> Iterator[Callable[..., PageTab]]:
-    """Opens tabs and closes them at the end; a script error in one of them fails the test."""
+def open_tabs(browser: Any, *, panel_browser: Callable[[], Any] | None = None) -> Iterator[Callable[..., PageTab]]:
+    """Opens tabs and closes them at the end; a script error in one of them fails the test.
+
+    Args:
+        browser: the browser.
+        panel_browser: returns the browser of pages without the 3D view; by default the same.
+    """
     tabs: list[PageTab] = []
 
     def open_page(viewer: Viewer, *, view: bool = True, size: tuple[int, int] | None = None) -> PageTab:
         size = size or (SMALL if view else SIZE)
-        page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+        program = browser if view or panel_browser is None else panel_browser()
+        page = program.new_page(viewport={"width": size[0], "height": size[1]})
         tabs.append(PageTab(page, viewer, view=view))
         return tabs[-1]
 

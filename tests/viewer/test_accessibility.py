@@ -33,12 +33,12 @@ def axe() -> str:
 
 
 @pytest.fixture
-def open_page(browser: Any) -> Iterator[OpenPage]:
+def open_page(panel_browser: Any) -> Iterator[OpenPage]:
     contexts = []
 
     def open_page(viewer: Viewer, size: str) -> Page:
         width, height = SIZES[size]
-        context = browser.new_context(
+        context = panel_browser.new_context(
             viewport={"width": width, "height": height},
             color_scheme="light",
             has_touch=size == "phone",
@@ -187,9 +187,9 @@ def test_the_controls_are_reached_by_tab_in_reading_order_with_a_visible_focus(
     assert seen == ["toolbar", "left-sidebar", "center", "right-sidebar"]
 
 
-def test_the_sign_in_page_has_no_violations(simulation: Simulation, browser: Any, axe: str) -> None:
+def test_the_sign_in_page_has_no_violations(simulation: Simulation, panel_browser: Any, axe: str) -> None:
     with Viewer(simulation, port=0, token="sesame") as viewer:
-        context = browser.new_context(bypass_csp=True, color_scheme="dark")
+        context = panel_browser.new_context(bypass_csp=True, color_scheme="dark")
         page = context.new_page()
         page.goto(viewer.url)
         page.evaluate(axe)

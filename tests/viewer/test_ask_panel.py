@@ -27,8 +27,8 @@ def simulation() -> Iterator[Simulation]:
 
 
 @pytest.fixture
-def page(viewer: Viewer, browser: Any) -> Iterator[Any]:
-    page = browser.new_page(viewport={"width": 1280, "height": 800})
+def page(viewer: Viewer, panel_browser: Any) -> Iterator[Any]:
+    page = panel_browser.new_page(viewport={"width": 1280, "height": 800})
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.route("**/view/**", lambda route: route.fulfill(body="", content_type="text/html"))

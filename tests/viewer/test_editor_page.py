@@ -210,3 +210,32 @@ def test_an_object_is_dragged_into_the_view_onto_a_surface(physics_simulation: S
         assert at[2] > z + body.size[2] / 2 - 0.01, "it is on top"
         assert at[:2] == pytest.approx((x, y), abs=0.25)
         assert viewer.views.clients
+
+
+def test_bodies_are_selected_by_a_rectangle_and_distances_measured(
+    simulation: Simulation, viewer: Viewer, open_page: OpenPage
+) -> None:
+    tab = open_page(viewer)
+    wait_until(lambda: viewer.views.clients, "the view is drawn")
+    x, y, z = simulation.snapshot().body(MUG).pose.position
+    at_x, at_y = tab.to_window((x, y, z))
+    blur(tab)
+    tab.page.keyboard.press("b")
+    tab.page.mouse.move(at_x - 12, at_y - 12)
+    tab.page.mouse.down()
+    tab.page.mouse.move(at_x + 12, at_y + 12, steps=3)
+    assert tab.page.locator(".selection-rectangle").is_visible()
+    tab.page.mouse.up()
+    wait_until(lambda: selected(tab) == ["Mug"], "what is in the rectangle is selected")
+    assert tab.page.evaluate("mindstage.viewTools.active") is None
+    tab.page.keyboard.press("m")
+    fridge = simulation.snapshot().body(BodyId("Fridge")).pose.position
+    readout = tab.page.locator("#measurement")
+    tab.click((x, y, z))
+    wait_until(lambda: "Click the second point" in readout.inner_text(), "the first point is picked")
+    tab.click((fridge[0], fridge[1], 1.8))
+    wait_until(lambda: tab.page.locator("[data-measured=distance]").count() == 1, "the distance is shown")
+    shown = float(tab.page.locator("[data-measured=distance]").inner_text().split()[0])
+    assert shown == pytest.approx(((fridge[1] - y) ** 2 + (1.8 - z) ** 2) ** 0.5, abs=0.4)
+    tab.page.keyboard.press("Escape")
+    wait_until(lambda: not readout.is_visible(), "the measurement is removed")

@@ -143,10 +143,10 @@ def test_a_new_user_is_led_through_the_tour(kitchen: Simulation, browser: Any, t
 
 
 @pytest.fixture
-def blind_page(viewer: Viewer, browser: Any) -> Iterator[Page]:
+def blind_page(viewer: Viewer, panel_browser: Any) -> Iterator[Page]:
     """A page without the 3D view, for speed."""
     viewer.offer_tour()
-    page = browser.new_page()
+    page = panel_browser.new_page()
     page.set_default_timeout(TIMEOUT_S * 1000)
     page.route("**/view/**", lambda route: route.fulfill(body="", content_type="text/html"))
     page.goto(viewer.url)

@@ -18,7 +18,7 @@ from websockets.typing import Subprotocol
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.knowledge import bundled_kitchen, write_map
-from mindstage.scene import BodyId, Mobility, Pose, World, diff
+from mindstage.scene import BodyId, Iri, Mobility, Pose, World, diff
 from mindstage.viewer import Viewer
 from tests.kitchenette import KNOWROB, kitchenette
 from tests.viewer.page_client import PageClient, RequestFailedError, connect_page_client
@@ -280,6 +280,38 @@ def test_a_slider_in_a_paused_simulation_moves_the_drawer_in_one_edit(
     assert physics_simulation.undo_stack.history.undo == ("pose of Drawer",)
     client.ask("undo")
     assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.95)
+
+
+def test_a_slider_in_a_paused_simulation_stops_the_drawer_at_what_is_in_its_way(
+    physics_simulation: Simulation, client: PageClient
+) -> None:
+    solid = kitchenette().body("Floor")
+    block = replace(solid, id=BodyId("Block"), iri=Iri(f"{solid.iri}Block"), size=(0.2, 0.6, 0.8))
+    physics_simulation.spawn(World(iri=Iri("http://x#block"), bodies=(replace(block, pose=Pose((1.3, 0.0, 0.4))),)))
+    wait_until(lambda: "Block" in names(client), "the block is on the page")
+    reply = client.ask("move_joint", id="DrawerSlide", axis="x", value=-0.4)
+    assert reply["blocked_by"] == "Block"
+    assert reply["value"] == pytest.approx(-0.26, abs=0.02), "the handle touches the block"
+    assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.95 + reply["value"])
+    assert client.ask("move_joint", id="DrawerSlide", axis="x", value=-0.1) == {"value": -0.1, "blocked_by": None}
+
+
+def test_clients_share_one_history(physics_simulation: Simulation, page: Viewer, client: PageClient) -> None:
+    with connect_page_client(page.url) as other:
+        client.ask("set_physics", id="Mug", mass_kg=0.7)
+        other.ask("set_physics", id="Mug", gravity=False)
+        steps = ["mass of Mug", "gravity of Mug"]
+        for each in (client, other):
+            eventually(each, "history", lambda history: history["done"] == steps, "both see both steps")
+        client.ask("undo")
+        mug = physics_simulation.snapshot().body("Mug").physics
+        assert (mug.gravity, mug.mass_kg) == (True, 0.7), "the last step is undone, whoever made it"
+        eventually(other, "history", lambda history: history["undone"] == ["gravity of Mug"], "the other page shows it")
+        other.ask("set_physics", id="Mug", mass_kg=0.9)
+        eventually(client, "history", lambda history: history["undone"] == [], "a new step ends what can be redone")
+        other.ask("undo")
+        other.ask("undo")
+        assert physics_simulation.snapshot().body("Mug") == kitchenette().body("Mug")
 
 
 def test_a_disconnected_client_releases_its_slider(physics_simulation: Simulation, page: Viewer) -> None:

@@ -73,6 +73,7 @@ def find_the_fridge(tab: PageTab) -> None:
     wait_until(lambda: tab.shows_text("FridgeW60H140"), "the details are shown")
     assert details["cls"] == "FridgeW60H140"
     assert "Refrigerator" in details["ancestors"], "superclasses are listed"
+    wait_until(lambda: tab.viewer.views.clients, "the view is drawn")
     (view,) = tab.viewer.views.clients
     wait_until(lambda: tab.viewer.views.selected(view) == "fridge", "the view selects it, too")
 

@@ -16,7 +16,7 @@ from mindstage.rendering.camera import CameraPose
 from mindstage.rendering.screenshot import LabelMode
 from mindstage.scene import BodyId, Pose, Vector
 from mindstage.viewer import Viewer
-from mindstage.viewer.client_views import GizmoMode
+from mindstage.viewer.client_views import GizmoMode, Snapping
 from mindstage.viewer.view_data import send_view_data
 from tests.kitchenette import kitchenette
 from tests.viewer.view_tab import ViewTab, open_views, position
@@ -218,10 +218,14 @@ def test_late_and_reconnecting_clients_see_the_current_state(
         assert not tab.is_drawn("/bodies/Mug/textured")
 
 
-def test_a_gizmo_moves_the_selected_body(simulation: Simulation, viewer: Viewer, open_view: OpenView) -> None:
+def test_a_gizmo_moves_the_selected_body_in_steps_and_puts_it_down(
+    simulation: Simulation, viewer: Viewer, open_view: OpenView
+) -> None:
+    simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Fridge"), Pose((2.0, 1.0, 1.1))))
     ann = open_view(viewer)
     ann.wait_for("/bodies/Fridge/textured")
     viewer.views.select(BodyId("Fridge"), client=ann.number)
+    viewer.views.set_snapping(Snapping(step_m=0.25, to_surface=True), client=ann.number)
     viewer.views.set_gizmo(GizmoMode.MOVE, client=ann.number)
     ann.wait_for("/gizmo")
     start = position(simulation, "Fridge").copy()
@@ -241,7 +245,10 @@ def test_a_gizmo_moves_the_selected_body(simulation: Simulation, viewer: Viewer,
     wait_until(preview_appears, "the preview is shown")
     assert np.array_equal(position(simulation, "Fridge"), start), "the body stays until the gizmo is released"
     ann.release()
-    wait_until(lambda: position(simulation, "Fridge")[1] > start[1] + 0.3, "the body is where the preview was")
+    wait_until(lambda: position(simulation, "Fridge")[1] > start[1] + 0.2, "the body is where the preview was")
+    y, z = position(simulation, "Fridge")[1:].tolist()
+    assert y / 0.25 == pytest.approx(round(y / 0.25)), "it is moved by steps"
+    assert z == pytest.approx(0.9, abs=0.005), "it is put down on the floor"
     wait_until(lambda: not ann.is_drawn("/previews/Fridge"), "the preview is removed")
     simulation.undo_stack.undo()
     assert position(simulation, "Fridge") == pytest.approx(start)

@@ -117,6 +117,7 @@ class Quality {
     this.#view = view;
     this.#gl = fiberState(view).gl;
     this.renderer = rendererName(this.#gl);
+    this.isSoftware = SOFTWARE.test(this.renderer);
     this.choice = storedChoice();
     addEventListener("storage", ({ key }) => key === STORAGE_KEY && this.update()); // another page or tab
     beforeFrames(view, BEFORE_RENDERING, () => this.#refresh());

@@ -12,6 +12,22 @@
     console[level] = (...values) => known.some((each) => each.test(String(values[0]))) || write.apply(console, values);
   }
 
+  // -- frames -------------------------------------------------------------------------------------------------------
+  // Besides the frames that changes request, viser draws one each second. Without a GPU a frame of a whole room takes
+  // most of a second, and an idle page would take a processor core; one frame in 30 is left then.
+  const HEARTBEAT_MS = 1000;
+  const HEARTBEAT = /^\(\)\s*=>\s*[\w$]+\(\)$/;
+  const SPARED_FRAMES = 29;
+  const setPageInterval = window.setInterval;
+  window.setInterval = (callback, delay, ...values) => {
+    if (delay !== HEARTBEAT_MS || !HEARTBEAT.test(String(callback))) return setPageInterval(callback, delay, ...values);
+    let spared = 0;
+    return setPageInterval(() => {
+      spared = window.mindstageView?.quality?.isSoftware && spared < SPARED_FRAMES ? spared + 1 : 0;
+      if (spared === 0) callback();
+    }, delay);
+  };
+
   // -- data of Mindstage --------------------------------------------------------------------------------------------
   // Updates of scene nodes below "/mindstage/", see mindstage/viewer/view_data.py. They are taken out of the messages, so
   // that neither viser's store nor React handles them, and wait until the other messages of their batch are handled:
