@@ -20,6 +20,7 @@ from tests.viewer.waiting import TIMEOUT_S, wait_until
 SIZE = (1280, 800)
 SMALL = (800, 420)
 """For pages with the 3D view: rendering without a GPU is slow."""
+_HAS_BODIES = "document.getElementById('view').contentWindow.mindstageView?.loadedBodies?.() > 0"
 
 
 def to_picture(view: CameraPose, point: Vector, box: dict[str, float]) -> tuple[float, float]:
@@ -51,6 +52,7 @@ class PageTab(PagePointer):
         wait_until(lambda: page.evaluate("document.body.dataset.connected === 'true'"), "the page is connected")
         if view:
             wait_until(lambda: self.camera is not None, "the view is connected")
+            wait_until(lambda: page.evaluate(_HAS_BODIES), "bodies are loaded")  # a picture of nothing is slow, too
             wait_until(lambda: self.colors() > 50, "the scene is drawn")
 
     @property

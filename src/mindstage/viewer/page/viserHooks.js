@@ -4,9 +4,11 @@
 
 {
   // -- console ------------------------------------------------------------------------------------------------------
-  // Known output of viser that would cover messages that matter. react-three-fiber 9 creates a THREE.Clock, which
-  // three.js has deprecated; shaders are compiled one by one without a GPU; and the view reports its camera before its websocket is open, and again afterwards.
-  const known = [/^THREE\.Clock: This module has been deprecated/, /^THREE\.WebGLRenderer: KHR_parallel_shader_compile/, /^Tried to send \w+ but websocket is not connected!$/];
+  // Known output of viser that would cover messages that matter; its causes are inside of viser's bundle, and anything
+  // else is written. react-three-fiber 9 creates a THREE.Clock, which three.js has deprecated; shaders are compiled one by
+  // one without a GPU; and the view reports its camera before its websocket is open, and again afterwards. Of other
+  // messages that were not sent, such as a click, the warning is kept.
+  const known = [/^THREE\.Clock: This module has been deprecated/, /^THREE\.WebGLRenderer: KHR_parallel_shader_compile/, /^Tried to send ViewerCameraMessage but websocket is not connected!$/];
   for (const level of ["log", "warn"]) {
     const write = console[level];
     console[level] = (...values) => known.some((each) => each.test(String(values[0]))) || write.apply(console, values);
