@@ -15,6 +15,7 @@ from mindstage.robots.models.link_tree import shape_points
 from mindstage.robots.world import RobotWorld, robot_world
 from mindstage.scene import Mobility, Pose
 from mindstage.scene.collision_shapes import CollisionShapeBatch, compile_geometry
+from mindstage.scene.kinematics import moving_body
 from mindstage.scene.transforms import normalized_pose_array, pose_array, pose_multiply, quat_angle, quat_rotate
 from mindstage.simulation.simulation import Simulation
 from tests.robots.models.installed import known_model
@@ -43,6 +44,14 @@ def test_links_are_spawned_at_their_frames() -> None:
         np.testing.assert_allclose(poses[rows[id]][:3], expected[:3], atol=1e-9)
         assert quat_angle(poses[rows[id]][3:], expected[3:]) < 1e-7
     engine.close()
+
+
+@pytest.mark.parametrize("name", ["mobile_manipulator", "panda", "tiago"])
+def test_every_joint_moves_its_child(name: str) -> None:
+    world = robot_world(known_model(name), HERE, name="robot").world
+    bodies = {body.id: body for body in world.bodies}
+    moved = [moving_body(joint, bodies[joint.parent], bodies[joint.child])[0].id for joint in world.joints]
+    assert moved == [joint.child for joint in world.joints]
 
 
 def test_joints_move_links_as_forward_kinematics_says() -> None:
