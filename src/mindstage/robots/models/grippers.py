@@ -75,7 +75,7 @@ def analyze_gripper(
             ModelNote(subject=name, text="its fingers do not close on each other, so it is no parallel gripper")
         )
         return _other(tree, name, link, drives, fingers, opened, closed)
-    frame, gap, closed = _grasp_frame(tree, link, fingers, positions, opened, closed, between)
+    frame, gap, closed = _grasp_frame(tree, link, positions, opened, closed, between)
     is_parallel = gap > _MIN_TRAVEL_M
     fingers += [pad for pad in positions.pad_links if pad not in fingers]
     if is_parallel and positions.is_hand:
@@ -93,7 +93,7 @@ def analyze_gripper(
         open_positions=tuple(opened[joint.name] for joint in drives),
         closed_positions=tuple(closed[joint.name] for joint in drives),
         max_opening_m=round(float(gap), 4),
-        max_force_n=_force(tree, drives, fingers, frame, link),
+        max_force_n=_force(tree, drives, frame, link),
     )
 
 
@@ -281,17 +281,14 @@ class _Positions:
 def _grasp_frame(
     tree: LinkTree,
     link: str,
-    fingers: Sequence[str],
     positions: _Positions,
     opened: Mapping[str, float],
     closed: Mapping[str, float],
     axis: Array,
 ) -> tuple[Array, float, dict[str, float]]:
     """The grasp frame in the frame of the palm, the distance of the fingers, and the positions at which they touch."""
-    points = positions.fingers(opened)
-    everything = np.concatenate(points)
-    outward = everything.mean(axis=0)
-    outward = _outward(tree, link, axis, outward)
+    everything = np.concatenate(positions.fingers(opened))
+    outward = _outward(axis, everything.mean(axis=0))
     depth = everything @ outward
     first, *rest = positions.pads(opened, outward)
     others = np.concatenate(rest)
@@ -313,7 +310,7 @@ def _grasp_frame(
     return np.array([*origin, *rotation]), gap, _touching(positions, opened, closed, axis, outward)
 
 
-def _outward(tree: LinkTree, link: str, axis: Array, center: Array) -> Array:
+def _outward(axis: Array, center: Array) -> Array:
     """The direction out of the hand: from the palm to the fingers, along the palm's axis that is nearest to it."""
     toward = center - axis * float(center @ axis)
     length = float(np.linalg.norm(toward))
@@ -373,7 +370,7 @@ def _rotation(outward: Array, axis: Array) -> Array:
     return quaternion_from_matrix(np.stack([direction, axis, np.cross(direction, axis)], axis=1))
 
 
-def _force(tree: LinkTree, drives: Sequence[RobotJoint], fingers: Sequence[str], frame: Array, link: str) -> float:
+def _force(tree: LinkTree, drives: Sequence[RobotJoint], frame: Array, link: str) -> float:
     """The force of a finger at the grasp frame, from the effort of the weakest drive."""
     poses = tree.poses(rest_positions(tree.joints.values()))
     grasp = pose_multiply(poses[link], frame)[:3]
