@@ -19,7 +19,7 @@ from mindstage.engines.base import PoseArray
 from mindstage.episodes.recording import EpisodeFrame
 from mindstage.scene import Body, BodyId, Joint, Mobility, World
 from mindstage.scene.bounding_boxes import Indices
-from mindstage.scene.kinematics import RigidGroups, axis_ranges, first_movable_axis, moving_body
+from mindstage.scene.kinematics import RigidGroups, axis_ranges, first_movable_axis, is_robot_part, moving_body
 from mindstage.scene.model import AxisMotion
 from mindstage.scene.spatial import SpatialRelations
 from mindstage.scene.transforms import Array, normalize, pose_array, pose_inverse, pose_multiply
@@ -301,11 +301,6 @@ class BodyTable:
         if self.ids == before.ids:
             return np.arange(len(self.ids))
         return np.array([before.row.get(id, -1) for id in self.ids], dtype=np.intp)
-
-
-def is_robot_part(body: Body) -> bool:
-    """Whether a body is tagged as a part of a robot."""
-    return any(tag.type == "robot" for tag in body.tags)
 
 
 def _enclosing_bodies(world: World, ids: tuple[BodyId, ...]) -> Mask:

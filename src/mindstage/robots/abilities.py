@@ -10,7 +10,7 @@ simulation, an individual of a loaded self-model, or a model of the catalog.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
@@ -385,11 +385,8 @@ def _missing_ability(
 ) -> Iterator[MissingKnowledge]:
     rules = _Rules.of(kb)
     profiles = list(_profiles(kb, present, robot))
-    if not profiles:
-        yield _no_robot()
-        return
-    if action is not None and not any(True for _ in rules.requirements(action)):
-        yield _unstated(rules, action)
+    if (unknown := _unknown(rules, profiles, action)) is not None:
+        yield unknown
         return
     for profile in profiles:
         for each in rules.known_actions() if action is None else (action,):
@@ -399,6 +396,15 @@ def _missing_ability(
                     reason += f", on which {local_name(lack.needed_by)} depends"
                 property = _ON_COMPONENT if lack.kind is RequirementKind.COMPONENT else _ON_CAPABILITY
                 yield MissingKnowledge(lack.cls, property, reason, is_filler=True)
+
+
+def _unknown(rules: _Rules, profiles: Sequence[RobotProfile], action: Iri | None) -> MissingKnowledge | None:
+    """What is missing to ask about any ability: a robot, or a statement about what the action needs."""
+    if not profiles:
+        return _no_robot()
+    if action is not None and not any(True for _ in rules.requirements(action)):
+        return _unstated(rules, action)
+    return None
 
 
 def _no_robot() -> MissingKnowledge:
@@ -484,11 +490,9 @@ def _missing_lack(
 ) -> Iterator[MissingKnowledge]:
     rules = _Rules.of(kb)
     profiles = list(_profiles(kb, present, robot))
-    if not profiles:
-        yield _no_robot()
-    elif action is not None and not any(True for _ in rules.requirements(action)):
-        yield _unstated(rules, action)
-    else:
-        what = "every action that is described" if action is None else local_name(action)
-        names = ", ".join(profile.name for profile in profiles)
-        yield MissingKnowledge(action or _ACTION, _ON_COMPONENT, f"nothing: {names} is able to do {what}")
+    if (unknown := _unknown(rules, profiles, action)) is not None:
+        yield unknown
+        return
+    what = "every action that is described" if action is None else local_name(action)
+    names = ", ".join(profile.name for profile in profiles)
+    yield MissingKnowledge(action or _ACTION, _ON_COMPONENT, f"nothing: {names} is able to do {what}")

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 
 import numpy as np
 
 from mindstage.robots.model import RobotJoint, RobotJointType
+from mindstage.scene import Pose
 from mindstage.scene.transforms import Array, axis_displacement, normalized_pose_array, pose_multiply
 
 __all__ = ["joint_motion", "link_poses", "rest_positions"]
@@ -61,6 +63,17 @@ def link_poses(joints: Iterable[RobotJoint], positions: Mapping[str, float], roo
     """
     poses = {root: _IDENTITY}
     for joint in joints:
-        frame = pose_multiply(poses[joint.parent], normalized_pose_array(joint.origin))
-        poses[joint.child] = pose_multiply(frame, joint_motion(joint, positions.get(joint.name, 0.0)))
+        frame = pose_multiply(poses[joint.parent], _origin(joint.origin))
+        poses[joint.child] = (
+            frame
+            if joint.type is RobotJointType.FIXED
+            else pose_multiply(frame, joint_motion(joint, positions.get(joint.name, 0.0)))
+        )
     return poses
+
+
+@lru_cache(maxsize=4096)
+def _origin(pose: Pose) -> Array:
+    row = normalized_pose_array(pose)
+    row.flags.writeable = False
+    return row

@@ -36,6 +36,7 @@ __all__ = [
     "front_side",
     "handles_by_body",
     "is_handle_class",
+    "is_robot_part",
     "joint_displacement",
     "joint_reach",
     "moving_body",
@@ -192,8 +193,11 @@ def moving_body(joint: Joint, parent: Body, child: Body) -> tuple[Body, Body]:
     """Returns the body that a joint moves and the body that holds it.
 
     Maps use parent and child either way. Dynamic bodies are moved before kinematic ones, and those before static ones;
-    of two with equal mobility, the smaller one is moved.
+    of two with equal mobility, the smaller one is moved. Joints of robots always move their child: a link of an arm may
+    be larger than the one that carries it.
     """
+    if is_robot_part(parent) and is_robot_part(child):
+        return child, parent
 
     def rank(body: Body) -> tuple[int, float]:
         mobility = body.physics.mobility
@@ -201,6 +205,11 @@ def moving_body(joint: Joint, parent: Body, child: Body) -> tuple[Body, Body]:
 
     moving, holder = sorted((child, parent), key=rank)
     return moving, holder
+
+
+def is_robot_part(body: Body) -> bool:
+    """Whether a body is tagged as a part of a robot."""
+    return any(tag.type == "robot" for tag in body.tags)
 
 
 def _volume(body: Body) -> float:

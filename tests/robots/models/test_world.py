@@ -8,13 +8,15 @@ import pytest
 from mindstage import KnowledgeBase
 from mindstage.engines.base import Actuator
 from mindstage.engines.mujoco.engine import MujocoEngine
+from mindstage.robots.control import MotionOutcome
 from mindstage.robots.drives import drives_of
 from mindstage.robots.forward_kinematics import link_poses, rest_positions
-from mindstage.robots.model import BaseType
+from mindstage.robots.model import BaseType, RobotJointType, RobotModel
 from mindstage.robots.models.link_tree import shape_points
 from mindstage.robots.world import RobotWorld, robot_world
 from mindstage.scene import Mobility, Pose
 from mindstage.scene.collision_shapes import CollisionShapeBatch, compile_geometry
+from mindstage.scene.kinematics import moving_body
 from mindstage.scene.transforms import normalized_pose_array, pose_array, pose_multiply, quat_angle, quat_rotate
 from mindstage.simulation.simulation import Simulation
 from tests.robots.models.installed import known_model
@@ -43,6 +45,14 @@ def test_links_are_spawned_at_their_frames() -> None:
         np.testing.assert_allclose(poses[rows[id]][:3], expected[:3], atol=1e-9)
         assert quat_angle(poses[rows[id]][3:], expected[3:]) < 1e-7
     engine.close()
+
+
+@pytest.mark.parametrize("name", ["mobile_manipulator", "panda", "tiago"])
+def test_every_joint_moves_its_child(name: str) -> None:
+    world = robot_world(known_model(name), HERE, name="robot").world
+    bodies = {body.id: body for body in world.bodies}
+    moved = [moving_body(joint, bodies[joint.parent], bodies[joint.child])[0].id for joint in world.joints]
+    assert moved == [joint.child for joint in world.joints]
 
 
 def test_joints_move_links_as_forward_kinematics_says() -> None:
@@ -87,8 +97,16 @@ def test_limits_stop_a_joint() -> None:
 STANDING = ["mobile_manipulator", "stretch", "panda", "pr2", "tiago", "tiago_no_hand", "ur5", "pr2_mjcf", "talos"]
 
 
+def within_limits(model: RobotModel, positions: dict[str, float]) -> tuple[str, float]:
+    """The last joint of the first arm that turns, and a position 0.2 rad from its present one."""
+    turning = {joint.name: joint for joint in model.joints if joint.type is not RobotJointType.PRISMATIC}
+    joint = turning[next(name for name in reversed(model.arms[0].joints) if name in turning)]
+    there = positions[joint.name] + 0.2
+    return joint.name, there if joint.upper is None or there < joint.upper else there - 0.4
+
+
 @pytest.mark.parametrize("name", STANDING)
-def test_a_robot_stands_still(name: str) -> None:
+def test_a_robot_stands_still_and_moves_a_joint_of_its_arm(name: str) -> None:
     model = known_model(name)
     with Simulation(KnowledgeBase(), MujocoEngine()) as simulation:
         robot = simulation.add_robot(model)
@@ -102,6 +120,14 @@ def test_a_robot_stands_still(name: str) -> None:
         # No contact with the floor or with itself pushes it.
         contacts = simulation.run_on_engine(lambda engine: engine.contacts(), label="contacts", edits=False)
         assert max((contact.depth_m for contact in contacts), default=0.0) < 2e-3
+        joint, position = within_limits(model, after)
+        motion = robot.run(robot.moving_to({joint: position}))
+        assert motion.outcome is MotionOutcome.SUCCEEDED, motion.reason
+        moved = robot.joint_positions()
+        assert moved[joint] == pytest.approx(position, abs=0.02)
+        for other in model.arms[0].joints:
+            if other != joint:
+                assert moved[other] == pytest.approx(after[other], abs=0.02), other
 
 
 def test_a_fixed_robot_is_static_and_a_driving_one_is_on_a_planar_joint() -> None:

@@ -6,7 +6,7 @@ touches things in a simulation.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -75,7 +75,7 @@ def analyze_gripper(
             ModelNote(subject=name, text="its fingers do not close on each other, so it is no parallel gripper")
         )
         return _other(tree, name, link, drives, fingers, opened, closed)
-    frame, gap, closed = _grasp_frame(tree, link, fingers, positions, opened, closed, between)
+    frame, gap, closed = _grasp_frame(tree, link, positions, opened, closed, between)
     is_parallel = gap > _MIN_TRAVEL_M
     fingers += [pad for pad in positions.pad_links if pad not in fingers]
     if is_parallel and positions.is_hand:
@@ -93,7 +93,7 @@ def analyze_gripper(
         open_positions=tuple(opened[joint.name] for joint in drives),
         closed_positions=tuple(closed[joint.name] for joint in drives),
         max_opening_m=round(float(gap), 4),
-        max_force_n=_force(tree, drives, fingers, frame, link),
+        max_force_n=_force(tree, drives, frame, link),
     )
 
 
@@ -164,10 +164,12 @@ class _Positions:
 
     def fingers(self, drives: Mapping[str, float]) -> list[Array]:
         """Points on each finger, in the frame of the palm."""
-        poses = self.tree.poses(rest_positions(self.tree.joints.values(), drives))
-        to_link = pose_inverse(poses[self.link])
-        found = (self.tree.points(branch, poses) for branch in self.branches)
-        return [quat_rotate(to_link[3:], points) + to_link[:3] for points in found]
+        poses = self._poses(drives)
+        return [self.tree.points(branch, poses) for branch in self.branches]
+
+    def _poses(self, drives: Mapping[str, float]) -> dict[str, Array]:
+        """The frames of the links below the palm, in its own."""
+        return self.tree.poses_below(self.link, rest_positions(self.tree.joints.values(), drives))
 
     def spread(self, drives: Mapping[str, float]) -> float:
         """The sum of the distances of the fingers' centers from their common center [m]."""
@@ -200,10 +202,8 @@ class _Positions:
         links = [link for branch in self.branches for link in branch]
         centers = []
         for drives in (opened, closed):
-            poses = self.tree.poses(rest_positions(self.tree.joints.values(), drives))
-            to_link = pose_inverse(poses[self.link])
-            points = (self.tree.points([each], poses).mean(axis=0) for each in links)
-            centers.append(np.array([quat_rotate(to_link[3:], each) + to_link[:3] for each in points]))
+            poses = self._poses(drives)
+            centers.append(np.array([self.tree.points([each], poses).mean(axis=0) for each in links]))
         travels = np.linalg.norm(centers[0] - centers[1], axis=1)
         still = {link for link, travel in zip(links, travels.tolist(), strict=True) if travel < _MIN_TRAVEL_M / 2}
         return still if len(still) <= len(links) - 2 else set()
@@ -213,19 +213,18 @@ class _Positions:
 
         A finger may have other shapes, such as the bracket that carries it, which pass beside the other finger.
         """
-        poses = self.tree.poses(rest_positions(self.tree.joints.values(), drives))
-        to_link = pose_inverse(poses[self.link])
+        poses = self._poses(drives)
 
-        def depths(link: str) -> Iterator[tuple[Array, float, float]]:
+        def depths(link: str) -> list[tuple[Array, float, float]]:
             """The points of each shape of a link, and how far in front of the palm they begin and end."""
-            for points in self.tree.points_by_shape([link], poses):
-                placed = quat_rotate(to_link[3:], points) + to_link[:3]
-                yield placed, float((placed @ outward).min()), float((placed @ outward).max())
+            found = ((points, points @ outward) for points in self.tree.points_by_shape([link], poses))
+            return [(points, float(depth.min()), float(depth.max())) for points, depth in found]
 
         found = []
         for branch in self.branches:
-            tip = max(high for link in branch for _, _, high in depths(link))
-            pads = [points for link in branch for points, _, high in depths(link) if tip - high < _PAD_M]
+            shapes = [each for link in branch for each in depths(link)]
+            tip = max(high for _, _, high in shapes)
+            pads = [points for points, _, high in shapes if tip - high < _PAD_M]
             for link in self.tree.rigid_neighbors(branch):
                 own = [points for points, low, high in depths(link) if tip - high < _PAD_M and tip - low < _MAX_PAD_M]
                 pads += own
@@ -281,17 +280,14 @@ class _Positions:
 def _grasp_frame(
     tree: LinkTree,
     link: str,
-    fingers: Sequence[str],
     positions: _Positions,
     opened: Mapping[str, float],
     closed: Mapping[str, float],
     axis: Array,
 ) -> tuple[Array, float, dict[str, float]]:
     """The grasp frame in the frame of the palm, the distance of the fingers, and the positions at which they touch."""
-    points = positions.fingers(opened)
-    everything = np.concatenate(points)
-    outward = everything.mean(axis=0)
-    outward = _outward(tree, link, axis, outward)
+    everything = np.concatenate(positions.fingers(opened))
+    outward = _outward(axis, everything.mean(axis=0))
     depth = everything @ outward
     first, *rest = positions.pads(opened, outward)
     others = np.concatenate(rest)
@@ -313,7 +309,7 @@ def _grasp_frame(
     return np.array([*origin, *rotation]), gap, _touching(positions, opened, closed, axis, outward)
 
 
-def _outward(tree: LinkTree, link: str, axis: Array, center: Array) -> Array:
+def _outward(axis: Array, center: Array) -> Array:
     """The direction out of the hand: from the palm to the fingers, along the palm's axis that is nearest to it."""
     toward = center - axis * float(center @ axis)
     length = float(np.linalg.norm(toward))
@@ -373,7 +369,7 @@ def _rotation(outward: Array, axis: Array) -> Array:
     return quaternion_from_matrix(np.stack([direction, axis, np.cross(direction, axis)], axis=1))
 
 
-def _force(tree: LinkTree, drives: Sequence[RobotJoint], fingers: Sequence[str], frame: Array, link: str) -> float:
+def _force(tree: LinkTree, drives: Sequence[RobotJoint], frame: Array, link: str) -> float:
     """The force of a finger at the grasp frame, from the effort of the weakest drive."""
     poses = tree.poses(rest_positions(tree.joints.values()))
     grasp = pose_multiply(poses[link], frame)[:3]

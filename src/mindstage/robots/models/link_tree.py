@@ -80,6 +80,8 @@ class LinkTree:
         self.child_joints: dict[str, list[RobotJoint]] = {}
         for joint in joints:
             self.child_joints.setdefault(joint.parent, []).append(joint)
+        self._joints_below: dict[str, list[RobotJoint]] = {}
+        self._shape_points: dict[str, list[Array]] = {}
 
     def ancestors(self, link: str) -> Iterator[RobotJoint]:
         """The joints from a link up to the root."""
@@ -150,6 +152,12 @@ class LinkTree:
         """The frame of each link in that of the root, each an array of 7."""
         return link_poses(self.joints.values(), positions, self.root)
 
+    def poses_below(self, link: str, positions: Mapping[str, float]) -> dict[str, Array]:
+        """The frame of a link and of each link below it in that of the link, each an array of 7."""
+        if link not in self._joints_below:
+            self._joints_below[link] = [self.parent_joint[each] for each in self.subtree(link)[1:]]
+        return link_poses(self._joints_below[link], positions, link)
+
     def rigid_neighbors(self, links: Sequence[str]) -> list[str]:
         """The solid links that do not move relative to some links, without these."""
         found = dict[str, None]()
@@ -164,10 +172,16 @@ class LinkTree:
         """As `points`, each collision shape by itself."""
         found = []
         for name in links:
-            geometry, pose = self.links[name].geometry, poses[name]
-            for shape in () if geometry is None else geometry.collision_shapes:
-                found.append(quat_rotate(pose[3:], shape_points(shape)) + pose[:3])
+            pose = poses[name]
+            found += (quat_rotate(pose[3:], points) + pose[:3] for points in self._local_points(name))
         return found
+
+    def _local_points(self, link: str) -> list[Array]:
+        """Points on each collision shape of a link, in its frame."""
+        if link not in self._shape_points:
+            geometry = self.links[link].geometry
+            self._shape_points[link] = [shape_points(each) for each in geometry.collision_shapes] if geometry else []
+        return self._shape_points[link]
 
     def points(self, links: Iterable[str], poses: Mapping[str, Array]) -> Array:
         """Points on the collision shapes of links, n x 3, in the frame of the poses."""
