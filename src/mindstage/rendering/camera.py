@@ -309,16 +309,16 @@ def _visibility(
     eye: Array, poses: Array, sizes: Array, rotations: Array, sampled: NDArray[np.intp], occluders: NDArray[np.intp]
 ) -> float:
     """The number of visible bodies; a body counts less the more of the occluders is between it and the eye."""
-    through = np.zeros(len(sampled))
-    for row in occluders:
-        start = (eye - poses[row, :3]) @ rotations[row]
-        path = (poses[sampled, :3] - poses[row, :3]) @ rotations[row] - start
-        with np.errstate(divide="ignore", invalid="ignore"):
-            enter, leave = (-sizes[row] / 2 - start) / path, (sizes[row] / 2 - start) / path
-        first = np.nanmax(np.minimum(enter, leave), axis=1)
-        last = np.nanmin(np.maximum(enter, leave), axis=1)
-        inside = np.clip(np.minimum(last, 1.0) - np.maximum(first, 0.0), 0.0, 1.0) * np.linalg.norm(path, axis=1)
-        through += np.where(sampled == row, 0.0, inside)
+    axes, half, centers = rotations[occluders], sizes[occluders, None] / 2, poses[occluders, :3]
+    start = np.einsum("ki,kij->kj", eye - centers, axes)[:, None]
+    path = np.matmul(poses[None, sampled, :3] - centers[:, None], axes) - start
+    with np.errstate(divide="ignore", invalid="ignore"):
+        enter, leave = (-half - start) / path, (half - start) / path
+    first = np.fmax.reduce(np.fmin(enter, leave), axis=2)
+    last = np.fmin.reduce(np.fmax(enter, leave), axis=2)
+    inside = np.clip(np.minimum(last, 1.0) - np.maximum(first, 0.0), 0.0, 1.0) * np.linalg.norm(path, axis=2)
+    inside[occluders[:, None] == sampled] = 0.0
+    through = inside.sum(axis=0)
     return float(np.exp(-through / _OCCLUSION_LENGTH_M).sum())
 
 

@@ -30,7 +30,7 @@ __all__ = ["MeshGroup", "mesh_groups", "render_picture", "visual_model"]
 
 _SAMPLES = 4
 """Samples of each pixel, which smooth the edges."""
-_SHADOW_SIZE_PX = 4096
+_SHADOW_SIZE_PX = 2048
 _SUNS = 4
 """Directions whose shadows are averaged: the sun has an extent, so shadows have soft edges."""
 _SUN_RADIUS = 0.012
@@ -43,7 +43,7 @@ _GROUND_MATERIAL = PbrMaterial(name="ground", color=(0.80, 0.80, 0.79), roughnes
 _BACKDROP_GRAY = 0.93
 _OPAQUE = 0.995
 """Opacity from which MuJoCo draws a geom as an opaque one."""
-_TEXTURE_PX = 2048
+_TEXTURE_PX = 1024
 """Longest side of textures."""
 
 Bytes = NDArray[np.uint8]
