@@ -23,6 +23,7 @@ from mindstage.robots.skills import (
     split_command,
     start_skill,
 )
+from mindstage.robots.skills.arm_paths import interpolated_poses
 from mindstage.robots.skills.front_access import find_front_motion
 from mindstage.robots.skills.manipulator import hands_of
 from mindstage.robots.skills.surroundings import Surroundings
@@ -205,21 +206,19 @@ class TestSmallKitchen:
         assert result, result.reason
         assert pantry.joint("Drawer").openness < 0.05
 
-    def test_a_door_is_opened_by_a_fraction(self, pantry: Simulation) -> None:
-        result = perform(pantry.robot(), "open", thing="FridgeDoor", fraction=0.7)
-        assert result, result.reason
-        assert pantry.joint("FridgeDoor").openness == pytest.approx(0.7, abs=0.05)
-        assert not result.assumptions
-
-    def test_a_mug_is_picked_up_by_friction_and_put_down(self, pantry: Simulation) -> None:
+    def test_a_held_mug_is_set_aside_to_open_the_drawer_that_it_is_put_into(self, pantry: Simulation) -> None:
         robot, mug = pantry.robot(), BodyId("Mug")
         result = perform(robot, "pick", thing="Mug")
         assert result, result.reason
         assert result.state.held == {"gripper": mug}
-        assert all(each.child != mug for each in pantry.snapshot().attachments)
-        result = perform(robot, "place", thing="Mug", on="Cupboard")
+        assert all(each.child != mug for each in pantry.snapshot().attachments)  # by friction
+        result = perform(robot, "place", thing="Mug", into="Drawer")
         assert result, result.reason
-        assert result.state.supports == {mug: "on Cupboard"}
+        texts = [each.text for each in result.steps if each.depth == 0]
+        assert texts[0] == "set Mug aside on Cupboard"
+        assert texts[-2:] == ["move the arm to carry Mug", "place Mug into Drawer"]
+        assert result.state.supports == {mug: "in Drawer"}
+        assert result.state.openness == {"Drawer": pytest.approx(1.0, abs=0.05)}
         assert not result.state.held
 
 
@@ -276,6 +275,18 @@ class TestSmallRoom:
         assert result.outcome is SkillOutcome.FAILED
         assert "no gripper is free" in result.reason
         assert "mug" in result.suggestion
+
+    def test_a_path_ends_before_the_arm_touches_something(self, room: Robot) -> None:
+        assert perform(room, "reach", x=0.95, y=0.0, z=0.95)
+        hand = hands_of(SkillTask(room))[0]
+        down = hand.grasp_pose - np.array([0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0])
+        poses = interpolated_poses(hand.grasp_pose, down)
+        path = hand.path(poses)
+        assert path.is_complete
+        part = hand.free_part(path, touch=())
+        assert 2 <= part.reached < path.reached
+        assert len(part.positions) == len(part.roots) == part.reached
+        assert re.search(r"there \w+ is [\d.]+ mm (inside|from) counter", part.reason)
 
     def test_releasing_nothing_opens_the_gripper(self, room: Robot) -> None:
         result = perform(room, "release")

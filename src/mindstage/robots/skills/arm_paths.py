@@ -96,6 +96,7 @@ def follow_poses(
     free: str = "",
     may_drive: bool = False,
     from_seed: bool = False,
+    guide: ArmPath | None = None,
 ) -> ArmPath:
     """Solves a path pose by pose.
 
@@ -108,6 +109,7 @@ def follow_poses(
         free: axes of the grasp frame about which it may turn.
         may_drive: whether the base may move where the arm alone does not follow.
         from_seed: whether the arm is at the seed now, so that the first solution must be near to it.
+        guide: a motion along nearly the same poses, whose configurations of the arm are preferred.
     """
     frame = kinematics.frame_of(arm)
     rows, roots, known = list[Array](), list[Array](), dict(seed)
@@ -116,11 +118,14 @@ def follow_poses(
     needs_base = bool(driven) and len(arm.joints) < POSE_JOINTS
     for number, pose in enumerate(poses):
         is_bound = number > 0 or from_seed
+        start = known
+        if guide is not None and 0 < number < guide.reached:
+            start, root = {**known, **guide.at(number)}, guide.roots[number]
         found: IkResult | None = None
         for joints in ((*driven, *arm.joints),) if needs_base and is_bound else (arm.joints, (*driven, *arm.joints)):
             if found is None or (driven and is_bound and not (found and _is_near(arm, known, found.positions))):
                 found = kinematics.solve_ik(
-                    frame, pose, joints=joints, seed=known, root_pose=root, free=free, tolerance=_TOLERANCE, attempts=1
+                    frame, pose, joints=joints, seed=start, root_pose=root, free=free, tolerance=_TOLERANCE, attempts=1
                 )
         assert found is not None
         if not found:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from mindstage.errors import CommandRefusedError, SkillFailedError, UnreachableError
-from mindstage.robots.collisions import CollisionChecker
 from mindstage.robots.skills.arm_paths import ArmPath
 from mindstage.robots.skills.declaration import FractionOpen, SkillMotion, SkillNeed, ThingName, skill
 from mindstage.robots.skills.front_access import BACK_M, FrontMotion, FrontWay, find_front_motion
@@ -29,8 +28,8 @@ _LEAD_RATE, _MAX_LEAD_M = 16.0, 0.3
 """How fast the target of the spring moves ahead by the distance of the handle from the gripper [1/s], and how far."""
 _TOLERANCES = {True: 0.05, False: 0.04}
 """Permitted error of the openness when a front is opened, and when it is closed."""
-_CHECKED_EVERY = 2
-"""Of the poses of a path, every second one is tested for collisions."""
+_MOVED = 0.03
+"""A front whose openness has changed by more since its motion was planned is not where the hand would grasp it."""
 _MAX_ROUNDS = 6
 """How often the handle is grasped anew to move the front farther."""
 _LEAST_PROGRESS = 0.08
@@ -142,13 +141,15 @@ def _moving_once(
         fraction: where to, from 0 to 1.
         is_fixed: whether the handle is fixed to the gripper by a spring, instead of being held by friction.
     """
-    body, stance = motion.body, motion.stance
+    body, stance, planned = motion.body, motion.stance, opening.openness
     yield from hand.driving_to(stance.base, why=f"to reach {body}")
     if motion.way is FrontWay.PUSH:
         yield from hand.closing()
     else:
         yield from hand.opening(stance.grasp.opening_m(hand.gripper.max_opening_m))
     yield from hand.moving_to(stance.start, why=f"in front of {body}")
+    if abs(opening.openness - planned) > _MOVED:
+        return  # it has fallen, or was pushed on the way; the next round is planned for where it is now
     grasp = stance.grasp.in_world(task.surroundings().pose(body))
     yield from hand.moving_straight(grasp, why=f"to {body}", may_touch=True)
     if motion.way is FrontWay.PUSH:
@@ -163,11 +164,11 @@ def _moving_once(
         with task.step(verb, f"{verb} {opening.front} to {fraction:.0%}"):
             yield from _moving_grasped(task, hand, opening, motion, is_fixed=is_fixed)
     except (SkillFailedError, UnreachableError, CommandRefusedError):
-        yield from _letting_go(hand, motion)
+        yield from _letting_go(hand, opening, motion)
         raise
     finally:
         task.session.release(opening.front)
-    yield from _letting_go(hand, motion)
+    yield from _letting_go(hand, opening, motion)
 
 
 def _pushing(task: SkillTask, hand: Manipulator, opening: Opening, motion: FrontMotion) -> SkillMotion:
@@ -179,7 +180,8 @@ def _pushing(task: SkillTask, hand: Manipulator, opening: Opening, motion: Front
         path = _free_path(hand, opening, motion, hand.path(pressed, may_drive=hand.is_mobile))
         if path.reached >= 2:
             yield from hand.following(path, speed=0.4, cartesian_speed=0.15)
-    yield from hand.withdrawing(pose_multiply(hand.grasp_pose, np.array([-_PUSH_BACK_M, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])))
+    back = pose_multiply(hand.grasp_pose, np.array([-_PUSH_BACK_M, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+    yield from hand.withdrawing(back, touch=_parts(opening))
 
 
 def _directions(points: Array) -> Array:
@@ -195,8 +197,11 @@ def _moving_grasped(
     """Moves the grasped handle or edge along its path."""
     surroundings, body = task.surroundings(), motion.body
     in_hand = pose_multiply(pose_inverse(surroundings.pose(body)), hand.grasp_pose)
-    whole = hand.path(pose_multiply(motion.poses, in_hand), may_drive=hand.is_mobile)
-    path = _free_path(hand, opening, motion, whole)
+    poses = pose_multiply(motion.poses, in_hand)
+    path = _free_path(hand, opening, motion, hand.path(poses, may_drive=hand.is_mobile, guide=motion.stance.path))
+    if not path.is_complete:
+        other = _free_path(hand, opening, motion, hand.path(poses, may_drive=hand.is_mobile))
+        path = max(path, other, key=lambda each: each.reached)
     if path.reached < 2:
         raise task.failure(f"{body} cannot be moved: {path.reason}", "stand elsewhere")
 
@@ -219,17 +224,14 @@ def _free_path(hand: Manipulator, opening: Opening, motion: FrontMotion, path: A
 
     The path that was tested for the stance began at the exact grasp, and ended at a collision, too.
     """
-    touch = {opening.front, motion.body, *([] if opening.handle is None else [opening.handle])}
-    checker = CollisionChecker(hand.robot, joints=hand.arm.joints, base_moves=hand.is_mobile, touch=touch)
-    for row in range(1, path.reached):
-        if row % _CHECKED_EVERY and row < path.reached - 1:
-            continue
-        checker.set_joint(opening.joint.id, float(motion.positions[row]))
-        hit = checker.find_at(path.at(row), hand.base_of(path.roots[row]) if hand.is_mobile else None)
-        if hit is not None:
-            rows = max(row - _CHECKED_EVERY, 1)
-            return path.cut(rows, f"there {hit}")
-    return path
+    return hand.free_part(
+        path, touch=_parts(opening), joint=opening.joint.id, joint_positions=motion.positions.tolist()
+    )
+
+
+def _parts(opening: Opening) -> set[BodyId]:
+    """A front and its handle."""
+    return {opening.front, opening.handle or opening.front}
 
 
 class _Spring:
@@ -264,10 +266,10 @@ def _vector(values: Array) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _letting_go(hand: Manipulator, motion: FrontMotion) -> SkillMotion:
+def _letting_go(hand: Manipulator, opening: Opening, motion: FrontMotion) -> SkillMotion:
     """Opens the gripper and withdraws it."""
     yield from hand.opening(hand.robot.opening(hand.gripper.name) + 2 * motion.stance.grasp.room_m)
     length = BACK_M[motion.way is not FrontWay.EDGE]
     back = pose_multiply(hand.grasp_pose, np.array([-length, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
     with hand.task.step("move", f"move the gripper away from {motion.body}"):
-        yield from hand.withdrawing(back)
+        yield from hand.withdrawing(back, touch=_parts(opening))

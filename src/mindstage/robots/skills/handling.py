@@ -13,7 +13,7 @@ from mindstage.robots.navigation import FloorMap
 from mindstage.robots.skills.declaration import SkillMotion, SkillNeed, SupportName, ThingName, skill
 from mindstage.robots.skills.doors import ACCESS, moving_front
 from mindstage.robots.skills.grasps import Grasp, grasps_of, weld_grasps_of
-from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, planar_pose
+from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, hands_of, planar_pose
 from mindstage.robots.skills.stances import Stance, StanceRequest, find_stance
 from mindstage.robots.skills.surroundings import Opening, Surroundings
 from mindstage.robots.skills.task import SkillTask
@@ -49,6 +49,8 @@ _FREE_PLACES = 60
 """Number of free places that are looked for."""
 _PLACES = 10
 """Number of free places that are tried."""
+_MAX_TOPS = 5
+"""Number of bodies on which it is tried to set a thing aside."""
 _MAX_STANCES = 4
 """Number of stances that are tried if the arm finds no way."""
 _TURNS = 4
@@ -487,11 +489,9 @@ def put_down(task: SkillTask, id: BodyId, holder: BodyId, *, inside: bool) -> Sk
     if doors:
         if hand_with(task, id) is None:
             _check_reach(task, surroundings, id)
-        if hand_with(task, id) is not None and len(task.robot.model.arms) == 1:
-            raise task.failure(
-                f"{doors[0].front} is closed, and the only gripper holds {id}",
-                f"place {id} somewhere else first, or open {doors[0].front} before it is picked up",
-            )
+        hand = hand_with(task, id)
+        if hand is not None and all(each.held is not None for each in hands_of(task)):
+            yield from _setting_aside(task, hand, id, why=f"{doors[0].front} is closed, and no other hand is free")
         for door in doors:
             yield from moving_front(task, door, ACCESS[door.joint.is_prismatic])
     is_drawer = any(each.front == support for each in surroundings.openings())
@@ -502,6 +502,30 @@ def put_down(task: SkillTask, id: BodyId, holder: BodyId, *, inside: bool) -> Sk
     word = "into" if inside else "on"
     with task.step("place", f"place {id} {word} {support}"):
         yield from _placing(task, hand, id, support, inside=inside)
+
+
+def _setting_aside(task: SkillTask, hand: Manipulator, id: BodyId, *, why: str) -> SkillMotion:
+    """Puts what is held on the nearest top where it has room, so that the hand is free.
+
+    Args:
+        task: the skill.
+        hand: the hand that holds it.
+        id: the thing.
+        why: what the hand is needed for, for the report.
+
+    Raises:
+        SkillFailedError: there is no such place.
+    """
+    reason = "nothing near has a free top"
+    for support in task.surroundings().tops_near(hand.grasp_pose[:3])[:_MAX_TOPS]:
+        try:
+            with task.step("set aside", f"set {id} aside on {support}"):
+                yield from _placing(task, hand, id, support, inside=False)
+        except (NoFreePlacementError, UnreachableError) as error:
+            reason = str(error)
+            continue
+        return
+    raise task.failure(f"{why}: {id} cannot be set aside: {reason}", f"place {id} somewhere else first")
 
 
 def _check_reach(task: SkillTask, surroundings: Surroundings, id: BodyId) -> None:
@@ -638,7 +662,8 @@ def _letting_go(task: SkillTask, hand: Manipulator, *, back_m: float = _BACK_M) 
     if held is not None and _is_fixed(task, held):
         task.session.run_on_engine(lambda engine: engine.detach(held), label="detach", edits=True)
     yield from hand.opening(min(opening + 2 * _ROOM_M, hand.gripper.max_opening_m))
-    yield from hand.withdrawing(pose_multiply(hand.grasp_pose, np.array([-back_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])))
+    back = pose_multiply(hand.grasp_pose, np.array([-back_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+    yield from hand.withdrawing(back, touch=() if held is None else (held,))
 
 
 def _is_fixed(task: SkillTask, id: BodyId) -> bool:

@@ -6,7 +6,7 @@ try.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Generator, Mapping
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from functools import cached_property
 from math import atan2, cos, hypot, inf, pi, sin
 
@@ -50,6 +50,8 @@ _PROBE = 0.02
 """Motion of a joint by which its effect on the hand is found [m or rad]."""
 _LEVEL_RAD = 0.1
 """Inclination up to which a direction counts as level, or an axis as vertical."""
+_CHECKED_EVERY = 2
+"""Of the poses of a path, every second one is tested for collisions."""
 _FOLLOWING_SPEED = 0.15
 """Fraction of its velocity limits with which a base moves along with an arm."""
 _EMPTY_M = 0.003
@@ -58,7 +60,7 @@ _GUARD_S = 0.012
 """Simulated time between two looks at the contacts [s]."""
 _GRIP_FORCES = (1.0, 0.7, 0.5)
 """Fractions of the force with which the fingers close, until they are not pressed too deep; the last one has to do."""
-_MAX_DEPTH_M = 0.004
+_MAX_DEPTH_M = 0.003
 """A motion ends when a part of the robot is pressed deeper than this into something."""
 _DEEPER_M = 0.0005
 """What was pressed before a motion may be so much deeper during it."""
@@ -330,14 +332,47 @@ class Manipulator:
             if not (may_touch and result.failure is MotionFailure.BLOCKED):
                 self._require(result, "approach it from another side")
 
-    def withdrawing(self, target: Array) -> SkillMotion:
-        """Moves the grasp frame straight towards a pose, as far as the arm and the base follow, or until a contact."""
+    def withdrawing(self, target: Array, *, touch: Collection[BodyId] = ()) -> SkillMotion:
+        """Moves the grasp frame straight towards a pose, as far as the arm and the base follow, or until a contact.
+
+        Args:
+            target: the pose in the world frame.
+            touch: bodies that the gripper may touch.
+        """
         path = self.path(interpolated_poses(self.grasp_pose, target), may_drive=self.is_mobile)
+        path = self.free_part(path, touch=touch)
         if path.reached >= 2:
             yield from self.following(path, speed=0.3)
 
-    def path(self, poses: Array, *, free: str = "", may_drive: bool = False) -> ArmPath:
-        """The motion of the arm from its present state along poses of the grasp frame, n x 7."""
+    def free_part(
+        self,
+        path: ArmPath,
+        *,
+        touch: Collection[BodyId],
+        joint: BodyId | None = None,
+        joint_positions: Sequence[float] = (),
+    ) -> ArmPath:
+        """The first part of a path from the present state, up to a collision.
+
+        Args:
+            path: the path.
+            touch: bodies that the gripper may touch.
+            joint: of a door or drawer that moves along; None for none.
+            joint_positions: for each pose of the path, its position [m or rad].
+        """
+        checker = CollisionChecker(self.robot, joints=self.arm.joints, base_moves=self.is_mobile, touch=touch)
+        for row in range(1, path.reached):
+            if row % _CHECKED_EVERY and row < path.reached - 1:
+                continue
+            if joint is not None:
+                checker.set_joint(joint, joint_positions[row])
+            hit = checker.find_at(path.at(row), self.base_of(path.roots[row]) if self.is_mobile else None)
+            if hit is not None:
+                return path.cut(max(row - _CHECKED_EVERY, 1), f"there {hit}")
+        return path
+
+    def path(self, poses: Array, *, free: str = "", may_drive: bool = False, guide: ArmPath | None = None) -> ArmPath:
+        """The motion of the arm from its present state along poses of the grasp frame, n x 7; see `follow_poses`."""
         now = self.robot.joint_positions()
         found = follow_poses(
             self.kinematics,
@@ -348,6 +383,7 @@ class Manipulator:
             free=free,
             may_drive=may_drive,
             from_seed=True,
+            guide=guide,
         )
         if found.reached:
             # Its first pose is the present one; a load may press a joint a little beyond its limit, which is refused.

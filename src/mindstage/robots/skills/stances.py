@@ -72,6 +72,8 @@ class Stance(NamedTuple):
     """Length of the straight line on which the hand comes, and withdraws."""
     why: str
     """Why it does not reach all of it; may be empty."""
+    path: ArmPath
+    """The motion along it, as it was tested."""
 
 
 class StanceRequest(NamedTuple):
@@ -367,7 +369,7 @@ class _Search:
             return None
         if not self._has_way_back(hand.base_of(path.roots[path.reached - 1])):
             reach *= _SHUT_IN
-        return Stance(start.base, grasp, number, start.positions, reach, start.back_m, path.reason)
+        return Stance(start.base, grasp, number, start.positions, reach, start.back_m, path.reason, path)
 
     def _has_way_back(self, base: BasePose) -> bool:
         """Whether the base is not shut in when the door or drawer has been moved."""

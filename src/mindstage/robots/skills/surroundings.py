@@ -15,7 +15,7 @@ from mindstage.errors import AmbiguousNameError, BodyNotFoundError, NameNotFound
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.rdf import local_name
 from mindstage.robots.robot import RobotSession
-from mindstage.scene import Body, BodyId, Iri, Pose, World
+from mindstage.scene import Body, BodyId, Iri, Mobility, Pose, World
 from mindstage.scene.geometry import BodyGeometry
 from mindstage.scene.transforms import Array, normalize, pose_inverse, pose_multiply, quat_rotate
 from mindstage.simulation.joint_motion import SimulationJoint, find_joint
@@ -25,6 +25,8 @@ __all__ = ["Opening", "Surroundings"]
 _RELATIONS = {True: "into", False: "onto"}
 _CLOSED_SHARE = 0.05
 """A door or drawer that is open by less counts as closed."""
+_TOP_WIDTH_M, _TOP_HEIGHTS_M = 0.25, (0.4, 1.2)
+"""Least width, and least and largest height, of a top on which things are set aside."""
 
 
 class Opening(msgspec.Struct, frozen=True, eq=False, kw_only=True):
@@ -278,6 +280,19 @@ class Surroundings:
             count=count,
         )
         return [row.pose for row in rows]
+
+    def tops_near(self, point: Array) -> list[BodyId]:
+        """Bodies that do not move, with a wide top at the height of a hand; the one nearest to a point [m] first."""
+        found: list[tuple[float, BodyId]] = []
+        for id, body in self._bodies.items():
+            if body.physics.mobility is not Mobility.STATIC or body.size is None:
+                continue
+            low, high = self.box(id)
+            lowest, highest = _TOP_HEIGHTS_M
+            if min((high - low)[:2]) >= _TOP_WIDTH_M and lowest <= high[2] <= highest:
+                nearest = np.clip(point, low, high)
+                found.append((float(np.linalg.norm(nearest - point)), id))
+        return [id for _, id in sorted(found)]
 
     def why_no_place(self, thing: BodyId, support: BodyId, *, inside: bool) -> str:
         """Why there is no free place."""
