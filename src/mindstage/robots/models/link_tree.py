@@ -170,7 +170,7 @@ class LinkTree:
 
     def points_by_shape(self, links: Iterable[str], poses: Mapping[str, Array]) -> list[Array]:
         """As `points`, each collision shape by itself."""
-        found = []
+        found: list[Array] = []
         for name in links:
             pose = poses[name]
             found += (quat_rotate(pose[3:], points) + pose[:3] for points in self._local_points(name))
