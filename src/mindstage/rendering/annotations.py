@@ -79,10 +79,10 @@ def _outlined(picture: NDArray[np.uint8], outlines: Sequence[Outline]) -> NDArra
     result: NDArray[np.floating[Any]] = picture.astype(np.float32) / 255
     highlighted = [each for each in outlines if each.color is not None]
     if highlighted:
-        lit = np.any([each.visible for each in highlighted], axis=0)
+        shown = np.any([each.visible for each in highlighted], axis=0)
         gray = result.mean(axis=2, keepdims=True) * (1 - _DIM) + _DIM_GRAY * _DIM
         dimmed = result * (1 - _DIM) + gray * _DIM
-        result = np.where(lit[..., None], result, dimmed)
+        result = np.where(shown[..., None], result, dimmed)
     for each in highlighted:
         color = np.array(each.color, dtype=np.float32)
         brightness = result.mean(axis=2, keepdims=True)

@@ -34,7 +34,7 @@ _GLASS_OPACITY = 0.95
 _MIN_ROUGHNESS = 0.04
 """Smoother materials would be mirrors, whose reflections of lamps are noise."""
 _EMISSION_CD_M2 = 4000.0
-"""Luminance of a material of emission 1 that belongs to no lamp of known intensity: a lit lampshade."""
+"""Luminance of a material of emission 1 that belongs to no lamp of known intensity, such as a lampshade."""
 _LAMP_MARGIN_M = 0.06
 _GROUND_GAP_M = 0.004
 _GROUND_COLOR: Color = (0.72, 0.71, 0.69)

@@ -54,7 +54,7 @@ __all__ = [
 
 _DOWN_COSINE = 0.7
 _WALL_GAP_M = 0.1
-"""Largest gap between a wall and what hangs on it [m]."""
+"""Largest gap between a wall and what is mounted on it [m]."""
 _MAX_FRAME_RATIO = 1.5
 """Largest ratio of the extents of a frame to those of its poster."""
 _CONTACT_M = 0.03
@@ -189,8 +189,8 @@ def render_scene(
     bodies = [body for body in world.bodies if body.id in drawn]
     rows = pose_array(current.get(body.id, body.pose) for body in bodies).reshape(-1, 7)
     rows[:, 3:] = normalize(rows[:, 3:])
-    lit, names = highlights or {}, labels or {}
-    kept = frozenset(lit) | ({selected} if selected is not None else frozenset())
+    colors, names = highlights or {}, labels or {}
+    kept = frozenset(colors) | ({selected} if selected is not None else frozenset())
     culled = find_culled(world, drawn, camera.position, poses=current, kept=kept) | frozenset(hidden)
     items = tuple(
         RenderItem(
@@ -199,7 +199,7 @@ def render_scene(
             pose=pose_from_array(row),
             size=drawn[body.id].size,
             key=drawn[body.id].key,
-            highlight=lit.get(body.id),
+            highlight=colors.get(body.id),
             shown=body.id not in culled and drawn[body.id].part is not VisiblePart.OUTLINE,
             is_building=drawn[body.id].is_building,
             casts_shadow=not _is_overhead(drawn[body.id], row),

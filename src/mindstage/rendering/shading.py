@@ -108,7 +108,6 @@ def sun_direction(camera: CameraPose) -> NDArray[np.float64]:
 
 
 _SKY = np.array([0.80, 0.88, 1.0], dtype=np.float32)
-_HORIZON = np.array([0.98, 0.98, 0.98], dtype=np.float32)
 _FLOOR_LIGHT = np.array([0.60, 0.55, 0.50], dtype=np.float32)
 """Light from below: daylight that the floor has reflected."""
 _AMBIENT = 0.62
@@ -161,7 +160,7 @@ def shade(
     facing = np.clip(np.abs(facing), 0.02, 1.0)
     occlusion = _ambient_occlusion(buffers.depth, normal, view)
     points = rays * np.where(solid, buffers.depth, 0.0)[..., None] + view.eye.astype(np.float32)
-    light = _light(buffers, normal, points, occlusion, sun.astype(np.float32), lamps)
+    light = _light(buffers, normal, points, occlusion, lamps)
     albedo, emission = _LINEAR[buffers.color], buffers.material[..., 2:] * np.float32(1 / 255)
     metalness = buffers.material[..., 1:2] * np.float32(1 / 255)
     shine = _reflection(buffers, normal, toward, facing, albedo, metalness, sun.astype(np.float32))
@@ -188,7 +187,6 @@ def _light(
     normal: Image,
     points: Image,
     occlusion: NDArray[np.floating[Any]],
-    sun: NDArray[np.floating[Any]],
     lamps: tuple[RenderLight, ...],
 ) -> Image:
     """The light that falls on each pixel."""

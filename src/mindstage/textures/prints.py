@@ -310,7 +310,7 @@ def _finished(image: Any) -> NDArray[uint8]:
     return np.asarray(small.convert("RGBA"), dtype=np.uint8)
 
 
-def _front(draw: ImageDraw, box: _Box, word: str, base: _Rgb, accent: _Rgb) -> None:
+def _front(draw: ImageDraw, box: _Box, word: str, accent: _Rgb) -> None:
     """The main side of a package: a colored field with the word, and a drawing below it."""
     left, top, right, bottom = box
     width, height = right - left, bottom - top
@@ -355,7 +355,7 @@ def package_wrap(word: str, depth: float, width: float, height: float, color: Co
     for number, extent in enumerate((width, depth, width, depth)):
         panel = Image.new("RGB", (max(round(extent * scale), 8), image.height), base)
         box = (0.0, 0.0, float(panel.width), float(panel.height))
-        (_small_side if number % 2 else _front)(ImageDraw.Draw(panel), box, word, base, accent)
+        (_small_side if number % 2 else _front)(ImageDraw.Draw(panel), box, word, accent)
         image.paste(panel, (round(left), 0))
         left += extent * scale
     return _finished(image)
@@ -373,7 +373,7 @@ def package_top(word: str, depth: float, width: float, color: Color) -> NDArray[
     """
     base = _rgb(color)
     image, draw, _ = _canvas(width, depth, base)
-    _front(draw, (0.0, 0.0, float(image.width), float(image.height)), word, base, _accent(word, base))
+    _front(draw, (0.0, 0.0, float(image.width), float(image.height)), word, _accent(word, base))
     return _finished(image)
 
 

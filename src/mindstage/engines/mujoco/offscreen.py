@@ -77,8 +77,8 @@ def render_picture(scene: RenderScene, size: tuple[int, int]) -> Bytes:
     Raises:
         RendererUnavailableError: there is no OpenGL library.
     """
-    lit = [item for item in scene.items if item.shown and (item.highlight or item.id == scene.selected)]
-    outlined = [item.id for item in lit]
+    highlighted = [item for item in scene.items if item.shown and (item.highlight or item.id == scene.selected)]
+    outlined = [item.id for item in highlighted]
     center, radius = _bounds(scene)
     groups = [*mesh_groups(scene, separate=outlined)]
     if scene.ground_height is not None:
@@ -101,7 +101,7 @@ def render_picture(scene: RenderScene, size: tuple[int, int]) -> Bytes:
     )
     outlines = [
         Outline(color=item.highlight, visible=visible == at, whole=whole[item.id], selected=item.id == scene.selected)
-        for at, item in enumerate(lit, start=1)
+        for at, item in enumerate(highlighted, start=1)
     ]
     return annotate(picture, scene, view, buffers.depth, outlines)
 
