@@ -52,6 +52,8 @@ _LEVEL_RAD = 0.1
 """Inclination up to which a direction counts as level, or an axis as vertical."""
 _CHECKED_EVERY = 2
 """Of the poses of a path, every second one is tested for collisions."""
+_WITHDRAWING_MPS = 0.12
+"""Speed of a hand that withdraws [m/s]: a door that its fingers drag along may come against the base."""
 _FOLLOWING_SPEED = 0.15
 """Fraction of its velocity limits with which a base moves along with an arm."""
 _EMPTY_M = 0.003
@@ -342,7 +344,7 @@ class Manipulator:
         path = self.path(interpolated_poses(self.grasp_pose, target), may_drive=self.is_mobile)
         path = self.free_part(path, touch=touch)
         if path.reached >= 2:
-            yield from self.following(path, speed=0.3)
+            yield from self.following(path, speed=0.3, cartesian_speed=_WITHDRAWING_MPS)
 
     def free_part(
         self,
