@@ -213,28 +213,31 @@ func add_armature() -> void:
 		if drive.axis < 3:
 			rigid.mass += drive.armature
 		elif drive.armature > 0.0:
-			var own: Vector3 = (
-				rigid.inertia if rigid.inertia != Vector3.ZERO else MindstageMassProperties.moments(group_b)
-			)
-			rigid.inertia = own + drive.armature * Vector3.ONE
+			rigid.inertia = _inertia_of(group_b) + drive.armature * Vector3.ONE
 
 
-## Makes a light weightless body heavier that is locked to a heavy one, as links of robots are that only carry
-## others. The solver cannot hold bodies together whose masses differ by orders of magnitude.
+## Makes the lighter of two weightless bodies heavier that are locked to each other, as links of robots are that only
+## carry others, and likewise the one with less inertia, such as a hand behind the drive of a wrist. The solver cannot
+## hold bodies together whose masses or inertias differ by orders of magnitude.
 func balance_locked() -> void:
 	if axes.any(func(axis: PackedFloat64Array) -> bool: return axis[0] != LOCKED):
 		return
-	if not (group_a.is_dynamic() and group_b.is_dynamic()):
-		return
-	if group_a.gravity_factor > 0.0 or group_b.gravity_factor > 0.0:
+	if not (group_a.is_dynamic() and group_b.is_dynamic()) or group_a.gravity_factor + group_b.gravity_factor > 0.0:
 		return
 	var a: RigidBody3D = group_a.node as RigidBody3D
 	var b: RigidBody3D = group_b.node as RigidBody3D
-	var light: RigidBody3D = a if a.mass < b.mass else b
-	var heavy: MindstageRigidGroup = group_b if light == a else group_a
-	if light.mass < LOCKED_MASS_RATIO * heavy.mass_kg():
-		light.mass = LOCKED_MASS_RATIO * heavy.mass_kg()
-		light.inertia = LOCKED_MASS_RATIO * MindstageMassProperties.moments(heavy).maxf(1e-5)
+	var inertia_a: Vector3 = _inertia_of(group_a)
+	var inertia_b: Vector3 = _inertia_of(group_b)
+	a.mass = maxf(a.mass, LOCKED_MASS_RATIO * group_b.mass_kg())
+	b.mass = maxf(b.mass, LOCKED_MASS_RATIO * group_a.mass_kg())
+	a.inertia = inertia_a.maxf(LOCKED_MASS_RATIO * inertia_b[inertia_b.max_axis_index()])
+	b.inertia = inertia_b.maxf(LOCKED_MASS_RATIO * inertia_a[inertia_a.max_axis_index()])
+
+
+## The moments of inertia that a dynamic group is simulated with [kg m²].
+static func _inertia_of(group: MindstageRigidGroup) -> Vector3:
+	var given: Vector3 = (group.node as RigidBody3D).inertia
+	return given if given != Vector3.ZERO else MindstageMassProperties.moments(group).maxf(1e-5)
 
 
 ## The velocity along or about an axis [m/s or rad/s].
