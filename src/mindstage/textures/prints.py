@@ -355,7 +355,10 @@ def package_wrap(word: str, depth: float, width: float, height: float, color: Co
     for number, extent in enumerate((width, depth, width, depth)):
         panel = Image.new("RGB", (max(round(extent * scale), 8), image.height), base)
         box = (0.0, 0.0, float(panel.width), float(panel.height))
-        (_small_side if number % 2 else _front)(ImageDraw.Draw(panel), box, word, accent)
+        if number % 2:
+            _small_side(ImageDraw.Draw(panel), box, word, base, accent)
+        else:
+            _front(ImageDraw.Draw(panel), box, word, accent)
         image.paste(panel, (round(left), 0))
         left += extent * scale
     return _finished(image)
