@@ -271,16 +271,17 @@ def _save_folder(folder: Path, files: Mapping[str, bytes]) -> None:
     Raises:
         MapWriteError: the folder has other files, or cannot be written.
     """
-    kinds = {Path(name).suffix for name in files}
+    from mindstage.knowledge.io.write import save_file
+
     try:
         existing = list(folder.iterdir()) if folder.exists() else []
-        other = next((each for each in existing if each.suffix not in kinds | {".obj", ".png"}), None)
+        other = next((each for each in existing if each.suffix not in (".obj", ".png")), None)
         if other is not None:
             cause = f"it exists, and has files other than meshes and textures of a MuJoCo model: {other.name}"
             raise MapWriteError(str(folder), cause=cause, remedy="move it, or choose another name for the model")
         folder.mkdir(parents=True, exist_ok=True)
         for name, data in files.items():
-            (folder / name).write_bytes(data)
+            save_file(folder / name, data)
         for each in existing:
             if each.name not in files:
                 each.unlink()

@@ -306,3 +306,14 @@ def test_a_mesh_without_an_area_is_left_out_and_reported() -> None:
     written = world_to_mjcf(world, geometry=shapes, visuals_folder="x_assets")
     assert any("1 visual mesh" in note for note in written.notes)
     mujoco.MjModel.from_xml_string(written.text, dict(written.files))
+
+
+def test_a_mesh_has_its_texture_although_another_one_of_its_material_has_no_coordinates() -> None:
+    oak = square(1.0, texture="oak_board")
+    world = world_of(replace(item("cup"), size=(0.6, 0.4, 0.3)))
+    shapes = {BodyId("cup"): with_visuals(dataclasses.replace(oak, uv=None), oak)}
+    written = world_to_mjcf(world, geometry=shapes, visuals_folder="x_assets")
+    model = mujoco.MjModel.from_xml_string(written.text, dict(written.files))
+    textures = model.mat_texid[model.geom_matid[model.geom_group == 1]].max(axis=1)
+    assert textures[0] == -1
+    assert model.tex(int(textures[1])).name == "oak_board"

@@ -203,8 +203,8 @@ func center_frames() -> void:
 	frame_b = frame_b.translated_local(center)
 
 
-## Adds the inertia of the drives to the weightless body that they move, about all axes: without it, the light links at
-## the end of an arm tremble.
+## Adds the inertia of the drives to the weightless body that they move, about all axes, and has a part of it in the
+## one that carries them: without it, the light links at the end of an arm tremble.
 func add_armature() -> void:
 	if not group_b.is_dynamic() or group_b.gravity_factor > 0.0:
 		return

@@ -6,7 +6,6 @@ world to glTF's axes (y up, z forward); all nodes below have the world's axes.
 
 from __future__ import annotations
 
-import io
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import isfinite
@@ -36,7 +35,7 @@ from mindstage.scene import (
 from mindstage.scene.colors import srgb_to_linear
 from mindstage.scene.mesh import TriangleMesh, box, cylinder, sphere
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply, xyzw_from_wxyz
-from mindstage.textures.images import TextureMap, TextureUri, texture_jpeg
+from mindstage.textures.images import TextureMap, TextureUri, image_png, texture_jpeg
 
 __all__ = ["GlbExport", "GltfWriter", "geometry_to_glb", "world_to_glb"]
 
@@ -179,11 +178,7 @@ class GltfWriter:
 
     def _texture(self, pixels: NDArray[np.uint8]) -> int:
         def make() -> int:
-            from PIL import Image
-
-            png = io.BytesIO()
-            Image.fromarray(pixels).save(png, "png")
-            return self._embedded_texture(png.getvalue(), "image/png")
+            return self._embedded_texture(image_png(pixels), "image/png")
 
         return int(self._cached(("texture", pixels.shape, pixels.tobytes()), make))
 

@@ -398,8 +398,7 @@ class EpisodeEncoder:
         for number, body in enumerate(drawn):
             shape = _CUBE if body.shape is None else _MARKER_TYPES.get(body.shape.type, _CUBE)
             size = body.size or (_DEFAULT_SIZE_M,) * 3
-            color = next((each.color for each in body.materials if each.color), _DEFAULT_COLOR)
-            _add_marker(writer, time_ns, body.id, number, shape, _ADD, size, color)
+            _add_marker(writer, time_ns, body.id, number, shape, _ADD, size, body.color or _DEFAULT_COLOR)
         return writer.message()
 
 

@@ -281,8 +281,7 @@ def _cylinder_axis(context: SceneContext, row: int, orientation: Orientation) ->
 
 def _map_color(body: Body, material: PbrMaterial) -> dict[str, PbrMaterial]:
     """Returns the material with the color that the map states for a body, which overrides that of its class."""
-    color = next((each.color for each in body.materials if each.color is not None), None)
-    return {} if color is None else {DEFAULT_ROLE: replace(material, color=color)}
+    return {} if body.color is None else {DEFAULT_ROLE: replace(material, color=body.color)}
 
 
 def _attached_light(rule: ShapeRule) -> AttachedLight | None:

@@ -39,7 +39,7 @@ from mindstage.scene import (
     World,
 )
 from mindstage.scene.geometry import NO_GEOMETRY, GeometryMap
-from mindstage.scene.mesh import TriangleMesh, box, convex_hull, cylinder, sphere
+from mindstage.scene.mesh import TriangleMesh, box, convex_hull, cylinder, face_cross_products, sphere
 from mindstage.scene.transforms import normalize, normalized_pose_array, pose_array, quat_rotate, rotation_matrix
 from mindstage.textures.catalog import texture_info
 from mindstage.textures.images import TextureMap, TextureUri
@@ -180,8 +180,7 @@ def mean_color(visuals: Iterable[VisualMesh]) -> Color:
     """The mean color of visual meshes, weighted by area."""
     total, weight = np.zeros(3), 1e-12
     for visual in visuals:
-        first, second, third = (visual.points[visual.faces[:, corner]] for corner in range(3))
-        area = float(np.linalg.norm(np.cross(second - first, third - first), axis=1).sum())
+        area = float(np.linalg.norm(face_cross_products(visual.points, visual.faces), axis=1).sum())
         total, weight = total + area * np.array(visual.material.color), weight + area
     red, green, blue = (total / weight).tolist()
     return red, green, blue
@@ -370,7 +369,7 @@ class _AppearanceSolver:
     def _visuals(self, body: Body, size: Vector) -> tuple[str, tuple[VisualMesh, ...], tuple[AttachedLight, ...]]:
         """The key, visual meshes and lights of a body, in the color of its materials."""
         geometry = self.geometry.get(body.id)
-        color = next((material.color for material in body.materials if material.color is not None), None)
+        color = body.color
         if geometry is not None and geometry.visuals:
             tinted = geometry.visuals if color is None else _tinted(geometry.visuals, color)
             return f"{geometry.key} {color}", tinted, geometry.lights
@@ -473,8 +472,7 @@ def _triangles_facing(visuals: Iterable[VisualMesh], side: Side) -> Iterator[Vis
     """The triangles that face a side; they are invisible from behind."""
     axis, direction = side
     for visual in visuals:
-        first, second, third = (visual.points[visual.faces[:, corner]] for corner in range(3))
-        normal = np.cross(second - first, third - first)
+        normal = face_cross_products(visual.points, visual.faces)
         facing = normal[:, axis] * direction > _MIN_FACING_COSINE * np.linalg.norm(normal, axis=1)
         if facing.any():
             yield VisualMesh(

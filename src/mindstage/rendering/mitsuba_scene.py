@@ -23,6 +23,7 @@ from mindstage.rendering.camera import CameraPose, find_occluders
 from mindstage.rendering.render_scene import RenderItem, RenderLight, RenderScene
 from mindstage.scene import BodyId, Color, LightType, PbrMaterial, Vector, VisualMesh
 from mindstage.scene.colors import srgb_to_linear
+from mindstage.scene.mesh import face_cross_products
 from mindstage.scene.transforms import Array, normalize, normalized_pose_array, pose_array, rotation_matrix
 from mindstage.textures.baking import TextureSet, texture_set
 
@@ -496,8 +497,7 @@ def _encoded(normals: Array) -> Array:
 
 
 def _face_normals(points: Array, faces: NDArray[np.uint32]) -> Array:
-    first, second, third = (points[faces[:, corner]] for corner in range(3))
-    across = np.cross(second - first, third - first)
+    across = face_cross_products(points, faces)
     normals: Array = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
     return normals
 
@@ -521,8 +521,7 @@ def _is_in(item: RenderItem, point: Vector) -> bool:
 
 
 def _area(visual: VisualMesh) -> float:
-    first, second, third = (visual.points[visual.faces[:, corner]] for corner in range(3))
-    return float(np.linalg.norm(np.cross(second - first, third - first), axis=1).sum() / 2)
+    return float(np.linalg.norm(face_cross_products(visual.points, visual.faces), axis=1).sum() / 2)
 
 
 def _frame(light: RenderLight) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from mindstage.knowledge.shape_rules import ShapeRule
 from mindstage.rendering.appearance import compute_appearance
 from mindstage.scene import Body, BodyGeometry, VisualMesh, World
+from mindstage.scene.mesh import face_cross_products
 from mindstage.scene.transforms import Array
 
 __all__ = ["render_thumbnail"]
@@ -67,8 +68,7 @@ def _rasterize(visuals: tuple[VisualMesh, ...], size: int) -> NDArray[np.uint8]:
         screen = at.copy()
         screen[:, :2] = (at[:, :2] - (low + high) / 2) * scale + size / 2
         screen[:, 1] = size - screen[:, 1]
-        first, second, third = (visual.points[visual.faces[:, corner]] for corner in range(3))
-        normals = np.cross(second - first, third - first)
+        normals = face_cross_products(visual.points, visual.faces)
         normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
         bright = _AMBIENT + (1.0 - _AMBIENT) * np.maximum(normals @ light, 0.0)
         colors = np.clip(np.array(visual.material.color) * bright[:, None] * 1.08, 0.0, 1.0) * 255

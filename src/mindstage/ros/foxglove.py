@@ -322,7 +322,7 @@ class _ScenePublisher:
         )
 
     def _body_parts(self, body: Body, content: _Content) -> dict[str, list[Any]]:
-        color = next((material.color for material in body.materials if material.color is not None), None)
+        color = body.color
         if content.geometry is not None and content.geometry.visuals:
             return {"triangles": self._triangles(_Drawing(content.geometry, color, content.highlight))}
         size = body.size or _DEFAULT_SIZE_M

@@ -197,8 +197,7 @@ def _axis_motion(joint: Joint, axis: str) -> AxisMotion:
 
 
 def _color(body: Body | None) -> Color:
-    colors = (material.color for material in body.materials if material.color) if body else ()
-    return next(iter(colors), _GRAY)
+    return (body.color if body else None) or _GRAY
 
 
 class PublishRates(msgspec.Struct, frozen=True, kw_only=True):

@@ -354,10 +354,9 @@ def _shapes(body: Body, geometry: BodyGeometry | None) -> Iterable[CollisionShap
 
 
 def _color(body: Body, geometry: BodyGeometry | None) -> Color:
-    colors = [material.color for material in body.materials if material.color is not None]
-    if not colors and geometry is not None:
-        colors = [visual.material.color for visual in geometry.visuals]
-    return next(iter(colors), _GRAY)
+    if body.color is not None or geometry is None or not geometry.visuals:
+        return body.color or _GRAY
+    return geometry.visuals[0].material.color
 
 
 def _add_inertial(link: ElementTree.Element, mass_kg: float, size: Vector) -> None:

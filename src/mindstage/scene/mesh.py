@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,8 @@ __all__ = [
     "cone",
     "convex_hull",
     "cylinder",
+    "face_cross_products",
+    "face_normals",
     "joined",
     "lathe",
     "loft",
@@ -107,6 +109,7 @@ _SEGMENTS = 40
 """Points of the circles of primitives, a multiple of four."""
 _MIN_EXTENT_M = 2e-4
 """Smallest extent of primitives along each axis."""
+_MIN_CROSS_PRODUCT_M2 = 1e-30
 _SHARP_EDGE_RAD = 0.6
 """Corners of profiles with a larger angle are sharp edges, which are beveled."""
 
@@ -122,6 +125,31 @@ class TriangleMesh(NamedTuple):
     """n x 3 unit vertex normals; None for flat shading, with one normal per face."""
     uv: Array | None = None
     """n x 2 texture coordinates."""
+
+
+def face_cross_products(points: Array, faces: NDArray[np.integer[Any]]) -> Array:
+    """For each face, the cross product of two of its edges, m x 3 [m²].
+
+    It is along the normal, and twice as long as the area.
+
+    Args:
+        points: n x 3 [m].
+        faces: m x 3 indices of points.
+    """
+    first, second, third = (points[faces[:, corner]] for corner in range(3))
+    return np.cross(second - first, third - first)
+
+
+def face_normals(points: Array, faces: NDArray[np.integer[Any]]) -> Array:
+    """The unit normal of each face, m x 3; 0 for faces without an area.
+
+    Args:
+        points: n x 3 [m].
+        faces: m x 3 indices of points.
+    """
+    across = face_cross_products(points, faces)
+    normals: Array = across / np.maximum(np.linalg.norm(across, axis=1), _MIN_CROSS_PRODUCT_M2)[:, None]
+    return normals
 
 
 def joined(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
@@ -323,8 +351,7 @@ def loft(rings: Array) -> TriangleMesh:
     """
     ends = [np.broadcast_to(ring.mean(axis=0), (1, rings.shape[1], 3)) for ring in (rings[0], rings[-1])]
     mesh = _tube(np.concatenate([ends[0], rings, ends[1]]), None)
-    corners = mesh.points[mesh.faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    across = face_cross_products(mesh.points, mesh.faces)
     normals = np.zeros_like(mesh.points)
     for corner in range(3):
         np.add.at(normals, mesh.faces[:, corner], across)

@@ -203,6 +203,11 @@ class Body(FrozenStruct, frozen=True, kw_only=True):
     facts: tuple[PropertyAssertion, ...] = ()
     """All other statements about the individual."""
 
+    @property
+    def color(self) -> Color | None:
+        """The color of the first material that states one; None if none does."""
+        return next((material.color for material in self.materials if material.color is not None), None)
+
     def __repr__(self) -> str:
         at = ", ".join(f"{part:.3f}" for part in self.pose.position)
         return f"<{type(self).__name__} {self.id} ({short_name(self.cls)}) at ({at}) m>"

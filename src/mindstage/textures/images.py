@@ -6,10 +6,15 @@ import io
 from collections.abc import Callable
 from enum import StrEnum
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 from mindstage.textures.baking import texture_set
 
-__all__ = ["TextureMap", "TextureUri", "texture_jpeg"]
+if TYPE_CHECKING:
+    from numpy import uint8
+    from numpy.typing import NDArray
+
+__all__ = ["TextureMap", "TextureUri", "image_png", "texture_jpeg"]
 
 _QUALITY = {"color": 88, "roughness": 92, "normal": 92}
 
@@ -25,6 +30,23 @@ class TextureMap(StrEnum):
 
 TextureUri = Callable[[str, TextureMap], str | None]
 """Returns the URI of an image of a texture, given its name; None if that image is left out."""
+
+
+def image_png(pixels: NDArray[uint8], *, longest_px: int | None = None) -> bytes:
+    """An image as PNG.
+
+    Args:
+        pixels: h x w x 3 or 4, sRGB.
+        longest_px: larger images are reduced to this width or height; by default none.
+    """
+    from PIL import Image
+
+    image = Image.fromarray(pixels)
+    if longest_px is not None:
+        image.thumbnail((longest_px, longest_px))
+    content = io.BytesIO()
+    image.save(content, "png")
+    return content.getvalue()
 
 
 @lru_cache(maxsize=512)

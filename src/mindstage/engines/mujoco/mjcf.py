@@ -21,7 +21,7 @@ from mindstage.engines.base import SpawnNoteKind, SpawnOptions
 from mindstage.engines.kinematic_tree import AXIS_NAMES
 from mindstage.engines.mujoco.compiler import MeshAsset, compile_model, load_mesh
 from mindstage.engines.mujoco.engine import ModelCache
-from mindstage.engines.mujoco.mjcf_visuals import VisualAssets
+from mindstage.engines.mujoco.mjcf_visuals import VisualAssets, format_color
 from mindstage.engines.mujoco.state import CompiledModel, limit_stiffness
 from mindstage.errors import MapWriteError
 from mindstage.scene import NO_GEOMETRY, Body, BodyGeometry, BodyId, GeometryMap, Joint, Light, LightType, World
@@ -287,14 +287,13 @@ class _Document:
 
     def _color_attributes(self, body: Body | None) -> dict[str, str]:
         """The body's own color, else that of its first visual mesh."""
-        color = next((material.color for material in body.materials if material.color), None) if body else None
-        if color is not None:
-            return {"rgba": _format_color(*color, 1.0)}
+        if body and body.color is not None:
+            return {"rgba": format_color(*body.color, 1.0)}
         geometry = self.geometry.get(body.id) if body else None
         if geometry is None or not geometry.visuals:
             return {}
         surface = geometry.visuals[0].material
-        return {"rgba": _format_color(*surface.color, surface.opacity)}
+        return {"rgba": format_color(*surface.color, surface.opacity)}
 
     def _add_visual_mesh(self, element: ElementTree.Element, body: Body) -> None:
         mesh = self._mesh_of(body)
@@ -315,8 +314,7 @@ class _Document:
         geometry = self._geometry_with_visuals(body)
         if self.visuals is None or geometry is None:
             return
-        color = next((material.color for material in body.materials if material.color), None)
-        for attributes in self.visuals.geoms(element.attrib["name"], geometry, color):
+        for attributes in self.visuals.geoms(element.attrib["name"], geometry, body.color):
             ElementTree.SubElement(element, "geom", _VISUAL_GEOM | attributes)
 
     def _geometry_with_visuals(self, body: Body) -> BodyGeometry | None:
@@ -426,17 +424,12 @@ def _light(light: Light) -> Iterator[tuple[str, str]]:
         yield "dir", _format_numbers(quat_rotate(row[3:], np.array([0.0, 0.0, -1.0])))
     yield "directional", str(light.type is LightType.DIRECTIONAL).lower()
     yield "cutoff", "180" if light.type is LightType.POINT else "45"
-    yield "diffuse", _format_color(*light.color)
+    yield "diffuse", format_color(*light.color)
 
 
 def _format_numbers(numbers: Iterable[float]) -> str:
     """Numbers with all their digits."""
     return " ".join(repr(float(number) if abs(number) > _MIN_NUMBER else 0.0) for number in numbers)
-
-
-def _format_color(*parts: float) -> str:
-    """A color, with few digits: MuJoCo reads single precision and refuses subnormal numbers."""
-    return " ".join(f"{part:.7f}" for part in parts)
 
 
 def _xml_text(text: str | BodyId) -> str:

@@ -6,22 +6,22 @@ their meshes, and each texture is written once.
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Iterator, Sequence
 from xml.etree import ElementTree
 
 import numpy as np
 from msgspec.structs import replace
-from numpy import uint8
 from numpy.typing import NDArray
 
 from mindstage.rendering.appearance import takes_body_color
 from mindstage.scene import BodyGeometry, Color, PbrMaterial, VisualMesh
+from mindstage.scene.mesh import face_cross_products, face_normals
 from mindstage.scene.transforms import Array
 from mindstage.textures.baking import texture_set
+from mindstage.textures.images import image_png
 
-__all__ = ["VisualAssets"]
+__all__ = ["VisualAssets", "format_color"]
 
 _TEXTURE_PX = 1024
 """Longest side of textures."""
@@ -30,10 +30,16 @@ _MIN_AREA_M2 = 1e-12
 _MIN_POINTS = 4
 """Points that MuJoCo requires of a mesh."""
 _OTHER_CHARACTERS = re.compile(r"[^A-Za-z0-9_.-]+")
-
-
 _HEADLIGHT = {"ambient": "0.45 0.45 0.45", "diffuse": "0.5 0.5 0.5", "specular": "0.1 0.1 0.1"}
-_SKY = {"type": "skybox", "builtin": "gradient", "rgb1": "0.93 0.94 0.95", "rgb2": "0.72 0.78 0.85", "width": "256"}
+_SKY = {
+    "name": "sky",
+    "type": "skybox",
+    "builtin": "gradient",
+    "rgb1": "0.93 0.94 0.95",
+    "rgb2": "0.72 0.78 0.85",
+    "width": "256",
+    "height": "1536",
+}
 
 
 class VisualAssets:
@@ -48,14 +54,14 @@ class VisualAssets:
             folder: the folder of the files, relative to that of the MJCF file.
         """
         ElementTree.SubElement(ElementTree.SubElement(root, "visual"), "headlight", _HEADLIGHT)
-        ElementTree.SubElement(assets, "texture", {"name": "sky", **_SKY, "height": "1536"})
+        ElementTree.SubElement(assets, "texture", _SKY)
         self.files: dict[str, bytes] = {}
         self.left_out = 0
         """Visual meshes without an area."""
         self._assets, self._folder = assets, folder
         self._meshes: dict[tuple[str, int], str | None] = {}
-        self._materials: dict[tuple[PbrMaterial, bytes | None], str] = {}
-        self._textures: dict[str | bytes, str] = {}
+        self._materials: dict[tuple[PbrMaterial, str], str] = {}
+        self._textures: dict[str | tuple[tuple[int, ...], bytes], str] = {}
 
     def geoms(self, name: str, geometry: BodyGeometry, color: Color | None) -> Iterator[dict[str, str]]:
         """Adds the assets of a body; yields the attributes `mesh` and `material` of each of its geoms.
@@ -85,29 +91,32 @@ class VisualAssets:
         return name
 
     def _material(self, visual: VisualMesh, color: Color | None) -> str:
-        material = replace(visual.material, color=visual.material.color if color is None else color)
-        picture = None if visual.image is None else visual.image.shape[1].to_bytes(4) + visual.image.tobytes()
-        if (material, picture) not in self._materials:
+        material = visual.material if color is None else replace(visual.material, color=color)
+        texture = self._texture(visual)
+        if (material, texture) not in self._materials:
             name = f"{material.texture or material.name or 'material'}-{len(self._materials) + 1}"
-            self._materials[material, picture] = name
+            self._materials[material, texture] = name
             attributes = {
                 "name": name,
-                "rgba": " ".join(f"{part:.7f}" for part in (*material.color, material.opacity)),
+                "rgba": format_color(*material.color, material.opacity),
                 "emission": repr(material.emission),
                 "metallic": repr(material.metalness),
                 "roughness": repr(material.roughness),
                 "specular": repr(round(1.0 - material.roughness, 7)),
-            }
-            if visual.uv is not None and (picture is not None or material.texture):
-                attributes["texture"] = self._texture(material.texture if picture is None else picture, visual.image)
+            } | ({"texture": texture} if texture else {})
             ElementTree.SubElement(self._assets, "material", attributes)
-        return self._materials[material, picture]
+        return self._materials[material, texture]
 
-    def _texture(self, key: str | bytes, image: NDArray[uint8] | None) -> str:
+    def _texture(self, visual: VisualMesh) -> str:
+        """The name of the picture or texture of a mesh; empty for none."""
+        image, texture = visual.image, visual.material.texture
+        if visual.uv is None or (image is None and not texture):
+            return ""
+        key = texture if image is None else (image.shape, image.tobytes())
         if key not in self._textures:
-            name = key if isinstance(key, str) else f"print-{len(self._textures) + 1}"
-            pixels = texture_set(name).color if image is None else image[..., :3]
-            path = self._add_file(name, ".png", _png(pixels))
+            name = texture if image is None else f"print-{len(self._textures) + 1}"
+            pixels = texture_set(texture).color if image is None else image[..., :3]
+            path = self._add_file(name, ".png", image_png(pixels, longest_px=_TEXTURE_PX))
             ElementTree.SubElement(self._assets, "texture", {"name": name, "type": "2d", "file": path})
             self._textures[key] = name
         return self._textures[key]
@@ -121,20 +130,22 @@ class VisualAssets:
         return path
 
 
+def format_color(*parts: float) -> str:
+    """A color, with few digits: MuJoCo reads single precision and refuses subnormal numbers."""
+    return " ".join(f"{part:.7f}" for part in parts)
+
+
 def _has_area(visual: VisualMesh) -> bool:
     if len(visual.points) < _MIN_POINTS or not len(visual.faces):
         return False
-    first, second, third = (visual.points[visual.faces[:, corner]] for corner in range(3))
-    return bool(np.linalg.norm(np.cross(second - first, third - first), axis=1).sum() > 2 * _MIN_AREA_M2)
+    return bool(np.linalg.norm(face_cross_products(visual.points, visual.faces), axis=1).sum() > 2 * _MIN_AREA_M2)
 
 
 def _wavefront(visual: VisualMesh) -> bytes:
     """The mesh as OBJ, with a normal for each face if it has none for its points."""
     points, faces = visual.points, visual.faces.astype(np.int64)
     if visual.normals is None:
-        first, second, third = (points[faces[:, corner]] for corner in range(3))
-        across = np.cross(second - first, third - first)
-        normals: Array = across / np.maximum(np.linalg.norm(across, axis=1), 1e-30)[:, None]
+        normals = face_normals(points, faces)
         normal_faces = np.repeat(np.arange(len(faces))[:, None], 3, axis=1)
     else:
         normals, normal_faces = visual.normals, faces
@@ -150,13 +161,3 @@ def _wavefront(visual: VisualMesh) -> bytes:
 
 def _lines(form: str, rows: Array | NDArray[np.int64]) -> Sequence[str]:
     return [form % tuple(row) for row in rows.tolist()]
-
-
-def _png(pixels: NDArray[uint8]) -> bytes:
-    from PIL import Image
-
-    image = Image.fromarray(np.ascontiguousarray(pixels))
-    image.thumbnail((_TEXTURE_PX, _TEXTURE_PX))
-    content = io.BytesIO()
-    image.save(content, "png")
-    return content.getvalue()

@@ -22,6 +22,7 @@ from mindstage.rendering.annotations import Outline, annotate
 from mindstage.rendering.render_scene import RenderScene
 from mindstage.rendering.shading import PixelBuffers, ViewFrame, shade, sun_direction
 from mindstage.scene import BodyId, PbrMaterial, VisualMesh
+from mindstage.scene.mesh import face_normals
 from mindstage.scene.transforms import Array, normalized_pose_array, quat_rotate
 from mindstage.textures.baking import texture_set
 
@@ -145,10 +146,8 @@ def _in_world(pose: Array, visual: VisualMesh) -> tuple[Array, Array, Array, NDA
     points, normals, faces = visual.points, visual.normals, visual.faces.astype(np.int64)
     uv = np.zeros((len(points), 2)) if visual.uv is None else visual.uv
     if normals is None:
-        corners = points[faces]
-        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        across /= np.maximum(np.linalg.norm(across, axis=1), 1e-30)[:, None]
-        points, normals, uv = corners.reshape(-1, 3), across.repeat(3, axis=0), uv[faces.reshape(-1)]
+        normals = face_normals(points, faces).repeat(3, axis=0)
+        points, uv = points[faces.reshape(-1)], uv[faces.reshape(-1)]
         faces = np.arange(len(points)).reshape(-1, 3)
     return quat_rotate(pose[3:], points) + pose[:3], quat_rotate(pose[3:], normals), uv, faces
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.scene.mesh import TriangleMesh
+from mindstage.scene.mesh import TriangleMesh, face_cross_products
 from mindstage.scene.transforms import Array
 from mindstage.textures.catalog import TextureInfo, TextureLayout
 
@@ -266,8 +266,7 @@ def _offsets(middles: Array, texture: TextureInfo) -> Array:
 
 def _face_normals(mesh: TriangleMesh) -> Array:
     """Normals of the faces; for faces without an area, such as bevels of width 0, those of their vertices."""
-    a, b, c = (mesh.points[mesh.faces[:, corner]] for corner in range(3))
-    normals = np.cross(b - a, c - a)
+    normals = face_cross_products(mesh.points, mesh.faces)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     flat = length[:, 0] < 1e-14
     if flat.any() and mesh.normals is not None:

@@ -278,9 +278,8 @@ class _SomaWriter:
             facts.append(PropertyAssertion(HAS_SHAPE, shape))
 
     def _write_color(self, body: Body, facts: list[PropertyAssertion]) -> None:
-        color = next((material.color for material in body.materials if material.color), None)
-        if color is not None and all(fact.property != HAS_COLOR for fact in facts):
-            facts.append(PropertyAssertion(HAS_COLOR, color_node(color)))
+        if body.color is not None and all(fact.property != HAS_COLOR for fact in facts):
+            facts.append(PropertyAssertion(HAS_COLOR, color_node(body.color)))
 
     def _write_parent(self, body: Body, facts: list[PropertyAssertion]) -> None:
         if body.id not in self.parents:

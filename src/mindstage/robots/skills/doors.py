@@ -180,8 +180,7 @@ def _pushing(task: SkillTask, hand: Manipulator, opening: Opening, motion: Front
         path = _free_path(hand, opening, motion, hand.path(pressed, may_drive=hand.is_mobile))
         if path.reached >= 2:
             yield from hand.following(path, speed=0.4, cartesian_speed=0.15)
-    back = pose_multiply(hand.grasp_pose, np.array([-_PUSH_BACK_M, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
-    yield from hand.withdrawing(back, touch=_parts(opening))
+    yield from hand.withdrawing(_PUSH_BACK_M, touch=_parts(opening))
 
 
 def _directions(points: Array) -> Array:
@@ -269,7 +268,5 @@ def _vector(values: Array) -> tuple[float, float, float]:
 def _letting_go(hand: Manipulator, opening: Opening, motion: FrontMotion) -> SkillMotion:
     """Opens the gripper and withdraws it."""
     yield from hand.opening(hand.robot.opening(hand.gripper.name) + 2 * motion.stance.grasp.room_m)
-    length = BACK_M[motion.way is not FrontWay.EDGE]
-    back = pose_multiply(hand.grasp_pose, np.array([-length, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
     with hand.task.step("move", f"move the gripper away from {motion.body}"):
-        yield from hand.withdrawing(back, touch=_parts(opening))
+        yield from hand.withdrawing(BACK_M[motion.way is not FrontWay.EDGE], touch=_parts(opening))

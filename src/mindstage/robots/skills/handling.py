@@ -406,7 +406,7 @@ def carrying(task: SkillTask, hand: Manipulator, back_m: float) -> SkillMotion:
     held = hand.held
     if held is None:
         raise task.failure("nothing is held after the grasp", "grasp it again")
-    yield from hand.withdrawing(pose_multiply(hand.grasp_pose, np.array([-back_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])))
+    yield from hand.withdrawing(back_m)
     for target in _folded_poses(hand) if hand.needs_base else _carry_poses(hand):
         try:
             yield from hand.moving_to(target, why=f"to carry {held}")
@@ -662,8 +662,7 @@ def _letting_go(task: SkillTask, hand: Manipulator, *, back_m: float = _BACK_M) 
     if held is not None and _is_fixed(task, held):
         task.session.run_on_engine(lambda engine: engine.detach(held), label="detach", edits=True)
     yield from hand.opening(min(opening + 2 * _ROOM_M, hand.gripper.max_opening_m))
-    back = pose_multiply(hand.grasp_pose, np.array([-back_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
-    yield from hand.withdrawing(back, touch=() if held is None else (held,))
+    yield from hand.withdrawing(back_m, touch=() if held is None else (held,))
 
 
 def _is_fixed(task: SkillTask, id: BodyId) -> bool:

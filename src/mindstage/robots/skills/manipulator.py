@@ -334,13 +334,14 @@ class Manipulator:
             if not (may_touch and result.failure is MotionFailure.BLOCKED):
                 self._require(result, "approach it from another side")
 
-    def withdrawing(self, target: Array, *, touch: Collection[BodyId] = ()) -> SkillMotion:
-        """Moves the grasp frame straight towards a pose, as far as the arm and the base follow, or until a contact.
+    def withdrawing(self, length_m: float, *, touch: Collection[BodyId] = ()) -> SkillMotion:
+        """Moves the grasp frame straight back, as far as the arm and the base follow, or until a contact.
 
         Args:
-            target: the pose in the world frame.
+            length_m: how far, against its x axis.
             touch: bodies that the gripper may touch.
         """
+        target = pose_multiply(self.grasp_pose, np.array([-length_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
         path = self.path(interpolated_poses(self.grasp_pose, target), may_drive=self.is_mobile)
         path = self.free_part(path, touch=touch)
         if path.reached >= 2:
