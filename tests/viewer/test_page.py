@@ -103,10 +103,13 @@ def test_a_request_made_without_a_connection_is_sent_when_it_is_back(
 
 def test_a_server_that_stops_responding_is_reported(viewer: Viewer, open_page: OpenPage) -> None:
     tab = open_page(viewer)
+    pending = "mindstage.channel.pendingMethods"
+    wait_until(lambda: not tab.page.evaluate(pending), "what the page asks for when it opens is answered")
     released = threading.Event()
     loop = viewer._server._websock_server._background_event_loop
     loop.call_soon_threadsafe(released.wait, TIMEOUT_S)
     try:
+        tab.page.evaluate("void mindstage.channel.call('ask.questions')")  # older, but its panel shows its progress
         tab.click_button("step")
         banner = tab.page.locator("#disconnected", has_text="does not respond")
         wait_until(banner.is_visible, "the page shows that nothing is received")

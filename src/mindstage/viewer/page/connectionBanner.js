@@ -4,8 +4,6 @@ import { channel } from "./rpcChannel.js";
 
 const banner = document.getElementById("disconnected");
 const waiting = document.getElementById("waiting");
-// Questions, imagined plans and robots show their own progress.
-const HAVE_PROGRESS = /^(ask|imagine|robot)/;
 
 let connected = null;
 let stalled = false;
@@ -25,6 +23,6 @@ channel.on("stalled", (value) => {
   update();
 });
 channel.on("waiting", (request) => {
-  waiting.hidden = !request || HAVE_PROGRESS.test(request.method);
+  waiting.hidden = !request;
   waiting.textContent = request ? `Waiting for the server: ${request.method.replaceAll("_", " ")}, ${request.seconds} s` : "";
 });

@@ -9,8 +9,9 @@ const PING_AFTER_MS = 5000;
 const STALLED_AFTER_MS = 10_000;
 const ABANDONED_AFTER_MS = 40_000;
 const WATCH_INTERVAL_MS = 1000;
-// A request that takes longer is listed in the topic "waiting".
+// A request that takes longer is listed in the topic "waiting", unless the panel that sent it shows its progress.
 const SLOW_MS = 4000;
+const UNLISTED = /^(ping$|ask|imagine|robot)/;
 
 // Identifies this page to the server; the URL of its 3D view has the same key.
 export const clientKey = Array.from(crypto.getRandomValues(new Uint8Array(8)), (byte) => byte.toString(16).padStart(2, "0")).join("");
@@ -42,6 +43,11 @@ class RpcChannel {
 
   get connected() {
     return this.#socket?.readyState === WebSocket.OPEN;
+  }
+
+  // The methods of the requests that have no response yet, in the order in which they were sent.
+  get pendingMethods() {
+    return [...this.#pending.values()].map(({ method }) => method);
   }
 
   // Calls a method of the server. The promise is rejected with an RpcError that has the server's message.
@@ -120,7 +126,7 @@ class RpcChannel {
 
   // Detects a connection that is open but dead, for example of a phone that has left its network, and lists slow requests.
   #watch() {
-    const oldest = [...this.#pending.values()].find(({ method }) => method !== "ping");
+    const oldest = [...this.#pending.values()].find(({ method }) => !UNLISTED.test(method));
     const waiting_s = oldest ? Math.floor((Date.now() - oldest.startedAt) / 1000) : 0;
     const waiting = waiting_s * 1000 >= SLOW_MS ? { method: oldest.method, seconds: waiting_s } : null;
     if (waiting?.seconds !== this.latest("waiting")?.seconds) this.#emit("waiting", waiting);
