@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 pytest.importorskip("mitsuba", reason="needs the extra render")
@@ -111,6 +112,17 @@ def test_a_body_is_drawn_where_the_camera_projects_it() -> None:
     rows, columns = np.nonzero(pixels[..., 0] > 2 * pixels[..., 1] + 20)
     assert rows.size > 10
     assert (columns.mean() + 0.5, rows.mean() + 0.5) == pytest.approx(expected, abs=1.0)
+
+
+def test_a_section_removes_what_is_above_and_shows_insides_dark() -> None:
+    tower = item("tower", (2.0, 2.0, 2.0), (0.0, 0.0, 1.1), (0.9, 0.9, 0.9))
+    whole = scene_of(FLOOR, tower, camera=FROM_ABOVE)
+    top = _at(path_trace(whole, settings()).radiance, np.zeros(2))
+    cut = path_trace(replace(whole, clip_height=1.0), settings()).radiance
+    above = path_trace(replace(whole, clip_height=2.5), settings()).radiance
+    assert _at(cut, np.zeros(2)) < 0.1 * top, "the inside of the bottom"
+    assert _at(cut, np.array([2.0, 0.0])) > 0.1 * top, "the floor"
+    assert _at(above, np.zeros(2)) == pytest.approx(top, rel=0.1)
 
 
 def test_an_image_is_neither_mirrored_nor_upside_down() -> None:

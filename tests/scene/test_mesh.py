@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mindstage.scene import Vector
-from mindstage.scene.mesh import TriangleMesh, arrow, box, box_edges, cone, cylinder, sphere
+from mindstage.scene.mesh import TriangleMesh, arrow, box, box_edges, cone, cut_above, cylinder, sphere
 
 lengths = st.floats(0.005, 3.0)
 sizes = st.tuples(lengths, lengths, lengths)
@@ -110,3 +110,25 @@ def test_meshes_of_any_size_are_finite(size: Vector) -> None:
         assert mesh.faces.max() < len(mesh.points)
         assert mesh.normals is not None
         assert np.isfinite(mesh.normals).all()
+
+
+@given(size=sizes, part=st.floats(0.05, 0.95), seed=st.integers(0, 1000))
+def test_a_cut_mesh_is_what_is_below_with_interpolated_columns(size: Vector, part: float, seed: int) -> None:
+    mesh = sphere(size[0]) if seed % 2 else box(size)
+    up = np.random.default_rng(seed).normal(size=3)
+    up /= np.linalg.norm(up)
+    points = mesh.points.astype(float)
+    heights, weights = points @ up, np.array([0.3, -2.0, 0.7])
+    limit = float(heights.min() + part * np.ptp(heights))
+    columns, faces = cut_above(np.column_stack([points, points @ weights]), mesh.faces, heights, limit)
+    used = columns[np.unique(faces)]
+    assert (used[:, :3] @ up).max() == pytest.approx(limit, abs=1e-6)
+    assert used[:, 3] == pytest.approx(used[:, :3] @ weights, abs=1e-6)
+    other, upper = cut_above(points, mesh.faces, -heights, -limit)
+    both = TriangleMesh(
+        np.concatenate([columns[:, :3], other]),
+        np.concatenate([faces, upper + len(columns)]).astype(np.uint32),
+        np.zeros((len(columns) + len(other), 3)),
+    )
+    assert is_closed(both), "the lower and the upper part fit together"
+    assert volume(both) == pytest.approx(volume(mesh), rel=1e-5)

@@ -40,6 +40,7 @@ from mindstage.cli.shot import (
     From,
     Highlights,
     Seconds,
+    Section,
     Size,
     To,
     Top,
@@ -53,6 +54,7 @@ from mindstage.errors import InvalidArgumentError
 if TYPE_CHECKING:
     from mindstage.rendering import CameraPose
     from mindstage.rendering.path_tracing import PathTracingSettings
+    from mindstage.rendering.render_scene import RenderScene
     from mindstage.simulation import HighlightResult, Simulation
     from mindstage.simulation.pictures import ScenePhotographer
 
@@ -148,6 +150,7 @@ def render(
     position: From = None,
     look_at: To = None,
     top: Top = False,
+    section: Section = None,
     field_of_view: FieldOfView = None,
     highlights: Highlights = None,
     colors: Colors = None,
@@ -193,12 +196,10 @@ def render(
         own = None if robot is None else _add_robot(sim, robot)
         step_with_progress(sim, seconds)
         results = [target.apply(sim) for target in targets]
-        taken = _Shooting(sim, settings, own, camera)
+        taken = _Shooting(sim, settings, own, camera, clip_height=section)
         first = taken.camera(position, look_at, top=top, field_of_view=field_of_view)
-        if is_film:
-            summary |= taken.film(output, first, flight, length_s=length_s, frame_rate_hz=frame_rate_hz)
-        else:
-            summary |= taken.picture(output, first)
+        film = {"length_s": length_s, "frame_rate_hz": frame_rate_hz}
+        summary |= taken.film(output, first, flight, **film) if is_film else taken.picture(output, first)
     _print_result({**summary, "picture": str(output), "size": settings.size}, results, as_json=as_json)
     return ExitCode.OK
 
@@ -207,7 +208,13 @@ class _Shooting:
     """Takes pictures and films of the present state of a simulation."""
 
     def __init__(
-        self, simulation: Simulation, settings: PathTracingSettings, robot: str | None, camera: str | None
+        self,
+        simulation: Simulation,
+        settings: PathTracingSettings,
+        robot: str | None,
+        camera: str | None,
+        *,
+        clip_height: float | None,
     ) -> None:
         from mindstage.scene import BodyId
         from mindstage.simulation.pictures import ScenePhotographer
@@ -215,7 +222,7 @@ class _Shooting:
         with progress_spinner("preparing"):
             self._photographer: ScenePhotographer = ScenePhotographer.of(simulation)
         self._simulation, self._settings, self._robot, self._camera = simulation, settings, robot, camera
-        self._aspect = settings.size[0] / settings.size[1]
+        self._aspect, self._clip_height = settings.size[0] / settings.size[1], clip_height
         self._hidden = frozenset[BodyId]()
 
     def camera(
@@ -246,7 +253,7 @@ class _Shooting:
         from mindstage.rendering.path_tracing import path_trace
 
         with progress_bar("rendering") as progress:
-            scene = self._photographer.scene(camera, aspect=self._aspect, hidden=self._hidden)
+            scene = self._scene(camera)
             picture = path_trace(scene, self._settings, progress=progress)
         output.parent.mkdir(parents=True, exist_ok=True)
         atomic_write(output, picture.encode(output.suffix))
@@ -269,13 +276,16 @@ class _Shooting:
         writer = FilmWriter(output, size=settings.size, frame_rate_hz=frame_rate_hz)
         with writer, progress_bar("rendering") as progress:
             for number, camera in enumerate(cameras):
-                scene = self._photographer.scene(camera, aspect=self._aspect, hidden=self._hidden)
+                scene = self._scene(camera)
                 picture = path_trace(scene, settings)
                 settings = replace(settings, exposure=picture.exposure, exposure_ev=0.0)
                 writer.add(picture.pixels)
                 notes |= dict.fromkeys(picture.notes)
                 progress((number + 1) / count)
         return {"frames": count, "notes": list(notes)}
+
+    def _scene(self, camera: CameraPose) -> RenderScene:
+        return self._photographer.scene(camera, aspect=self._aspect, hidden=self._hidden, clip_height=self._clip_height)
 
     def _placed_camera(self, position: str | None, look_at: str | None) -> CameraPose:
         from msgspec.structs import replace

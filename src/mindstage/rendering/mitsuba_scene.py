@@ -23,7 +23,7 @@ from mindstage.rendering.camera import CameraPose, find_occluders
 from mindstage.rendering.render_scene import RenderItem, RenderLight, RenderScene
 from mindstage.scene import BodyId, Color, LightType, PbrMaterial, Vector, VisualMesh
 from mindstage.scene.colors import srgb_to_linear
-from mindstage.scene.mesh import face_cross_products
+from mindstage.scene.mesh import cut_above, face_cross_products
 from mindstage.scene.transforms import Array, normalize, normalized_pose_array, pose_array, rotation_matrix
 from mindstage.textures.baking import TextureSet, texture_set
 
@@ -49,6 +49,8 @@ _PROBES = 400
 _CLOSED_PART = 0.004
 """A camera that sees less than this part of the sky is in a closed room."""
 _MAX_GLASS = 6
+_SECTION_REFLECTANCE = 0.03
+"""Of the inner side of what a section cuts open."""
 _VERTICAL = 1e-6
 NORMAL_SCALE = 0.49
 """Factor of the normals that the scene of normals shows."""
@@ -141,6 +143,8 @@ class MitsubaScene:
         self._bsdfs: dict[object, Any] = {}
         self._bitmaps: dict[object, Any] = {}
         shown = [item for item in scene.items if item.shown and item.visuals]
+        if scene.clip_height is not None:
+            shown = [_clipped(item, scene.clip_height) for item in shown]
         self._low, self._high = _bounds(shown)
         with tempfile.TemporaryDirectory(prefix="mindstage-render-") as folder:
             self._features: list[tuple[tuple[str, Any], tuple[str, Any]]] = []
@@ -285,6 +289,8 @@ class MitsubaScene:
         if texture is not None and image is None:
             surface = {"type": "normalmap", "normalmap": self._normals(texture), "bsdf": surface}
         both: dict[str, Any] = {"type": "twosided", "bsdf": surface}
+        if self._scene.clip_height is not None:  # the insides of what is cut open
+            both["back"] = {"type": "diffuse", "reflectance": _rgb(np.full(3, _SECTION_REFLECTANCE))}
         if image is not None and textured and image.shape[2] == 4 and image[..., 3].min() < 255:
             opacity = image[..., 3:].astype(np.float32) / 255.0
             return {"type": "mask", "opacity": self._bitmap(opacity, key=(id(image), "opacity")), "bsdf": both}
@@ -494,6 +500,25 @@ def _encoded(normals: Array) -> Array:
     lengths = np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1.0)
     colors: Array = 0.5 + NORMAL_SCALE * normals / lengths
     return colors
+
+
+def _clipped(item: RenderItem, height: float) -> RenderItem:
+    """The part of a body below a height in the world."""
+    pose = normalized_pose_array(item.pose)
+    up = rotation_matrix(pose[None, 3:])[0][2]
+    return replace(item, visuals=tuple(_clipped_mesh(visual, up, height - pose[2]) for visual in item.visuals))
+
+
+def _clipped_mesh(visual: VisualMesh, up: Array, height: float) -> VisualMesh:
+    heights = visual.points @ up
+    if not len(heights) or heights.max() <= height:
+        return visual
+    parts = [visual.points, visual.normals, visual.uv]
+    columns = np.concatenate([part for part in parts if part is not None], axis=1)
+    columns, faces = cut_above(columns, visual.faces, heights, height)
+    normals = columns[:, 3:6] if visual.normals is not None else None
+    uv = columns[:, -2:] if visual.uv is not None else None
+    return VisualMesh(columns[:, :3], faces.astype(np.uint32), visual.material, normals, uv, visual.image)
 
 
 def _face_normals(points: Array, faces: NDArray[np.uint32]) -> Array:

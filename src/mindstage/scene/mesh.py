@@ -30,6 +30,7 @@ __all__ = [
     "boxes",
     "cone",
     "convex_hull",
+    "cut_above",
     "cylinder",
     "face_cross_products",
     "face_normals",
@@ -461,3 +462,42 @@ def panel_with_cutouts(
     level, at_x, at_y = np.unravel_index(used % number.size, number.shape)
     points = np.stack([cuts[0][at_x], cuts[1][at_y], np.array(thickness)[level]], axis=1)
     return TriangleMesh(points, faces.reshape(-1, 3).astype(np.uint32), None)
+
+
+def cut_above(
+    columns: Array, faces: NDArray[np.integer[Any]], heights: Array, limit: float
+) -> tuple[Array, NDArray[np.int64]]:
+    """The part of a mesh below a height; triangles that cross it are cut, and the cut is left open.
+
+    Args:
+        columns: n x k, what each point has, such as its position, normal and texture coordinates.
+        faces: m x 3 indices of points.
+        heights: n, the height of each point, a linear function of its position.
+        limit: what is higher is cut off.
+
+    Returns:
+        The columns, followed by those of new points at the height, interpolated along the edges; and the faces, whose
+        order of corners is kept.
+    """
+    inside = heights[faces] <= limit
+    count = inside.sum(axis=1)
+    kept = [faces[count == 3].astype(np.int64)]
+    added: list[Array] = []
+    total = len(columns)
+    for below in (1, 2):
+        cut = faces[count == below].astype(np.int64)
+        if not len(cut):
+            continue
+        # The corner that is alone on its side comes first; the order of the others is kept.
+        alone = np.argmax(inside[count == below] == (below == 1), axis=1)
+        a, b, c = (np.take_along_axis(cut, ((alone + step) % 3)[:, None], axis=1)[:, 0] for step in range(3))
+        for end in (b, c):
+            part = (limit - heights[a]) / (heights[end] - heights[a])
+            added.append(columns[a] + (columns[end] - columns[a]) * part[:, None])
+        first, second = total + np.arange(len(cut)), total + len(cut) + np.arange(len(cut))
+        total += 2 * len(cut)
+        if below == 1:
+            kept.append(np.stack([a, first, second], axis=1))
+        else:
+            kept += [np.stack([first, b, c], axis=1), np.stack([first, c, second], axis=1)]
+    return np.concatenate([columns, *added]), np.concatenate(kept)

@@ -68,7 +68,12 @@ class ScenePhotographer:
         )
 
     def scene(
-        self, camera: CameraPose | None = None, *, aspect: float = 1.6, hidden: Collection[BodyId] = ()
+        self,
+        camera: CameraPose | None = None,
+        *,
+        aspect: float = 1.6,
+        hidden: Collection[BodyId] = (),
+        clip_height: float | None = None,
     ) -> RenderScene:
         """What a camera sees, by default that of the first view.
 
@@ -76,6 +81,7 @@ class ScenePhotographer:
             camera: the camera.
             aspect: the aspect ratio of the picture, for the first view.
             hidden: bodies that are left out, such as a robot around its own camera.
+            clip_height: nothing above this height is drawn [m].
         """
         return render_scene(
             self._described,
@@ -87,6 +93,7 @@ class ScenePhotographer:
             enclosing=self._enclosing,
             highlights=self._highlights,
             hidden=hidden,
+            clip_height=clip_height,
             appearances=self._appearances,
         )
 
@@ -131,11 +138,16 @@ class ScenePhotographer:
 
 
 def render_picture(
-    simulation: EngineSession, camera: CameraPose | None = None, settings: PathTracingSettings | None = None
+    simulation: EngineSession,
+    camera: CameraPose | None = None,
+    settings: PathTracingSettings | None = None,
+    *,
+    clip_height: float | None = None,
 ) -> PathTracedPicture:
     """Renders the current state of a simulation; see `Simulation.render`."""
     chosen = settings or PathTracingSettings()
-    scene = ScenePhotographer.of(simulation).scene(camera, aspect=chosen.size[0] / chosen.size[1])
+    aspect = chosen.size[0] / chosen.size[1]
+    scene = ScenePhotographer.of(simulation).scene(camera, aspect=aspect, clip_height=clip_height)
     return path_trace(scene, chosen)
 
 

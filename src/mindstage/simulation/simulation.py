@@ -755,20 +755,25 @@ class Simulation:
         return save_world(world, path, knowledge=self.knowledge, actuated=actuated, **options)
 
     def render(
-        self, camera: CameraPose | None = None, settings: PathTracingSettings | None = None
+        self,
+        camera: CameraPose | None = None,
+        settings: PathTracingSettings | None = None,
+        *,
+        clip_height: float | None = None,
     ) -> PathTracedPicture:
         """Renders a path-traced picture of the current state: `sim.render().encode(".png")`; the simulation may run.
 
         Args:
             camera: by default the first view of the page.
             settings: size, quality and exposure.
+            clip_height: nothing above this height is drawn [m].
 
         Raises:
             RendererUnavailableError: the extra "render" is not installed.
         """
         from mindstage.simulation.pictures import render_picture
 
-        return render_picture(self, camera, settings)
+        return render_picture(self, camera, settings, clip_height=clip_height)
 
     # -- robots and controllers ----------------------------------------------------------------------------
 

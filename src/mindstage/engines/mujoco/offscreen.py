@@ -22,7 +22,7 @@ from mindstage.rendering.annotations import Outline, annotate
 from mindstage.rendering.render_scene import RenderScene
 from mindstage.rendering.shading import PixelBuffers, ViewFrame, shade, sun_direction
 from mindstage.scene import BodyId, PbrMaterial, VisualMesh
-from mindstage.scene.mesh import face_normals
+from mindstage.scene.mesh import cut_above, face_normals
 from mindstage.scene.transforms import Array, normalized_pose_array, quat_rotate
 from mindstage.textures.baking import texture_set
 
@@ -134,7 +134,9 @@ def mesh_groups(scene: RenderScene, *, separate: Iterable[BodyId] = ()) -> Itera
         points, normals, uv = (np.concatenate([mesh[column] for mesh in meshes]) for column in range(3))
         faces = np.concatenate([mesh[3] + start for mesh, start in zip(meshes, starts, strict=False)])
         if scene.clip_height is not None:
-            points, normals, uv, faces = _clipped(points, normals, uv, faces, scene.clip_height)
+            columns = np.concatenate([points, normals, uv], axis=1)
+            columns, faces = cut_above(columns, faces, points[:, 2], scene.clip_height)
+            points, normals, uv = columns[:, :3], columns[:, 3:6], columns[:, 6:]
         if len(faces):
             image = members[0][1].image
             textured = image is not None or bool(material.texture)
@@ -150,43 +152,6 @@ def _in_world(pose: Array, visual: VisualMesh) -> tuple[Array, Array, Array, NDA
         points, uv = points[faces.reshape(-1)], uv[faces.reshape(-1)]
         faces = np.arange(len(points)).reshape(-1, 3)
     return quat_rotate(pose[3:], points) + pose[:3], quat_rotate(pose[3:], normals), uv, faces
-
-
-def _clipped(
-    points: Array, normals: Array, uv: Array, faces: NDArray[np.int64], height: float
-) -> tuple[Array, Array, Array, NDArray[np.int64]]:
-    """The part of a mesh below a height: triangles that cross it are cut."""
-    inside = points[faces, 2] <= height
-    count = inside.sum(axis=1)
-    kept = [faces[count == 3]]
-    added: list[Array] = []
-    values = np.concatenate([points, normals, uv], axis=1)
-    total = len(values)
-    for below in (1, 2):
-        cut = faces[count == below]
-        if not len(cut):
-            continue
-        # The corner that is alone on its side comes first; the order of the others is kept.
-        alone = np.argmax(inside[count == below] == (below == 1), axis=1)
-        a, b, c = (np.take_along_axis(cut, ((alone + step) % 3)[:, None], axis=1)[:, 0] for step in range(3))
-        ab, ac = (_crossing(values, a, end, height) for end in (b, c))
-        first, second = total + np.arange(len(cut)), total + len(cut) + np.arange(len(cut))
-        total += 2 * len(cut)
-        added += [ab, ac]
-        if below == 1:
-            kept.append(np.stack([a, first, second], axis=1))
-        else:
-            kept += [np.stack([first, b, c], axis=1), np.stack([first, c, second], axis=1)]
-    values = np.concatenate([values, *added])
-    return values[:, :3], values[:, 3:6], values[:, 6:], np.concatenate(kept)
-
-
-def _crossing(values: Array, start: NDArray[np.int64], end: NDArray[np.int64], height: float) -> Array:
-    """The points at a height on edges, with interpolated normals and texture coordinates."""
-    low, high = values[start], values[end]
-    part = (height - low[:, 2]) / (high[:, 2] - low[:, 2])
-    crossing: Array = low + (high - low) * part[:, None]
-    return crossing
 
 
 def _ground(height: float, center: Array, radius: float) -> MeshGroup:
