@@ -7,6 +7,7 @@ proportional to the pixels, whatever the number of triangles.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,6 +39,16 @@ class PixelBuffers:
     """h x w, the cosine between normal and sun, 0 in shadow."""
     material: Bytes
     """h x w x 3: roughness, metalness and emission."""
+
+    def rows(self, rows: slice) -> PixelBuffers:
+        """Some rows of all buffers."""
+        return PixelBuffers(
+            color=self.color[rows],
+            normal=self.normal[rows],
+            depth=self.depth[rows],
+            sun=self.sun[rows],
+            material=self.material[rows],
+        )
 
 
 class ViewFrame:
@@ -121,6 +132,8 @@ _GROUND_FADE = (1.1, 3.2)
 """Distances between which the ground fades into the background, in radii of the scene."""
 _BACKDROP_LOW, _BACKDROP_HIGH = (0.905, 0.912, 0.92), (0.74, 0.82, 0.90)
 """Colors of the background at the horizon and above, sRGB."""
+_STRIP_ROWS = 32
+"""Pixels are shaded in strips, in threads; those of a strip fit into the processor's cache."""
 _LINEAR = srgb_to_linear(np.arange(256) / 255.0).astype(np.float32)
 
 
@@ -148,30 +161,50 @@ def shade(
         h x w x 3, sRGB.
     """
     rays = view.rays()
-    length = np.sqrt(np.einsum("ijk,ijk->ij", rays, rays))
-    toward = rays / -length[..., None]
-    background = _background(-toward)
     solid = np.isfinite(buffers.depth)
     normal = buffers.normal.astype(np.float32) * np.float32(2 / 255) - 1
     normal /= np.maximum(np.sqrt(np.einsum("ijk,ijk->ij", normal, normal)), 1e-3)[..., None]
-    facing = np.einsum("ijk,ijk->ij", normal, toward)
-    away = facing < -0.05
+    away = np.einsum("ijk,ijk->ij", normal, rays) > 0.05 * np.sqrt(np.einsum("ijk,ijk->ij", rays, rays))
     normal[away] *= -1
-    facing = np.clip(np.abs(facing), 0.02, 1.0)
     occlusion = _ambient_occlusion(buffers.depth, normal, view)
-    points = rays * np.where(solid, buffers.depth, 0.0)[..., None] + view.eye.astype(np.float32)
+    result = np.empty(buffers.color.shape, dtype=np.float32)
+
+    def shade_rows(rows: slice) -> None:
+        strip, seen, facing = buffers.rows(rows), solid[rows, :, None], normal[rows]
+        toward = rays[rows] / -np.sqrt(np.einsum("ijk,ijk->ij", rays[rows], rays[rows]))[..., None]
+        background = _background(-toward)
+        points = rays[rows] * np.where(seen, strip.depth[..., None], 0.0) + view.eye.astype(np.float32)
+        picture = _lit(strip, facing, toward, points, occlusion[rows], lamps, sun.astype(np.float32))
+        if cut:
+            picture[away[rows] & seen[..., 0]] = 0.09
+        picture = _tone_map(picture)
+        if ground is not None:
+            picture = _fade_ground(picture, background, points, ground)
+        result[rows] = np.where(seen, picture, background)
+
+    starts = range(0, view.height, _STRIP_ROWS)
+    with ThreadPoolExecutor() as pool:
+        list(pool.map(shade_rows, [slice(start, start + _STRIP_ROWS) for start in starts]))
+    return np.asarray(np.clip(_smooth_edges(result) * 255 + 0.5, 0, 255), dtype=np.uint8)
+
+
+def _lit(
+    buffers: PixelBuffers,
+    normal: Image,
+    toward: Image,
+    points: Image,
+    occlusion: NDArray[np.floating[Any]],
+    lamps: tuple[RenderLight, ...],
+    sun: NDArray[np.floating[Any]],
+) -> Image:
+    """The light that reaches the camera, linear."""
+    facing = np.clip(np.abs(np.einsum("ijk,ijk->ij", normal, toward)), 0.02, 1.0)
     light = _light(buffers, normal, points, occlusion, lamps)
     albedo, emission = _LINEAR[buffers.color], buffers.material[..., 2:] * np.float32(1 / 255)
     metalness = buffers.material[..., 1:2] * np.float32(1 / 255)
-    shine = _reflection(buffers, normal, toward, facing, albedo, metalness, sun.astype(np.float32))
-    picture: Image = albedo * (1 - metalness) * light + shine * occlusion[..., None] + albedo * emission * 1.6
-    if cut:
-        picture[away & solid] = 0.09
-    picture = _tone_map(picture)
-    if ground is not None:
-        picture = _fade_ground(picture, background, points, ground)
-    picture = np.where(solid[..., None], picture, background)
-    return np.asarray(np.clip(_smooth_edges(picture) * 255 + 0.5, 0, 255), dtype=np.uint8)
+    shine = _reflection(buffers, normal, toward, facing, albedo, metalness, sun)
+    lit: Image = albedo * (1 - metalness) * light + shine * occlusion[..., None] + albedo * emission * 1.6
+    return lit
 
 
 def _background(directions: Image) -> Image:

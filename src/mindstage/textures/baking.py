@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import io
 from collections import defaultdict
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from hashlib import blake2b
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 
     from mindstage.textures.noise import Array, Surface
 
-__all__ = ["TextureSet", "content_version", "texture_set"]
+__all__ = ["TextureSet", "content_version", "load_textures", "texture_set"]
 
 _PIXELS = 512
 _FOLDER = "textures"
@@ -79,6 +81,16 @@ def texture_set(name: str) -> TextureSet:
         if name not in _baked:
             _baked[name] = _load(info) or _bake_and_store(info)
         return _baked[name]
+
+
+def load_textures(names: Iterable[str]) -> None:
+    """Loads or bakes several textures at a time, so that `texture_set` has them.
+
+    Raises:
+        TextureNotFoundError: there is no texture of a name.
+    """
+    with ThreadPoolExecutor() as pool:
+        list(pool.map(texture_set, set(names)))
 
 
 def _path(info: TextureInfo) -> Path:

@@ -304,10 +304,8 @@ def _canvas(width: float, height: float, color: _Rgb) -> tuple[Any, ImageDraw, f
 
 def _finished(image: Any) -> NDArray[uint8]:
     import numpy as np
-    from PIL import Image
 
-    small = image.resize((max(image.width // 2, 8), max(image.height // 2, 8)), Image.Resampling.LANCZOS)
-    return np.asarray(small.convert("RGBA"), dtype=np.uint8)
+    return np.asarray(image.reduce(2).convert("RGBA"), dtype=np.uint8)
 
 
 def _front(draw: ImageDraw, box: _Box, word: str, accent: _Rgb) -> None:

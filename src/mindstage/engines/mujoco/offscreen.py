@@ -24,7 +24,7 @@ from mindstage.rendering.shading import PixelBuffers, ViewFrame, shade, sun_dire
 from mindstage.scene import BodyId, PbrMaterial, VisualMesh
 from mindstage.scene.mesh import cut_above, face_normals
 from mindstage.scene.transforms import Array, normalized_pose_array, quat_rotate
-from mindstage.textures.baking import texture_set
+from mindstage.textures.baking import load_textures, texture_set
 
 __all__ = ["MeshGroup", "mesh_groups", "render_picture", "visual_model"]
 
@@ -188,6 +188,7 @@ def visual_model(groups: Sequence[MeshGroup], size: tuple[int, int]) -> mujoco.M
     spec.visual.quality.offsamples, spec.visual.quality.shadowsize = _SAMPLES, _SHADOW_SIZE_PX
     spec.compiler.balanceinertia = True
     materials: dict[object, str] = {}
+    load_textures(group.material.texture for group in groups if group.uv is not None and group.image is None)
     for index, group in enumerate(groups):
         mesh = spec.add_mesh(name=f"mesh {index}")
         mesh.uservert, mesh.usernormal = group.points.ravel(), group.normals.ravel()
