@@ -174,7 +174,7 @@ def shade(
         toward = rays[rows] / -np.sqrt(np.einsum("ijk,ijk->ij", rays[rows], rays[rows]))[..., None]
         background = _background(-toward)
         points = rays[rows] * np.where(seen, strip.depth[..., None], 0.0) + view.eye.astype(np.float32)
-        picture = _lit(strip, facing, toward, points, occlusion[rows], lamps, sun.astype(np.float32))
+        picture = _reflected_light(strip, facing, toward, points, occlusion[rows], lamps, sun.astype(np.float32))
         if cut:
             picture[away[rows] & seen[..., 0]] = 0.09
         picture = _tone_map(picture)
@@ -188,7 +188,7 @@ def shade(
     return np.asarray(np.clip(_smooth_edges(result) * 255 + 0.5, 0, 255), dtype=np.uint8)
 
 
-def _lit(
+def _reflected_light(
     buffers: PixelBuffers,
     normal: Image,
     toward: Image,
@@ -203,8 +203,8 @@ def _lit(
     albedo, emission = _LINEAR[buffers.color], buffers.material[..., 2:] * np.float32(1 / 255)
     metalness = buffers.material[..., 1:2] * np.float32(1 / 255)
     shine = _reflection(buffers, normal, toward, facing, albedo, metalness, sun)
-    lit: Image = albedo * (1 - metalness) * light + shine * occlusion[..., None] + albedo * emission * 1.6
-    return lit
+    result: Image = albedo * (1 - metalness) * light + shine * occlusion[..., None] + albedo * emission * 1.6
+    return result
 
 
 def _background(directions: Image) -> Image:
