@@ -160,21 +160,22 @@ def shade(
     Returns:
         h x w x 3, sRGB.
     """
-    rays = view.rays()
+    rays, eye, to_sun = view.rays(), view.eye.astype(np.float32), sun.astype(np.float32)
+    length = np.sqrt(np.einsum("ijk,ijk->ij", rays, rays))
     solid = np.isfinite(buffers.depth)
     normal = buffers.normal.astype(np.float32) * np.float32(2 / 255) - 1
     normal /= np.maximum(np.sqrt(np.einsum("ijk,ijk->ij", normal, normal)), 1e-3)[..., None]
-    away = np.einsum("ijk,ijk->ij", normal, rays) > 0.05 * np.sqrt(np.einsum("ijk,ijk->ij", rays, rays))
+    away = np.einsum("ijk,ijk->ij", normal, rays) > 0.05 * length
     normal[away] *= -1
     occlusion = _ambient_occlusion(buffers.depth, normal, view)
     result = np.empty(buffers.color.shape, dtype=np.float32)
 
     def shade_rows(rows: slice) -> None:
-        strip, seen, facing = buffers.rows(rows), solid[rows, :, None], normal[rows]
-        toward = rays[rows] / -np.sqrt(np.einsum("ijk,ijk->ij", rays[rows], rays[rows]))[..., None]
+        strip, seen = buffers.rows(rows), solid[rows, :, None]
+        toward = rays[rows] / -length[rows, :, None]
         background = _background(-toward)
-        points = rays[rows] * np.where(seen, strip.depth[..., None], 0.0) + view.eye.astype(np.float32)
-        picture = _reflected_light(strip, facing, toward, points, occlusion[rows], lamps, sun.astype(np.float32))
+        points = rays[rows] * np.where(seen, strip.depth[..., None], 0.0) + eye
+        picture = _reflected_light(strip, normal[rows], toward, points, occlusion[rows], lamps, to_sun)
         if cut:
             picture[away[rows] & seen[..., 0]] = 0.09
         picture = _tone_map(picture)

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import io
 from collections import defaultdict
-from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from hashlib import blake2b
@@ -22,6 +20,8 @@ from mindstage.files import atomic_write, cache_dir
 from mindstage.textures.catalog import TextureInfo, texture_info
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy import uint8
     from numpy.typing import NDArray
 
@@ -89,6 +89,8 @@ def load_textures(names: Iterable[str]) -> None:
     Raises:
         TextureNotFoundError: there is no texture of a name.
     """
+    from concurrent.futures import ThreadPoolExecutor
+
     with ThreadPoolExecutor() as pool:
         list(pool.map(texture_set, set(names)))
 

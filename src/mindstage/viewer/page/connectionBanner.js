@@ -4,6 +4,8 @@ import { channel } from "./rpcChannel.js";
 
 const banner = document.getElementById("disconnected");
 const waiting = document.getElementById("waiting");
+// Questions, imagined plans and robots show their own progress.
+const HAVE_PROGRESS = /^(ask|imagine|robot)/;
 
 let connected = null;
 let stalled = false;
@@ -22,7 +24,8 @@ channel.on("stalled", (value) => {
   stalled = value;
   update();
 });
-channel.on("waiting", (request) => {
+channel.on("waiting", (requests) => {
+  const request = requests.find(({ method }) => !HAVE_PROGRESS.test(method));
   waiting.hidden = !request;
   waiting.textContent = request ? `Waiting for the server: ${request.method.replaceAll("_", " ")}, ${request.seconds} s` : "";
 });

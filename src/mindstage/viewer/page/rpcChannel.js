@@ -9,9 +9,8 @@ const PING_AFTER_MS = 5000;
 const STALLED_AFTER_MS = 10_000;
 const ABANDONED_AFTER_MS = 40_000;
 const WATCH_INTERVAL_MS = 1000;
-// A request that takes longer is listed in the topic "waiting", unless the panel that sent it shows its progress.
+// Requests that take longer are listed in the topic "waiting", oldest first.
 const SLOW_MS = 4000;
-const UNLISTED = /^(ping$|ask|imagine|robot)/;
 
 // Identifies this page to the server; the URL of its 3D view has the same key.
 export const clientKey = Array.from(crypto.getRandomValues(new Uint8Array(8)), (byte) => byte.toString(16).padStart(2, "0")).join("");
@@ -126,10 +125,10 @@ class RpcChannel {
 
   // Detects a connection that is open but dead, for example of a phone that has left its network, and lists slow requests.
   #watch() {
-    const oldest = [...this.#pending.values()].find(({ method }) => !UNLISTED.test(method));
-    const waiting_s = oldest ? Math.floor((Date.now() - oldest.startedAt) / 1000) : 0;
-    const waiting = waiting_s * 1000 >= SLOW_MS ? { method: oldest.method, seconds: waiting_s } : null;
-    if (waiting?.seconds !== this.latest("waiting")?.seconds) this.#emit("waiting", waiting);
+    const slow = [...this.#pending.values()].filter(({ method, startedAt }) => method !== "ping" && Date.now() - startedAt >= SLOW_MS);
+    if (slow.length || this.latest("waiting")?.length) {
+      this.#emit("waiting", slow.map(({ method, startedAt }) => ({ method, seconds: Math.floor((Date.now() - startedAt) / 1000) })));
+    }
     if (!this.connected || document.hidden) {
       this.#receivedAt = Date.now(); // timers of hidden pages are slowed down
       return;
