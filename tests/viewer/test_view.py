@@ -121,6 +121,18 @@ def test_a_drawer_is_pulled_and_a_mug_is_lifted_with_the_mouse(
         wait_until(lambda: position(physics_simulation, "Mug")[2] < start[2] + 0.1, "the mug has fallen")
 
 
+def test_the_initial_camera_of_the_server_does_not_replace_one_that_was_set(
+    viewer: Viewer, open_view: OpenView
+) -> None:
+    ann = open_view(viewer)
+    viewer.views.set_camera(BESIDE_THE_MUG, client=ann.number)
+    wait_until(lambda: np.allclose(ann.camera_position.position, BESIDE_THE_MUG.position, atol=1e-3), "it is set")
+    initial = viewer._server.initial_camera
+    camera = viewer._server.get_clients()[ann.number].camera
+    camera.position, camera.look_at = initial.position, initial.look_at  # as a client does that applies it late
+    wait_until(lambda: np.allclose(ann.camera_position.position, BESIDE_THE_MUG.position, atol=1e-3), "it is set again")
+
+
 def test_a_disconnected_client_releases_its_body(physics_simulation: Simulation, open_view: OpenView) -> None:
     with Viewer(physics_simulation, port=0) as viewer:
         ann = open_view(viewer)

@@ -65,6 +65,7 @@ _PREVIEW_OPACITY = 0.35
 _GHOST_OPACITY = 0.6
 _FREE_COLOR, _BLOCKED_COLOR = (46, 150, 90), (205, 50, 40)
 _PRECISION = 0.1
+_SAME_CAMERA_M = 1e-3
 _CAMERA_MOVE_S = 0.6
 _SELECTED_COLORS = ((250, 160, 90), _ACCENT)
 """Colors of the boxes of selected bodies: of the further ones, and of the one whose details are shown."""
@@ -221,6 +222,8 @@ class ClientView:
         self._poses: Array = np.zeros((0, 7))
         self._target: FramingTarget | None = None
         self._camera_move: tuple[float, CameraPose, CameraPose] | None = None
+        self._last_camera: CameraPose | None = None
+        """The camera that was set last; the user may have moved it since."""
         self._further: tuple[BodyId, ...] = ()
         """Selected bodies besides `selected`."""
         self._parts: Mapping[BodyId, tuple[BodyId, ...]] = {}
@@ -588,6 +591,21 @@ class ClientView:
                 "/clipping_plane", show_axes=False, position=(0.0, 0.0, height), visible=False
             )
 
+    def undo_initial_camera(self, initial: Vector) -> None:
+        """Sets the camera again if the client has moved it to the initial position of the server.
+
+        A client of viser does so some time after it connected, and so may lose a camera that was set before.
+
+        Args:
+            initial: the initial position [m].
+        """
+        if (last := self._last_camera) is None:
+            return
+        positions = self._client.camera.position, last.position
+        is_there, is_wanted = (np.allclose(each, initial, atol=_SAME_CAMERA_M) for each in positions)
+        if is_there and not is_wanted:
+            self._set_camera(last)
+
     def step_camera(self) -> None:
         """Advances the animation of the camera."""
         if self._camera_move is None:
@@ -614,7 +632,7 @@ class ClientView:
         self._camera_move = time.monotonic(), origin, camera_pose
 
     def _set_camera(self, camera_pose: CameraPose) -> None:
-        camera = self._client.camera
+        camera, self._last_camera = self._client.camera, camera_pose
         with self._client.atomic():
             camera.position, camera.look_at, camera.fov = (
                 camera_pose.position,
@@ -673,7 +691,7 @@ class ClientViews:
         self._enclosures_shown = True
         # A tab may be closed between two updates.
         warnings.filterwarnings("ignore", message=".* on a closed connection", category=UserWarning)
-        server.on_client_connect(lambda client: self._enqueue(lambda: self._on_connect(client)))
+        server.on_client_connect(lambda client: self._enqueue(lambda: self._on_connect(client, server)))
         server.on_client_disconnect(lambda client: self._enqueue(lambda: self._on_disconnect(client)))
 
     # -- requests from any thread --------------------------------------------------------------------------------------
@@ -927,7 +945,7 @@ class ClientViews:
             if id not in self._appearances:
                 raise BodyNotFoundError(id, world="the view", known=self._appearances)
 
-    def _on_connect(self, client: viser.ClientHandle) -> None:
+    def _on_connect(self, client: viser.ClientHandle, server: viser.ViserServer) -> None:
         view = self._views[client.client_id] = ClientView(client, on_place=self._on_place, enqueue=self._enqueue)
         if self._poses is not None:
             view.set_bodies(self._appearances, self._names, self._ids, self._poses, self._parts)
@@ -935,6 +953,9 @@ class ClientViews:
             view.set_target(self._target)
         for action in self._defaults.values():
             action(view)
+        client.camera.on_update(
+            lambda _: self._enqueue(lambda: view.undo_initial_camera(_vector(server.initial_camera.position)))
+        )
 
     def _on_disconnect(self, client: viser.ClientHandle) -> None:
         self._views.pop(client.client_id, None)

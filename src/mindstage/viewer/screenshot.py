@@ -311,9 +311,6 @@ class ScreenshotTaker:
         elif screenshot.position is not None or screenshot.look_at is not None:
             default = target.camera(screenshot.aspect) if target else DEFAULT_CAMERA
             views.set_camera(placed_camera(screenshot, default), client=view)
-        elif target is not None and not screenshot.with_panels:
-            # The view may have connected before the browser gave it its size.
-            views.set_camera(target.camera(screenshot.aspect), client=view)
 
 
 def _show_panel(browser: HeadlessBrowser, panel: str) -> None:
