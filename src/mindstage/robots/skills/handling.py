@@ -69,6 +69,7 @@ _WIDE_OPEN = 0.9
 """A door or drawer that is open by more is not opened farther."""
 _FARTHER = 0.05
 """Least change of the openness after which a thing behind it is looked for again."""
+_MAX_NAMES = 3
 _POUR_ANGLE_RAD, _POUR_STEPS, _POUR_GAP_M, _POUR_S = 1.9, 20, 0.06, 2.0
 
 
@@ -151,8 +152,12 @@ def pour(task: SkillTask, thing: ThingName, into: SupportName) -> SkillMotion:
     later = task.surroundings()
     spilled = [each for each in contents if target not in later.containers_of(each)]
     task.moved.update(dict.fromkeys(contents))
+    count = f"{len(contents) - len(spilled)} of {len(contents)} things in {id} fell into {target}"
     if spilled:
-        raise task.failure(f"{', '.join(spilled)} did not fall into {target}", f"pour closer to {target}")
+        where = ", ".join(f"{each} is {later.support_of(each)}" for each in spilled[:_MAX_NAMES])
+        raise task.failure(f"{count}: {where}", f"pour closer to {target}, or into something wider")
+    with task.step("count", count):
+        pass
 
 
 # -- picking up --------------------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from math import atan2, cos, pi, sin
+from math import atan2, cos, hypot, pi, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -52,6 +52,8 @@ _TOUCH_M = 0.001
 """Distance at which the hand counts as touching its target."""
 _CHECKED_EVERY = 3
 """Of the poses of a path, every third one is tested for collisions."""
+_AVOIDED_M, _AVOIDED_RAD = 0.1, 0.3
+"""A place that is nearer to an avoided one, with a similar heading, is not another one."""
 _MAX_NAMES = 3
 _MAX_GRASPS = 12
 """Number of grasps that are tried at each place."""
@@ -113,6 +115,8 @@ class StanceRequest(NamedTuple):
     """Whether the fingers are closed on what they grasp while it is moved, rather than as open as before."""
     steps: int = _STEPS
     """Number of iterations of inverse kinematics and tests for collisions after which the search ends."""
+    avoided: Sequence[BasePose] = ()
+    """Places from which it was tried without success: others are tried."""
 
 
 def find_stance(hand: Manipulator, request: StanceRequest, floor: FloorMap | None = None) -> Stance:
@@ -214,6 +218,8 @@ class _Search:
     def _find_from(self, seed: Mapping[str, float], best: Stance | None) -> Stance | None:
         """The best stance, or the best of those before, with arms near to some positions."""
         for base in self._bases():
+            if self._is_avoided(base):
+                continue
             for number, grasp in self._possible_grasps():
                 stance = self._try(base, grasp, number, seed)
                 if stance is None or (best is not None and stance.reach <= best.reach + 0.02):
@@ -226,6 +232,13 @@ class _Search:
             if self._is_over():
                 break
         return best
+
+    def _is_avoided(self, base: BasePose) -> bool:
+        """Whether it was tried from there."""
+        return any(
+            hypot(base[0] - x, base[1] - y) < _AVOIDED_M and abs((base[2] - yaw + pi) % (2 * pi) - pi) < _AVOIDED_RAD
+            for x, y, yaw in self.request.avoided
+        )
 
     def _possible_grasps(self) -> list[tuple[int, Grasp]]:
         """The grasps that are tried at a place, with their numbers; with a gripper just wide enough if need be."""
