@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from math import atan2, cos, hypot, pi, sin
 from typing import NamedTuple
 
@@ -31,6 +32,8 @@ _HEADINGS_RAD = (0.0, 0.5, -0.5, 1.0, -1.0, pi / 2, -pi / 2)
 _OTHER_DISTANCE_M, _OTHER_PLACES, _APART_M = 0.75, 16, 0.12
 """The preferred distance of further places, their number, and the least distance between two of them."""
 _OTHER_HEADINGS_RAD = (0.0, 0.5, -0.5)
+_UNDER_DISTANCES_M, _UNDER_BEARINGS_RAD, _UNDER_WAY_M = (0.7, 0.85, 1.0), (0.0, 0.35, -0.35, 0.7, -0.7), 0.4
+"""Places with the base below something, and how far behind them there is free floor."""
 _STEPS = 60_000
 """Number of iterations of inverse kinematics and tests for collisions after which a search ends."""
 _WAY_TESTS = 30_000
@@ -309,17 +312,32 @@ class _Search:
         if self.floor is None:
             self.floor = FloorMap(self.hand.robot)
         floor = self.floor
-        for distance in _DISTANCES_M:
-            for bearing in _BEARINGS_RAD:
-                x = target[0] + distance * cos(away + bearing)
-                y = target[1] + distance * sin(away + bearing)
-                if not floor.is_reachable(x, y):
-                    self.blocked += 1
-                    continue
-                facing = atan2(target[1] - y, target[0] - x) - self.hand.side
-                for heading in _HEADINGS_RAD:
-                    yield (float(x), float(y), facing + heading)
+        for distance, bearing in product(_DISTANCES_M, _BEARINGS_RAD):
+            x = target[0] + distance * cos(away + bearing)
+            y = target[1] + distance * sin(away + bearing)
+            if not floor.is_reachable(x, y):
+                self.blocked += 1
+                continue
+            facing = atan2(target[1] - y, target[0] - x) - self.hand.side
+            for heading in _HEADINGS_RAD:
+                yield (float(x), float(y), facing + heading)
         yield from self._other_bases(target, floor)
+        yield from self._bases_under(target, away, floor)
+
+    def _bases_under(self, target: Array, away: float, floor: FloorMap) -> Iterator[BasePose]:
+        """Places where the disc around the base is not free, but the robot is, as with its base below a table."""
+        for distance, bearing in product(_UNDER_DISTANCES_M, _UNDER_BEARINGS_RAD):
+            direction = np.array([cos(away + bearing), sin(away + bearing)])
+            x, y = (target[:2] + distance * direction).tolist()
+            if floor.is_reachable(x, y) or not floor.is_floor(x, y):
+                continue
+            if not floor.is_reachable(*(target[:2] + (distance + _UNDER_WAY_M) * direction).tolist()):
+                continue
+            facing = atan2(target[1] - y, target[0] - x) - self.hand.side
+            for heading in _OTHER_HEADINGS_RAD:
+                self._move_joint(0)
+                if self.checker.find_at(self.positions, (x, y, facing + heading)) is None:
+                    yield x, y, facing + heading
 
     def _other_bases(self, target: Array, floor: FloorMap) -> Iterator[BasePose]:
         """Places anywhere on the free floor around the target, for where most of it is taken."""
