@@ -33,6 +33,7 @@ from mindstage.robots.skills.stances import StanceRequest
 from mindstage.robots.skills.surroundings import Opening, Surroundings
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId, Iri, Mobility, Pose, World
+from mindstage.scene.geometry import BodyGeometry, CollisionShape, CollisionShapeType
 from mindstage.scene.transforms import quat_rotate
 from mindstage.simulation import Simulation
 from tests.kitchenette import kitchenette
@@ -384,6 +385,65 @@ class TestSmallRoom:
         assert surroundings.support_of(BodyId("counter")) != "on counter"
         assert surroundings.openings() == ()
         assert not set(room.link_ids.values()) & set(surroundings.bodies())
+
+
+def hollow(width: float, height: float, wall: float) -> BodyGeometry:
+    """A box without a lid."""
+    bottom = CollisionShape(size=(width, width, wall), pose=Pose((0.0, 0.0, (wall - height) / 2)))
+    side = (width - wall) / 2
+    walls = (
+        CollisionShape(size=(wall if x else width, wall if y else width, height), pose=Pose((x * side, y * side, 0.0)))
+        for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1))
+    )
+    return BodyGeometry(key=f"hollow {width} {height}", visuals=(), collision_shapes=(bottom, *walls))
+
+
+@pytest.fixture(scope="module")
+def peas() -> Iterator[Robot]:
+    """A counter with a cup with three peas, a bowl, and an egg cup without room for any of them."""
+    pea = CollisionShape(type=CollisionShapeType.SPHERE, size=(0.016, 0.016, 0.016))
+    places = ((0.985, 0.195), (1.01, 0.2), (0.995, 0.215))
+    contents = [
+        box(f"pea_{row}", (x, y, 0.72), (0.016, 0.016, 0.016), Mobility.DYNAMIC, 0.005)
+        for row, (x, y) in enumerate(places)
+    ]
+    bodies = (
+        box("cup", (1.0, 0.2, 0.75), (0.07, 0.07, 0.1), Mobility.DYNAMIC, 0.15),
+        box("bowl", (1.05, -0.3, 0.74), (0.2, 0.2, 0.08)),
+        box("egg_cup", (1.05, -0.08, 0.72), (0.02, 0.02, 0.04)),
+        *contents,
+    )
+    geometry = {
+        BodyId("cup"): hollow(0.07, 0.1, 0.006),
+        BodyId("bowl"): hollow(0.2, 0.08, 0.02),
+        **{each.id: BodyGeometry(key="pea", visuals=(), collision_shapes=(pea,)) for each in contents},
+    }
+    with robot_in(box("counter", (1.2, 0.0, 0.35), (0.6, 1.2, 0.7)), floor=(4.0, 4.0), at=(0.45, 0.0, 0.0)) as robot:
+        world = World(iri=Iri("http://example.org/room#bodies"), bodies=bodies)
+        assert robot.session.spawn(world, geometry=geometry, ground=False).ok
+        robot.session.step(0.4)
+        yield robot
+
+
+class TestPouring:
+    def test_what_falls_into_the_target_is_counted(self, peas: Robot) -> None:
+        peas.session.reset()
+        peas.session.step(0.4)
+        result = perform(peas, "pour", thing="cup", into="bowl")
+        assert result, result.reason
+        assert result.steps[-1].text == "3 of 3 things in cup fell into bowl"
+        assert result.state.supports == {f"pea_{row}": "in bowl" for row in range(3)}
+        assert result.state.held == {"gripper": "cup"}
+        for row in range(3):
+            assert position(peas, f"pea_{row}")[:2] == pytest.approx((1.05, -0.3), abs=0.1)
+
+    def test_what_falls_beside_the_target_is_a_failure_with_where_it_is(self, peas: Robot) -> None:
+        peas.session.reset()
+        peas.session.step(0.4)
+        result = perform(peas, "pour", thing="cup", into="egg_cup")
+        assert result.outcome is SkillOutcome.FAILED
+        assert "0 of 3 things in cup fell into egg_cup: pea_0 is " in result.reason
+        assert "wider" in result.suggestion
 
 
 class TestWhatCanBeOpened:
