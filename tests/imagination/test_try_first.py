@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 
+import msgspec
 import pytest
 
 from mindstage.engines import MujocoEngine
@@ -191,3 +192,17 @@ def test_samples_with_skills_are_the_same_in_other_processes_and_again() -> None
         assert [done.skill for done in here.results[0].skills] == ["go_to", "park"]
         assert here.replay(1).result == here.results[1]
         assert sim.robot().base_pose() == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
+
+
+def test_what_a_plan_did_is_one_step_of_the_history(table: Simulation) -> None:
+    before_s = table.state.time_s
+    assert act(table, msgspec.structs.replace(ASIDE, name="push it")).outcome is Outcome.SUCCEEDED
+    assert box_x(table) == pytest.approx(-0.4, abs=1e-3)
+    assert table.undo_stack.history.undo == ("push it",)
+    table.undo_stack.undo()
+    assert box_x(table) == pytest.approx(-0.5, abs=1e-3)
+    assert table.state.time_s == before_s
+    table.undo_stack.redo()
+    assert box_x(table) == pytest.approx(-0.4, abs=1e-3)
+    try_first(table, OVER_THE_EDGE)
+    assert table.undo_stack.history.undo == ("push it",), "a plan that is only tried changes nothing"

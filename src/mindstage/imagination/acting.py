@@ -86,7 +86,7 @@ def act(
     on_poses: Callable[[float, tuple[BodyId, ...], PoseArray], None] | None = None,
     on_step: Callable[[SkillStep], object] | None = None,
 ) -> SampleResult:
-    """Does a plan in a running simulation, without its uncertainty.
+    """Does a plan in a running simulation, without its uncertainty. It is one edit, which `undo` takes back.
 
     Simulated time is stepped; while the simulation plays, it passes in real time.
 
@@ -106,21 +106,22 @@ def act(
         file.validate(simulation)
     given = file.plan if isinstance(file, PlanFile) else file
     runner = PlanRunner(simulation, msgspec.structs.replace(given, uncertainty=()), seed=seed)
-    sample = runner.begin(simulation, 0, on_poses=on_poses, on_step=on_step)
-    reason: Exception | None = None
-    while True:
-        duration_s = resume(sample, reason)
-        if isinstance(duration_s, SampleResult):
-            return duration_s
-        reason = SampleStoppedError() if stop() else None
-        if reason is None:
-            try:
-                _let_pass(simulation, duration_s)
-            except (EngineError, SimulationError) as error:
-                reason = error
-            except BaseException:
-                sample.close()  # robots stop
-                raise
+    with simulation.undo_stack.one_step(given.name or "plan"):
+        sample = runner.begin(simulation, 0, on_poses=on_poses, on_step=on_step)
+        reason: Exception | None = None
+        while True:
+            duration_s = resume(sample, reason)
+            if isinstance(duration_s, SampleResult):
+                return duration_s
+            reason = SampleStoppedError() if stop() else None
+            if reason is None:
+                try:
+                    _let_pass(simulation, duration_s)
+                except (EngineError, SimulationError) as error:
+                    reason = error
+                except BaseException:
+                    sample.close()  # robots stop
+                    raise
 
 
 def try_first(

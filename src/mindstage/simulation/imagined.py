@@ -196,6 +196,9 @@ class EditRecordingEngine:
     def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
         self._record(f"materials of {id}", lambda engine: engine.set_materials(id, materials))
 
+    def set_label(self, id: BodyId, label: str) -> None:
+        self._record(f"label of {id}", lambda engine: engine.set_label(id, label))
+
     def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
         added, bodies = tuple(actuators), tuple(without_weight)
         label = f"actuators {', '.join(each.name for each in added[:3])}"
@@ -335,6 +338,8 @@ def match_world(engine: Engine, present: World, *, worlds: Iterable[World]) -> t
     for body in present.bodies:
         if body.id in before and before[body.id].materials != body.materials:
             engine.set_materials(body.id, body.materials)
+        if body.id in before and before[body.id].label != body.label:
+            engine.set_label(body.id, body.label or "")
     return tuple(notes)
 
 
