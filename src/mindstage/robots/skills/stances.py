@@ -152,6 +152,7 @@ class _Search:
         """The free floor after the path."""
         self.here = robot.base_pose()
         self.positions = robot.joint_positions()
+        self.holds = hand.held is not None
         self.moves_base = hand.is_mobile and not request.stays
         self.adjusts = hand.needs_base and self.moves_base
         """Whether the pose of the base is among the unknowns of the inverse kinematics."""
@@ -410,7 +411,7 @@ class _Search:
     def _fingers(self, grasp: Grasp) -> dict[str, float]:
         """Positions of the fingers on the way to a grasp; those of now if something is held."""
         gripper = self.hand.gripper
-        if self.hand.held is not None:
+        if self.holds:
             return {name: self.positions[name] for name in gripper.joints}
         return self.hand.fingers_at(0.0 if self.request.is_closed else grasp.opening_m(gripper.max_opening_m))
 
@@ -455,7 +456,7 @@ class _Search:
         """Whether the robot would touch something there; strictly if its hand may not touch the target either."""
         state, place = {**positions, **self.fingers}, base if self.moves_base else None
         hit = self.checker.find_at(state, place)
-        if hit is None and strictly and self.hand.held is None:
+        if hit is None and strictly and not self.holds:
             hit = self.strict.find_at(state, place)
         if hit is not None:
             self._count(f"there {hit}")
