@@ -211,6 +211,25 @@ class TestSmallKitchen:
         assert result, result.reason
         assert pantry.joint("Drawer").openness < 0.05
 
+    def test_what_did_not_move_a_front_is_tried_from_another_place_and_then_another_way(
+        self, pantry: Simulation
+    ) -> None:
+        robot = pantry.robot()
+        pantry.joint("Drawer").open(0.5)
+        pantry.step(0.1)
+        task = SkillTask(robot)
+        hand, surroundings = hands_of(task)[0], task.surroundings()
+        opening = surroundings.opening(BodyId("Drawer"))
+        closed = opening.joint.closed_position
+        first = find_front_motion(hand, opening, surroundings, closed)
+        assert first.way is FrontWay.HANDLE
+        second = find_front_motion(hand, opening, surroundings, closed, tried=[first])
+        (x, y, yaw), (other_x, other_y, other_yaw) = first.stance.base, second.stance.base
+        turn = abs((other_yaw - yaw + np.pi) % (2 * np.pi) - np.pi)
+        assert np.hypot(other_x - x, other_y - y) > 0.09 or turn > 0.25
+        third = find_front_motion(hand, opening, surroundings, closed, tried=[first, first, first])
+        assert third.way is FrontWay.PUSH
+
     def test_a_held_mug_is_set_aside_to_open_the_drawer_that_it_is_put_into(self, pantry: Simulation) -> None:
         robot, mug = pantry.robot(), BodyId("Mug")
         result = perform(robot, "pick", thing="Mug")
@@ -473,6 +492,12 @@ class TestWhatCanBeOpened:
         )
         assert result.outcome is SkillOutcome.FAILED
         assert reach.reason in result.reason
+
+    def test_what_a_handle_has_slid_in_the_fingers_is_pulled_at_once(self, kitchen: Simulation, robot: Robot) -> None:
+        robot.set_base_pose(-1.1, -1.2, np.pi)  # where the open drawer leaves the arm no room to fold
+        result = perform(robot, "open", thing="drawer_south_2")
+        assert result, result.reason
+        assert kitchen.joint("drawer_south_2").openness > 0.97
 
     def test_a_low_drawer_among_furniture_is_closed_with_the_arm_beside_the_base(
         self, kitchen: Simulation, robot: Robot
