@@ -22,7 +22,7 @@ from mindstage.robots.skills.grasps import (
     weld_grasps_of,
 )
 from mindstage.scene import Body, BodyId, Iri, Pose, Vector
-from mindstage.scene.transforms import Array, pose_multiply, quat_angle, quat_rotate
+from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, quat_angle, quat_rotate
 
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
@@ -53,6 +53,19 @@ def test_the_extents_of_the_gripper_are_those_of_its_description(shape: GripperS
     assert shape.opening == pytest.approx(0.12)
     assert shape.tip == pytest.approx(0.025, abs=1e-6)
     assert shape.palm == pytest.approx(0.065, abs=1e-6)
+
+
+def test_a_thing_that_is_a_little_out_of_reach_is_held_with_the_finger_tips(
+    model: RobotModel, shape: GripperShape
+) -> None:
+    whole = next(each for each in grasps(model, shape, (0.07, 0.07, 0.2)) if each.is_central)
+    tips = whole.shallow()
+    assert tips is not None
+    away = pose_multiply(pose_inverse(whole.pose), tips.pose)
+    assert away[:3] == pytest.approx((-0.025, 0.0, 0.0), abs=1e-6)
+    near_side = -0.035  # in the direction of approach; the tips are 25 mm in front of the grasp frame
+    assert tips.pose[:3] @ axis(tips, 0) + 0.025 - near_side == pytest.approx(0.035, abs=1e-6)
+    assert all(each.shallow() is None for each in grasps(model, shape, (0.03, 0.03, 0.01)))
 
 
 def test_fingers_close_across_the_narrow_sides_only(model: RobotModel, shape: GripperShape) -> None:

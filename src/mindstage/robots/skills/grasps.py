@@ -54,6 +54,8 @@ _TIP_GAP_M = 0.006
 """Least distance of the finger tips from what is behind a thing, such as the front behind a handle."""
 _MIN_OVERLAP_M = 0.008
 """Least length of the fingers beside what is grasped."""
+_SHALLOW_M, _LEAST_BACK_M = 0.035, 0.005
+"""Length of the fingers beside what only their tips hold, and the least by which the hand is farther away then."""
 _TIP_SAMPLES = 9
 """Number of openings at which the finger tips are located."""
 _PALM_GAP_M = 0.012
@@ -171,6 +173,8 @@ class Grasp(NamedTuple):
     """Whether it is grasped at its middle."""
     room_m: float = _ROOM_M
     """Distance of each open finger from what is grasped, where the gripper opens that far."""
+    overlap_m: float = 0.0
+    """Length of the fingers beside what is grasped, if it is a grasp between two of its sides."""
 
     def opening_m(self, largest_m: float) -> float:
         """The opening with which the gripper comes [m].
@@ -183,6 +187,14 @@ class Grasp(NamedTuple):
     def tight(self) -> Grasp:
         """The same with less room, for a thing whose neighbors are near."""
         return self._replace(room_m=min(self.room_m, _TIGHT_ROOM_M))
+
+    def shallow(self) -> Grasp | None:
+        """The same with the finger tips only, for a thing that is a little out of reach; None if it is not firm."""
+        back_m = self.overlap_m - _SHALLOW_M
+        if back_m < _LEAST_BACK_M:
+            return None
+        pose = pose_multiply(self.pose, np.array([-back_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+        return self._replace(pose=pose, overlap_m=_SHALLOW_M)
 
     def in_world(self, body_pose: Array) -> Array:
         """The grasp frame in the world frame."""
@@ -450,7 +462,14 @@ def _grasps_from(
         origin = box.pose[:3] - inward * (half - depth) + along * shift * length
         for sign in (1.0, -1.0):
             pose = np.concatenate([origin, _rotation(inward, sign * axes[closing])])
-            yield Grasp(pose, float(box.size[closing]), is_by_friction=True, is_whole=is_whole, is_central=shift == 0.0)
+            yield Grasp(
+                pose,
+                width,
+                is_by_friction=True,
+                is_whole=is_whole,
+                is_central=shift == 0.0,
+                overlap_m=depth + tip,
+            )
 
 
 def _rotation(x: Array, y: Array) -> Array:

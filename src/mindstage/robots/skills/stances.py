@@ -29,11 +29,11 @@ _BEARINGS_RAD = (0.0, 0.35, -0.35, 0.7, -0.7, 1.1, -1.1, 1.5, -1.5, 1.9, -1.9)
 """Directions in which the base stands, relative to that from which the hand comes."""
 _HEADINGS_RAD = (0.0, 0.5, -0.5, 1.0, -1.0, pi / 2, -pi / 2)
 """Headings of the base, relative to that towards what is grasped."""
+_FINE_DISTANCES_M = (0.9, 0.925, 0.95, 0.975)
+"""Further distances, for what is nearly out of reach: the base may stand nearer than where its grid is free."""
 _OTHER_DISTANCE_M, _OTHER_PLACES, _APART_M = 0.75, 16, 0.12
 """The preferred distance of further places, their number, and the least distance between two of them."""
 _OTHER_HEADINGS_RAD = (0.0, 0.5, -0.5)
-_UNDER_DISTANCES_M, _UNDER_BEARINGS_RAD, _UNDER_WAY_M = (0.7, 0.85, 1.0), (0.0, 0.35, -0.35, 0.7, -0.7), 0.4
-"""Places with the base below something, and how far behind them there is free floor."""
 _STEPS = 60_000
 """Number of iterations of inverse kinematics and tests for collisions after which a search ends."""
 _WAY_TESTS = 30_000
@@ -175,6 +175,8 @@ class _Search:
         self.reasons: Counter[str] = Counter()
         self.shortfalls: dict[str, float] = {}
         """By how much the hand does not get to a grasp [m], by reason; reasons without it are of better places."""
+        self.obstacles: dict[str, BodyId] = {}
+        """What was touched, by reason."""
         links = robot.placed.link_ids
         hand_links = links_behind(robot.model, hand.gripper.link)
         self.hand_bodies = {links[link] for link in hand_links if link in links}
@@ -268,8 +270,11 @@ class _Search:
         near = Counter({each: count for each, count in self.reasons.items() if each not in self.shortfalls})
         shortfall_m = min(self.shortfalls.values(), default=None)
         if near:
-            reason = self._ended(near.most_common(1)[0][0])
-            return UnreachableError(robot, target=target, reason=reason, shortfall_m=shortfall_m)
+            reason = near.most_common(1)[0][0]
+            obstacle = self.obstacles.get(reason)
+            return UnreachableError(
+                robot, target=target, reason=self._ended(reason), obstacle=obstacle, shortfall_m=shortfall_m
+            )
         reasons = sorted(self.shortfalls, key=self.shortfalls.__getitem__)[:1]
         names: tuple[BodyId, ...] = ()
         if self.blocked and self.floor is not None:
@@ -313,32 +318,24 @@ class _Search:
         if self.floor is None:
             self.floor = FloorMap(self.hand.robot)
         floor = self.floor
-        for distance, bearing in product(_DISTANCES_M, _BEARINGS_RAD):
-            x = target[0] + distance * cos(away + bearing)
-            y = target[1] + distance * sin(away + bearing)
-            if not floor.is_reachable(x, y):
+        yield from self._around(target, away, _DISTANCES_M, _HEADINGS_RAD)
+        yield from self._other_bases(target, floor)
+        yield from self._around(target, away, _FINE_DISTANCES_M, _OTHER_HEADINGS_RAD)
+
+    def _around(
+        self, target: Array, away: float, distances: Sequence[float], headings: Sequence[float]
+    ) -> Iterator[BasePose]:
+        """Free places at distances from the target, first in a direction from it."""
+        assert self.floor is not None
+        for distance, bearing in product(distances, _BEARINGS_RAD):
+            x = float(target[0] + distance * cos(away + bearing))
+            y = float(target[1] + distance * sin(away + bearing))
+            if not self.floor.is_reachable(x, y):
                 self.blocked += 1
                 continue
             facing = atan2(target[1] - y, target[0] - x) - self.hand.side
-            for heading in _HEADINGS_RAD:
-                yield (float(x), float(y), facing + heading)
-        yield from self._other_bases(target, floor)
-        yield from self._bases_under(target, away, floor)
-
-    def _bases_under(self, target: Array, away: float, floor: FloorMap) -> Iterator[BasePose]:
-        """Places where the disc around the base is not free, but the robot is, as with its base below a table."""
-        for distance, bearing in product(_UNDER_DISTANCES_M, _UNDER_BEARINGS_RAD):
-            direction = np.array([cos(away + bearing), sin(away + bearing)])
-            x, y = (target[:2] + distance * direction).tolist()
-            if floor.is_reachable(x, y) or not floor.is_floor(x, y):
-                continue
-            if not floor.is_reachable(*(target[:2] + (distance + _UNDER_WAY_M) * direction).tolist()):
-                continue
-            facing = atan2(target[1] - y, target[0] - x) - self.hand.side
-            for heading in _OTHER_HEADINGS_RAD:
-                self._move_joint(0)
-                if self.checker.find_at(self.positions, (x, y, facing + heading)) is None:
-                    yield x, y, facing + heading
+            for heading in headings:
+                yield x, y, facing + heading
 
     def _other_bases(self, target: Array, floor: FloorMap) -> Iterator[BasePose]:
         """Places anywhere on the free floor around the target, for where most of it is taken."""
@@ -464,6 +461,8 @@ class _Search:
         if hit is not None:
             self._count(f"there {hit}")
             self.last_hit = hit
+            if hit.obstacle is not None and hit.obstacle not in self.own_bodies:
+                self.obstacles[f"there {hit}"] = hit.obstacle
         return hit is not None
 
     def _exclude(self, number: int, grasp: Grasp) -> None:
