@@ -7,7 +7,6 @@ not change its configuration on the way; where that fails, the base moves along.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +25,6 @@ _MAX_JUMP_RAD = 0.35
 """Largest change of a joint between neighboring poses; more is another configuration of the arm."""
 _STEP_M, _STEP_RAD = 0.02, 0.08
 """Distance between neighboring poses of a path."""
-_EASE = 0.01
-"""The part of its range by which a joint at a limit is drawn away from it at each pose that a base can drive for."""
 _DEFAULT_VELOCITY = 1.0
 """Of joints whose description has none [m/s or rad/s]."""
 _RAMP_S = 0.25
@@ -136,8 +133,6 @@ def follow_poses(
         start = known
         if guide is not None and 0 < number < guide.reached:
             start, root = {**known, **guide.at(number)}, guide.roots[number]
-        elif needs_base and is_bound:
-            start = {**known, **_eased(kinematics, arm, known)}
         found: IkResult | None = None
         for joints in ((*driven, *arm.joints),) if needs_base and is_bound else (arm.joints, (*driven, *arm.joints)):
             if found is None or (driven and is_bound and not (found and _is_near(arm, known, found.positions))):
@@ -163,17 +158,6 @@ def follow_poses(
         reason,
         shortfall_m,
     )
-
-
-def _eased(kinematics: RobotKinematics, arm: Arm, positions: Mapping[str, float]) -> dict[str, float]:
-    """Positions of an arm a little farther from its limits, so that the base takes over before one is reached."""
-    found = {}
-    for name in arm.joints:
-        low, high = kinematics.limits(name)
-        if high - low < inf:
-            aside = (2 * positions[name] - low - high) / (high - low)  # from -1 at a limit to 1 at the other
-            found[name] = positions[name] - _EASE * (high - low) * aside**3
-    return found
 
 
 def driven_joints(model: RobotModel) -> tuple[str, ...]:
