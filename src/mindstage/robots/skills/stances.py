@@ -44,6 +44,8 @@ _GOOD_ENOUGH = 0.98
 """Part of the path beyond which no better stance is looked for."""
 _IK_ATTEMPTS, _ADJUSTED_IK_ATTEMPTS = 5, 3
 """Attempts of the inverse kinematics, without and with the pose of the base among its unknowns."""
+_LONG_PATH = 10
+"""Number of poses from which on a path is long."""
 _RANDOM_SEEDS = 2
 """Number of random positions of an arm from which the inverse kinematics starts if nothing else led to a stance."""
 _MISSES = 4
@@ -169,6 +171,8 @@ class _Search:
             clearance_m=_TOUCH_M,
         )
         """For the way to the target, on which the hand touches nothing either."""
+        self.pivot = 0
+        """See `_pivots`."""
         self.fingers: dict[str, float] = {}
         self.last_hit: Collision | None = None
         """Of the attempt that is being made."""
@@ -183,8 +187,8 @@ class _Search:
         self.own_bodies = set(links.values())
         self.hopeless: set[tuple[int, float]] = set()
         """Numbers and rooms of the grasps that fail wherever the base stands."""
-        self.missed: Counter[int] = Counter()
-        """How often the inverse kinematics failed, with the pose of the base among its unknowns, by grasp."""
+        self.missed: Counter[tuple[int, int]] = Counter()
+        """How often the inverse kinematics failed, with the pose of the base among its unknowns, by grasp and pivot."""
         self.blocked = 0
         """Number of places that are not free."""
         self.iterations = hand.kinematics.iterations
@@ -194,7 +198,8 @@ class _Search:
     def find(self) -> Stance:
         """See `find_stance`."""
         best: Stance | None = None
-        for seed in self._seeds():
+        for seed, pivot in product(self._seeds(), self._pivots()):
+            self.pivot = pivot
             best = self._find_from(seed, best)
             if self.limit.is_over or (best is not None and best.reach >= self.request.enough):
                 break
@@ -203,6 +208,15 @@ class _Search:
         if self.limit.ended_by_time:
             self.hand.task.assume(f"no better stance to reach {self.request.target} was found {self.limit}")
         return best
+
+    def _pivots(self) -> Sequence[int]:
+        """The poses of the path for which inverse kinematics is solved first.
+
+        An arm that takes the base along follows a long path farther in both directions from the middle of it, where
+        the positions of its joints are those that it can leave in every direction.
+        """
+        count = len(self.request.poses)
+        return (count // 2, 0) if self.adjusts and count >= _LONG_PATH else (0,)
 
     def _seeds(self) -> Iterator[dict[str, float]]:
         """Positions from which inverse kinematics starts: an arm with more joints than it needs has many solutions.
@@ -250,6 +264,8 @@ class _Search:
         """The grasps that are tried at a place, with their numbers; with a gripper just wide enough if need be."""
         found = list[tuple[int, Grasp]]()
         for number, grasp in enumerate(self.request.grasps):
+            if self.missed[number, self.pivot] >= _MISSES:  # its height and inclination are out of reach of the arm
+                continue
             options = (grasp, grasp.tight())
             possible = next((each for each in options if (number, each.room_m) not in self.hopeless), None)
             if possible is not None:
@@ -355,40 +371,39 @@ class _Search:
     def _try(self, base: BasePose, grasp: Grasp, number: int, seed: Mapping[str, float]) -> Stance | None:
         hand, request = self.hand, self.request
         self.fingers, self.last_hit = self._fingers(grasp), None
-        at = grasp.in_world(request.poses[0])
-        adjusts = self.adjusts
+        poses = request.paths[number] if request.paths else pose_multiply(request.poses, grasp.pose)
+        pivot, adjusts = self.pivot, self.adjusts
+        along = poses[pivot] - poses[0]
         found = hand.kinematics.solve_ik(
             hand.kinematics.frame_of(hand.arm),
-            at,
+            poses[pivot],
             joints=(*(BASE_JOINTS if adjusts else ()), *hand.arm.joints),  # any place is driven to before
             seed=seed,
-            root_pose=hand.root_at(base),
+            root_pose=hand.root_at((base[0] + float(along[0]), base[1] + float(along[1]), base[2])),
             attempts=_ADJUSTED_IK_ATTEMPTS if adjusts else _IK_ATTEMPTS,
         )
         if not found:
             self._count(found.reason, found.shortfall_m)
-            self.missed[number] += adjusts
-            if self.missed[number] >= _MISSES:  # the height and the inclination are out of reach of the arm
-                self.hopeless |= {(number, each.room_m) for each in (grasp, grasp.tight())}
+            self.missed[number, pivot] += adjusts
             return None
         root = np.array(found.root_pose)
-        base = hand.base_of(root)
-        if adjusts and not self._stands_free(base):
+        if adjusts and not self._stands_free(hand.base_of(root)):
             return None
-        at_grasp = {**self.positions, **found.positions}
+        at_pivot = {**self.positions, **found.positions}
+        before = self._follow(poses[pivot::-1], root, at_pivot) if pivot else None
+        if before is not None and before.reached <= pivot:
+            self._count(before.reason, before.shortfall_m)
+            return None
         self._move_joint(0)
-        start = self._start(at, root, at_grasp)
+        if before is None:
+            start = self._start(poses[0], root, at_pivot)
+        else:
+            start = self._start(poses[0], before.roots[-1], {**self.positions, **before.at(-1)})
         if start is None:
             self._exclude(number, grasp)
             return None
-        path = follow_poses(
-            hand.kinematics,
-            hand.arm,
-            request.paths[number] if request.paths else pose_multiply(request.poses, grasp.pose),
-            root=root,
-            seed=at_grasp,
-            may_drive=self.moves_base,
-        )
+        path = self._follow(poses[pivot:], root, at_pivot)
+        path = path if before is None else before.backwards().joined(path)
         if request.checks_path_closed:
             self.fingers = hand.fingers_at(grasp.width_m)
         reach = self._free_part(path)
@@ -399,6 +414,10 @@ class _Search:
         if not self._has_way_back(hand.base_of(path.roots[path.reached - 1])):
             reach *= _SHUT_IN
         return Stance(start.base, grasp, number, start.positions, reach, start.back_m, path.reason, path)
+
+    def _follow(self, poses: Array, root: Array, seed: Mapping[str, float]) -> ArmPath:
+        hand = self.hand
+        return follow_poses(hand.kinematics, hand.arm, poses, root=root, seed=seed, may_drive=self.moves_base)
 
     def _has_way_back(self, base: BasePose) -> bool:
         """Whether the base is not shut in when the door or drawer has been moved."""
