@@ -138,7 +138,7 @@ def face_cross_products(points: Array, faces: NDArray[np.integer[Any]]) -> Array
         faces: m x 3 indices of points.
     """
     first, second, third = (points[faces[:, corner]] for corner in range(3))
-    return np.cross(second - first, third - first)
+    return cross(second - first, third - first)
 
 
 def face_normals(points: Array, faces: NDArray[np.integer[Any]]) -> Array:
