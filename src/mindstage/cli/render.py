@@ -197,7 +197,7 @@ def render(
         step_with_progress(sim, seconds)
         results = [target.apply(sim) for target in targets]
         taken = _Shooting(sim, settings, own, camera, clip_height=section)
-        first = taken.camera(position, look_at, top=top, field_of_view=field_of_view)
+        first = taken.camera(position, look_at, top=top, field_of_view=field_of_view, upright=not is_film)
         film = {"length_s": length_s, "frame_rate_hz": frame_rate_hz}
         summary |= taken.film(output, first, flight, **film) if is_film else taken.picture(output, first)
     _print_result({**summary, "picture": str(output), "size": settings.size}, results, as_json=as_json)
@@ -226,9 +226,9 @@ class _Shooting:
         self._hidden = frozenset[BodyId]()
 
     def camera(
-        self, position: str | None, look_at: str | None, *, top: bool, field_of_view: float | None
+        self, position: str | None, look_at: str | None, *, top: bool, field_of_view: float | None, upright: bool
     ) -> CameraPose:
-        """The camera of the options.
+        """The camera of the options; without any that of the first view, upright or tilted.
 
         Raises:
             InvalidArgumentError: they are mutually exclusive, or a value is invalid.
@@ -243,6 +243,8 @@ class _Shooting:
             found = self._robot_camera(self._camera)
         elif top:
             found = self._photographer.top_camera(self._aspect)
+        elif not position and not look_at:
+            found = self._photographer.first_camera(self._aspect, upright=upright)
         else:
             found = self._placed_camera(position, look_at)
         return found if field_of_view is None else replace(found, field_of_view_rad=radians(field_of_view))
