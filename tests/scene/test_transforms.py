@@ -95,6 +95,19 @@ def test_poses_survive_a_round_trip_through_an_array(many: list[Pose]) -> None:
     assert [pose_from_array(row) for row in array] == many
 
 
+@given(poses(), poses(), vectors(-10, 10))
+def test_single_values_are_those_of_arrays_of_them(a: Pose, b: Pose, vector: Vector) -> None:
+    first, second, point = *pose_array([a, b]), np.array(vector)
+    for found, many in (
+        (pose_multiply(first, second), pose_multiply(first[None], second[None])),
+        (pose_inverse(first), pose_inverse(first[None])),
+        (quat_multiply(first[3:], second[3:]), quat_multiply(first[None, 3:], second[None, 3:])),
+        (quat_rotate(first[3:], point), quat_rotate(first[None, 3:], point[None])),
+        (normalize(first[3:]), normalize(first[None, 3:])),
+    ):
+        assert_allclose(found, many[0], rtol=1e-12, atol=1e-12)
+
+
 @given(a=poses(), b=poses(), c=poses())
 def test_pose_composition_is_associative(a: Pose, b: Pose, c: Pose) -> None:
     x, y, z = (np.concatenate([row[:3], normalize(row[3:])]) for row in pose_array((a, b, c)))

@@ -15,7 +15,8 @@ The axes of each body are converted as those of the world: the forward axis of a
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import msgspec
@@ -85,6 +86,10 @@ def pose_from_array(row: ArrayLike) -> Pose:
 def normalize(quaternion: ArrayLike) -> Array:
     """Returns the quaternions scaled to norm 1; a zero quaternion gives NaN."""
     q = np.asarray(quaternion, dtype=np.float64)
+    if q.shape == (4,):
+        w, x, y, z = q.tolist()
+        norm = math.sqrt(w * w + x * x + y * y + z * z)
+        return np.array([w / norm, x / norm, y / norm, z / norm] if norm else [math.nan] * 4)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True))
 
@@ -107,9 +112,31 @@ def axis_displacement(axis: ArrayLike, position: float, *, is_prismatic: bool) -
 def quat_multiply(left: ArrayLike, right: ArrayLike) -> Array:
     """Returns the Hamilton product: the rotation `right` followed by `left`."""
     a, b = np.asarray(left, dtype=np.float64), np.asarray(right, dtype=np.float64)
+    if a.ndim == b.ndim == 1:
+        return np.array(_product(a.tolist(), b.tolist()))
     scalar = a[..., :1] * b[..., :1] - np.sum(a[..., 1:] * b[..., 1:], axis=-1, keepdims=True)
     vector = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + cross(a[..., 1:], b[..., 1:])
     return np.concatenate([scalar, vector], axis=-1)
+
+
+def _product(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float, float]:
+    """The Hamilton product of two quaternions as numbers: a tenth of the time that arrays of four take."""
+    w, x, y, z = a
+    s, i, j, k = b
+    return (
+        w * s - (x * i + y * j + z * k),
+        w * i + s * x + (y * k - z * j),
+        w * j + s * y + (z * i - x * k),
+        w * k + s * z + (x * j - y * i),
+    )
+
+
+def _rotated(quaternion: Sequence[float], vector: Sequence[float]) -> tuple[float, float, float]:
+    """One vector rotated by one unit quaternion, as numbers; see `_product`."""
+    w, i, j, k = quaternion
+    x, y, z = vector
+    a, b, c = 2.0 * (j * z - k * y), 2.0 * (k * x - i * z), 2.0 * (i * y - j * x)
+    return x + w * a + (j * c - k * b), y + w * b + (k * a - i * c), z + w * c + (i * b - j * a)
 
 
 def quat_conjugate(quaternion: ArrayLike) -> Array:
@@ -120,6 +147,8 @@ def quat_conjugate(quaternion: ArrayLike) -> Array:
 def quat_rotate(quaternion: ArrayLike, vector: ArrayLike) -> Array:
     """Returns vectors rotated by unit quaternions."""
     q, v = np.asarray(quaternion, dtype=np.float64), np.asarray(vector, dtype=np.float64)
+    if q.ndim == v.ndim == 1:
+        return np.array(_rotated(q.tolist(), v.tolist()))
     twice = 2.0 * cross(q[..., 1:], v)
     return np.asarray(v + q[..., :1] * twice + cross(q[..., 1:], twice))
 
@@ -165,6 +194,10 @@ def pose_multiply(outer: ArrayLike, inner: ArrayLike) -> Array:
     The frames cancel: `world_from_cup = pose_multiply(world_from_table, table_from_cup)`.
     """
     a, b = np.asarray(outer, dtype=np.float64), np.asarray(inner, dtype=np.float64)
+    if a.ndim == b.ndim == 1:
+        first, second = a.tolist(), b.tolist()
+        x, y, z = _rotated(first[3:], second[:3])
+        return np.array([first[0] + x, first[1] + y, first[2] + z, *_product(first[3:], second[3:])])
     position = a[..., :3] + quat_rotate(a[..., 3:], b[..., :3])
     return np.concatenate([position, quat_multiply(a[..., 3:], b[..., 3:])], axis=-1)
 
@@ -186,6 +219,10 @@ def pose_inverse(pose: ArrayLike) -> Array:
     `table_from_world = pose_inverse(world_from_table)`.
     """
     p = np.asarray(pose, dtype=np.float64)
+    if p.ndim == 1:
+        x, y, z, w, i, j, k = p.tolist()
+        x, y, z = _rotated([w, -i, -j, -k], [x, y, z])
+        return np.array([-x, -y, -z, w, -i, -j, -k])
     back = quat_conjugate(p[..., 3:])
     return np.concatenate([-quat_rotate(back, p[..., :3]), back], axis=-1)
 

@@ -238,15 +238,22 @@ class Manipulator:
         closed, opened = np.array(self.gripper.closed_positions), np.array(self.gripper.open_positions)
         return dict(zip(self.gripper.joints, (closed + share * (opened - closed)).tolist(), strict=True))
 
+    @cached_property
+    def _root_in_base(self) -> Array:
+        """The pose of the root link in the frame of the base on the floor: read once, since it hardly changes."""
+        return pose_multiply(pose_inverse(planar_pose(self.robot.base_pose())), self.root_pose)
+
+    @cached_property
+    def _base_in_root(self) -> Array:
+        return pose_inverse(self._root_in_base)
+
     def root_at(self, base: BasePose) -> Array:
         """The pose of the root link with the base somewhere else."""
-        here = planar_pose(self.robot.base_pose())
-        return pose_multiply(planar_pose(base), pose_multiply(pose_inverse(here), self.root_pose))
+        return pose_multiply(planar_pose(base), self._root_in_base)
 
     def base_of(self, root: Array) -> BasePose:
         """The pose of the base for a pose of the root link; the inverse of `root_at`."""
-        here = planar_pose(self.robot.base_pose())
-        moved = pose_multiply(root, pose_multiply(pose_inverse(self.root_pose), here))
+        moved = pose_multiply(root, self._base_in_root)
         return float(moved[0]), float(moved[1]), float(2 * np.arctan2(moved[6], moved[3]))
 
     # -- base --------------------------------------------------------------------------------------------------------
