@@ -162,3 +162,23 @@ def test_the_container_installs_pinned_packages_and_copies_files_that_exist() ->
         for command in argument.split("&&") if name == "RUN" else ():
             if "pip install" in command:
                 assert "--require-hashes" in command or "--no-deps" in command, command
+
+
+def test_the_container_can_build_the_wheel_from_the_pins_alone() -> None:
+    import tomllib
+
+    from packaging.requirements import Requirement
+
+    backend = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["build-system"]["requires"]
+    pins = (ROOT / "requirements" / "run.txt").read_text(encoding="utf-8")
+    assert any("--no-build-isolation" in argument for _, argument in instructions())
+    for requirement in map(Requirement, backend):
+        assert f"\n{requirement.name}==" in pins, requirement
+
+
+def test_the_user_of_the_container_owns_its_working_folder() -> None:
+    found = instructions()
+    user = max(index for index, (name, _) in enumerate(found) if name == "USER")
+    folder = dict(found[user:])["WORKDIR"]
+    made = [argument for name, argument in found[:user] if name == "RUN" and argument.endswith(f" {folder}")]
+    assert any("--owner mindstage" in argument for argument in made), "WORKDIR makes folders that belong to root"

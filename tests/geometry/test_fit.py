@@ -157,6 +157,42 @@ def test_a_cupboard_is_open_where_its_door_is(
         assert fitted.notes == ()
 
 
+@pytest.mark.parametrize("turn", QUARTERS)
+def test_an_oven_has_a_panel_with_a_display_between_its_door_knobs_and_top(
+    bundled_knowledge: KnowledgeBase, turn: Quaternion
+) -> None:
+    def turned(*point: float) -> Vector:
+        x, y, z = quat_rotate(np.array(turn), np.array(point)).tolist()
+        return (x, y, z)
+
+    bodies = (
+        make_body("oven", "RegularOven", (0, 0, 0), (0.6, 0.6, 0.7), turn=turn),
+        make_body("door", "Door", turned(0.31, 0.0, -0.1), (0.02, 0.58, 0.48), is_free=True, turn=turn),
+        make_body("knob", "ControlKnob", turned(0.315, 0.1, 0.2), (0.03, 0.04, 0.04), is_free=True, turn=turn),
+    )
+    joint = replace(slide_joint("oven", "door"), linear=LinearLimits())
+    geometry = fit_geometry(world(bodies, [joint]), bundled_knowledge).geometry
+    oven, door = geometry[BodyId("oven")], geometry[BodyId("door")]
+    (display,) = (mesh for mesh in oven.visuals if mesh.image is not None)
+    assert display.points[:, 0].max() == pytest.approx(0.3)
+    assert 0.22 < display.points[:, 2].min() < display.points[:, 2].max() < 0.334, "between the knob and the top board"
+    assert not has_clearance(oven, (0.297, 0.2, 0.2)), "the panel closes what the door leaves open"
+    assert has_clearance(oven, (0.297, 0.0, 0.0))
+    assert all(mesh.image is None for mesh in door.visuals)
+
+
+def test_a_door_over_the_whole_front_of_a_microwave_has_the_display(bundled_knowledge: KnowledgeBase) -> None:
+    bodies = (
+        make_body("microwave", "MicrowaveOven", (0, 0, 0), (0.38, 0.5, 0.3)),
+        make_body("door", "Door", (0.2, 0.0, 0.0), (0.02, 0.497, 0.292), is_free=True),
+    )
+    joint = replace(slide_joint("microwave", "door"), linear=LinearLimits())
+    geometry = fit_geometry(world(bodies, [joint]), bundled_knowledge).geometry
+    (display,) = (mesh for mesh in geometry[BodyId("door")].visuals if mesh.image is not None)
+    assert display.points[:, 0].max() == pytest.approx(0.01)
+    assert all(mesh.image is None for mesh in geometry[BodyId("microwave")].visuals)
+
+
 def test_a_chest_is_open_at_the_top_where_its_lid_is(bundled_knowledge: KnowledgeBase) -> None:
     bodies = (
         make_body("freezer", "Refrigerator-Freezer", (0, 0, 0), (0.6, 0.9, 0.8)),

@@ -7,18 +7,22 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 import mindstage as ms
 from mindstage.rendering import Screenshot
+from mindstage.rendering.path_tracing import PathTracingSettings, path_trace
+from mindstage.rendering.render_scene import RenderScene
+from mindstage.simulation.pictures import ScenePhotographer
 from tests.kitchenette import kitchenette
 from tests.rendering.similarity import REFERENCES
 
 if TYPE_CHECKING:
     from mindstage.simulation import Simulation
 
-__all__ = ["MAPS", "RENDERERS", "SIZE", "photographed", "reference_path"]
+__all__ = ["MAPS", "RENDERERS", "SIZE", "path_traced", "photographed", "reference_path"]
 
 SIZE = (480, 300)
 MAPS = {
@@ -65,7 +69,21 @@ def _by_page(sim: Simulation) -> NDArray[np.uint8]:
     return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
 
 
-RENDERERS: dict[str, Callable[[Simulation], NDArray[np.uint8]]] = {"mujoco": _by_mujoco, "page": _by_page}
+def _by_path_tracing(sim: Simulation) -> NDArray[np.uint8]:
+    return path_traced(ScenePhotographer.of(sim).scene(aspect=SIZE[0] / SIZE[1]))
+
+
+def path_traced(scene: RenderScene, **changes: float) -> NDArray[np.uint8]:
+    """A path-traced picture, small enough for a test: a few seconds of processor time."""
+    settings = PathTracingSettings(size=(SIZE[0] // 2, SIZE[1] // 2), samples=16, seed=1)
+    return path_trace(scene, msgspec.structs.replace(settings, **changes)).pixels
+
+
+RENDERERS: dict[str, Callable[[Simulation], NDArray[np.uint8]]] = {
+    "mujoco": _by_mujoco,
+    "page": _by_page,
+    "path": _by_path_tracing,
+}
 
 
 def reference_path(name: str, renderer: str) -> Path:

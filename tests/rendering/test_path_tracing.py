@@ -17,7 +17,7 @@ from mindstage.rendering import path_tracing
 from mindstage.rendering.camera import CameraPose
 from mindstage.rendering.films import FilmWriter
 from mindstage.rendering.mitsuba_scene import MitsubaScene, Sky, luminance, use_mitsuba
-from mindstage.rendering.path_tracing import PathTracingSettings, path_trace, tone_mapped
+from mindstage.rendering.path_tracing import PathTracingSettings, automatic_exposure, path_trace, tone_mapped
 from mindstage.rendering.render_scene import RenderItem, RenderLight, RenderScene
 from mindstage.scene import BodyId, Color, LightType, PbrMaterial, Pose, Vector, VisualMesh
 from mindstage.scene.mesh import box
@@ -92,10 +92,11 @@ def _at(radiance: NDArray[np.float32], point: Array) -> float:
     return float(luminance(part.astype(float)).mean())
 
 
-def test_a_body_is_drawn_where_the_camera_projects_it() -> None:
+@pytest.mark.parametrize("shift", [0.0, 0.25])
+def test_a_body_is_drawn_where_the_camera_projects_it(shift: float) -> None:
     point = np.array([1.0, 0.7, 0.4])
     red = item("red", (0.2, 0.2, 0.2), (1.0, 0.7, 0.4), (0.9, 0.02, 0.02))
-    camera = CameraPose((4.0, -3.0, 2.5), (0.2, 0.1, 0.3), math.radians(45.0))
+    camera = CameraPose((4.0, -3.0, 2.5), (0.2, 0.1, 0.3), math.radians(45.0), shift)
     width, height = 160, 100
     picture = path_trace(scene_of(FLOOR, red, camera=camera), settings(size=(width, height)))
     ahead = np.subtract(camera.look_at, camera.position)
@@ -106,12 +107,26 @@ def test_a_body_is_drawn_where_the_camera_projects_it() -> None:
     depth, focal = local @ ahead, height / 2 / math.tan(camera.field_of_view_rad / 2)
     expected = (
         width / 2 + focal * (local @ right) / depth,
-        height / 2 - focal * (local @ np.cross(right, ahead)) / depth,
+        height / 2 - focal * (local @ np.cross(right, ahead)) / depth - shift * height,
     )
     pixels = picture.pixels.astype(int)
     rows, columns = np.nonzero(pixels[..., 0] > 2 * pixels[..., 1] + 20)
     assert rows.size > 10
     assert (columns.mean() + 0.5, rows.mean() + 0.5) == pytest.approx(expected, abs=1.0)
+
+
+def test_of_surfaces_in_one_plane_one_is_drawn() -> None:
+    size: Vector = (2.0, 2.0, 1.0)
+    red = item("red", size, (0.0, 0.0, 0.5), (0.9, 0.02, 0.02))
+    blue = item("blue", size, (0.0, 0.0, 0.5), (0.02, 0.02, 0.9))
+    small = item("small", (0.8, 0.8, 0.5), (0.0, 0.0, 0.75), (0.02, 0.9, 0.02))
+    pixels = path_trace(scene_of(FLOOR, red, blue, small, camera=FROM_ABOVE), settings()).pixels.astype(int)
+    strongest = np.argmax(pixels, axis=2)
+    colored = np.ptp(pixels, axis=2) > 100
+    counts = [np.count_nonzero(colored & (strongest == channel)) for channel in range(3)]
+    assert counts[0] > 100
+    assert counts[1] > 25, "the smaller body is in front"
+    assert counts[2] == 0
 
 
 def test_a_section_removes_what_is_above_and_shows_insides_dark() -> None:
@@ -205,6 +220,46 @@ def test_the_sun_shines_through_a_pane_of_glass() -> None:
     camera = CameraPose((3.0, -2.0, 1.5), (0.0, 0.0, 0.0), math.radians(20.0))
     open_air, behind = (path_trace(scene_of(*items, camera=camera), settings()) for items in ((FLOOR,), (FLOOR, pane)))
     assert 0.6 < behind.radiance.mean() / open_air.radiance.mean() < 1.0
+
+
+def _pane(opacity: float) -> RenderItem:
+    """A pane of glass between the camera and the middle of the floor; its shadow is elsewhere."""
+    return item("pane", (0.4, 0.4, 0.01), (0.0, 0.0, 9.0), (0.3, 0.3, 0.3), opacity=opacity)
+
+
+@pytest.mark.parametrize("opacity", [0.2, 0.5, 0.8])
+def test_a_pane_absorbs_light_once_though_it_has_two_surfaces(opacity: float) -> None:
+    scene = scene_of(FLOOR, camera=FROM_ABOVE)
+    bare, through = (
+        luminance(path_trace(each, settings(samples=32)).radiance[25:35, 25:35].astype(float)).mean()
+        for each in (scene, replace(scene, items=(FLOOR, _pane(opacity))))
+    )
+    color = 0.073  # of sRGB 0.3
+    kept = (1 - opacity + opacity * color) * (1 - 0.5 * opacity)
+    reflected = 0.077  # by each surface
+    zenith = luminance(Sky(sun_azimuth_rad=0.0).image()[0].astype(float)).mean()
+    expected = kept * (1 - reflected) ** 2 * bare + reflected * (1 + kept) * zenith
+    assert through == pytest.approx(expected, rel=0.08)
+
+
+def test_the_denoiser_sees_the_form_of_glass_and_the_color_behind_it() -> None:
+    red = item("floor", (8.0, 8.0, 0.1), (0.0, 0.0, -0.05), (0.9, 0.1, 0.1))
+    pane = replace(_pane(0.3), pose=Pose((0.0, 0.0, 9.0), (math.cos(math.pi / 8), math.sin(math.pi / 8), 0.0, 0.0)))
+    made = MitsubaScene(scene_of(red, pane, camera=FROM_ABOVE), sky=Sky(sun_azimuth_rad=0.0))
+    albedo, normal = path_tracing._features(made, FROM_ABOVE, settings())
+    tilted = [0.0, -math.sin(math.pi / 4), math.cos(math.pi / 4)]
+    assert normal[28:32, 28:32].mean(axis=(0, 1)) == pytest.approx(tilted, abs=0.05)
+    assert normal[5, 5] == pytest.approx([0.0, 0.0, 1.0], abs=0.05)
+    assert albedo[28:32, 28:32].mean(axis=(0, 1)) == pytest.approx(albedo[5, 5], abs=0.02)
+
+
+def test_a_picture_without_bright_parts_gets_more_light() -> None:
+    gray = np.full((20, 20, 3), 100.0)
+    dull, bright = gray.copy(), gray.copy()
+    dull[:2], bright[:2] = 200.0, 1000.0
+    factors = [automatic_exposure(each) for each in (dull, bright)]
+    assert tone_mapped(dull[:2] * factors[0]).max() < 250
+    assert factors[0] > 1.3 * factors[1]
 
 
 def test_a_budget_of_time_ends_the_passes() -> None:

@@ -17,7 +17,8 @@ from mindstage.rendering import Screenshot
 from mindstage.rendering.rasterizer import render_picture
 from mindstage.rendering.render_scene import RenderScene
 from mindstage.scene import PbrMaterial, VisualMesh
-from tests.rendering.photographs import MAPS, RENDERERS, SIZE, photographed, reference_path
+from mindstage.simulation.pictures import ScenePhotographer
+from tests.rendering.photographs import MAPS, RENDERERS, SIZE, path_traced, photographed, reference_path
 from tests.rendering.similarity import picture_similarity, read_picture
 
 LEAST_SIMILARITY = 0.9
@@ -42,6 +43,14 @@ def test_pictures_of_the_page_are_as_the_references(name: str, request: pytest.F
     with photographed(name, samples_of(name, request)) as sim:
         picture = RENDERERS["page"](sim)
     assert picture_similarity(picture, read_picture(reference_path(name, "page"))) > LEAST_SIMILARITY
+
+
+@each_map
+def test_path_traced_pictures_are_as_the_references(name: str, request: pytest.FixtureRequest) -> None:
+    pytest.importorskip("mitsuba", reason="needs the extra render")
+    with photographed(name, samples_of(name, request)) as sim:
+        picture = RENDERERS["path"](sim)
+    assert picture_similarity(picture, read_picture(reference_path(name, "path"))) > LEAST_SIMILARITY
 
 
 # -- planted defects ---------------------------------------------------------------------------------------------------
@@ -86,6 +95,39 @@ def test_a_moved_camera_is_noticed(scene: RenderScene) -> None:
 def test_missing_shadows_are_noticed(scene: RenderScene) -> None:
     bare = tuple(msgspec.structs.replace(item, casts_shadow=False) for item in scene.items)
     assert similarity_of(msgspec.structs.replace(scene, items=bare)) < LEAST_SIMILARITY
+
+
+# -- planted defects of path-traced pictures, in the quickest map ------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def traced_scene() -> RenderScene:
+    pytest.importorskip("mitsuba", reason="needs the extra render")
+    with photographed("kitchenette", None) as sim:
+        return ScenePhotographer.of(sim).scene(aspect=SIZE[0] / SIZE[1])
+
+
+def traced_similarity(scene: RenderScene, **settings: float) -> float:
+    return picture_similarity(path_traced(scene, **settings), read_picture(reference_path("kitchenette", "path")))
+
+
+def test_a_body_that_is_missing_in_a_path_traced_picture_is_noticed(traced_scene: RenderScene) -> None:
+    assert traced_similarity(with_items(traced_scene, "Cupboard", shown=False)) < LEAST_SIMILARITY
+
+
+def test_a_wrong_lens_shift_is_noticed(traced_scene: RenderScene) -> None:
+    camera = traced_scene.camera
+    assert camera.vertical_shift > 0.3
+    moved = msgspec.structs.replace(camera, vertical_shift=camera.vertical_shift - 0.05)
+    assert traced_similarity(msgspec.structs.replace(traced_scene, camera=moved)) < LEAST_SIMILARITY
+
+
+def test_half_a_stop_of_exposure_is_noticed(traced_scene: RenderScene) -> None:
+    assert traced_similarity(traced_scene, exposure_ev=0.5) < LEAST_SIMILARITY
+
+
+def test_other_noise_of_path_tracing_is_tolerated(traced_scene: RenderScene) -> None:
+    assert traced_similarity(traced_scene, seed=7) > LEAST_SIMILARITY
 
 
 def test_noise_and_small_shifts_of_colors_are_tolerated(scene: RenderScene) -> None:

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from mindstage.knowledge import UnitConventions
 
 __all__ = [
+    "DEFAULT_PICTURE",
     "DEFAULT_READING",
     "REMOTE_SCHEMES",
     "AsJson",
@@ -54,8 +55,10 @@ __all__ = [
     "MapName",
     "MapOptions",
     "MapReading",
+    "OptionGroup",
     "PageHost",
     "PageToken",
+    "PictureOptions",
     "PlainBoxes",
     "Port",
     "Running",
@@ -141,17 +144,17 @@ def command(function: Callable[P, ExitCode]) -> Callable[P, None]:
 
     Args:
         function: its parameter `as_json`, if it has one, determines whether errors are printed as JSON too. A parameter
-            of type `MapReading` is replaced by the options of that class.
+            of a class of options, such as `MapReading`, is replaced by the options of that class.
     """
     hints = get_type_hints(function, include_extras=True)
-    groups = [name for name, hint in hints.items() if hint is MapReading]
+    groups = {name: hint for name, hint in hints.items() if _is_group(hint)}
 
     @wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         as_json = bool(kwargs.get("as_json"))
         given: dict[str, Any] = kwargs
-        for name in groups:
-            given[name] = MapReading(**{field.name: given.pop(field.name) for field in fields(MapReading)})
+        for name, group in groups.items():
+            given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
         try:
             with ExitStack() as callbacks:
                 _CLOSE_CALLBACKS.set(callbacks)
@@ -233,18 +236,32 @@ def _with_running_value(args: Sequence[str]) -> list[str]:
     return given
 
 
-def _replace_groups(run: Callable[..., None], function: Callable[..., object], hints: Mapping[str, object]) -> None:
-    """Gives a verb the signature of its function, with the options of `MapReading` instead of a parameter for them."""
-    options = get_type_hints(MapReading, include_extras=True)
+class OptionGroup:
+    """Base of dataclasses whose fields are options: a parameter of such a type adds all of them to a verb.
+
+    A field is a parameter of the verb, with its option and its default value; `command` makes the object of them.
+    """
+
+    __slots__ = ()
+
+
+def _is_group(hint: object) -> bool:
+    return isinstance(hint, type) and issubclass(hint, OptionGroup)
+
+
+def _replace_groups(run: Callable[..., None], function: Callable[..., object], hints: Mapping[str, Any]) -> None:
+    """Gives a verb the signature of its function, with the options of each group instead of a parameter for them."""
     parameters: list[Parameter] = []
     for parameter in signature(function).parameters.values():
-        if hints[parameter.name] is MapReading:
+        group = hints[parameter.name]
+        if _is_group(group):
+            options = get_type_hints(group, include_extras=True)
             parameters += (
                 Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=options[field.name])
-                for field in fields(MapReading)
+                for field in fields(group)
             )
         else:
-            parameters.append(parameter.replace(annotation=hints[parameter.name]))
+            parameters.append(parameter.replace(annotation=group))
     run.__annotations__ = {each.name: each.annotation for each in parameters}
     run.__signature__ = signature(function).replace(parameters=parameters, return_annotation=None)  # type: ignore[attr-defined]
 
@@ -453,11 +470,8 @@ SizeFrames = Annotated[
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MapReading:
-    """The options of every verb that reads maps: a parameter of this type adds all of them to a verb.
-
-    A field is a parameter of the verb, with its option and its default value; `command` makes the object of them.
-    """
+class MapReading(OptionGroup):
+    """The options of every verb that reads maps."""
 
     ontologies: Ontologies = None
     bundled: Bundled = True
@@ -484,6 +498,65 @@ class MapReading:
 
 DEFAULT_READING = MapReading()
 """The options where none is given."""
+
+CameraPosition = Annotated[
+    str | None,
+    typer.Option("--from", metavar="X,Y,Z", help="The position of the camera, in meters.", show_default=False),
+]
+CameraTarget = Annotated[
+    str | None,
+    typer.Option(
+        "--to", metavar="X,Y,Z|ID", help="The center of the picture: a point, in meters, or a body that fills it."
+    ),
+]
+FromTop = Annotated[bool, typer.Option("--top", help="View from above.")]
+SectionHeight = Annotated[
+    float | None,
+    typer.Option(
+        "--section",
+        metavar="HEIGHT",
+        callback=finite,
+        help="Clip everything above this height, in meters.",
+        show_default=False,
+    ),
+]
+Highlights = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--highlight",
+        metavar="WHAT",
+        help="Highlight the answers to a question ('storage_place_in_environment item=CowsMilk'), bodies by id, or all "
+        "bodies of a class; may be repeated.",
+        show_default=False,
+    ),
+]
+HighlightColors = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--color", "--colour", metavar="COLOR", help="The color of each --highlight, in order.", show_default=False
+    ),
+]
+PictureSize = Annotated[str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="The size of the picture, in pixels.")]
+SecondsBefore = Annotated[
+    float, typer.Option("--for", metavar="SECONDS", min=0.0, callback=finite, help="Simulated time before the picture.")
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PictureOptions(OptionGroup):
+    """The options of the verbs that make pictures."""
+
+    position: CameraPosition = None
+    look_at: CameraTarget = None
+    top: FromTop = False
+    section: SectionHeight = None
+    highlights: Highlights = None
+    colors: HighlightColors = None
+    size: PictureSize = "1280x800"
+    simulated_s: SecondsBefore = 0.0
+
+
+DEFAULT_PICTURE = PictureOptions()
 
 Running = Annotated[
     str | None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -29,7 +30,14 @@ from mindstage.cli.options import (
     VisitorLimitOptions,
     finite,
 )
-from mindstage.cli.output import print_json, print_line, print_reasons, print_table, step_with_progress
+from mindstage.cli.output import (
+    print_json,
+    print_line,
+    print_reasons,
+    print_table,
+    progress_spinner,
+    step_with_progress,
+)
 from mindstage.cli.setup import make_engine
 from mindstage.cli.simulate import spawned_map
 from mindstage.cli.viewer import LOOPBACK, server_access, show_page
@@ -107,7 +115,8 @@ def record(
         simulation = spawned.simulation
         if not as_json:
             spawned.print()
-        with simulation.record(out, rate_hz=rate) as recorder:
+        with ExitStack() as ending:
+            recorder = ending.enter_context(simulation.record(out, rate_hz=rate))
             if with_viewport:
                 show_page(
                     simulation, port=port, access=access, duration_s=seconds, announce=_announce_page, quiet=as_json
@@ -116,6 +125,8 @@ def record(
                 step_with_progress(simulation, seconds)
             else:
                 _play_until_interrupted(simulation, recorder, quiet=as_json)
+            with progress_spinner("writing"):  # the last frames, and the events that the whole recording shows
+                ending.close()
         summary = {"file": str(out), "seconds": recorder.time_s, "frames": recorder.frames}
         summary |= {"bytes": out.stat().st_size}
         if as_json:
@@ -148,7 +159,7 @@ def info(file: EpisodePath, *, as_json: AsJson = False) -> ExitCode:
     """Describe an episode, and check all of it; exit 1 if a part of it cannot be read."""
     from mindstage.episodes.episode import Episode
 
-    with Episode(file) as episode:
+    with progress_spinner("reading"), Episode(file) as episode:
         losses = episode.losses
         edits, events = Counter(edit.kind for edit in episode.edits()), Counter(each.kind for each in episode.events())
         frame = episode.frame_at(episode.end_s)
@@ -227,7 +238,8 @@ def repair(file: EpisodePath, *, out: RepairedFile = None, as_json: AsJson = Fal
     from mindstage.episodes.mcap_file import repair as repair_file
 
     written = out or file.with_name(f"{file.stem}-repaired.mcap")
-    losses = repair_file(file, written)
+    with progress_spinner("repairing"):
+        losses = repair_file(file, written)
     if as_json:
         print_json({"file": str(written), "losses": _losses_json(losses)})
     else:

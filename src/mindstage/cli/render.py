@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.options import (
+    DEFAULT_PICTURE,
     DEFAULT_READING,
     AsJson,
     AssetFolders,
@@ -21,6 +22,7 @@ from mindstage.cli.options import (
     MapArguments,
     MapName,
     MapReading,
+    PictureOptions,
     PlainBoxes,
     finite,
 )
@@ -35,20 +37,7 @@ from mindstage.cli.output import (
     warn,
 )
 from mindstage.cli.setup import exclusive, knowledge_base, make_engine, simulation_from_options
-from mindstage.cli.shot import (
-    Colors,
-    From,
-    Highlights,
-    Seconds,
-    Section,
-    Size,
-    To,
-    Top,
-    highlight_targets,
-    parse_numbers,
-    parse_point,
-    parse_size,
-)
+from mindstage.cli.shot import highlight_targets, parse_numbers, parse_point, parse_size
 from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
@@ -147,13 +136,8 @@ def render(
     maps: MapArguments,
     *,
     output: Output,
-    position: From = None,
-    look_at: To = None,
-    top: Top = False,
-    section: Section = None,
+    view: PictureOptions = DEFAULT_PICTURE,
     field_of_view: FieldOfView = None,
-    highlights: Highlights = None,
-    colors: Colors = None,
     opened: Opened = None,
     at: At = None,
     robot: RobotSource = None,
@@ -162,13 +146,11 @@ def render(
     flight: Flight = None,
     frame_rate_hz: FrameRate = 25.0,
     length_s: Length = 6.0,
-    size: Size = "1280x800",
     samples: Samples = None,
     budget_s: Budget = None,
     denoise: Denoise = True,
     exposure_ev: Exposure = 0.0,
     seed: Seed = 0,
-    seconds: Seconds = 0.0,
     map_name: MapName = None,
     reading: MapReading = DEFAULT_READING,
     assets: AssetFolders = None,
@@ -183,21 +165,23 @@ def render(
 
     is_film = turntable or flight is not None
     _check_options(output, is_film=is_film, both=turntable and flight is not None)
-    _check_camera(camera, has_robot=robot is not None, is_placed=bool(position or look_at or top))
+    _check_camera(camera, has_robot=robot is not None, is_placed=bool(view.position or view.look_at or view.top))
     count = samples or (1024 if budget_s is not None else 4 if is_film else 16)
     quality = {"samples": count, "seconds": budget_s, "denoise": denoise, "seed": seed, "exposure_ev": exposure_ev}
-    settings = convert({"size": parse_size(size), **quality}, PathTracingSettings)
-    targets = highlight_targets(highlights or [], colors or [])
+    settings = convert({"size": parse_size(view.size), **quality}, PathTracingSettings)
+    targets = highlight_targets(view.highlights or [], view.colors or [])
     check_renderer()  # before the map is read, so that a missing library fails at once
     with _scene(
         maps, at, engine=engine, map_name=map_name, reading=reading, assets=assets, plain_boxes=plain_boxes
     ) as (sim, summary):
         _open(sim, opened or [])
         own = None if robot is None else _add_robot(sim, robot)
-        step_with_progress(sim, seconds)
+        step_with_progress(sim, view.simulated_s)
         results = [target.apply(sim) for target in targets]
-        taken = _Shooting(sim, settings, own, camera, clip_height=section)
-        first = taken.camera(position, look_at, top=top, field_of_view=field_of_view)
+        taken = _Shooting(sim, settings, own, camera, clip_height=view.section)
+        first = taken.camera(
+            view.position, view.look_at, top=view.top, field_of_view=field_of_view, upright=not is_film
+        )
         film = {"length_s": length_s, "frame_rate_hz": frame_rate_hz}
         summary |= taken.film(output, first, flight, **film) if is_film else taken.picture(output, first)
     _print_result({**summary, "picture": str(output), "size": settings.size}, results, as_json=as_json)
@@ -226,9 +210,9 @@ class _Shooting:
         self._hidden = frozenset[BodyId]()
 
     def camera(
-        self, position: str | None, look_at: str | None, *, top: bool, field_of_view: float | None
+        self, position: str | None, look_at: str | None, *, top: bool, field_of_view: float | None, upright: bool
     ) -> CameraPose:
-        """The camera of the options.
+        """The camera of the options; without any that of the first view, upright or tilted.
 
         Raises:
             InvalidArgumentError: they are mutually exclusive, or a value is invalid.
@@ -243,6 +227,8 @@ class _Shooting:
             found = self._robot_camera(self._camera)
         elif top:
             found = self._photographer.top_camera(self._aspect)
+        elif not position and not look_at:
+            found = self._photographer.first_camera(self._aspect, upright=upright)
         else:
             found = self._placed_camera(position, look_at)
         return found if field_of_view is None else replace(found, field_of_view_rad=radians(field_of_view))

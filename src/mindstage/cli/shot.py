@@ -18,6 +18,7 @@ import typer
 
 from mindstage.cli.ask import named_args
 from mindstage.cli.options import (
+    DEFAULT_PICTURE,
     DEFAULT_READING,
     AsJson,
     AssetFolders,
@@ -26,6 +27,7 @@ from mindstage.cli.options import (
     MapArguments,
     MapName,
     MapReading,
+    PictureOptions,
     PlainBoxes,
     finite,
 )
@@ -158,43 +160,6 @@ Output = Annotated[
     Path,
     typer.Option("--output", "-o", metavar="FILE", help="The file to write: .png, .jpg or .webp.", show_default=False),
 ]
-From = Annotated[
-    str | None,
-    typer.Option("--from", metavar="X,Y,Z", help="The position of the camera, in meters.", show_default=False),
-]
-To = Annotated[
-    str | None,
-    typer.Option(
-        "--to", metavar="X,Y,Z|ID", help="The center of the picture: a point, in meters, or a body that fills it."
-    ),
-]
-Top = Annotated[bool, typer.Option("--top", help="View from above.")]
-Section = Annotated[
-    float | None,
-    typer.Option(
-        "--section",
-        metavar="HEIGHT",
-        callback=finite,
-        help="Clip everything above this height, in meters.",
-        show_default=False,
-    ),
-]
-Highlights = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--highlight",
-        metavar="WHAT",
-        help="Highlight the answers to a question ('storage_place_in_environment item=CowsMilk'), bodies by id, or all "
-        "bodies of a class; may be repeated.",
-        show_default=False,
-    ),
-]
-Colors = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--color", "--colour", metavar="COLOR", help="The color of each --highlight, in order.", show_default=False
-    ),
-]
 Opened = Annotated[
     list[str] | None,
     typer.Option("--open", metavar="ID", help="Open a door or drawer first; may be repeated.", show_default=False),
@@ -203,7 +168,6 @@ Selected = Annotated[str | None, typer.Option("--select", metavar="ID", help="A 
 LabelsOf = Annotated[
     str, typer.Option("--labels", metavar="WHICH", help="Labels of bodies: none, selected, class or all.")
 ]
-Size = Annotated[str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="The size of the picture, in pixels.")]
 WholePage = Annotated[bool, typer.Option("--page", help="Photograph the whole page, with its panels, in a browser.")]
 Panel = Annotated[
     str,
@@ -222,9 +186,6 @@ BrowserPath = Annotated[
         help="Path of Chromium, Chrome or a compatible browser, for --page; by default searched for.",
         show_default=False,
     ),
-]
-Seconds = Annotated[
-    float, typer.Option("--for", metavar="SECONDS", min=0.0, callback=finite, help="Simulated time before the picture.")
 ]
 Imagined = Annotated[
     str | None,
@@ -245,20 +206,13 @@ def shot(
     maps: MapArguments,
     *,
     output: Output,
-    position: From = None,
-    look_at: To = None,
-    top: Top = False,
-    section: Section = None,
-    highlights: Highlights = None,
-    colors: Colors = None,
+    view: PictureOptions = DEFAULT_PICTURE,
     opened: Opened = None,
     select: Selected = None,
     labels: LabelsOf = "none",
-    size: Size = "1280x800",
     whole_page: WholePage = False,
     panel: Panel = "",
     browser: BrowserPath = None,
-    seconds: Seconds = 0.0,
     imagined: Imagined = None,
     timeout_s: Timeout = 180.0,
     map_name: MapName = None,
@@ -272,18 +226,18 @@ def shot(
     from mindstage.rendering import Screenshot
 
     screenshot = Screenshot(
-        size=parse_size(size),
-        clip_height=section,
+        size=parse_size(view.size),
+        clip_height=view.section,
         selected=_parse_id(select),
         labels=_parse_labels(labels),
         with_panels=whole_page or bool(panel),
         panel=panel,
         browser=browser,
         timeout_s=timeout_s,
-        **_camera_options(position, look_at, top=top),
+        **_camera_options(view.position, view.look_at, top=view.top),
     )
     plan = None if imagined is None else _load_plan(imagined)
-    targets, running = highlight_targets(highlights or [], colors or []), make_engine(engine)
+    targets, running = highlight_targets(view.highlights or [], view.colors or []), make_engine(engine)
     _check(screenshot, output)
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps, reading)
@@ -293,7 +247,7 @@ def shot(
             report = sim.spawn(world)
         print_failures(report)
         pull_open(sim, world, opened or [])
-        step_with_progress(sim, seconds)
+        step_with_progress(sim, view.simulated_s)
         results, verdict = [target.apply(sim) for target in targets], None if plan is None else _try_plan(sim, plan)
         take_picture(sim, screenshot, output, verdict=verdict)
     summary = {"map": world.iri, "picture": str(output), "size": screenshot.size, "engine": sim.engine_name}

@@ -105,7 +105,9 @@ class MeshProvider(Protocol):
 
 _DEFAULT_SHAPE = "box"
 _DOOR_SHAPE = "door"
-"""The material role of doors, in the rules of what they close."""
+"""The shape of doors, and their material role in the rules of what they close."""
+_MIN_PANEL_ROOM_M = 0.05
+"""A panel above a door, with the board above it, has at least this height."""
 _SHAPE_OF_PRIMITIVE = {PrimitiveType.CYLINDER: "cylinder", PrimitiveType.SPHERE: "ball"}
 _WORKTOP_INSERT_SHAPES = ("sink", "hob", "tub", "basket", "bin")
 _WALL_INSERT_SHAPES = ("door", "window", "frame")
@@ -172,9 +174,13 @@ class GeometryFitter:
             found["word"] = self._context.rules[row].word
         if "along" in fields:
             found["along"] = _cylinder_axis(self._context, row, orientation)
+        if shape_name == _DOOR_SHAPE and self._needs_display(row):
+            found["display"] = True
         neighborhood = self._neighborhoods.get(row)
         if neighborhood is None:
             return found | ({"walls": _open_walls(orientation, {})} if "walls" in fields else {})
+        if parameters.get("controls") == "top" and "door_top" in fields:
+            found |= self._panel_parameters(row, neighborhood, orientation.up)
         if "free" in fields:
             found["free"] = self._cutouts(row, shape_name, neighborhood, orientation.up)
         cavity = cavity_of(self._context, row, neighborhood)
@@ -186,6 +192,33 @@ class GeometryFitter:
             found["shelves"] = 0
         return found
 
+    def _panel_parameters(self, row: int, neighborhood: Neighborhood, up: BodySide) -> dict[str, float]:
+        """Returns the upper edges of the doors and of the knobs in front of a case with a panel."""
+        half = self._context.boxes.half_extents[row]
+        inside = np.abs((neighborhood.low + neighborhood.high) / 2) < half
+        names = self._context.shape_names[neighborhood.rows]
+        tops = neighborhood.high[:, up.axis] if up.sign > 0 else -neighborhood.low[:, up.axis]
+        found = {}
+        for parameter, shape_name in (("door_top", _DOOR_SHAPE), ("knob_top", "knob")):
+            # The third axis is that of the front, where the center is outside.
+            chosen = (names == shape_name) & (np.count_nonzero(inside, axis=1) >= 2) & inside[:, up.axis]
+            if chosen.any():
+                found[parameter] = float(tops[chosen].max())
+        return found
+
+    def _needs_display(self, row: int) -> bool:
+        """Whether a door covers the front of a case up to the top, so that its panel has no room."""
+        for joint in self._context.joints.get(row, ()):
+            holder, neighborhood = joint.holder_row, self._neighborhoods.get(joint.holder_row)
+            if joint.moving_row != row or neighborhood is None:
+                continue
+            up = self._context.up_side(holder)
+            top = self._panel_parameters(holder, neighborhood, up).get("door_top")
+            has_panel = self._context.rules[holder].parameters.get("controls") == "top"
+            if has_panel and top is not None:
+                return float(self._context.boxes.half_extents[holder, up.axis]) - top < _MIN_PANEL_ROOM_M
+        return False
+
     def _cutouts(self, row: int, shape_name: str, neighborhood: Neighborhood, up: BodySide) -> tuple[Any, ...]:
         if shape_name in ("wall", "shell"):
             # The bounding box of a non-rectangular room intersects its furniture: there the shell has openings.
@@ -195,7 +228,7 @@ class GeometryFitter:
 
     def _closing_material(self, row: int) -> PbrMaterial | None:
         """Returns the material that the rule of a cabinet defines for its doors: that of an oven is glass."""
-        if str(self._context.shape_names[row]) != "door":
+        if str(self._context.shape_names[row]) != _DOOR_SHAPE:
             return None
         holders = (joint.holder_row for joint in self._context.joints.get(row, ()) if joint.moving_row == row)
         materials = (self._context.rules[holder].materials.get(_DOOR_SHAPE) for holder in holders)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import tempfile
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mindstage.rendering.appearance import HIGHLIGHT_OPACITY, Paint, dimmed
 from mindstage.rendering.camera import CameraPose, find_occluders
 from mindstage.rendering.render_scene import RenderItem, RenderLight, RenderScene
-from mindstage.scene import BodyId, Color, LightType, PbrMaterial, Vector, VisualMesh
+from mindstage.scene import BodyId, Color, LightType, PbrMaterial, Pose, Vector, VisualMesh
 from mindstage.scene.colors import srgb_to_linear
 from mindstage.scene.mesh import cut_above, face_cross_products
 from mindstage.scene.transforms import Array, normalize, normalized_pose_array, pose_array, rotation_matrix
@@ -52,6 +52,11 @@ _MAX_GLASS = 6
 _SECTION_REFLECTANCE = 0.03
 """Of the inner side of what a section cuts open."""
 _VERTICAL = 1e-6
+_COINCIDENT_M = 1e-4
+"""Nearer surfaces of two bodies coincide, and would be drawn as a mixture of both."""
+_INSET_M = 1.5e-4
+_MAX_INSETS = 6
+_LEAST_OVERLAP_M = 1e-3
 NORMAL_SCALE = 0.49
 """Factor of the normals that the scene of normals shows."""
 
@@ -146,25 +151,28 @@ class MitsubaScene:
         if scene.clip_height is not None:
             shown = [_clipped(item, scene.clip_height) for item in shown]
         self._low, self._high = _bounds(shown)
+        shown = _separated(shown)
         with tempfile.TemporaryDirectory(prefix="mindstage-render-") as folder:
-            self._features: list[tuple[tuple[str, Any], tuple[str, Any]]] = []
+            self._albedo_shapes: dict[str, Any] = {}
+            self._normal_shapes: dict[str, Any] = {}
             parts = dict(self._shapes(shown, Path(folder)))
             parts |= self._lights(scene.lights) | {"sky": self._sky(sky)}
             if (ground := self._ground()) is not None:
                 parts["ground"] = ground
                 shape = {name: ground[name] for name in ("type", "to_world")}
-                features = (ground["bsdf"]["reflectance"], _rgb(_encoded(np.array([0.0, 0.0, 1.0]))))
-                emitters = ({"type": "area", "radiance": each} for each in features)
-                first, second = (("ground", {**shape, "emitter": each}) for each in emitters)
-                self._features.append((first, second))
+                self._albedo_shapes["ground"] = _emitting(shape, ground["bsdf"]["reflectance"])
+                self._normal_shapes["ground"] = _emitting(shape, _rgb(_encoded(np.array([0.0, 0.0, 1.0]))))
             if (fill := self._fill(parts, scene.camera)) is not None:
                 parts["fill"] = fill
             self.native = self._mi.load_dict({"type": "scene", **parts})
-            albedo, normal = ({"type": "scene", **dict(each)} for each in zip(*self._features, strict=True))
-            self.albedo = self._mi.load_dict(albedo)
-            """A scene whose surfaces emit their albedo: Mitsuba's integrator for such features is 60 times slower."""
-            self.normal = self._mi.load_dict(normal)
-            """A scene whose surfaces emit their normal in the world frame, times `NORMAL_SCALE`, plus a half."""
+            self.albedo = self._mi.load_dict({"type": "scene", **self._albedo_shapes})
+            """A scene whose surfaces emit their albedo, without glass: the colors behind it are seen.
+
+            Mitsuba's integrator for such features is 60 times slower.
+            """
+            self.normal = self._mi.load_dict({"type": "scene", **self._normal_shapes})
+            """A scene whose surfaces, also those of glass, emit their normal in the world frame, times `NORMAL_SCALE`,
+            plus a half."""
             self.masks = self._masks(shown, Path(folder))
             """A scene of the highlighted bodies alone, by color."""
 
@@ -178,6 +186,7 @@ class MitsubaScene:
                 "fov": float(np.degrees(camera.field_of_view_rad)),
                 "near_clip": 0.02,
                 "far_clip": 1e5,
+                "principal_point_offset_y": camera.vertical_shift,
                 "to_world": transform,
                 "sampler": {"type": "independent"},
                 "film": {
@@ -210,12 +219,11 @@ class MitsubaScene:
             path = folder / f"{number}.ply"
             _write_ply(path, members, smooth=key[2], with_uv=key[3])
             shape: dict[str, Any] = {"type": "ply", "filename": str(path), "face_normals": not key[2]}
+            turned = {"type": "mesh_attribute", "name": "vertex_color" if key[2] else "face_color"}
+            self._normal_shapes[f"shape_{number}"] = _emitting(shape, turned)
             if not _is_glass(key[0], members[0][0].image):
                 albedo = self._albedo(key[0], members[0][0].image, textured=key[3])
-                turned = {"type": "mesh_attribute", "name": "vertex_color" if key[2] else "face_color"}
-                emitted = ({"type": "area", "radiance": each} for each in (albedo, turned))
-                first, second = ((f"shape_{number}", {**shape, "emitter": each}) for each in emitted)
-                self._features.append((first, second))
+                self._albedo_shapes[f"shape_{number}"] = _emitting(shape, albedo)
             shape["bsdf"] = self._bsdf(key[0], members[0][0].image, textured=key[3])
             if key[4] > 0.0:
                 color = srgb_to_linear(np.array(key[0].color))
@@ -266,10 +274,9 @@ class MitsubaScene:
     def _describe(self, material: PbrMaterial, image: NDArray[np.uint8] | None, *, textured: bool) -> dict[str, Any]:
         color = srgb_to_linear(np.array(material.color))
         if _is_glass(material, image):
-            # The denser the glass, the more of its color the light takes on.
-            through = np.clip((1.0 - material.opacity) + material.opacity * color, 0.0, 1.0) * (
-                1 - 0.5 * material.opacity
-            )
+            # The denser the glass, the more of its color the light takes on; each pane has two surfaces.
+            through = (1.0 - material.opacity + material.opacity * color) * (1 - 0.5 * material.opacity)
+            through = np.sqrt(np.clip(through, 0.0, 1.0))
             return {"type": "thindielectric", "int_ior": 1.5, "specular_transmittance": _rgb(through)}
         texture = texture_set(material.texture) if material.texture and textured else None
         surface: dict[str, Any] = {
@@ -539,6 +546,44 @@ def _bounds(items: Sequence[RenderItem]) -> tuple[Array, Array]:
     return np.min([each.min(axis=0) for each in points], axis=0), np.max([each.max(axis=0) for each in points], axis=0)
 
 
+def _separated(items: Sequence[RenderItem]) -> list[RenderItem]:
+    """The bodies, of which those with surfaces in the same plane are smaller by fractions of a millimeter.
+
+    Otherwise rays hit one or the other by rounding: maps describe doors in one place, and inserts flush with their
+    cases. The smaller of two bodies keeps its surface; parts of the building all do.
+    """
+    bounds = [_bounds([item]) for item in items]
+    volumes = [float(np.prod(np.maximum(high - low, _COINCIDENT_M))) for low, high in bounds]
+    order = sorted((row for row in range(len(items)) if np.isfinite(volumes[row])), key=volumes.__getitem__)
+    low, high = (np.array([bounds[row][end] for row in order]).reshape(-1, 3) for end in (0, 1))
+    insets = np.zeros(len(order), dtype=int)
+    result = list(items)
+    for at, row in enumerate(order):
+        overlap = np.minimum(high[:at], high[at]) - np.maximum(low[:at], low[at])
+        same = (np.abs(low[:at] - low[at]) < _COINCIDENT_M) | (np.abs(high[:at] - high[at]) < _COINCIDENT_M)
+        # Two faces fight only where they overlap, so along both other axes.
+        wide = overlap > _LEAST_OVERLAP_M
+        meets = np.stack([same[:, axis] & wide[:, axis - 1] & wide[:, axis - 2] for axis in range(3)]).any(axis=0)
+        if not meets.any() or items[row].is_building:
+            continue
+        insets[at] = min(int(insets[:at][meets].max()) + 1, _MAX_INSETS)
+        result[row] = _inset(items[row], _INSET_M * insets[at])
+    return result
+
+
+def _inset(item: RenderItem, by: float) -> RenderItem:
+    """A body whose bounding box is smaller by a length on all sides [m]."""
+    low, high = _bounds([replace(item, pose=Pose())])
+    middle, scale = (low + high) / 2, 1.0 - 2 * by / np.maximum(high - low, 4 * by)
+    visuals = (
+        VisualMesh(
+            middle + (each.points - middle) * scale, each.faces, each.material, each.normals, each.uv, each.image
+        )
+        for each in item.visuals
+    )
+    return replace(item, visuals=tuple(visuals))
+
+
 def _is_in(item: RenderItem, point: Vector) -> bool:
     pose = normalized_pose_array(item.pose)
     local = (np.array(point) - pose[:3]) @ rotation_matrix(pose[None, 3:])[0]
@@ -564,6 +609,10 @@ def _up(camera: CameraPose) -> list[float]:
     """The vertical; for a camera that looks straight down or up, north."""
     x, y, z = np.abs(np.subtract(camera.look_at, camera.position)).tolist()
     return [0.0, 0.0, 1.0] if max(x, y) > _VERTICAL * z else [0.0, 1.0, 0.0]
+
+
+def _emitting(shape: Mapping[str, Any], radiance: Any) -> dict[str, Any]:
+    return {**shape, "emitter": {"type": "area", "radiance": radiance}}
 
 
 def _rgb(value: Array) -> dict[str, Any]:

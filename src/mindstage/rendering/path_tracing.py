@@ -48,6 +48,9 @@ _MAX_RADIANCE_RATIO = 30.0
 """Brighter pixels of a pass are clamped, relative to the 99th percentile: the denoiser would spread single paths."""
 _KEY = 0.34
 """The value that the log-average luminance is exposed to."""
+_WHITE = 1.7
+"""The exposed luminance that is nearly white (an sRGB value of 235)."""
+_MAX_RAISE = 1.5
 _CONTRAST, _SHOULDER = 1.35, 0.62
 _OUTLINE_PX = 3
 """Width of the outline of highlighted bodies in a picture of 800 lines."""
@@ -168,14 +171,19 @@ def path_trace(
 
 
 def automatic_exposure(radiance: Array | NDArray[np.float32]) -> float:
-    """The factor that exposes a picture: its log-average luminance, without extremes, becomes a medium gray."""
+    """The factor that exposes a picture: its log-average luminance, without extremes, becomes a medium gray.
+
+    A picture without bright parts, such as one of a kitchen on gray ground, gets more light: its brightest surfaces
+    become nearly white.
+    """
     values = luminance(np.asarray(radiance, dtype=np.float64)).ravel()
     values = values[values > 0.0]
     if not values.size:
         return 1.0
     low, high = np.quantile(values, (0.03, 0.97))
     middle = values[(values >= low) & (values <= high)]
-    return float(_KEY / np.exp(np.log(middle).mean()))
+    factor = _KEY / np.exp(np.log(middle).mean())
+    return float(factor * np.clip(_WHITE / (factor * high), 1.0, _MAX_RAISE))
 
 
 def tone_mapped(exposed: Array | NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -97,9 +97,10 @@ class ScenePhotographer:
             appearances=self._appearances,
         )
 
-    def first_camera(self, aspect: float) -> CameraPose:
-        """The camera of the first view."""
-        return initial_target(self._described, self._appearances).camera(aspect)
+    def first_camera(self, aspect: float, *, upright: bool = False) -> CameraPose:
+        """The camera of the first view; an upright one keeps vertical edges vertical, by a shifted lens."""
+        target = initial_target(self._described, self._appearances)
+        return target.upright_camera(aspect) if upright else target.camera(aspect)
 
     def top_camera(self, aspect: float) -> CameraPose:
         """The camera that looks down."""

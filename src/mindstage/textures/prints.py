@@ -496,3 +496,43 @@ def clock_face(diameter: float, color: Color) -> NDArray[uint8]:
         reach = 0.13 * half
         _write(draw, str(hour), (x - reach, y - reach, x + reach, y + reach), _ink(base))
     return _finished(image)
+
+
+_SEGMENTS = {  # corners from (0, 0) at the upper left to (1, 2) at the lower right
+    "a": ((0, 0), (1, 0)),
+    "b": ((1, 0), (1, 1)),
+    "c": ((1, 1), (1, 2)),
+    "d": ((0, 2), (1, 2)),
+    "e": ((0, 1), (0, 2)),
+    "f": ((0, 0), (0, 1)),
+    "g": ((0, 1), (1, 1)),
+}
+_LIT_SEGMENTS = {"0": "abcdef", "1": "bc", "2": "abdeg", "3": "abcdg"}
+
+
+@lru_cache(maxsize=16)
+def clock_display(width: float, height: float, color: Color) -> NDArray[uint8]:
+    """The display of an appliance: a time in seven-segment digits on dark glass, h x w x 4.
+
+    Args:
+        width: [m].
+        height: [m].
+        color: the color of the glass.
+    """
+    base = _rgb(color)
+    lit, unlit = (150, 232, 226), _mixed(base, (150, 232, 226), 0.07)
+    image, draw, _ = _canvas(width, height, base)
+    digit = min(0.29 * image.height, 0.09 * image.width)  # half of the height
+    pitch, left, top = 1.75 * digit, image.width / 2 - 3.8 * digit, image.height / 2 - digit
+    for number, character in enumerate("12 30"):
+        x = left + pitch * number + (0.1 if number < 2 else -0.1) * digit
+        if character == " ":
+            for y in (top + 0.6 * digit, top + 1.4 * digit):
+                r = 0.13 * digit
+                draw.ellipse((x + 0.4 * digit - r, y - r, x + 0.4 * digit + r, y + r), fill=lit)
+            continue
+        for name, ends in sorted(_SEGMENTS.items(), key=lambda segment: segment[0] in _LIT_SEGMENTS[character]):
+            points = [(x + digit * (0.1 + 0.8 * across), top + digit * down) for across, down in ends]
+            fill = lit if name in _LIT_SEGMENTS[character] else unlit
+            draw.line(points, fill=fill, width=max(round(0.17 * digit), 1))
+    return _finished(image)

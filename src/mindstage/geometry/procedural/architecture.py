@@ -22,7 +22,7 @@ from mindstage.geometry.procedural.builder import (
 )
 from mindstage.geometry.procedural.texture_coordinates import PrintLayout
 from mindstage.scene.transforms import Array
-from mindstage.textures.prints import wall_picture
+from mindstage.textures.prints import clock_display, wall_picture
 
 __all__ = ["Door", "OpeningFrame", "Picture", "RoomShell", "Wall", "Window"]
 
@@ -45,19 +45,24 @@ class Door(ShapeTemplate, frozen=True, kw_only=True):
     """A door leaf; it is viewed from the front."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType(
-        {"body": finishes.LACQUER, "frame": "body", "glass": finishes.CLEAR_GLASS}
+        {"body": finishes.LACQUER, "frame": "body", "glass": finishes.CLEAR_GLASS, "display": finishes.SCREEN}
     )
     style: Literal["plain", "framed", "glazed"] = "plain"
     frame: Thickness = 0.07
     """Width of the frame [m]."""
     panels: Count = 1
     """Number of panels, from bottom to top."""
+    display: bool = False
+    """Whether there is a display at the upper edge: the door covers the whole front of an oven."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
         builder.add_collision_box(low, high)
         if self.style == "plain":
-            builder.add_box("body", low, high, rounding=0.003, collides=False)
+            proud = 0.05 * float(size[0]) if self.display else 0.0
+            builder.add_box("body", low, [high[0] - proud, *high[1:]], rounding=0.003, collides=False)
+            if self.display:
+                self._add_display(builder, proud)
             return
         width = min(self.frame, 0.2 * float(size[1:].min()))
         _add_frame(builder, "frame", width, (float(low[0]), float(high[0])))
@@ -80,6 +85,21 @@ class Door(ShapeTemplate, frozen=True, kw_only=True):
             [high[0] - inset, high[1] - 0.8 * width, high[2] - 0.8 * width],
             rounding=0.0,
             collides=False,
+        )
+
+    @staticmethod
+    def _add_display(builder: GeometryBuilder, proud: float) -> None:
+        high, size = builder.high, builder.size
+        tall = round(min(0.03, 0.12 * float(size[2]), 0.1 * float(size[1])), 4)
+        wide = round(3.2 * tall, 4)
+        top = float(high[2]) - 0.6 * tall
+        builder.add_printed_box(
+            "display",
+            [float(high[0]) - 3 * proud, -wide / 2, top - tall],
+            [float(high[0]), wide / 2, top],
+            PrintLayout.FRONT,
+            partial(clock_display, wide, tall),
+            rounding=0.0,
         )
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import itertools
+from functools import partial
 from itertools import pairwise
 from types import MappingProxyType
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import msgspec
 import numpy as np
@@ -22,7 +23,9 @@ from mindstage.geometry.procedural.builder import (
     TemplateFitError,
     Thickness,
 )
+from mindstage.geometry.procedural.texture_coordinates import PrintLayout
 from mindstage.scene.transforms import Array
+from mindstage.textures.prints import clock_display
 
 __all__ = ["Bed", "Cabinet", "Chair", "Countertop", "Drawer", "Shelf", "Sofa", "TableShape"]
 
@@ -33,6 +36,12 @@ _MIN_WALL_M = 1e-5
 _MIN_ROOM_M = 0.004
 _MIN_SHELF_SPACING_M = 0.05
 """Smallest distance between two shelves."""
+_DOOR_GAP_M = 0.002
+_MIN_PANEL_M = 0.03
+_PANEL_M = 0.012
+"""Thickness of the panel above a door, at most."""
+_MIN_DISPLAY_M = 0.012
+_MAX_DISPLAY_M = 0.035
 
 
 class Cabinet(ShapeTemplate, frozen=True, kw_only=True):
@@ -40,7 +49,14 @@ class Cabinet(ShapeTemplate, frozen=True, kw_only=True):
 
     name = "case"
     roles: ClassVar[MaterialRoles] = MappingProxyType(
-        {"body": finishes.LACQUER, "top": "body", "inside": "body", "shelf": "inside"}
+        {
+            "body": finishes.LACQUER,
+            "top": "body",
+            "inside": "body",
+            "shelf": "inside",
+            "panel": "body",
+            "display": finishes.SCREEN,
+        }
     )
     wall: Thickness = 0.016
     """Thickness of the boards [m], at most a fifth of the size."""
@@ -54,6 +70,12 @@ class Cabinet(ShapeTemplate, frozen=True, kw_only=True):
     """Thickness of a shelf [m]."""
     free: tuple[Cutout, ...] = ()
     """Openings in the boards."""
+    controls: Literal["none", "top"] = "none"
+    """Whether a panel with a display closes the front above the doors."""
+    door_top: float | None = None
+    """Height of the upper edge of the doors, from the center [m]; None if there are none."""
+    knob_top: float | None = None
+    """Height of the upper edge of the knobs on the panel, from the center [m]."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         thick = {side: min(self.wall, 0.2 * float(builder.size[side.axis])) for side in BodySide}
@@ -77,6 +99,32 @@ class Cabinet(ShapeTemplate, frozen=True, kw_only=True):
         for start, end in boards.get(BodySide.BOTTOM, ()):
             near, far = np.maximum(start, low), np.minimum(end, high)
             builder.add_support_surface(near, far, float(low[2]), clearance=room, is_inside=True)
+        if self.controls == "top" and self.door_top is not None and not thick[BodySide.FRONT]:
+            self._add_panel(builder, low, high, self.door_top + _DOOR_GAP_M)
+
+    def _add_panel(self, builder: GeometryBuilder, low: Array, high: Array, bottom: float) -> None:
+        """Adds a panel between a height and the top, with a display where knobs leave room."""
+        if not low[2] < bottom < high[2] - _MIN_PANEL_M:
+            return
+        front, thick = float(builder.high[0]), min(_PANEL_M, 0.2 * float(high[0] - low[0]))
+        face = front - 0.1 * thick
+        builder.add_box("panel", [front - thick, low[1], bottom], [face, *high[1:]], rounding=0.0015)
+        start = bottom if self.knob_top is None else max(bottom, self.knob_top)
+        room = float(high[2]) - start
+        tall = min(0.6 * room, _MAX_DISPLAY_M)
+        wide = min(3.2 * tall, 0.5 * float(high[1] - low[1]))
+        if tall < _MIN_DISPLAY_M:
+            return
+        middle = start + room / 2
+        across, up = round(wide, 4), round(tall, 4)
+        builder.add_printed_box(
+            "display",
+            [front - 0.5 * thick, -across / 2, middle - up / 2],
+            [front, across / 2, middle + up / 2],
+            PrintLayout.FRONT,
+            partial(clock_display, across, up),
+            rounding=0.0,
+        )
 
     def _add_boards(
         self, builder: GeometryBuilder, thickness: dict[BodySide, float]
