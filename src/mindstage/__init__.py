@@ -10,14 +10,16 @@
         sim.save("now.owl")
     print(ms.diff("kitchen.owl", "now.owl"))
 
-Submodules are imported when one of their names is first used. Where gymnasium was imported before, its environments
-`mindstage/Open-v0`, Pick, Place and PutAway are registered; `gymnasium.make("mindstage:mindstage/Open-v0")` imports it.
+Submodules are imported when one of their names is first used. The environments of Gymnasium are registered as soon as
+it is imported, before or after this package; `gymnasium.make("mindstage:mindstage/Open-v0")` imports this package.
 """
 
-import sys
 from importlib import import_module
 from pkgutil import iter_modules
+from types import ModuleType
 from typing import TYPE_CHECKING
+
+from mindstage.lazy_names import register_function, when_imported
 
 if TYPE_CHECKING:
     from mindstage.api import connect, diff, load, open, save, view  # noqa: A004
@@ -90,7 +92,17 @@ def __dir__() -> list[str]:
     return sorted({*special, *__all__, *_packages()})
 
 
-if "gymnasium" in sys.modules:
-    from mindstage.robots.environments import register_environments
+_EPISODE_STEPS = {"Open": 300, "Pick": 300, "Place": 500, "PutAway": 1000}
+"""The number of actions after which an episode is truncated, by the name of the environment."""
 
-    register_environments()
+
+def _register_environments(gymnasium: ModuleType) -> None:
+    """Registers `mindstage/Open-v0` and the others, without importing what they consist of."""
+    for name, steps in _EPISODE_STEPS.items():
+        id = f"mindstage/{name}-v0"
+        if id not in gymnasium.registry:
+            gymnasium.register(id, entry_point=f"mindstage.robots.gym:{name}Env", max_episode_steps=steps)
+
+
+when_imported("gymnasium", _register_environments)
+register_function("Simulation.try_first", "mindstage.imagination", "try_first")

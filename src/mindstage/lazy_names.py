@@ -1,16 +1,20 @@
-"""Names of a package whose modules are imported when one of their names is first used (PEP 562)."""
+"""Names that are imported when they are first used, and calls of what may not or need not be imported yet."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib import import_module
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Any
 
-__all__ = ["lazy_names"]
+__all__ = ["lazy_names", "register_function", "registered_function", "when_imported"]
 
 
 def lazy_names(package: str, modules: Sequence[str]) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
-    """The functions `__getattr__` and `__dir__` of a package that lists its names in `__all__`.
+    """The functions `__getattr__` and `__dir__` (PEP 562) of a package that lists its names in `__all__`.
 
     Args:
         package: the name of the package.
@@ -30,3 +34,65 @@ def lazy_names(package: str, modules: Sequence[str]) -> tuple[Callable[[str], ob
         return sorted({*namespace, *namespace["__all__"]})
 
     return get, names
+
+
+_functions: dict[str, tuple[str, str]] = {}
+
+
+def register_function(role: str, module: str, name: str) -> None:
+    """Registers the function that has a role in modules that may not import its own.
+
+    Args:
+        role: what the function does, such as the name of the method that calls it.
+        module: the absolute name of its module, which is imported when the function is first used.
+        name: its name there.
+    """
+    _functions[role] = (module, name)
+
+
+def registered_function(role: str) -> Callable[..., Any]:
+    """The function that was registered for a role; its module is imported."""
+    module, name = _functions[role]
+    function: Callable[..., Any] = getattr(import_module(module), name)
+    return function
+
+
+def when_imported(module: str, function: Callable[[ModuleType], object]) -> None:
+    """Calls a function with a module at the end of its first import, at once if it has been imported.
+
+    Args:
+        module: the absolute name of a top-level module, which need not exist.
+        function: called once; if it raises, the import of the module fails.
+    """
+    if module in sys.modules:
+        function(sys.modules[module])
+    else:
+        sys.meta_path.insert(0, _ImportHook(module, function))
+
+
+class _ImportHook:
+    """Finds one module by the other finders, and calls a function once it has been executed."""
+
+    def __init__(self, module: str, function: Callable[[ModuleType], object]) -> None:
+        self._module, self._function = module, function
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """The spec of the module with a loader that calls the function; None for other modules."""
+        if fullname != self._module:
+            return None
+        others = (finder for finder in sys.meta_path if finder is not self)
+        specs = (finder.find_spec(fullname, path, target) for finder in others)
+        spec = next(filter(None, specs), None)
+        loader: Any = spec.loader if spec is not None else None
+        if hasattr(loader, "exec_module"):
+            # Changing the loader itself keeps its type, by which resources and sources of the module are found.
+            loader.exec_module = partial(self._execute, loader.exec_module)
+        return spec
+
+    def _execute(self, execute: Callable[[ModuleType], object], module: ModuleType) -> None:
+        execute(module)
+        if module.__name__ == self._module and self in sys.meta_path:  # a loader may be shared with other modules
+            sys.meta_path.remove(self)
+            self._function(module)

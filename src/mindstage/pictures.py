@@ -1,4 +1,4 @@
-"""Pictures of simulations, rendered by MuJoCo without a browser or a display, and picture files.
+"""Pictures of simulations, rendered by OpenGL without a browser or a display, and picture files.
 
 shot(sim, "kitchen.png")
 shot(sim, "milk.webp", Screenshot(size=(1600, 1000), focus=("milk",)))
@@ -56,8 +56,8 @@ def shot(
         BodyNotFoundError: a body of the screenshot does not exist.
         RendererUnavailableError: there is no OpenGL library.
     """
-    from mindstage.engines.mujoco.offscreen import render_picture
     from mindstage.rendering import Screenshot
+    from mindstage.rendering.rasterizer import render_picture
 
     wanted = screenshot or Screenshot()
     format = None if path is None else picture_format(path)

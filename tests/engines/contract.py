@@ -223,6 +223,25 @@ class DescriptionContract:
         mug = engine.snapshot().body("mug")
         assert (mug.materials, mug.physics) == (steel, heavy)
 
+    def test_a_changed_label_is_in_the_snapshot_and_in_saved_states(self, engine: Engine) -> None:
+        engine.spawn(room())
+        mug, before = BodyId("mug"), engine.snapshot().body("mug")
+        engine.set_label(mug, "cup of Ann")
+        assert engine.snapshot().body("mug") == msgspec.structs.replace(before, label="cup of Ann")
+        engine.set_label(mug, "")
+        assert engine.snapshot().body("mug").label is None
+        with pytest.raises(BodyNotFoundError):
+            engine.set_label(BodyId("mugg"), "cup")
+        if Capability.SAVE in engine.capabilities:
+            engine.set_label(mug, "cup")
+            state = engine.save_state()
+            engine.set_label(mug, "glass")
+            engine.restore_state(state)
+            assert engine.snapshot().body("mug").label == "cup"
+        engine.delete([mug])
+        engine.spawn(world(before))
+        assert engine.snapshot().body("mug").label == before.label, "a new body has its own label"
+
     def test_highlights_stay_until_they_are_removed(self, engine: Engine) -> None:
         engine.spawn(room())
         engine.highlight([BodyId("mug"), BodyId("door")], (1.0, 0.0, 0.0))
@@ -646,9 +665,10 @@ class PhysicsContract(DescriptionContract):
             lambda engine: engine.set_physics(BodyId("crate"), BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=9.0)),
         )
         yield "materials", lambda engine: engine.set_materials(BodyId("crate"), (Material(name="oak"),))
+        yield "label", lambda engine: engine.set_label(BodyId("crate"), "box")
         yield "static pose", lambda engine: engine.set_pose(BodyId("floor"), Pose((0, 0, -0.0500001)))
 
-    @pytest.mark.parametrize("edit", ["spawn", "delete", "attach", "mass", "materials", "static pose"])
+    @pytest.mark.parametrize("edit", ["spawn", "delete", "attach", "mass", "materials", "label", "static pose"])
     def test_an_edit_keeps_all_other_poses_and_velocities(self, engine: Engine, edit: str) -> None:
         before = self.running_room(engine)
         door_before = current_pose(engine, "door")

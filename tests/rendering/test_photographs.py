@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mindstage.engines.mujoco import offscreen
 from mindstage.pictures import simulation_scene
 from mindstage.rendering import Screenshot
+from mindstage.rendering.rasterizer import render_picture
 from mindstage.rendering.render_scene import RenderScene
 from mindstage.scene import PbrMaterial, VisualMesh
 from tests.rendering.photographs import MAPS, RENDERERS, SIZE, photographed, reference_path
@@ -55,7 +55,7 @@ def scene() -> RenderScene:
 
 
 def similarity_of(scene: RenderScene) -> float:
-    picture: NDArray[np.uint8] = offscreen.render_picture(scene, SIZE)
+    picture: NDArray[np.uint8] = render_picture(scene, SIZE)
     return picture_similarity(picture, read_picture(reference_path("kitchen", "mujoco")))
 
 

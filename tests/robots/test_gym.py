@@ -52,17 +52,42 @@ def task_of(env: gymnasium.Env) -> RobotTaskEnv:
     return cast(RobotTaskEnv, env.unwrapped)
 
 
-@pytest.mark.parametrize(
-    ("imports", "id"),
-    [
-        ("gymnasium", "mindstage:mindstage/Open-v0"),
-        ("gymnasium, mindstage", "mindstage/Open-v0"),
-        ("mindstage, gymnasium", "mindstage.robots.gym:mindstage/Open-v0"),
-    ],
-)
-def test_a_fresh_process_makes_an_environment_by_its_id(imports: str, id: str) -> None:
-    make = f"gymnasium.make({id!r}, thing='nothing')"
-    code = f"import warnings; warnings.simplefilter('error'); import {imports}; {make}"
+IMPORTS = {
+    "gymnasium alone": ("import gymnasium", "mindstage:mindstage/Open-v0"),
+    "first gymnasium": ("import gymnasium, mindstage", "mindstage/Open-v0"),
+    "first mindstage": ("import mindstage, gymnasium", "mindstage/Open-v0"),
+    "first mindstage, with a module": ("import mindstage, gymnasium", "mindstage:mindstage/Open-v0"),
+    "a submodule of gymnasium": (
+        "import mindstage; from gymnasium.envs import registration; import gymnasium",
+        "mindstage/Open-v0",
+    ),
+    "gymnasium in threads": (
+        "import mindstage, threading, importlib\n"
+        "threads = [threading.Thread(target=importlib.import_module, args=['gymnasium']) for _ in range(4)]\n"
+        "for each in threads: each.start()\n"
+        "for each in threads: each.join()\n"
+        "import gymnasium",
+        "mindstage/Open-v0",
+    ),
+}
+"""Statements in a new process, and the id by which the environment is then found."""
+
+
+@pytest.mark.parametrize("order", IMPORTS)
+def test_an_environment_is_found_by_its_id_in_every_order_of_imports(order: str) -> None:
+    statements, id = IMPORTS[order]
+    code = (
+        f"import sys, warnings; warnings.simplefilter('error')\n{statements}\n"
+        "from gymnasium.envs import registration\n"  # `gymnasium.make` begins with `_find_spec`
+        f"print(registration._find_spec({id!r}).entry_point, *(type(each).__name__ for each in sys.meta_path))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert run.stdout.startswith("mindstage.robots.gym:OpenEnv ")
+    assert "_ImportHook" not in run.stdout, "the hook is removed after the import"
+
+
+def test_a_fresh_process_makes_an_environment_by_the_module_that_defines_it() -> None:
+    code = "import mindstage, gymnasium; gymnasium.make('mindstage.robots.gym:mindstage/Open-v0', thing='nothing')"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
     assert "OpenEnv cannot be about it" in run.stderr, "the environment is found, and refuses its argument"
 

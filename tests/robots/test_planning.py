@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from math import cos, pi, sin
 
@@ -13,6 +14,7 @@ from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.planning import find_arm, interpolated, plan_arm, plan_line, plan_path
 from mindstage.robots.robot import Robot
+from mindstage.robots.search_limits import SearchLimit
 from mindstage.robots.trajectories import JointTrajectory, spline_of
 from mindstage.scene import Body, BodyId, Pose
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_array, quat_angle
@@ -131,13 +133,22 @@ def test_a_plan_depends_on_its_seed_and_not_on_what_was_planned_before() -> None
         assert plan_arm(robot, "", Pose(RIGHT), seed=4) == first
 
 
-def test_a_search_that_its_wall_time_has_ended_says_so() -> None:
+def test_a_search_that_its_processor_time_has_ended_says_so() -> None:
     with robot_in(WALL) as robot:
         assert robot.run(robot.following(plan_arm(robot, "", Pose(LEFT))))
-        with pytest.raises(UnreachableError, match=r"after 0 s of wall time, in which \d+ of 40000 steps"):
-            plan_arm(robot, "", Pose(RIGHT), wall_s=0.0)
+        with pytest.raises(UnreachableError, match=r"after 0 s of processor time, in which \d+ of 40000 steps"):
+            plan_arm(robot, "", Pose(RIGHT), cpu_s=0.0)
         with pytest.raises(UnreachableError, match="within 5 steps"):
             plan_arm(robot, "", Pose(RIGHT), max_tests=5)
+
+
+def test_a_search_is_not_ended_by_what_else_the_machine_does() -> None:
+    limit = SearchLimit(10, cpu_s=0.1)
+    time.sleep(0.2)
+    assert not limit.is_over
+    limit.count(10)
+    assert limit.is_over
+    assert not limit.ended_by_time
 
 
 def test_the_arm_may_start_elsewhere() -> None:

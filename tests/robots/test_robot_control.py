@@ -481,6 +481,20 @@ def test_the_force_of_the_fingers_is_that_of_the_command(sim: Simulation, robot:
         assert sum(forces) / 2 == pytest.approx(force_n, rel=0.1)
 
 
+def test_fingers_are_not_faster_than_their_limit_when_what_they_press_slips_out(sim: Simulation, robot: Robot) -> None:
+    """The drive is a spring that is bent as far as its largest force when it presses."""
+    give(sim, robot)
+    assert robot.run(robot.gripping("", 0.0)).stalled
+    sim.run_on_engine(lambda engine: engine.set_pose(BodyId("carton"), Pose((3.0, 3.0, 0.1))), edits=True)
+    speeds = []
+    for _ in range(50):
+        sim.step(0.002)
+        speeds.append(abs(robot.joint_velocities()["left_finger_joint"]))
+    limit = robot.drives["left_finger_joint"].joint.velocity
+    assert limit is not None
+    assert 0.3 * limit < max(speeds) <= limit  # they do close farther
+
+
 # -- the simulation ----------------------------------------------------------------------------------------------------
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from functools import partial
 
 import msgspec
 import numpy as np
@@ -20,13 +21,16 @@ from mindstage.robots.skills import (
     SkillResult,
     SkillStep,
     can_open,
+    handling,
     split_command,
     start_skill,
 )
 from mindstage.robots.skills.arm_paths import interpolated_poses
+from mindstage.robots.skills.declaration import SkillMotion
 from mindstage.robots.skills.front_access import find_front_motion
 from mindstage.robots.skills.manipulator import hands_of
-from mindstage.robots.skills.surroundings import Surroundings
+from mindstage.robots.skills.stances import StanceRequest
+from mindstage.robots.skills.surroundings import Opening, Surroundings
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId, Iri, Mobility, Pose, World
 from mindstage.scene.transforms import quat_rotate
@@ -220,6 +224,50 @@ class TestSmallKitchen:
         assert result.state.supports == {mug: "in Drawer"}
         assert result.state.openness == {"Drawer": pytest.approx(1.0, abs=0.05)}
         assert not result.state.held
+
+    def test_a_closed_drawer_is_opened_to_pick_what_is_in_it(
+        self, pantry: Simulation, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """The search for a grasp by friction is cut short: the mug is fixed to the gripper then."""
+        monkeypatch.setattr(handling, "StanceRequest", partial(StanceRequest, steps=2000))
+        robot, mug = pantry.robot(), BodyId("Mug")
+        pantry.place(mug, into="Drawer")
+        assert pantry.joint("Drawer").openness < 0.01
+        result = perform(robot, "pick", thing="Mug")
+        assert result, result.reason
+        assert result.state.held == {"gripper": mug}
+        assert result.state.openness == {"Drawer": pytest.approx(1.0, abs=0.05)}
+        texts = [each.text for each in result.steps]
+        assert texts.index("open Drawer to 100%") < texts.index("grasp Mug")
+
+    def test_a_drawer_is_opened_farther_if_a_stance_is_found_but_no_way_of_the_arm(
+        self, pantry: Simulation, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Motions are left out: the arm finds its way as soon as the drawer is wide open."""
+        robot, mug, drawer = pantry.robot(), BodyId("Mug"), pantry.joint("Drawer")
+        pantry.place(mug, into="Drawer")
+        drawer.open(0.6)
+        pantry.step(0.2)
+        attempts = list[float]()
+
+        def standing_before(*args: object) -> Generator[float, None, str]:
+            attempts.append(drawer.openness)
+            yield 0.1
+            if drawer.openness < 0.9:
+                raise UnreachableError(robot.name, target=mug, reason="no way was found")
+            return "in front of it"
+
+        def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMotion:
+            pantry.joint(opening.front).open(fraction)
+            yield 0.1
+
+        monkeypatch.setattr(handling, "_friction_stance", lambda *args, **options: (None, None))
+        monkeypatch.setattr(handling, "_standing_before", standing_before)
+        monkeypatch.setattr(handling, "moving_front", moving_front)
+        task = SkillTask(robot)
+        motion = handling._hand_before(task, hands_of(task)[0], task.surroundings(), mug, upright=None, stays=False)
+        assert robot.run(motion) == "in front of it"
+        assert attempts == pytest.approx([0.6, 1.0], abs=0.05)
 
 
 @pytest.fixture(scope="module")

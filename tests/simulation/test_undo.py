@@ -58,6 +58,7 @@ def test_each_edit_can_be_undone_and_redone(sim: Simulation) -> None:
             MUG, BodyPhysics(mobility=Mobility.DYNAMIC, gravity=True, overlap_events=False, mass_kg=7.0), label="mass"
         ),
         "material of Mug": lambda: undo_stack.set_materials(MUG, [Material(name="gold", color=(1.0, 0.8, 0.0))]),
+        "label of Mug": lambda: undo_stack.rename(MUG, " cup of Ann "),
         "Mug attached to Drawer": lambda: undo_stack.attach(DRAWER, MUG),
         "DrawerHandle detached": lambda: undo_stack.detach(HANDLE),
         "Mug deleted": lambda: undo_stack.delete([MUG]),
@@ -277,3 +278,31 @@ def test_a_pull_opens_a_door_in_physics() -> None:
         sim.pull(pull.id, point=pull.point, target=pull.target)
         sim.step(2.0)
         assert joint.positions(poses(sim))["swing1"] == pytest.approx(-0.5, abs=0.02)
+
+
+def test_what_happens_in_a_context_is_one_step(sim: Simulation) -> None:
+    undo_stack = sim.undo_stack
+    undo_stack.move(MUG, THERE)
+    before = sim.snapshot()
+    with undo_stack.one_step("tidy up"):
+        undo_stack.delete([HANDLE])
+        sim.run_on_engine(lambda engine: engine.attach(DRAWER, MUG), edits=True)
+        undo_stack.rename(MUG, "cup")
+    after = sim.snapshot()
+    assert undo_stack.history.undo == ("tidy up", "pose of Mug"), "the edits within it are parts of it"
+    assert undo_stack.undo() == "tidy up"
+    assert is_same(before, sim.snapshot())
+    assert undo_stack.redo() == "tidy up"
+    assert is_same(after, sim.snapshot())
+    undo_stack.undo()
+    assert undo_stack.undo() == "pose of Mug"
+
+
+def test_a_context_in_which_nothing_moves_is_no_step_and_one_that_fails_is(sim: Simulation) -> None:
+    with sim.undo_stack.one_step("wait"):
+        sim.run_on_engine(lambda engine: engine.poses())
+    assert sim.undo_stack.history.undo == ()
+    with pytest.raises(RuntimeError), sim.undo_stack.one_step("fail"):  # noqa: PT012
+        sim.run_on_engine(lambda engine: engine.set_pose(MUG, THERE), edits=True)
+        raise RuntimeError
+    assert sim.undo_stack.history.undo == ("fail",)

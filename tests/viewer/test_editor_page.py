@@ -85,6 +85,24 @@ def test_keys_work_outside_of_fields_and_the_help_lists_them(
     wait_until(lambda: tab.selected is None, "Escape selects nothing")
 
 
+def test_a_body_is_renamed_and_the_name_undone(simulation: Simulation, viewer: Viewer, open_page: OpenPage) -> None:
+    tab = open_page(viewer, view=False)
+    wait_until(lambda: len(tab.tree_rows()) == 4, "the tree is shown")
+    tab.select_in_tree("Mug")
+    blur(tab)
+    tab.page.keyboard.press("F2")
+    tab.page.keyboard.type("Ann's cup")
+    tab.page.keyboard.press("Enter")
+    title, row = tab.page.locator("[data-role=title]"), tab.page.locator(".tree-row[data-id=Mug] .tree-name")
+    wait_until(lambda: title.inner_text() == "Ann's cup" and "Ann's cup" in row.inner_text(), "the name is shown")
+    assert simulation.snapshot().body("Mug").label == "Ann's cup"
+    blur(tab)
+    tab.page.keyboard.press("Control+z")
+    wait_until(lambda: title.inner_text() == "Cup" and "Ann's cup" not in row.inner_text(), "it has no name again")
+    tab.page.keyboard.press("Control+y")
+    wait_until(lambda: title.inner_text() == "Ann's cup", "it is renamed again")
+
+
 def test_deleting_asks_about_parts_and_the_history_goes_back(
     simulation: Simulation, viewer: Viewer, open_page: OpenPage
 ) -> None:

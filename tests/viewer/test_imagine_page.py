@@ -201,3 +201,18 @@ def test_at_most_so_many_end_poses_are_drawn(verdict: Verdict) -> None:
     (mug,) = end_pose_ghosts(many)
     assert len(mug.poses) == MAX_GHOSTS
     assert any(np.allclose(color, FAILED_COLOR) for color in mug.colors)
+
+
+def test_a_plan_is_done_and_undone(tab: PageTab, simulation: Simulation) -> None:
+    before = simulation.snapshot().body("Mug").pose.position
+    tab.page.locator("[data-role=plan]").fill("steps:\n  - {do: move, thing: Mug, by: [0.0, 0.1, 0.0]}\n")
+    tab.click_button("imagine-act")
+    wait_until(lambda: "done in" in result(tab), "the outcome is shown")
+    assert tab.page.locator("[data-outcome]").get_attribute("data-outcome") == "succeeded"
+    moved = simulation.snapshot().body("Mug").pose.position
+    assert np.subtract(moved, before) == pytest.approx([0.0, 0.1, 0.0], abs=2e-3)
+    assert simulation.undo_stack.history.undo[:1] == ("plan",)
+    tab.click_button("imagine-undo")
+    wait_until(
+        lambda: np.allclose(simulation.snapshot().body("Mug").pose.position, before, atol=1e-4), "the mug is back"
+    )

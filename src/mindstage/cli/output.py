@@ -290,6 +290,8 @@ _MIN_PROGRESS_S = 1.0
 
 def step_with_progress(simulation: Simulation, duration_s: float) -> float:
     """Steps a simulation with a progress bar, and returns the wall time [s]."""
+    if duration_s == 0:  # importing rich would take a tenth of the time of a picture
+        return 0.0
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("simulating"), BarColumn(), TextColumn("{task.completed:.1f} of {task.total:.1f} s"))

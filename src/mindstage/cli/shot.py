@@ -1,4 +1,4 @@
-"""The verb `shot`: renders a picture of a map with MuJoCo's renderer, or of the whole page in a headless browser.
+"""The verb `shot`: renders a picture of a map with OpenGL, or of the whole page in a headless browser.
 
 Doors and drawers can be opened and bodies highlighted first. The simulation is paused while the picture is taken, so
 that the same map gives the same picture.

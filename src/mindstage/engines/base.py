@@ -381,6 +381,13 @@ class Engine(Protocol):
             BodyNotFoundError: the body is unknown.
         """
 
+    def set_label(self, id: BodyId, label: str) -> None:
+        """Sets the label of a body, its name for people; an empty one removes it. The id stays.
+
+        Raises:
+            BodyNotFoundError: the body is unknown.
+        """
+
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         """Highlights bodies in a color, or removes their highlights.
 

@@ -116,6 +116,9 @@ class NullEngine:
     def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
         self._require_open()._registry.replace(id, materials=materials)
 
+    def set_label(self, id: BodyId, label: str) -> None:
+        self._require_open()._registry.replace(id, label=label)
+
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         self._require_open()._registry.highlight(ids, color)
 

@@ -205,8 +205,9 @@ class EntityRegistry:
         pose: Pose | None = None,
         physics: BodyPhysics | None = None,
         materials: tuple[Material, ...] | None = None,
+        label: str | None = None,
     ) -> None:
-        """Replaces properties of a body; None keeps the current value.
+        """Replaces properties of a body; None keeps the current value, and an empty label removes it.
 
         Raises:
             BodyNotFoundError: there is no such body.
@@ -222,6 +223,7 @@ class EntityRegistry:
             pose=body.pose if pose is None else pose,
             physics=body.physics if physics is None else physics,
             materials=body.materials if materials is None else materials,
+            label=body.label if label is None else label or None,
         )
 
     def attach(self, parent: BodyId, child: BodyId) -> None:

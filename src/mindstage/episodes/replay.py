@@ -162,6 +162,9 @@ class ReplayEngine:
     def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
         self._refuse("change bodies")
 
+    def set_label(self, id: BodyId, label: str) -> None:
+        self._refuse("change bodies")
+
     def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
         self._refuse("push bodies")
 

@@ -4,7 +4,7 @@
 >>> from mindstage.imagination import Plan, Push, Uncertainty
 >>> with ms.open("bundled:kitchen") as sim:
 ...     push = Plan(steps=(Push(thing="milk_carton_1", force=(200.0, 0.0, 0.0)),))
-...     tried = ms.try_first(sim, push, at_least=0.9)
+...     tried = sim.try_first(push, at_least=0.9)
 >>> tried.acted
 False
 """
@@ -31,7 +31,7 @@ from mindstage.imagination.results import Outcome, SampleResult
 from mindstage.imagination.verdicts import Progress, Verdict, imagine
 from mindstage.robots.skills.declaration import SkillStep
 from mindstage.scene import BodyId
-from mindstage.simulation import Simulation
+from mindstage.simulation import Simulation, TrialResult
 
 __all__ = ["TryFirstResult", "act", "try_first"]
 
@@ -41,7 +41,7 @@ _POLL_S = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TryFirstResult:
+class TryFirstResult(TrialResult):
     """What a trial predicted, and what happened if the plan was then done; truthy if it was done and succeeded."""
 
     verdict: Verdict
@@ -86,7 +86,7 @@ def act(
     on_poses: Callable[[float, tuple[BodyId, ...], PoseArray], None] | None = None,
     on_step: Callable[[SkillStep], object] | None = None,
 ) -> SampleResult:
-    """Does a plan in a running simulation, without its uncertainty.
+    """Does a plan in a running simulation, without its uncertainty. It is one edit, which `undo` takes back.
 
     Simulated time is stepped; while the simulation plays, it passes in real time.
 
@@ -106,21 +106,22 @@ def act(
         file.validate(simulation)
     given = file.plan if isinstance(file, PlanFile) else file
     runner = PlanRunner(simulation, msgspec.structs.replace(given, uncertainty=()), seed=seed)
-    sample = runner.begin(simulation, 0, on_poses=on_poses, on_step=on_step)
-    reason: Exception | None = None
-    while True:
-        duration_s = resume(sample, reason)
-        if isinstance(duration_s, SampleResult):
-            return duration_s
-        reason = SampleStoppedError() if stop() else None
-        if reason is None:
-            try:
-                _let_pass(simulation, duration_s)
-            except (EngineError, SimulationError) as error:
-                reason = error
-            except BaseException:
-                sample.close()  # robots stop
-                raise
+    with simulation.undo_stack.one_step(given.name or "plan"):
+        sample = runner.begin(simulation, 0, on_poses=on_poses, on_step=on_step)
+        reason: Exception | None = None
+        while True:
+            duration_s = resume(sample, reason)
+            if isinstance(duration_s, SampleResult):
+                return duration_s
+            reason = SampleStoppedError() if stop() else None
+            if reason is None:
+                try:
+                    _let_pass(simulation, duration_s)
+                except (EngineError, SimulationError) as error:
+                    reason = error
+                except BaseException:
+                    sample.close()  # robots stop
+                    raise
 
 
 def try_first(

@@ -41,6 +41,7 @@ from mindstage.knowledge.questions import (
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.vocabulary import CHILD, THING
 from mindstage.scene import Body, BodyId, Iri, Joint, Vector
+from mindstage.scene.kinematics import is_robot_part
 from mindstage.scene.proximity import BodyBoxes
 from mindstage.scene.ray_casting import Depressions, ShapeScene, find_depressions
 from mindstage.scene.transforms import (
@@ -290,7 +291,10 @@ def _missing_fronts(
         with kb.lock:
             cls = kb.reasoner.class_of(thing) or THING
         claims = body_claims((thing,), present.states(map), map)
-        yield MissingKnowledge(cls, CHILD, f"no joint moves {local_name(thing)}, or a part of it", claims=claims)
+        why = f"no joint moves {local_name(thing)}, or a part of it"
+        if any(is_robot_part(scene.bodies[thing]) for scene in scenes if thing in scene.bodies):
+            why = f"{local_name(thing)} is a part of a robot, whose joints move no door or drawer"
+        yield MissingKnowledge(cls, CHILD, why, claims=claims)
         return
     known = thing if not any(thing in scene.joints for scene in scenes) else None
     yield from why_not(kb, present, (known,), map, "does not open")

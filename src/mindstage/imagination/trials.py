@@ -31,6 +31,7 @@ from mindstage.knowledge.questions import MAP_SOURCE, MissingKnowledge, Question
 from mindstage.knowledge.rdf import local_name
 from mindstage.scene import Body, BodyId, Iri, Joint
 from mindstage.scene.display import counted
+from mindstage.scene.kinematics import is_robot_part
 from mindstage.scene.transforms import Array, normalize, pose_inverse, quat_rotate
 from mindstage.simulation import Simulation
 from mindstage.simulation.image import SimulationImage
@@ -101,12 +102,16 @@ class ImaginedScene:
         return self.state.map_of_body().get(id, self.map)
 
     def fronts(self, iri: Iri | None) -> tuple[Joint, ...]:
-        """The joints that move a body or are that joint; those of its doors and drawers if it has none; or all."""
-        joints = self.state.world.joints
+        """The joints that move a body or are that joint; those of its doors and drawers if it has none; or all.
+
+        Those of robots are left out.
+        """
+        robots = {body.id for body in self.state.world.bodies if is_robot_part(body)}
+        joints = tuple(joint for joint in self.state.world.joints if self.moving_body(joint) not in robots)
         if iri is None:
             return joints
         if iri in self.joints:
-            return (self.joints[iri],)
+            return tuple(joint for joint in joints if joint.iri == iri)
         body = self.bodies.get(iri)
         if body is None:
             return ()

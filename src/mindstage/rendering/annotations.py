@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mindstage.rendering.camera import ViewFrame
 from mindstage.rendering.render_scene import RenderLabel, RenderScene
-from mindstage.rendering.shading import ViewFrame
 from mindstage.scene import Color
 
 if TYPE_CHECKING:

@@ -24,6 +24,7 @@ from mindstage.scene.transforms import (
 __all__ = [
     "CameraPose",
     "FramingTarget",
+    "ViewFrame",
     "corners",
     "find_occluders",
     "focus_camera",
@@ -70,6 +71,71 @@ class CameraPose(msgspec.Struct, frozen=True):
     """Shift of the lens: how far the point that the axis of the camera meets is above the center of the picture, as a
     part of its height. A camera whose axis is horizontal keeps vertical edges vertical, and the shift selects the part
     of the scene that is seen."""
+
+
+class ViewFrame:
+    """The frame and the image plane of a camera."""
+
+    def __init__(self, camera: CameraPose, size: tuple[int, int]) -> None:
+        """Computes the axes of the camera.
+
+        Args:
+            camera: the camera.
+            size: width and height of the picture [px].
+        """
+        self.width, self.height = size
+        self.eye = np.array(camera.position, dtype=float)
+        forward = np.array(camera.look_at, dtype=float) - self.eye
+        self.forward = forward / max(float(np.linalg.norm(forward)), 1e-9)
+        right = np.cross(self.forward, [0.0, 0.0, 1.0])
+        if float(np.linalg.norm(right)) < 1e-6:  # straight down: the upper edge is north
+            right = np.array([1.0, 0.0, 0.0])
+        self.right = right / np.linalg.norm(right)
+        self.up = np.cross(self.right, self.forward)
+        half = float(np.tan(camera.field_of_view_rad / 2))
+        self.half_width = half * self.width / self.height
+        middle = -2.0 * half * camera.vertical_shift
+        self.bottom, self.top = middle - half, middle + half
+
+    @property
+    def rise(self) -> tuple[float, float]:
+        """Heights of the lower and the upper edge of the picture at a distance of 1."""
+        return self.bottom, self.top
+
+    def ray_axes(self) -> Array:
+        """Half the width of the picture at a distance of 1, to the right; the unit vectors up and forward: columns."""
+        return np.stack([self.right * self.half_width, self.up, self.forward], axis=1)
+
+    def clip_from_world(self, near: float, far: float) -> Array:
+        """The projection of OpenGL, 4 x 4.
+
+        Args:
+            near: distance of the near plane [m].
+            far: distance of the far plane [m].
+        """
+        camera_from_world = np.eye(4)
+        camera_from_world[:3, :3] = np.stack([self.right, self.up, -self.forward])
+        camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ self.eye
+        height = self.top - self.bottom
+        projection = np.zeros((4, 4))
+        projection[0, 0] = 1 / self.half_width
+        projection[1, 1], projection[1, 2] = 2 / height, (self.top + self.bottom) / height
+        projection[2, 2], projection[2, 3] = -(far + near) / (far - near), -2 * far * near / (far - near)
+        projection[3, 2] = -1.0
+        product: Array = projection @ camera_from_world
+        return product
+
+    def project(self, points: Array) -> Array:
+        """Pixel coordinates (from the upper left corner) and depth [m] of points, n x 3.
+
+        Args:
+            points: n x 3 [m].
+        """
+        local = (points - self.eye) @ np.stack([self.right, self.up, self.forward], axis=1)
+        depth = np.where(np.abs(local[:, 2]) < 1e-9, 1e-9, local[:, 2])
+        x = (local[:, 0] / depth / self.half_width + 1) / 2 * self.width
+        y = (1 - (local[:, 1] / depth - self.bottom) / (self.top - self.bottom)) * self.height
+        return np.stack([x, y, local[:, 2]], axis=1)
 
 
 class FramingTarget(msgspec.Struct, frozen=True, eq=False):

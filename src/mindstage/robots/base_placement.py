@@ -21,7 +21,7 @@ from mindstage.robots.kinematics import BASE_JOINTS, RobotKinematics
 from mindstage.robots.model import Arm, BaseType
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.planning import find_arm
-from mindstage.robots.search_limits import WALL_S, SearchLimit
+from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
 
@@ -243,7 +243,7 @@ def find_base_poses(
     max_distance_m: float | None = None,
     count: int = 5,
     max_places: int = 400,
-    wall_s: float = WALL_S,
+    cpu_s: float = CPU_S,
 ) -> tuple[BasePlacement, ...]:
     """Finds places of the base from which an arm reaches all of some poses, the best first.
 
@@ -258,7 +258,7 @@ def find_base_poses(
         max_distance_m: the largest horizontal distance between base and targets [m]; by default the arm's reach.
         count: the largest number of places.
         max_places: the largest number of places that are tried.
-        wall_s: wall time after which the search ends in any case [s].
+        cpu_s: processor time after which the search ends in any case [s].
 
     Raises:
         InvalidArgumentError: there is no such arm, or no target, or the base is fixed.
@@ -267,7 +267,7 @@ def find_base_poses(
     if robot.model.base.type is BaseType.FIXED:
         cause, remedy = f"the base of {robot.name} is fixed", "use a robot that drives"
         raise InvalidArgumentError("robot", cause=cause, remedy=remedy)
-    limit = SearchLimit(max_places, wall_s=wall_s)
+    limit = SearchLimit(max_places, cpu_s=cpu_s)
     placing = _Placing(robot, arm, targets, free=free, ignore=ignore, touch=touch, clearance_m=clearance_m)
     found: list[BasePlacement] = []
     for base, length in placing.candidates(max_distance_m):
@@ -296,7 +296,7 @@ def reachable_region(
     step_m: float = 0.08,
     collisions: bool = True,
     max_points: int = 2500,
-    wall_s: float = 5.0,
+    cpu_s: float = 5.0,
 ) -> Array:
     """The points of a horizontal grid that the gripper of an arm reaches from where the robot stands.
 
@@ -307,7 +307,7 @@ def reachable_region(
         step_m: distance of two points [m].
         collisions: whether points are left out that are only reached with collisions.
         max_points: the largest number of points that are tried, those near the gripper first.
-        wall_s: wall time after which the search ends in any case [s].
+        cpu_s: processor time after which the search ends in any case [s].
 
     Returns:
         n x 3 in the world frame [m].
@@ -317,7 +317,7 @@ def reachable_region(
     """
     if not 0.0 < step_m < inf:
         raise InvalidArgumentError("step_m", cause=f"{step_m:g} is no distance", remedy="give above 0")
-    limit = SearchLimit(max_points, wall_s=wall_s)
+    limit = SearchLimit(max_points, cpu_s=cpu_s)
     used, kinematics = find_arm(robot, arm), RobotKinematics(robot.model)
     frame, root = kinematics.frame_of(used), robot.link_pose(robot.model.root)
     now = robot.joint_positions()

@@ -18,7 +18,7 @@ from mindstage.engines.mujoco.kinematics import ContactModel
 from mindstage.robots.drives import links_moved_by, planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.model import Gripper, RobotJoint, RobotModel
 from mindstage.robots.world import RobotWorld
-from mindstage.scene import BodyId
+from mindstage.scene import BodyId, Vector
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply
 from mindstage.simulation.imagined import copied_engine
 from mindstage.simulation.state import EngineSession
@@ -96,6 +96,33 @@ def _in_mujoco(engine: Engine, session: EngineSession) -> Engine:
     return copied_engine(engine, worlds=session.worlds, geometry=session.geometry, options=options, physics=True)[0]
 
 
+def _carried_by(
+    holder: BodyId, engine: Engine, size: Vector | None, *, excluded: Collection[BodyId]
+) -> frozenset[BodyId]:
+    """What lies in or on a body, and moves with it: what touches it, or what does, and is within its extents.
+
+    Args:
+        holder: the body.
+        engine: the engine.
+        size: its extents; None if they are unknown.
+        excluded: other bodies.
+    """
+    found, last = {holder}, set[BodyId]()
+    contacts = engine.contacts()
+    ids, poses = engine.poses()
+    rows = {id: row for row, id in enumerate(ids)}
+    to_holder = pose_inverse(poses[rows[holder]])
+    while found != last:
+        last = set(found)
+        for a, b in ((each.a, each.b) for each in contacts if each.b is not None):
+            for one, other in ((a, b), (b, a)):
+                if one in found and other not in found and other not in excluded and size is not None:
+                    local = pose_multiply(to_holder, poses[rows[other]])[:3]
+                    if bool((np.abs(local[:2]) < np.asarray(size)[:2] / 2).all()):
+                        found.add(other)
+    return frozenset(found - {holder})
+
+
 def _moved_links(model: RobotModel, joints: Iterable[str]) -> frozenset[str]:
     """The links that some joints move, with those of joints that mimic them."""
     names = set(joints)
@@ -170,11 +197,21 @@ class CollisionChecker:
             held[each.name]: link_ids[each.link] for each in model.grippers if each.name in held and each.link in links
         }
         moving = {link_ids[link] for link in links if link in link_ids}
+        sizes = {body.id: body.size for body in robot.session.snapshot().bodies} if carried else {}
 
         def copy(engine: Engine) -> ContactModel:
             source: Any = engine if engine.name == "mujoco" else _in_mujoco(engine, robot.session)
+            contents = {
+                id: carried[holder]
+                for holder in carried
+                for id in _carried_by(holder, source, sizes.get(holder), excluded={*link_ids.values(), *carried})
+            }
             return ContactModel(
-                source.compiled(), moving=moving, ignored=ignore, carried=carried, clearance_m=max(clearance_m, 0.0)
+                source.compiled(),
+                moving=moving,
+                ignored=ignore,
+                carried=contents | carried,
+                clearance_m=max(clearance_m, 0.0),
             )
 
         self._contacts = robot.session.run_on_engine(copy, label="copy for collisions")

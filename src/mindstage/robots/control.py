@@ -303,7 +303,8 @@ class JointGoal(MotionGoal):
         self._path_tolerance = _tolerances(path_tolerance, drives, _PATH_TOLERANCES)
         self._goal_time_tolerance_s = goal_time_tolerance_s
         self._lags_s = np.array([each.lag_s for each in drives])
-        """With critical damping, a servo follows exactly what is ahead by lag * velocity + lag² / 4 * acceleration."""
+        self._inertias = np.array([each.inertia / each.stiffness for each in drives])
+        """A servo follows exactly what is ahead by lag * velocity + inertia / stiffness * acceleration."""
         limits = np.array([each.joint.velocity or math.inf for each in drives])
         self._leads = _LEAD_SLACK * (self._lags_s + PERIOD_S / 2) * limits
         self._blocked_s = np.zeros(len(drives))
@@ -350,7 +351,7 @@ class JointGoal(MotionGoal):
         # The command is constant for a period, at the middle of which it is to be right.
         target, next_speed = self._spline.sample(self.elapsed_s + PERIOD_S / 2)
         self.elapsed_s += PERIOD_S
-        ahead = self._lags_s * next_speed + self._lags_s**2 / 4.0 * (next_speed - speed) / (PERIOD_S / 2)
+        ahead = self._lags_s * next_speed + self._inertias * (next_speed - speed) / (PERIOD_S / 2)
         # A drive does not exceed its velocity either when it catches up after it was held back.
         ahead = np.clip(target + ahead - actual, -self._leads, self._leads)
         values = (actual + ahead).tolist()
@@ -435,8 +436,10 @@ class GripperGoal(MotionGoal):
         ratio = gripper.max_opening_m / len(drives) / travel
         efforts = np.minimum(force_n * ratio, [each.effort_limit for each in drives])
         self._lead = efforts / np.array([each.stiffness for each in drives])
+        self._lags_s = np.array([each.lag_s for each in drives])
         limits = [each.joint.velocity or math.inf for each in drives]
         self._speed = np.minimum(_FINGER_VELOCITY_M / (ratio * len(drives)), limits)
+        self._speed = np.minimum(self._speed, self._lead / self._lags_s)  # more takes more than that force
         self._reference: Array | None = None
         self._starts_open = self._still_s = 0.0
         slowest = float((np.abs(opened - closed) / self._speed).max())
@@ -474,10 +477,9 @@ class GripperGoal(MotionGoal):
         elif self.elapsed_s >= self._timeout_s:
             reason = f"the opening is {opening_m:.3f} m, and the fingers are not at rest"
             self.end(MotionOutcome.FAILED, reason, failure=MotionFailure.GOAL_TOLERANCE, error=error)
-        lag = np.array([each.lag_s for each in self._drives])
         moving = np.where(np.abs(self._target - self._reference) > step, np.sign(self._target - self._reference), 0.0)
-        command = self._reference + lag * moving * self._speed * (0.0 if is_still else 1.0)
-        command = np.clip(command, actual - self._lead - lag * self._speed, actual + self._lead + lag * self._speed)
+        command = self._reference + self._lags_s * moving * self._speed
+        command = np.clip(command, actual - self._lead, actual + self._lead)
         return {each.actuator: each.clamped(value) for each, value in zip(self._drives, command.tolist(), strict=True)}
 
     def brake(self, view: ControlView, used: frozenset[str]) -> MotionGoal | None:

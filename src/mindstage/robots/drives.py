@@ -2,7 +2,9 @@
 
 A description states the largest effort of a joint, but not how its drive is controlled. The stiffness is chosen so that
 a small error takes the largest effort, as with industrial drives, and the damping so that a joint does not overshoot
-with the inertia of everything that it moves when the robot is added.
+with the inertia of everything that it moves when the robot is added. Fingers press all the time with what bends this
+spring, so that the largest effort alone must not take them beyond their velocity limit when what they hold slips out:
+theirs is damped as a motor is, whose effort vanishes at its no-load speed.
 """
 
 from __future__ import annotations
@@ -36,10 +38,13 @@ _FINGER_FULL_EFFORT_ERRORS = {True: 0.01, False: 0.1}
 _MAX_FREQUENCY = 120.0
 """Largest natural frequency of a drive [rad/s], as a part of the frequency of the physics steps (500 Hz)."""
 _MAX_FINGER_FREQUENCY = 200.0
+_PHYSICS_STEP_S = 0.002
 _GRAVITY = 9.81
 _EFFORT_MARGIN = 3.0
 """A joint without a stated effort can lift so many times what it carries."""
 _MIN_EFFORTS = {True: 50.0, False: 10.0}
+_FREE_SPEED = 0.9
+"""Part of its velocity limit at which the damping of a finger takes its largest effort."""
 _LINK_MASS_KG = 0.5
 """Mass of a link without one, only for the choice of stiffness and damping."""
 _BASE_ERRORS = (0.01, 0.01, 0.015)
@@ -66,6 +71,8 @@ class JointDrive(msgspec.Struct, frozen=True, kw_only=True):
     damping: float
     effort_limit: float
     """[N] or [Nm]."""
+    inertia: float
+    """What the servo is made for: everything that it moves, and its armature [kg] or [kg m²]."""
     armature: float
     moved: frozenset[BodyId]
     """The bodies that it moves."""
@@ -301,22 +308,26 @@ def _joint_drive(
 ) -> JointDrive:
     is_prismatic = joint.type is RobotJointType.PRISMATIC
     effort = joint.effort or max(_MIN_EFFORTS[is_prismatic], _EFFORT_MARGIN * load)
-    errors, frequency = _FULL_EFFORT_ERRORS, _MAX_FREQUENCY
+    errors, frequency, least_damping = _FULL_EFFORT_ERRORS, _MAX_FREQUENCY, 0.0
     if is_finger:
         errors, frequency = _FINGER_FULL_EFFORT_ERRORS, _MAX_FINGER_FREQUENCY
         if not joint.effort:
             effort = 2.0 * finger_force_n * (1.0 if is_prismatic else 0.1)
     stiffness = effort / errors[is_prismatic]
-    armature = max(joint.armature, stiffness / frequency**2 - inertia)
+    if is_finger and joint.velocity:
+        least_damping = effort / (_FREE_SPEED * joint.velocity)
+    # MuJoCo integrates an effort at its limit explicitly: within a step it must not take a finger beyond that speed.
+    total = max(inertia + joint.armature, stiffness / frequency**2, least_damping * _PHYSICS_STEP_S)
     return JointDrive(
         joint=joint,
         actuator=record.id,
         joint_id=record.id,
         zero=zero,
         stiffness=stiffness,
-        damping=2.0 * math.sqrt(stiffness * (inertia + armature)),
+        damping=max(2.0 * math.sqrt(stiffness * total), least_damping),
         effort_limit=effort,
-        armature=armature,
+        inertia=total,
+        armature=total - inertia,
         moved=moved,
     )
 

@@ -29,7 +29,6 @@ from mindstage.engines.base import SavedState
 from mindstage.errors import CommandRefusedError, InvalidArgumentError, SimulationDivergedError
 from mindstage.knowledge.rdf import local_name
 from mindstage.robots.control import MotionGoal
-from mindstage.robots.environments import register_environments
 from mindstage.robots.model import BaseType, RobotJoint, RobotJointType
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills.catalog import start_skill
@@ -739,6 +738,3 @@ def _free_stand(simulation: Simulation, goal: BodyId, front: Array | None) -> Ar
         raise InvalidArgumentError(goal, cause=cause, remedy="give the pose of the robot")
     stand = np.array(place[:2])
     return np.array([*stand, math.atan2(*(center - stand)[::-1])])
-
-
-register_environments()

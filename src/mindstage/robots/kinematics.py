@@ -51,6 +51,8 @@ _STALL_ITERATIONS = 8
 _PRECISION = 0.1
 """Iterations go on until the error is this part of the tolerance."""
 _DESCENTS = 8
+_NEAR_M = 0.095
+"""Shorter distances are stated in millimeters."""
 _MIN_REACH_M = 0.05
 _NEARLY_WHOLE_RAD = 0.02
 """A hinge whose range is by less below a whole turn reaches every direction."""
@@ -475,7 +477,8 @@ class RobotKinematics:
         beyond, reach = self._beyond_reach(problem)
         if beyond > 0.0:
             text = f"the reach of {reach:.3g} m" if reach > _MIN_REACH_M else "reach"
-            return f"the target is {beyond:.3g} m beyond {text}", (), beyond
+            distance = f"{beyond:.3g} m" if beyond >= _NEAR_M else f"{beyond * 1000:.2g} mm"
+            return f"the target is {distance} beyond {text}", (), beyond
         chain, limits, texts = problem.chain, [], []
         chain.configuration.update(attempt.q)
         jacobian, error, _ = problem.frame_task.compute_qp_residual(chain.configuration)

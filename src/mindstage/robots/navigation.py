@@ -20,7 +20,7 @@ from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.robots.collisions import CollisionChecker, MotionRobot
 from mindstage.robots.model import BaseType
 from mindstage.robots.planning import load_ompl, termination
-from mindstage.robots.search_limits import WALL_S, SearchLimit
+from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.bounding_boxes import Indices
 from mindstage.scene.floor_plan import FloorPlan, find_floor
@@ -161,7 +161,7 @@ def plan_base(
     ignore: Collection[BodyId] = (),
     clearance_m: float = _CLEARANCE_M,
     max_tests: int = 40_000,
-    wall_s: float = WALL_S,
+    cpu_s: float = CPU_S,
     seed: int = 1,
 ) -> BasePath:
     """Plans a way of the base around all obstacles.
@@ -172,7 +172,7 @@ def plan_base(
         ignore: bodies that are no obstacles.
         clearance_m: the distance that the whole robot keeps from the place [m].
         max_tests: number of poses that the search tests for collisions before it ends.
-        wall_s: wall time after which it ends in any case [s].
+        cpu_s: processor time after which it ends in any case [s].
         seed: of the random numbers; the same one gives the same path.
 
     Returns:
@@ -186,7 +186,7 @@ def plan_base(
     if robot.model.base.type is BaseType.FIXED:
         cause, remedy = f"the base of {robot.name} is fixed", "use a robot that drives"
         raise InvalidArgumentError("goal", cause=cause, remedy=remedy)
-    limit = SearchLimit(max_tests, wall_s=wall_s)
+    limit = SearchLimit(max_tests, cpu_s=cpu_s)
     way = _Way(robot, goal, ignore, clearance_m)
     way.check_goal()
     if way.first_obstacle([way.goal]) is None:
@@ -200,7 +200,7 @@ def plan_base(
                 return tuple(path)
             blocked = blocked or found
     else:
-        limit = SearchLimit(min(max_tests, _NO_WAY_TESTS), wall_s=wall_s)
+        limit = SearchLimit(min(max_tests, _NO_WAY_TESTS), cpu_s=cpu_s)
     if (searched := _search(way, limit, seed)) is not None:
         return searched
     if limit.ended_by_time:

@@ -20,7 +20,7 @@ from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker
 from mindstage.robots.kinematics import IkResult, IkTolerance, RobotKinematics
 from mindstage.robots.model import Arm, RobotJointType
 from mindstage.robots.retiming import MotionLimits, resting_path, retimed, rounded_polyline, spline_path
-from mindstage.robots.search_limits import WALL_S, SearchLimit
+from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.robots.trajectories import JointTrajectory, spline_of
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import Array, normalized_pose_array, quat_angle
@@ -196,7 +196,7 @@ def plan_arm(
     clearance_m: float = CLEARANCE_M,
     speed: float = 0.6,
     max_tests: int = 40_000,
-    wall_s: float = WALL_S,
+    cpu_s: float = CPU_S,
     seed: int = 1,
 ) -> JointTrajectory:
     """Plans a motion of an arm to positions of its joints, or to a pose of its gripper, around all obstacles.
@@ -213,7 +213,7 @@ def plan_arm(
         clearance_m: the distance to keep from obstacles [m].
         speed: the part of the velocity limits that is used.
         max_tests: number of states that are tested for collisions, after which the search ends.
-        wall_s: wall time after which it ends in any case [s].
+        cpu_s: processor time after which it ends in any case [s].
         seed: of the random numbers; the same one gives the same path.
 
     Raises:
@@ -221,7 +221,7 @@ def plan_arm(
         UnreachableError: the target is beyond a limit or in a collision, or no path was found; with the limit, or the
             obstacle that was met most often.
     """
-    limit = SearchLimit(max_tests, wall_s=wall_s)
+    limit = SearchLimit(max_tests, cpu_s=cpu_s)
     task = _ArmTask(robot, arm, start=start, ignore=ignore, touch=touch, clearance_m=clearance_m, speed=speed)
     goals = _goals(task, target, free)
     for goal in goals[:2]:  # often nothing is in the way

@@ -124,6 +124,27 @@ class EditHold:
 T = TypeVar("T")
 
 
+class LateEndCallbacks:
+    """Callbacks for the ends of calls that were reported as begun, but not ended in time."""
+
+    def __init__(self) -> None:
+        self._callbacks: tuple[Callable[[str, BaseException | None], None], ...] = ()
+
+    def add(self, callback: Callable[[str, BaseException | None], None]) -> Callable[[], None]:
+        """Adds a callback, and returns a function that removes it."""
+        self._callbacks = (*self._callbacks, callback)
+
+        def remove() -> None:
+            self._callbacks = tuple(each for each in self._callbacks if each is not callback)
+
+        return remove
+
+    def notify(self, label: str, error: BaseException | None) -> None:
+        """Calls all with the label of a call, and its error or None."""
+        for callback in self._callbacks:
+            callback(label, error)
+
+
 class _Call(Generic[T]):
     """A function that waits for the thread, and its result."""
 

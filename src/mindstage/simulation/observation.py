@@ -256,6 +256,11 @@ class ObservedEngine:
         self._engine.set_materials(id, materials)
         self.edits.append(("set materials", (id,), {"materials": msgspec.to_builtins(materials)}))
 
+    def set_label(self, id: BodyId, label: str) -> None:
+        """See `Engine`."""
+        self._engine.set_label(id, label)
+        self.edits.append(("set label", (id,), {"label": label}))
+
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         """See `Engine`."""
         highlighted = tuple(ids)

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, TypeVar, Unpack, overload
 
 import msgspec
 from msgspec.structs import replace
@@ -27,16 +27,19 @@ from mindstage.knowledge.over_time import argument_names, ask_over_time, recorde
 from mindstage.knowledge.queries import AnswerRow, Answers, Question
 from mindstage.knowledge.questions import StateAccess
 from mindstage.knowledge.sentences import resolve_question
+from mindstage.lazy_names import registered_function
 from mindstage.scene import IDENTITY, Body, BodyGeometry, BodyId, Color, GeometryMap, Pose, Vector, World
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
 from mindstage.simulation.controllers import Controller, ControllerSchedule, find_robot
-from mindstage.simulation.engine_thread import DirectCalls, EditHold, EngineThread, RealTimeClock
+from mindstage.simulation.engine_thread import DirectCalls, EditHold, EngineThread, LateEndCallbacks, RealTimeClock
 from mindstage.simulation.geometry_provider import GeometryProvider, with_geometry_notes, with_immovable_notes
 from mindstage.simulation.highlights import HighlightResult, Highlights, Marker, MarkerStore, highlight_request
 from mindstage.simulation.imagined import (
     EditRecordingEngine,
     ForkOrigin,
+    TrialOptions,
+    TrialResult,
     commit_edits,
     copied_engine,
     without_bodies,
@@ -60,10 +63,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Simulation"]
 
-
 T = TypeVar("T")
 R = TypeVar("R", bound=AnswerRow)
-
 
 _PICKLED_FIELDS = (
     "knowledge",
@@ -121,7 +122,7 @@ class Simulation:
         self._initial_state: SavedState | None = None
         self._initial_state_is_due = False
         self._edit_hold = EditHold()
-        self._late_end_callbacks: tuple[Callable[[str, BaseException | None], None], ...] = ()
+        self._late_ends = LateEndCallbacks()
         self._start: StartState | None = None
         self._clock: RealTimeClock | None = None
         self._perturbations = Perturbations()
@@ -141,7 +142,7 @@ class Simulation:
         self._imaginations: tuple[Simulation, ...] = ()
         self._thread: EngineThread | DirectCalls = DirectCalls()
         if threaded:
-            self._thread = EngineThread(self._tick, on_late_end=self._notify_late_end)
+            self._thread = EngineThread(self._tick, on_late_end=self._late_ends.notify)
 
     # -- the world -----------------------------------------------------------------------------------------
 
@@ -275,13 +276,10 @@ class Simulation:
         """The current world, joint positions and geometry, for questions about them."""
 
         def take(engine: Engine) -> WorldState:
+            world, spawned, geometry = engine.snapshot(), self.worlds, self.geometry
             joints = engine.joint_positions() if Capability.JOINTS in engine.capabilities else None
             return WorldState(
-                world=engine.snapshot(),
-                spawned=self.worlds,
-                joint_positions=joints,
-                source=engine.name,
-                geometry=self.geometry,
+                world=world, spawned=spawned, joint_positions=joints, source=engine.name, geometry=geometry
             )
 
         return self.run_on_engine(take, label="current state")
@@ -414,12 +412,7 @@ class Simulation:
         Returns:
             A function that removes the callback.
         """
-        self._late_end_callbacks = (*self._late_end_callbacks, callback)
-
-        def remove() -> None:
-            self._late_end_callbacks = tuple(each for each in self._late_end_callbacks if each is not callback)
-
-        return remove
+        return self._late_ends.add(callback)
 
     def _run(
         self,
@@ -634,6 +627,20 @@ class Simulation:
                 there.
         """
         return commit_edits(self._engine, self._origin)
+
+    def try_first(self, plan: object, *, at_least: float = 0.9, **options: Unpack[TrialOptions]) -> TrialResult:
+        """Tries a plan in copies, and does it in this simulation only if it is probable enough; see `ms.try_first`.
+
+        Args:
+            plan: the plan, or the path or text of one.
+            at_least: the probability of success that the plan must have.
+            options: the other arguments of `ms.try_first`.
+
+        Raises:
+            PlanError: the plan does not fit the world; nothing was tried.
+        """
+        result: TrialResult = registered_function("Simulation.try_first")(self, plan, at_least=at_least, **options)
+        return result
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process needs to make an equal copy; only copies without a thread can be pickled."""
@@ -951,10 +958,6 @@ class Simulation:
 
     def _is_rebuild_pending(self) -> bool:
         return self._rebuilding_engine is not None and self._rebuilding_engine.rebuild_pending
-
-    def _notify_late_end(self, label: str, error: BaseException | None) -> None:
-        for callback in self._late_end_callbacks:
-            callback(label, error)
 
     def _start_state(self) -> StartState:
         return StartState(self._worlds, self._temporary_worlds, len(self._reports), self._initial_state)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from typing import Protocol
 
 import msgspec
@@ -21,11 +21,13 @@ from mindstage.engines.base import Capability, Engine, SavedState, SpawnOptions
 from mindstage.errors import (
     BodyExistsError,
     BodyNotFoundError,
+    EngineError,
     HistoryChangedError,
     InvalidArgumentError,
     NothingToUndoError,
     PoseUnreachableError,
     RestoreError,
+    SimulationError,
     WorldError,
 )
 from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, GeometryMap, Joint, Material, Pose, World
@@ -43,6 +45,7 @@ __all__ = [
     "MoveBodies",
     "MoveBody",
     "RestoreState",
+    "SetLabel",
     "SetMaterials",
     "SetPhysics",
     "SpawnRecord",
@@ -130,6 +133,20 @@ class SetMaterials(msgspec.Struct, frozen=True):
         before = engine.snapshot().body(self.id).materials
         engine.set_materials(self.id, self.materials)
         return SetMaterials(self.id, before, self.label)
+
+
+class SetLabel(msgspec.Struct, frozen=True):
+    """Sets the label of a body; an empty one removes it."""
+
+    id: BodyId
+    text: str
+    label: str
+
+    def apply(self, engine: Engine) -> SetLabel:
+        """See `EditCommand`."""
+        before = engine.snapshot().body(self.id).label
+        engine.set_label(self.id, self.text)
+        return SetLabel(self.id, before or "", self.label)
 
 
 class AttachBodies(msgspec.Struct, frozen=True):
@@ -413,6 +430,14 @@ def _is_moved(before: Pose, now: Pose) -> bool:
     return bool(np.linalg.norm(one[:3] - other[:3]) > _MOVED_M or abs(one[3:] @ other[3:]) < _UNTURNED_COSINE)
 
 
+def _is_unchanged(before: World, now: World) -> bool:
+    """Whether two worlds have the same bodies and attachments, and no body has moved."""
+    poses = {body.id: body.pose for body in before.bodies}
+    if poses.keys() != {body.id for body in now.bodies} or set(before.attachments) != set(now.attachments):
+        return False
+    return not any(_is_moved(poses[body.id], body.pose) for body in now.bodies)
+
+
 _MOVED_M, _UNTURNED_COSINE = 0.001, 0.99999
 """A body that moved by less, and turned by less than half a degree, counts as not moved."""
 _MAX_UNDO = 200
@@ -492,6 +517,14 @@ class UndoStack:
         """
         self.apply(SetMaterials(id, tuple(materials), f"material of {id}"))
 
+    def rename(self, id: BodyId, label: str) -> None:
+        """Sets the label of a body, which people see instead of its id; an empty one removes it. The id stays.
+
+        Raises:
+            BodyNotFoundError: no body has that id.
+        """
+        self.apply(SetLabel(id, label.strip(), f"label of {id}"))
+
     def attach(self, parent: BodyId, child: BodyId) -> None:
         """Attaches a body to another at its current relative pose.
 
@@ -557,6 +590,38 @@ class UndoStack:
             return bool(poses)
 
         return self._simulation.run_on_engine(record, label=label)
+
+    @contextmanager
+    def one_step(self, label: str) -> Iterator[None]:
+        """Makes all that happens in the context one edit, such as what a robot does; nothing if nothing has changed.
+
+        Undoing it restores the state of the engine before, its clock included. An engine that cannot save its state
+        only moves the bodies back.
+
+        Args:
+            label: the name of the edit.
+        """
+        with self._lock:
+            earlier = list(self._undo_edits)
+        can_save = Capability.SAVE in self._simulation.capabilities
+
+        def look(engine: Engine) -> tuple[SavedState | None, World]:
+            return engine.save_state() if can_save else None, engine.snapshot()
+
+        state, before = self._simulation.run_on_engine(look, label="save")
+        try:
+            yield
+        finally:
+            with suppress(EngineError, SimulationError):  # it was closed, or its engine lost
+                if not _is_unchanged(before, self._simulation.snapshot()):
+                    with self._lock:
+                        self._undo_edits[:] = [
+                            edit for edit in self._undo_edits if any(edit is each for each in earlier)
+                        ]
+                    if state is not None:
+                        self.record(RestoreState(state, label))
+                    else:
+                        self.record_motion({body.id: body.pose for body in before.bodies}, label=label)
 
     def reset(self) -> None:
         """Resets the simulation; can be undone if the engine can save its state, otherwise clears the history."""

@@ -27,10 +27,12 @@ if TYPE_CHECKING:
 
     from mindstage.textures.noise import Array, Surface
 
-__all__ = ["TextureSet", "content_version", "load_textures", "texture_set"]
+__all__ = ["TextureSet", "content_version", "load_textures", "texture_levels", "texture_set"]
 
 _PIXELS = 512
 _FOLDER = "textures"
+_LEVEL_PIXELS = 256
+"""Width and height of the largest of the stored levels: pictures of rooms need no larger ones."""
 _BRIGHTEST = 0.995
 """Quantile of the shade that becomes white; brighter pixels are clipped."""
 
@@ -95,6 +97,63 @@ def load_textures(names: Iterable[str]) -> None:
         list(pool.map(texture_set, set(names)))
 
 
+def texture_levels(name: str, pixels: int) -> list[NDArray[uint8]]:
+    """The images of a texture in decreasing resolutions, as graphics hardware reads them.
+
+    Args:
+        name: the name of the texture.
+        pixels: width and height of the first level; the least power of two that is not below, at most that of the
+            texture.
+
+    Returns:
+        For each level, 2 x h x w x 4: sRGB; and x and y of the normal, roughness. The fourth component is 255.
+
+    Raises:
+        TextureNotFoundError: there is no texture of that name.
+    """
+    import numpy as np
+
+    info = texture_info(name)
+    if pixels > _LEVEL_PIXELS:
+        return _reduced_levels(_packed(texture_set(name)))
+    path = cache_dir(_FOLDER) / f"{info.name}-{content_version()}.npy"
+    sizes = [_LEVEL_PIXELS >> level for level in range(_LEVEL_PIXELS.bit_length())]
+    ends = np.cumsum([2 * size * size * 4 for size in sizes])
+    try:
+        stored = np.load(path, mmap_mode="r")
+    except (OSError, ValueError, EOFError):
+        stored = None
+    if stored is None or stored.shape != (ends[-1],) or stored.dtype != np.uint8:
+        levels = _reduced_levels(_packed(texture_set(name)))[1:]
+        content = io.BytesIO()
+        np.save(content, np.concatenate([level.ravel() for level in levels]))
+        _store(path, content.getvalue(), f"{info.name}-????????????????.npy")
+    else:
+        levels = [part.reshape(2, size, size, 4) for part, size in zip(np.split(stored, ends[:-1]), sizes, strict=True)]
+    return [level for level in levels if level.shape[1] < 2 * pixels] or levels[-1:]
+
+
+def _packed(textures: TextureSet) -> NDArray[uint8]:
+    import numpy as np
+
+    packed = np.full((2, *textures.roughness.shape, 4), 255, dtype=np.uint8)
+    packed[0, ..., :3] = textures.color
+    packed[1, ..., :2], packed[1, ..., 2] = textures.normal[..., :2], textures.roughness
+    return packed
+
+
+def _reduced_levels(image: NDArray[uint8]) -> list[NDArray[uint8]]:
+    """An image and its halves, down to one pixel."""
+    import numpy as np
+
+    levels = [image]
+    while levels[-1].shape[1] > 1:
+        count, height, width, channels = levels[-1].shape
+        blocks = levels[-1].reshape(count, height // 2, 2, width // 2, 2, channels)
+        levels.append(np.rint(blocks.mean(axis=(2, 4))).astype(np.uint8))
+    return levels
+
+
 def _path(info: TextureInfo) -> Path:
     return cache_dir(_FOLDER) / f"{info.name}-{content_version()}.png"
 
@@ -123,15 +182,19 @@ def _bake_and_store(info: TextureInfo) -> TextureSet:
     gray = np.repeat(texture.roughness[..., None], 3, axis=2)
     content = io.BytesIO()
     Image.fromarray(np.concatenate([texture.color, texture.normal, gray])).save(content, "png", compress_level=1)
-    path = _path(info)
+    _store(_path(info), content.getvalue(), f"{info.name}-????????????????.png")
+    return texture
+
+
+def _store(path: Path, content: bytes, pattern: str) -> None:
+    """Writes a file to the cache, and removes those of other versions."""
     try:
-        atomic_write(path, content.getvalue())
-        for outdated in path.parent.glob(f"{info.name}-????????????????.png"):
+        atomic_write(path, content)
+        for outdated in path.parent.glob(pattern):
             if outdated != path:
                 outdated.unlink(missing_ok=True)
     except OSError:  # a full or read-only disk: the images are computed again by the next process
-        return texture
-    return texture
+        return
 
 
 def bake(info: TextureInfo) -> TextureSet:

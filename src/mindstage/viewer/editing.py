@@ -75,6 +75,13 @@ class SetMaterialRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     color: str | None = None
 
 
+class RenameRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of `rename`: the new label of a body; an empty one removes it."""
+
+    id: BodyId
+    label: Annotated[str, msgspec.Meta(max_length=200)]
+
+
 class MoveJointRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `move_joint`: the target position of an axis."""
 
@@ -181,6 +188,7 @@ class EditHandler:
         channel.register("move", MoveRequest, self._move)
         channel.register("set_physics", SetPhysicsRequest, self._set_physics)
         channel.register("set_material", SetMaterialRequest, self._set_material)
+        channel.register("rename", RenameRequest, lambda _, request: undo_stack.rename(request.id, request.label))
         channel.register("move_joint", MoveJointRequest, self._move_joint)
         channel.register("attach", AttachRequest, self._attach)
         channel.register("move_all", MoveAllRequest, self._move_all)

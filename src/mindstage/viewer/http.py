@@ -361,9 +361,10 @@ _SCRIPTS = (
     "clippingPlane.js",
     "culling.js",
     "labels.js",
+    "placeholders.js",
     "renderQuality.js",
     "selectionBox.js",
-    "shadowBias.js",
+    "sunShadow.js",
     "surroundings.js",
 )
 """Modules of the page that are added to viser's page."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
 import msgspec
@@ -16,7 +16,7 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from mindstage.errors import InvalidArgumentError, MindstageError
-from mindstage.imagination import Place, Progress, Verdict, imagine
+from mindstage.imagination import Place, PlanFile, Progress, Verdict, act, imagine
 from mindstage.imagination.trials import physical_simulation, plan_from_text
 from mindstage.knowledge.rdf import local_name
 from mindstage.rendering.appearance import BodyAppearance, compute_appearance
@@ -24,6 +24,7 @@ from mindstage.scene import BodyId, Vector, World
 from mindstage.scene.colors import hex_color
 from mindstage.scene.display import counted
 from mindstage.simulation import Simulation, StateSnapshot
+from mindstage.simulation.observation import as_client
 from mindstage.viewer.ghosts import (
     GhostGroup,
     GhostNodes,
@@ -32,7 +33,7 @@ from mindstage.viewer.ghosts import (
     end_pose_ghosts,
     trail_ghosts,
 )
-from mindstage.viewer.server import ClientSession, EmptyRequest, RpcChannel
+from mindstage.viewer.server import CLIENT, ClientSession, EmptyRequest, RpcChannel
 
 __all__ = ["ImagineHandler"]
 
@@ -51,6 +52,13 @@ class ImagineRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     workers: Annotated[int, Meta(ge=1, le=64)] = 1
     threshold: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.9
     budget_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 60.0
+
+
+class ActRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of `imagine.act`."""
+
+    plan: Annotated[str, Meta(max_length=_MAX_PLAN_LENGTH)]
+    """JSON or YAML."""
 
 
 class ShowCopiesRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -84,6 +92,7 @@ class ImagineHandler:
         self._replay: ReplayGhosts | None = None
         self._replay_start: float | None = None
         channel.register("imagine", ImagineRequest, self._start, queue="imagine")
+        channel.register("imagine.act", ActRequest, self._act, queue="imagine")
         channel.register("imagine.cancel", EmptyRequest, self._stop, queue="imagine.cancel")
         channel.register("imagine.replay", EmptyRequest, self._play, queue="imagine")
         channel.register("imagine.clear", EmptyRequest, self._clear, queue="imagine")
@@ -146,26 +155,53 @@ class ImagineHandler:
     # -- requests ------------------------------------------------------------------------------------------------------
 
     def _start(self, _: ClientSession, request: ImagineRequest) -> dict[str, object]:
+        self._require_processes(request)
+        plan = self._checked_plan(request.plan)
+        state = {"state": "running", "name": plan.plan.name, "done": 0, "samples": request.samples}
+        options = msgspec.structs.asdict(request) | {"plan": plan}
+        self._run_in_thread(self._run, options, state)
+        return {"steps": len(plan.plan.steps)}
+
+    def _act(self, _: ClientSession, request: ActRequest) -> dict[str, object]:
+        """Does a plan in the simulation itself; it can be undone."""
+        plan = self._checked_plan(request.plan)
+        self._run_in_thread(self._do, {"plan": plan}, {"state": "acting", "name": plan.plan.name})
+        return {"steps": len(plan.plan.steps)}
+
+    @staticmethod
+    def _require_processes(request: ImagineRequest) -> None:
         if request.workers > (most := os.cpu_count() or 1):
             cause = f"this machine has {counted(most, 'processor')}"
             raise InvalidArgumentError(f"{request.workers} processes", cause=cause, remedy=f"at most {most}")
-        plan = plan_from_text(request.plan)
+
+    def _checked_plan(self, text: str) -> PlanFile:
+        plan = plan_from_text(text)
         with physical_simulation(self._simulation) as simulation:
             plan.validate(simulation)
+        return plan
+
+    def _run_in_thread(self, run: Callable[..., None], options: Mapping[str, Any], state: dict[str, object]) -> None:
+        """Starts what takes long, unless another plan is running."""
         with self._lock:
             if self._thread is not None and self._thread.is_alive():
                 cause = "a plan is running already, on this or another page"
                 raise InvalidArgumentError("the plan", cause=cause, remedy="wait for it, or cancel it")
             self._cancel.clear()
-            self._layers, self._replay = {}, None
-            self._state = {"state": "running", "name": plan.plan.name, "done": 0, "samples": request.samples}
-            options = msgspec.structs.asdict(request) | {"plan": plan}
-            self._thread = threading.Thread(
-                target=self._run, kwargs=options, name="mindstage-imagine-panel", daemon=True
-            )
+            self._layers, self._replay, self._state = {}, None, state
+            self._thread = threading.Thread(target=run, kwargs=options, name="mindstage-imagine-panel", daemon=True)
             self._thread.start()
         self._publish()
-        return {"steps": len(plan.plan.steps)}
+
+    def _do(self, *, plan: PlanFile) -> None:
+        try:
+            with as_client(CLIENT):
+                result = act(self._simulation, plan, stop=self._cancel.is_set)
+        except MindstageError as error:
+            self._set_state({"state": "error", "error": str(error)})
+            return
+        cause = "" if result.cause is None else f": {result.cause.text}"
+        why = f"done in {result.duration_s:.1f} s{cause}"
+        self._set_state({"state": "acted", "outcome": result.outcome.value, "why": why})
 
     def _run(self, *, plan: Any, **options: Any) -> None:
         try:
@@ -243,7 +279,7 @@ class ImagineHandler:
     def _clear(self, _: ClientSession, __: EmptyRequest) -> None:
         with self._lock:
             self._layers, self._replay = {}, None
-            if self._state["state"] != "running":
+            if self._state["state"] not in {"running", "acting"}:
                 self._state = {"state": "idle"}
         self._publish()
 

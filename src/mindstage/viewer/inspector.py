@@ -17,7 +17,7 @@ from mindstage.knowledge import Severity
 from mindstage.knowledge.rdf import local_name
 from mindstage.scene import BlankNode, Body, BodyId, Color, Iri, IriRef, Literal, Pose, PropertyAssertion, Vector, World
 from mindstage.scene.colors import hex_color
-from mindstage.scene.kinematics import joint_reach
+from mindstage.scene.kinematics import is_robot_part, joint_reach
 from mindstage.scene.transforms import Array, normalize, pose_from_array
 from mindstage.simulation import ConnectedClient, EngineStats, JointAxisState, JointHandle, Simulation, StateSnapshot
 from mindstage.viewer.server import ClientSession, EmptyRequest, RpcChannel
@@ -517,7 +517,8 @@ class TourHandler:
             worlds = self._simulation.worlds
             joints = [joint for world in worlds for joint in world.joints]
             joints = [joint for joint in joints if any(reach != 0.0 for reach in joint_reach(joint))]
-            classes = {body.id: body.cls for world in worlds for body in world.bodies}
+            classes = {body.id: body.cls for world in worlds for body in world.bodies if not is_robot_part(body)}
+            joints = [joint for joint in joints if joint.parent in classes and joint.child in classes]
             refrigerators = {id for id, cls in classes.items() if self._is_refrigerator(cls)}
             joints.sort(key=lambda joint: not {joint.parent, joint.child} & refrigerators)
             first = next(iter(joints), None)

@@ -175,7 +175,7 @@ class _SkillRun:
         self._step = ""
         self._result: SkillResult | None = None
         self._error = ""
-        self.name, self._args = name, dict(args)
+        self.name, self._args, self._robot_name = name, dict(args), robot.name
         self._end_s: float | None = None
         motion = start_skill(robot, name, args, deadline_s=_DEADLINE_S, on_step=self._on_step)
         self._thread = threading.Thread(target=self._run, args=(motion,), name=f"mindstage-{name}", daemon=True)
@@ -218,7 +218,8 @@ class _SkillRun:
 
     def _run(self, motion: Generator[float, None, SkillResult]) -> None:
         try:
-            with as_client(CLIENT):
+            what = " ".join([self.name.replace("_", " "), *self._args.values()])
+            with as_client(CLIENT), self._simulation.undo_stack.one_step(f"{self._robot_name}: {what}"):
                 self._result = self._perform(motion)
         except MindstageError as error:
             self._error = str(error)

@@ -27,14 +27,14 @@ from mindstage.rendering.appearance import (
     highlighted,
     merge_visuals,
 )
-from mindstage.rendering.camera import CameraPose, find_occluders
+from mindstage.rendering.camera import CameraPose, corners, find_occluders
 from mindstage.scene import AttachedLight, BodyId, Color, Vector
 from mindstage.scene.colors import srgb_to_linear
 from mindstage.scene.mesh import TriangleMesh, arrow, box, box_edges, cone, cylinder, sphere
 from mindstage.scene.transforms import Array, normalize, normalized_pose_array, pose_multiply
 from mindstage.simulation import Marker, MarkerType
 from mindstage.textures.images import TextureUri
-from mindstage.viewer.view_data import PoseBlocks
+from mindstage.viewer.view_data import FirstData, PoseBlocks, send_view_data
 
 __all__ = [
     "BATCH_SIZE",
@@ -78,6 +78,8 @@ class NodeCallback(Protocol):
 
 class _BodyNode(Protocol):
     """The node of one body, or of a batch of bodies."""
+
+    name: str
 
     def set_poses(self, ids: Sequence[BodyId], rows: Array) -> None: ...
     def set_paints(self, paints: Mapping[BodyId, Paint | None]) -> None: ...
@@ -139,21 +141,18 @@ class BodyNodes:
             self._blocks.remove([self._rows.pop(id) for id in removed if id in self._rows])
         new = [id for id in appearances if id not in self._appearances]
         counts = Counter(appearances[id].key for id in new if appearances[id].part is VisiblePart.WHOLE)
-        batches: dict[tuple[str, bool], list[BodyId]] = {}
+        groups: dict[tuple[str, bool], list[BodyId]] = {}
         for id in new:
             appearance, is_draggable = appearances[id], id in draggable
             self._appearances[id], self._is_draggable[id] = appearance, is_draggable
-            if counts[appearance.key] >= BATCH_SIZE:
-                batches.setdefault((appearance.key, is_draggable), []).append(id)
-            else:
-                name = f"{self._parent}/bodies/{quote(id, safe='')}"  # a slash would make it a child of another one
-                glb = _glb(appearance, self._texture_uri)
-                self._nodes[id] = _SingleNode(
-                    self._scene, name, id, appearance, glb, self._on_node, draggable=is_draggable
-                )
-                if self._blocks is not None:
-                    self._rows[id] = self._blocks.add(name)
-        for (_, is_draggable), ids in batches.items():
+            is_batched = counts[appearance.key] >= BATCH_SIZE
+            groups.setdefault((appearance.key if is_batched else f"of {id}", is_draggable), []).append(id)
+        # A slow page shows first what is large.
+        for ids in sorted(groups.values(), key=lambda ids: -len(ids) * _visible_area(appearances[ids[0]])):
+            is_draggable = self._is_draggable[ids[0]]
+            if counts[appearances[ids[0]].key] < BATCH_SIZE:
+                self._add_single(ids[0], is_draggable)
+                continue
             for start in range(0, len(ids), _MAX_BATCH_SIZE):
                 self._add_batch(ids[start : start + _MAX_BATCH_SIZE], is_draggable)
         self._restore_state(new)
@@ -208,6 +207,18 @@ class BodyNodes:
             if hidden := [id for id in group if id in self._hidden]:
                 node.set_visible(hidden, False)
 
+    def node_name(self, id: BodyId) -> str:
+        """The name of the node of a body, or of its batch."""
+        return self._nodes[id].name
+
+    def _add_single(self, id: BodyId, draggable: bool) -> None:
+        name = f"{self._parent}/bodies/{quote(id, safe='')}"  # a slash would make it a child of another one
+        appearance = self._appearances[id]
+        glb = _glb(appearance, self._texture_uri)
+        self._nodes[id] = _SingleNode(self._scene, name, id, appearance, glb, self._on_node, draggable=draggable)
+        if self._blocks is not None:
+            self._rows[id] = self._blocks.add(name)
+
     def _add_batch(self, ids: list[BodyId], draggable: bool) -> None:
         self._batch_count += 1
         name, appearance = f"{self._parent}/batches/{self._batch_count}", self._appearances[ids[0]]
@@ -237,8 +248,8 @@ class _SingleNode:
         *,
         draggable: bool,
     ) -> None:
-        self._scene, self._name, self._appearance = scene, name, appearance
-        self._root = scene.add_frame(self._name, show_axes=False)
+        self._scene, self.name, self._appearance = scene, name, appearance
+        self._root = scene.add_frame(self.name, show_axes=False)
         self._sent_wxyz = b""
         self._clickable = _is_clickable(appearance, draggable)
         self._on_node: Callable[[Clickable], None] = lambda node: on_node(node, lambda _: id, draggable=draggable)
@@ -247,14 +258,14 @@ class _SingleNode:
         self._outline_node: viser.LineSegmentsHandle | None = None
         if appearance.part is VisiblePart.OUTLINE:
             self._outline_node = scene.add_line_segments(
-                f"{self._name}/outline",
+                f"{self.name}/outline",
                 box_edges(appearance.size),
                 _OUTLINE_COLOR,
                 thickness=1.0,
                 thickness_units="screen",
             )
         else:
-            self._textured_node = scene.add_glb(f"{self._name}/textured", glb, cast_shadow=_casts_shadow(appearance))
+            self._textured_node = scene.add_glb(f"{self.name}/textured", glb, cast_shadow=_casts_shadow(appearance))
             if self._clickable:
                 self._on_node(self._textured_node)
 
@@ -286,7 +297,7 @@ class _SingleNode:
             self._root.visible = shown
 
     def instances(self, ids: Collection[BodyId]) -> Mapping[str, list[int]]:
-        return {self._name: []}
+        return {self.name: []}
 
     def remove(self, ids: Iterable[BodyId]) -> None:
         self._root.remove()
@@ -294,7 +305,7 @@ class _SingleNode:
     def _draw_plain(self, paint: Paint) -> viser.MeshHandle:
         mesh = _mesh(self._appearance)
         node = self._scene.add_mesh_simple(
-            f"{self._name}/plain",
+            f"{self.name}/plain",
             mesh.points.astype(np.float32),
             mesh.faces,
             color=byte_color(paint.color),
@@ -320,7 +331,7 @@ class _BatchNode:
         *,
         draggable: bool,
     ) -> None:
-        self._scene, self._name, self._appearance, self._glb, self._on_node = scene, name, appearance, glb, on_node
+        self._scene, self.name, self._appearance, self._glb, self._on_node = scene, name, appearance, glb, on_node
         self._draggable, self._clickable = draggable, _is_clickable(appearance, draggable)
         self._rows: dict[BodyId, Array] = {id: np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]) for id in ids}
         self._paints: dict[BodyId, Paint] = {}
@@ -357,7 +368,7 @@ class _BatchNode:
         wanted, found = set(ids), {}
         for variant, members in (("textured", self._members), ("plain", self._painted_members)):
             if rows := [row for row, id in enumerate(members) if id in wanted]:
-                found[f"{self._name}/{variant}"] = rows
+                found[f"{self.name}/{variant}"] = rows
         return found
 
     def remove(self, ids: Iterable[BodyId]) -> None:
@@ -397,7 +408,7 @@ class _BatchNode:
     def _draw(self) -> viser.BatchedGlbHandle:
         positions, quaternions = self._member_poses(self._members)
         node = self._scene.add_batched_glb(
-            f"{self._name}/textured",
+            f"{self.name}/textured",
             self._glb,
             quaternions,
             positions,
@@ -412,7 +423,7 @@ class _BatchNode:
         positions, quaternions = self._member_poses(self._painted_members)
         colors, opacities = self._colors()
         node = self._scene.add_batched_meshes_simple(
-            f"{self._name}/plain",
+            f"{self.name}/plain",
             mesh.points.astype(np.float32),
             mesh.faces,
             quaternions,
@@ -721,6 +732,8 @@ class ViewerScene:
         self._ids: tuple[BodyId, ...] = ()
         self._sent_poses: Array = np.zeros((0, 7))
         self._sun = _add_daylight(server.scene)
+        self._has_scripts = has_scripts
+        self._boxes, self._bounds = FirstData(server.scene, "boxes"), FirstData(server.scene, "bounds/first")
 
     @property
     def appearances(self) -> Mapping[BodyId, BodyAppearance]:
@@ -751,9 +764,14 @@ class ViewerScene:
             draggable: the bodies that can be dragged.
         """
         with self._server.atomic():
+            if not self.appearances and self._has_scripts:
+                self._boxes.send({})  # before the nodes
+                self._bounds.send({})
             self._bodies.show(appearances, draggable=draggable)
             self._lights.show(appearances)
             self._ids, self._sent_poses = ids, poses.copy()
+            if self._has_scripts:
+                self._send_boxes()
             self._send_poses(np.arange(len(ids)))
             self._hide()
             self._repaint()
@@ -835,6 +853,29 @@ class ViewerScene:
 
     # -- internals -----------------------------------------------------------------------------------------------------
 
+    def _send_boxes(self) -> None:
+        """Sends the boxes of all bodies, and a sphere around them, over which the sun casts shadows."""
+        solid = [(row, id) for row, id in enumerate(self._ids) if _is_solid(self.appearances.get(id))]
+        if not solid:
+            return
+        drawn = [self.appearances[id] for _, id in solid]
+        poses, sizes = self._sent_poses[[row for row, _ in solid]], np.array([each.size for each in drawn])
+        points = corners(poses, sizes)
+        low, high = points.min(axis=0), points.max(axis=0)
+        bounds = {"center": ((low + high) / 2).tolist(), "radius": float(np.linalg.norm(high - low)) / 2}
+        self._bounds.replace(bounds)
+        send_view_data(self._server.scene, "bounds/now", bounds)
+        is_opaque = np.array([each.is_opaque for each in drawn])
+        self._boxes.replace(
+            {
+                "names": [self._bodies.node_name(id) for _, id in solid],
+                "poses": np.hstack([poses[:, :3], normalize(poses[:, 3:])]).astype(np.float32).reshape(-1),
+                "sizes": (sizes * is_opaque[:, None]).astype(np.float32).reshape(-1),
+                "colors": _bytes(np.array([each.color for each in drawn])).reshape(-1),
+                "sides": [_ALL_SIDES if each.side is None else 2 * each.side[0] + (each.side[1] > 0) for each in drawn],
+            }
+        )
+
     def _hide(self) -> None:
         outlines = {id for id, each in self.appearances.items() if each.part is VisiblePart.OUTLINE}
         self._bodies.hide(self._hidden | (frozenset() if self._enclosures_shown else outlines))
@@ -873,6 +914,19 @@ class ViewerScene:
         ids = [self._ids[row] for row in rows.tolist()]
         self._bodies.set_poses(ids, poses)
         self._lights.set_poses(ids, poses)
+
+
+_ALL_SIDES = -1
+
+
+def _visible_area(appearance: BodyAppearance) -> float:
+    """The area of the largest side of a body's box [m²]."""
+    _, middle, largest = sorted(appearance.size)
+    return middle * largest
+
+
+def _is_solid(appearance: BodyAppearance | None) -> bool:
+    return appearance is not None and appearance.part is not VisiblePart.OUTLINE
 
 
 def _add_daylight(scene: viser.SceneApi) -> viser.DirectionalLightHandle:

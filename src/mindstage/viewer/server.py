@@ -584,6 +584,8 @@ def _session_key(path: str) -> str:
 
 _MAX_PORT_TRIES = 200
 """Number of consecutive ports that are tried."""
+_MAX_WINDOW = 16
+"""Maximum number of viser's messages that are sent together: a page shows none of them before all have arrived."""
 _output_lock = threading.Lock()
 
 
@@ -638,6 +640,7 @@ def serve(
             host, port, cause="this release of viser cannot be patched with the request filter"
         )
     server.secure = tls is not None
+    server._websock_server._broadcast_buffer.max_window_size = _MAX_WINDOW
     server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(232, 93, 4))
     return server
 

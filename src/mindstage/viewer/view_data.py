@@ -18,7 +18,7 @@ from viser import _messages
 
 from mindstage.scene.transforms import Array
 
-__all__ = ["BLOCK_SIZE", "PoseBlocks", "send_view_data"]
+__all__ = ["BLOCK_SIZE", "FirstData", "PoseBlocks", "send_view_data"]
 
 _PREFIX = "/mindstage/"
 BLOCK_SIZE = 64
@@ -35,6 +35,35 @@ def send_view_data(scene: viser.SceneApi, topic: str, values: Mapping[str, Any])
         values: values for MessagePack; arrays are sent as they are.
     """
     scene._queue_scene_message(_messages.SceneNodeUpdateMessage(f"{_PREFIX}{topic}", dict(values)))
+
+
+class FirstData:
+    """Values that clients receive before all that is sent later, even if the values have changed since.
+
+    viser moves a message that replaces another one to the end of what it sends to a new client.
+    """
+
+    def __init__(self, scene: viser.SceneApi, topic: str) -> None:
+        """Sends nothing yet.
+
+        Args:
+            scene: the scene of the server.
+            topic: what the values are.
+        """
+        self._scene, self._topic = scene, topic
+        self._message: _messages.SceneNodeUpdateMessage | None = None
+
+    def send(self, values: Mapping[str, Any]) -> None:
+        """Sends values to all clients; those that connect later receive them at this place."""
+        self._message = _messages.SceneNodeUpdateMessage(f"{_PREFIX}{self._topic}", dict(values))
+        self._scene._queue_scene_message(self._message)
+
+    def replace(self, values: Mapping[str, Any]) -> None:
+        """Replaces the values for clients that connect later."""
+        if self._message is None:
+            self.send(values)
+        else:
+            self._message.updates = dict(values)
 
 
 class PoseBlocks:

@@ -300,6 +300,10 @@ class Viewer:
         # Bodies added after this snapshot have no pose in it; the next snapshot includes them.
         appearances = {id: appearances[id] for id in snapshot.ids if id in appearances}
         self._drag_controller.set_world(world)
+        target = None
+        if appearances and self._framed_world != world.iri:
+            target = initial_target(world, appearances)
+            self._scene.set_initial_camera(target.camera())  # before the bodies, which take long on a slow connection
         self._scene.show(appearances, snapshot.ids, snapshot.poses, draggable=self._drag_controller.draggable)
         self._scene.set_ground(ground_height(world, appearances))
         labels = {body.id: body.label or local_name(body.cls) for body in world.bodies}
@@ -307,21 +311,21 @@ class Viewer:
         self.views.set_bodies(appearances, labels, snapshot.ids, snapshot.poses, parts=_parts(world), culling=culling)
         if not appearances:
             self._framed_world = None
-        elif self._framed_world != world.iri:
-            target = initial_target(world, appearances)
+        elif target is not None:
             self._frame_target(target)
             self._framed_world = world.iri
 
     def _frame_target(self, target: FramingTarget) -> None:
         self._target = target
-        self._scene.set_initial_camera(target.camera())
         self.views.set_target(target)
 
     def _frame_both(self, offset: Array) -> None:
         """Frames a second world too, which is so far from the first [m]."""
         if (target := self._target) is not None:
             points = np.concatenate([target.points, target.points + offset])
-            self._frame_target(msgspec.structs.replace(target, points=points))
+            both = msgspec.structs.replace(target, points=points)
+            self._scene.set_initial_camera(both.camera())
+            self._frame_target(both)
 
     def _move(self, snapshot: StateSnapshot) -> None:
         if len(self._scene.move(snapshot.poses)):

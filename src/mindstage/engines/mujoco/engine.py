@@ -492,6 +492,9 @@ class MujocoEngine:
     def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
         self._require_open().registry.replace(id, materials=materials)
 
+    def set_label(self, id: BodyId, label: str) -> None:
+        self._require_open().registry.replace(id, label=label)
+
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         self._require_open().registry.highlight(ids, color)
 

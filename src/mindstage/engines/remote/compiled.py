@@ -258,6 +258,7 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
     def delete(self, ids: Iterable[BodyId]) -> None:
         removed = tuple(ids)
         self._apply_edit(wire.Delete, wire.Delete.Request(ids=removed), lambda builder, poses: builder.remove(removed))
+        self._forget_labels(removed)
 
     def attach(self, parent: BodyId, child: BodyId) -> None:
         request = wire.Attach.Request(parent=parent, child=child)

@@ -389,6 +389,9 @@ class UnrealEngine(RemoteEngine):
         self._require(self._client_api.call(wire.SetMaterial, request).success, f"change the material of {id!r}")
         registry.replace(id, materials=materials)
 
+    def set_label(self, id: BodyId, label: str) -> None:
+        self._require_world().replace(id, label=label)
+
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         """Outlines bodies in the nearest of the plugin's five colors."""
         registry = self._require_world()

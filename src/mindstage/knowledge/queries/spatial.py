@@ -24,7 +24,7 @@ from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.vocabulary import CHILD, HAS_POSE, knowrob
 from mindstage.scene import Body, BodyId, Iri, Joint, World
 from mindstage.scene.bounding_boxes import OrientedBoxes, face_coverage
-from mindstage.scene.kinematics import JointDisplacement, RigidGroups, joint_displacement, moving_body
+from mindstage.scene.kinematics import JointDisplacement, RigidGroups, is_robot_part, joint_displacement, moving_body
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import normalize, pose_array
 
@@ -255,7 +255,7 @@ def openings(
 
     Closed is the pose in the map. A container is open from 5 % of the joint's range, or from 20 mm or 0.1 rad if the
     joint has no limits. A door belongs to the container of which it covers most, among the bodies that are fixed to
-    the other body of the joint. Knobs and taps open nothing.
+    the other body of the joint. Knobs, taps and the joints of robots open nothing.
 
     The displacements are those of the running simulation. Without one, or if the engine does not measure a joint,
     everything is closed, as in the map.
@@ -290,7 +290,7 @@ def find_openings(
             continue
         moving, holder = moving_body(joint, bodies[joint.parent], bodies[joint.child])
         displacement, source = _displacement(joint, world_state)
-        if displacement is None or front not in {None, moving.iri}:
+        if displacement is None or front not in {None, moving.iri} or is_robot_part(moving):
             continue
         if _is_front(kb, moving) or (displacement.is_prismatic and _is_drawer_handle(kb, moving, holder)):
             yield JointOpenness(

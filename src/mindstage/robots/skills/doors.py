@@ -12,7 +12,7 @@ from mindstage.robots.skills.manipulator import Manipulator, free_hand
 from mindstage.robots.skills.surroundings import Opening, Surroundings
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId
-from mindstage.scene.transforms import Array, pose_inverse, pose_multiply
+from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply
 
 __all__ = ["ACCESS", "close_thing", "moving_front", "open_thing"]
 
@@ -30,10 +30,13 @@ _TOLERANCES = {True: 0.05, False: 0.04}
 """Permitted error of the openness when a front is opened, and when it is closed."""
 _MOVED = 0.03
 """A front whose openness has changed by more since its motion was planned is not where the hand would grasp it."""
-_MAX_ROUNDS = 6
+_WHOLE, _EXACT, _MISSING = 0.98, 0.02, 0.15
+"""After a motion that was planned for so much of the path, a front is pulled on if it is off by more, and less."""
+_REST_POSES = 5
+_MAX_ROUNDS = 10
 """How often the handle is grasped anew to move the front farther."""
 _LEAST_PROGRESS = 0.08
-"""Change of the openness in a round below which no other one is tried."""
+"""Change of the openness in a round below which the next one is from another place, or another way."""
 
 
 @skill(name="open", needs=_NEEDS)
@@ -78,7 +81,7 @@ def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMot
     verb = "close" if fraction < opening.openness else "open"
     tolerance = _TOLERANCES[verb == "open"]
     errors: list[SkillFailedError | UnreachableError | CommandRefusedError] = []
-    excluded: set[FrontWay] = set()
+    tried: list[FrontMotion] = []
     is_fixed = False
     for _ in range(_MAX_ROUNDS):
         before = opening.openness
@@ -88,15 +91,15 @@ def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMot
         target = opening.joint.position_at(fraction)
         try:
             yield from hand.parking()
-        except (SkillFailedError, UnreachableError) as error:
-            if errors and isinstance(errors[-1], UnreachableError):
-                break
+        except SkillFailedError as error:
             errors.append(error)
             continue  # it is planned anew from where the arm was stopped
+        except UnreachableError as error:
+            errors.append(error)  # there is no room for it: it goes on with the arm as it is
         if abs(opening.openness - fraction) <= tolerance:  # it has moved on when the hand let it go
             return
         try:
-            motion = find_front_motion(hand, opening, task.surroundings(), target, excluded=excluded)
+            motion = find_front_motion(hand, opening, task.surroundings(), target, tried=tried)
         except UnreachableError as error:
             errors.append(error)
             break
@@ -108,7 +111,7 @@ def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMot
             if motion.way is FrontWay.HANDLE and not is_fixed and errors and isinstance(errors[-1], SkillFailedError):
                 is_fixed = True  # the fingers do not hold this handle
             else:
-                excluded.add(motion.way)
+                tried.append(motion)
                 is_fixed = False
     if abs(opening.openness - fraction) > tolerance:
         reasons = dict.fromkeys(getattr(each, "reason", "") or str(each) for each in errors)
@@ -163,6 +166,10 @@ def _moving_once(
             raise task.failure(f"the gripper closed without {body} between its fingers", "approach it again")
         with task.step(verb, f"{verb} {opening.front} to {fraction:.0%}"):
             yield from _moving_grasped(task, hand, opening, motion, is_fixed=is_fixed)
+            missing = abs(opening.openness - fraction)
+            if motion.stance.reach >= _WHOLE and _EXACT < missing <= _MISSING:
+                rest = _rest_of_motion(task, opening, motion)
+                yield from _moving_grasped(task, hand, opening, rest, is_fixed=is_fixed)
     except (SkillFailedError, UnreachableError, CommandRefusedError):
         yield from _letting_go(hand, opening, motion)
         raise
@@ -181,6 +188,8 @@ def _pushing(task: SkillTask, hand: Manipulator, opening: Opening, motion: Front
         if path.reached >= 2:
             yield from hand.following(path, speed=0.4, cartesian_speed=0.15)
     yield from hand.withdrawing(_PUSH_BACK_M, touch=_parts(opening))
+    if path.reached < 2:
+        raise task.failure(f"{motion.body} cannot be pushed: {path.reason}", "stand elsewhere")
 
 
 def _directions(points: Array) -> Array:
@@ -216,6 +225,17 @@ def _moving_grasped(
     result = yield from hand.following(path, speed=0.4, cartesian_speed=0.08, on_tick=check)
     if not result:
         raise task.failure(result.reason, "move what is in the way")
+
+
+def _rest_of_motion(task: SkillTask, opening: Opening, motion: FrontMotion) -> FrontMotion:
+    """From where a front is to the end of its motion: it was left behind by what the handle has slid in the fingers."""
+    front, body = (task.surroundings().pose(each) for each in (opening.front, motion.body))
+    in_front = pose_multiply(pose_inverse(front), body)
+    positions = np.linspace(opening.joint.position, motion.positions[-1], _REST_POSES)
+    fronts = [normalized_pose_array(opening.joint.pose_at(each)) for each in positions.tolist()]
+    poses = np.array([pose_multiply(each, in_front) for each in fronts])
+    nothing = motion.stance.path._replace(reached=0)
+    return motion._replace(poses=poses, positions=positions, stance=motion.stance._replace(path=nothing))
 
 
 def _free_path(hand: Manipulator, opening: Opening, motion: FrontMotion, path: ArmPath) -> ArmPath:

@@ -6,7 +6,7 @@ the front, since what it cannot grasp no place of the base mends; then the whole
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from itertools import product
 from math import atan2, cos, sin
@@ -63,6 +63,8 @@ back if it is let go on the way."""
 _ALL = 0.95
 """Openness that counts as open."""
 _MAX_STEPS = 4
+_MAX_TRIES = 3
+"""How often each way is tried without success, from different places."""
 _QUICK_STEPS, _LONG_STEPS = 20_000, 60_000
 """Steps of the search for a stance (see `StanceRequest.steps`): for each way at first, and if none was found."""
 
@@ -183,10 +185,12 @@ def find_front_motion(
     target: float,
     *,
     start: float | None = None,
-    excluded: Collection[FrontWay] = (),
+    tried: Sequence[FrontMotion] = (),
     floor: FloorMap | None = None,
 ) -> FrontMotion:
     """Where to stand and how to move a front: the first way that moves it far, otherwise the best one.
+
+    What was tried without success is tried from other places; each way three times.
 
     Args:
         hand: the arm.
@@ -194,18 +198,19 @@ def find_front_motion(
         surroundings: the things of the world.
         target: the position that its joint is to have [m or rad].
         start: the position from which it is moved; None for the present one.
-        excluded: ways that are not tried.
+        tried: what was tried without success.
         floor: the free floor, if it is known.
 
     Raises:
         UnreachableError: there is none; with the reason for each way.
     """
-    search = _FrontSearch(hand, opening, surroundings, opening.joint.position if start is None else start, target)
+    start = opening.joint.position if start is None else start
+    search = _FrontSearch(hand, opening, surroundings, start, target, tried)
     best: FrontMotion | None = None
     reasons: dict[FrontWay, UnreachableError] = {}
     quick = _QUICK_STEPS if search.is_level else _LONG_STEPS
     for steps, way in product(dict.fromkeys((quick, _LONG_STEPS)), list(search.ways())):
-        if way in excluded:
+        if sum(each.way is way for each in tried) >= _MAX_TRIES:
             continue
         if steps > quick and best is not None:
             break
@@ -231,9 +236,15 @@ def find_front_motion(
 
 class _FrontSearch:
     def __init__(
-        self, hand: Manipulator, opening: Opening, surroundings: Surroundings, start: float, target: float
+        self,
+        hand: Manipulator,
+        opening: Opening,
+        surroundings: Surroundings,
+        start: float,
+        target: float,
+        tried: Sequence[FrontMotion],
     ) -> None:
-        self.hand, self.opening, self.surroundings = hand, opening, surroundings
+        self.hand, self.opening, self.surroundings, self.tried = hand, opening, surroundings, tried
         self.handle = opening.handle or opening.front
         joint = opening.joint
         front = surroundings.pose(opening.front)
@@ -292,6 +303,7 @@ class _FrontSearch:
             is_closed=way is FrontWay.PUSH,
             checks_path_closed=way is not FrontWay.PUSH,
             steps=steps,
+            avoided=[each.stance.base for each in self.tried if each.way is way],
         )
         stance = find_stance(self.hand, request, floor)
         return FrontMotion(way, stance, body, poses, request.paths[stance.number], self.positions)

@@ -69,6 +69,7 @@ _WIDE_OPEN = 0.9
 """A door or drawer that is open by more is not opened farther."""
 _FARTHER = 0.05
 """Least change of the openness after which a thing behind it is looked for again."""
+_MAX_NAMES = 3
 _POUR_ANGLE_RAD, _POUR_STEPS, _POUR_GAP_M, _POUR_S = 1.9, 20, 0.06, 2.0
 
 
@@ -151,8 +152,12 @@ def pour(task: SkillTask, thing: ThingName, into: SupportName) -> SkillMotion:
     later = task.surroundings()
     spilled = [each for each in contents if target not in later.containers_of(each)]
     task.moved.update(dict.fromkeys(contents))
+    count = f"{len(contents) - len(spilled)} of {len(contents)} things in {id} fell into {target}"
     if spilled:
-        raise task.failure(f"{', '.join(spilled)} did not fall into {target}", f"pour closer to {target}")
+        where = ", ".join(f"{each} is {later.support_of(each)}" for each in spilled[:_MAX_NAMES])
+        raise task.failure(f"{count}: {where}", f"pour closer to {target}, or into something wider")
+    with task.step("count", count):
+        pass
 
 
 # -- picking up --------------------------------------------------------------------------------------------------------
@@ -198,9 +203,8 @@ def _grasping(
 ) -> Generator[float, None, Stance]:
     """Grasps a thing and lifts it; by friction if that is possible, otherwise it is fixed to the gripper."""
     with task.step("grasp", f"grasp {id}"):
-        stance, request = yield from _found_stance(task, hand, surroundings, id, upright=upright, stays=stays)
         task.moved[id] = None
-        stance = yield from _standing_before(hand, request, stance)
+        stance = yield from _hand_before(task, hand, surroundings, id, upright=upright, stays=stays)
         yield from hand.moving_straight(stance.grasp.in_world(surroundings.pose(id)), why=f"to {id}", may_touch=True)
         held_by_friction = False
         if stance.grasp.is_by_friction:
@@ -237,7 +241,7 @@ def _lifting(hand: Manipulator, id: BodyId) -> SkillMotion:
     yield from hand.moving_straight(up, why=f"up with {id}", speed=0.2, may_touch=True)
 
 
-def _found_stance(
+def _hand_before(
     task: SkillTask,
     hand: Manipulator,
     surroundings: Surroundings,
@@ -245,14 +249,15 @@ def _found_stance(
     *,
     upright: bool | None,
     stays: bool,
-) -> Generator[float, None, tuple[Stance, StanceRequest]]:
-    """A stance for a grasp by friction, otherwise one from which the thing is fixed to the gripper.
+) -> Generator[float, None, Stance]:
+    """Takes the open hand in front of a thing, for a grasp by friction, otherwise to fix the thing to the gripper.
 
-    What is in front of the thing is opened farther if it is not reached otherwise.
+    What is in front of the thing is opened farther if there is no stance, or no way of the base or the arm.
     """
     floor = FloorMap(hand.robot) if hand.is_mobile and not stays else None
     try:
-        return _friction_stance(hand, surroundings, id, floor, upright=upright, stays=stays)
+        found = _friction_stance(hand, surroundings, id, floor, upright=upright, stays=stays)
+        return (yield from _standing_before(hand, found[1], found[0]))
     except UnreachableError as error:
         cause = error
     for opening in [] if stays else surroundings.in_front_of(id):
@@ -267,10 +272,12 @@ def _found_stance(
                 raise _with_front(cause, opening, error.reason) from None
         surroundings, floor = task.surroundings(), FloorMap(hand.robot)
         try:
-            return _friction_stance(hand, surroundings, id, floor, upright=upright, stays=stays)
+            found = _friction_stance(hand, surroundings, id, floor, upright=upright, stays=stays)
+            return (yield from _standing_before(hand, found[1], found[0]))
         except UnreachableError as error:
             cause = error
-    return _weld_stance(hand, surroundings, id, cause, floor, stays=stays)
+    stance, request = _weld_stance(hand, surroundings, id, cause, floor, stays=stays)
+    return (yield from _standing_before(hand, request, stance))
 
 
 def stance_to_reach(hand: Manipulator, surroundings: Surroundings, id: BodyId) -> Stance:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
-from math import atan2, cos, pi, sin
+from math import atan2, cos, hypot, pi, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +32,8 @@ _HEADINGS_RAD = (0.0, 0.5, -0.5, 1.0, -1.0, pi / 2, -pi / 2)
 _OTHER_DISTANCE_M, _OTHER_PLACES, _APART_M = 0.75, 16, 0.12
 """The preferred distance of further places, their number, and the least distance between two of them."""
 _OTHER_HEADINGS_RAD = (0.0, 0.5, -0.5)
+_UNDER_DISTANCES_M, _UNDER_BEARINGS_RAD, _UNDER_WAY_M = (0.7, 0.85, 1.0), (0.0, 0.35, -0.35, 0.7, -0.7), 0.4
+"""Places with the base below something, and how far behind them there is free floor."""
 _STEPS = 60_000
 """Number of iterations of inverse kinematics and tests for collisions after which a search ends."""
 _WAY_TESTS = 30_000
@@ -55,6 +57,8 @@ _TOUCH_M = 0.001
 """Distance at which the hand counts as touching its target."""
 _CHECKED_EVERY = 3
 """Of the poses of a path, every third one is tested for collisions."""
+_AVOIDED_M, _AVOIDED_RAD = 0.1, 0.3
+"""A place that is nearer to an avoided one, with a similar heading, is not another one."""
 _MAX_NAMES = 3
 _MAX_GRASPS = 12
 """Number of grasps that are tried at each place."""
@@ -116,6 +120,8 @@ class StanceRequest(NamedTuple):
     """Whether the fingers are closed on what they grasp while it is moved, rather than as open as before."""
     steps: int = _STEPS
     """Number of iterations of inverse kinematics and tests for collisions after which the search ends."""
+    avoided: Sequence[BasePose] = ()
+    """Places from which it was tried without success: others are tried."""
 
 
 def find_stance(hand: Manipulator, request: StanceRequest, floor: FloorMap | None = None) -> Stance:
@@ -230,6 +236,8 @@ class _Search:
     def _find_from(self, seed: Mapping[str, float], best: Stance | None) -> Stance | None:
         """The best stance, or the best of those before, with arms near to some positions."""
         for base in self._bases():
+            if self._is_avoided(base):
+                continue
             for number, grasp in self._possible_grasps():
                 stance = self._try(base, grasp, number, seed)
                 if stance is None or (best is not None and stance.reach <= best.reach + 0.02):
@@ -242,6 +250,13 @@ class _Search:
             if self._is_over():
                 break
         return best
+
+    def _is_avoided(self, base: BasePose) -> bool:
+        """Whether it was tried from there."""
+        return any(
+            hypot(base[0] - x, base[1] - y) < _AVOIDED_M and abs((base[2] - yaw + pi) % (2 * pi) - pi) < _AVOIDED_RAD
+            for x, y, yaw in self.request.avoided
+        )
 
     def _possible_grasps(self) -> list[tuple[int, Grasp]]:
         """The grasps that are tried at a place, with their numbers; with a gripper just wide enough if need be."""
@@ -314,17 +329,32 @@ class _Search:
         if self.floor is None:
             self.floor = FloorMap(self.hand.robot)
         floor = self.floor
-        for distance in _DISTANCES_M:
-            for bearing in _BEARINGS_RAD:
-                x = target[0] + distance * cos(away + bearing)
-                y = target[1] + distance * sin(away + bearing)
-                if not floor.is_reachable(x, y):
-                    self.blocked += 1
-                    continue
-                facing = atan2(target[1] - y, target[0] - x) - self.hand.side
-                for heading in _HEADINGS_RAD:
-                    yield (float(x), float(y), facing + heading)
+        for distance, bearing in product(_DISTANCES_M, _BEARINGS_RAD):
+            x = target[0] + distance * cos(away + bearing)
+            y = target[1] + distance * sin(away + bearing)
+            if not floor.is_reachable(x, y):
+                self.blocked += 1
+                continue
+            facing = atan2(target[1] - y, target[0] - x) - self.hand.side
+            for heading in _HEADINGS_RAD:
+                yield (float(x), float(y), facing + heading)
         yield from self._other_bases(target, floor)
+        yield from self._bases_under(target, away, floor)
+
+    def _bases_under(self, target: Array, away: float, floor: FloorMap) -> Iterator[BasePose]:
+        """Places where the disc around the base is not free, but the robot is, as with its base below a table."""
+        for distance, bearing in product(_UNDER_DISTANCES_M, _UNDER_BEARINGS_RAD):
+            direction = np.array([cos(away + bearing), sin(away + bearing)])
+            x, y = (target[:2] + distance * direction).tolist()
+            if floor.is_reachable(x, y) or not floor.is_floor(x, y):
+                continue
+            if not floor.is_reachable(*(target[:2] + (distance + _UNDER_WAY_M) * direction).tolist()):
+                continue
+            facing = atan2(target[1] - y, target[0] - x) - self.hand.side
+            for heading in _OTHER_HEADINGS_RAD:
+                self._move_joint(0)
+                if self.checker.find_at(self.positions, (x, y, facing + heading)) is None:
+                    yield x, y, facing + heading
 
     def _other_bases(self, target: Array, floor: FloorMap) -> Iterator[BasePose]:
         """Places anywhere on the free floor around the target, for where most of it is taken."""

@@ -12,7 +12,8 @@ const blocks = new Map();
 const view = { nodePoseData: {} };
 viewReady.then(({ nodePoseData, nodeRefFromName }) => Object.assign(view, { nodePoseData, nodeRefFromName }));
 
-function apply({ names, poses }) {
+// Sets the poses of nodes, which need not exist yet; those without a name are skipped.
+export function applyPoses({ names, poses }) {
   if (!names || poses?.length !== names.length * POSE_LENGTH) return; // the other half follows
   for (let row = 0; row < names.length; row++) {
     if (!names[row]) continue;
@@ -34,7 +35,7 @@ onNewConnection(() => blocks.clear());
 onViewData("poses", (key, values) => {
   const block = { ...blocks.get(key), ...values };
   blocks.set(key, block);
-  apply(block);
+  applyPoses(block);
 });
 
 // A batch may have further meshes: outlines under the pointer.

@@ -7,6 +7,7 @@ import { channel } from "./rpcChannel.js";
 import { askPanel } from "./askPanel.js";
 import { commandPalette } from "./commandPalette.js";
 import { boxSelection, viewTools } from "./viewTools.js";
+import { detailsPanel } from "./detailsPanel.js";
 import * as edit from "./editActions.js";
 import { keyboardHelp } from "./keyboardHelp.js";
 import { measureTool } from "./measureTool.js";
@@ -50,6 +51,7 @@ export const commands = [
   { id: "redo", title: "Redo", group: "Edit", keys: ["Ctrl+Shift+Z", "Ctrl+Y"], run: () => callOrToast("redo"), icon: "redo" },
   { id: "history", title: "Show the history", group: "Edit", keys: ["Alt+H"], run: () => openPanel("history") },
   { id: "add", title: "Add an object…", group: "Edit", keys: ["Shift+A"], run: () => openPanel("add") },
+  { id: "rename", title: "Rename the selected body", group: "Edit", keys: ["F2"], enabled: selected, run: () => detailsPanel.rename() },
   { id: "duplicate", title: "Duplicate the selected bodies", group: "Edit", keys: ["Ctrl+D"], enabled: selected, run: edit.duplicate },
   { id: "copy", title: "Copy the selected bodies", group: "Edit", keys: ["Ctrl+C"], enabled: selected, run: edit.copy },
   { id: "cut", title: "Cut the selected bodies", group: "Edit", keys: ["Ctrl+X"], enabled: selected, run: edit.cut },

@@ -48,6 +48,14 @@ class DetailsPanel {
     return this.#live;
   }
 
+  // Lets the user type another name for the selected body.
+  rename() {
+    panels.show("details");
+    const field = this.#root.querySelector("[data-field=name]");
+    field?.focus();
+    field?.select();
+  }
+
   // -- the selected body -------------------------------------------------------------------------------------------
 
   #onSelect(id) {
@@ -110,8 +118,11 @@ class DetailsPanel {
   // -- parts of the panel ------------------------------------------------------------------------------------------
 
   #title({ id, label, cls, ancestors, iri }) {
+    const name = el("input", { type: "text", "data-field": "name", "aria-label": "Name", maxlength: "200", value: label, placeholder: cls, title: "The name that people see (F2); the id stays",
+      onkeydown: (event) => event.key === "Enter" && event.target.blur(), onchange: () => callOrToast("rename", { id, label: name.value }) });
     const superclasses = ancestors.slice(0, 6).join(" › ");
     return el("div", {}, el("h2", { "data-role": "title" }, label || cls), el("div", { class: "wrap", "data-role": "id" }, id), this.#others,
+      this.#field("name", name),
       el("div", { class: "muted wrap", "data-role": "class", title: iri }, [cls, superclasses].filter(Boolean).join(" › ") + (ancestors.length > 6 ? " …" : "")));
   }
 

@@ -38,6 +38,7 @@ class ImaginePanel {
   #samples = el("input", { type: "number", min: "1", max: "100000", value: "100", "aria-label": "Samples" });
   #workers = el("input", { type: "number", min: "1", max: "64", value: "1", "aria-label": "Processes" });
   #run = el("button", { type: "button", class: "primary", "data-action": "imagine", onclick: () => this.#start() }, "Try");
+  #act = el("button", { type: "button", "data-action": "imagine-act", title: "Does the plan in the world itself; it can be undone", onclick: () => this.#do() }, "Do it");
   #cancel = el("button", { type: "button", "data-action": "imagine-cancel", hidden: true, onclick: () => callOrToast("imagine.cancel") }, "Cancel");
   #result = el("div", { class: "verdict", "aria-live": "polite", "data-role": "verdict" });
   #copies = el("div", { class: "copies", "data-role": "copies", hidden: true });
@@ -45,10 +46,10 @@ class ImaginePanel {
 
   build(root) {
     root.append(
-      el("p", { class: "muted description" }, "Tries a plan in copies of the world, which stays as it is."),
+      el("p", { class: "muted description" }, "Tries a plan in copies of the world, which stays as it is, or does it."),
       this.#builder, this.#text,
       el("div", { class: "row" }, el("label", { class: "row" }, el("span", {}, "samples"), this.#samples), el("label", { class: "row" }, el("span", {}, "processes"), this.#workers)),
-      el("div", { class: "row" }, this.#run, this.#cancel, this.#file()), this.#result, this.#copies);
+      el("div", { class: "row" }, this.#run, this.#act, this.#cancel, this.#file()), this.#result, this.#copies);
     this.#text.addEventListener("keydown", (event) => event.key === "Enter" && (event.ctrlKey || event.metaKey) && this.#start());
     this.#buildForm();
     channel.on("imagine", (state) => this.#show(state));
@@ -105,6 +106,14 @@ class ImaginePanel {
     }
   }
 
+  async #do() {
+    try {
+      await channel.call("imagine.act", { plan: this.#text.value.trim() || EXAMPLE });
+    } catch (error) {
+      this.#fail(error.message);
+    }
+  }
+
   #fail(message) {
     replaceChildren(this.#result, el("p", { class: "error-text", role: "alert", "data-role": "error" }, message));
   }
@@ -112,10 +121,12 @@ class ImaginePanel {
   // -- the result ----------------------------------------------------------------------------------------------------
 
   #show(state) {
-    const running = state.state === "running";
-    this.#run.disabled = running;
+    const running = state.state === "running" || state.state === "acting";
+    this.#run.disabled = this.#act.disabled = running;
     this.#cancel.hidden = !running;
     if (state.state === "error") this.#fail(state.error);
+    else if (state.state === "acting") replaceChildren(this.#result, el("progress", { "aria-label": "The plan is being done" }), el("p", { class: "muted" }, `Doing ${state.name || "the plan"}…`));
+    else if (state.state === "acted") replaceChildren(this.#result, el("h2", { "data-outcome": state.outcome }, state.outcome), el("p", { class: "wrap" }, state.why), el("div", { class: "row" }, el("button", { type: "button", "data-action": "imagine-undo", onclick: () => callOrToast("undo") }, "Undo")));
     else if (running) this.#showProgress(state);
     else if (state.state === "done") this.#showVerdict(state);
     else replaceChildren(this.#result);

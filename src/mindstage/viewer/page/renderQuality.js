@@ -172,7 +172,7 @@ class Quality {
     for (const light of this.#view.scene.children) {
       if (!light.isDirectionalLight || !light.castShadow) continue;
       light.userData.given ??= light.intensity;
-      light.intensity = settings.sun * light.userData.given;
+      light.intensity = settings.sun * light.userData.given * (light.userData.share ?? 1); // see sunShadow.js
       light.shadow.radius = settings.shadowRadius;
       if (light.shadow.mapSize.x !== settings.shadowPixels) {
         light.shadow.mapSize.set(settings.shadowPixels, settings.shadowPixels);

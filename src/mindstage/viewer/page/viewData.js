@@ -1,6 +1,6 @@
 // Access to viser's view and to data from the server, for the modules inside the viewer iframe; see viserHooks.js.
 
-const { beforeFrames, handlers, resetCallbacks, viewReady } = window.mindstageHooks;
+const { beforeFrames, changeCallbacks, handlers, replayCallbacks, resetCallbacks, viewReady } = window.mindstageHooks;
 
 // `viewReady` is a promise of the mutable state of viser's page (`ViewerMutable` in viser's client).
 // `beforeFrames(view, priority, callback)` calls a function before each frame; viser sets poses at priority -1,000.
@@ -14,6 +14,16 @@ export function onViewData(topic, handler) {
 // Calls a function when a new connection begins, which sends all data again.
 export function onNewConnection(callback) {
   resetCallbacks.push(callback);
+}
+
+// Calls a function when messages arrive that may change the scene, all but those of the camera.
+export function onSceneChange(callback) {
+  changeCallbacks.push(callback);
+}
+
+// Calls a function when all messages have arrived that the server had when the connection began.
+export function onReplayDone(callback) {
+  replayCallbacks.push(callback);
 }
 
 // The state of react-three-fiber: renderer, camera, raycaster.

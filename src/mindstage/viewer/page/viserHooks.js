@@ -38,6 +38,8 @@
   const AFTER_MESSAGES = -50_000; // priority in a frame: viser handles messages at -100,000 and sets poses at -1,000
   const handlers = new Map();
   const resetCallbacks = [];
+  const changeCallbacks = [];
+  const replayCallbacks = [];
   const waiting = new Map();
 
   function receive(message) {
@@ -74,7 +76,10 @@
         waiting.clear();
         for (const callback of resetCallbacks) callback();
       }
-      return Array.prototype.splice.apply(view.messageQueue, range).filter(receive);
+      const messages = Array.prototype.splice.apply(view.messageQueue, range);
+      if (messages.some(({ type }) => !type.includes("Camera"))) for (const callback of changeCallbacks) callback();
+      if (messages.some(({ type }) => type === "ReplayDoneMessage")) for (const callback of replayCallbacks) callback();
+      return messages.filter(receive);
     };
     beforeFrames(view, AFTER_MESSAGES, deliver);
     resolveView(view);
@@ -91,5 +96,5 @@
     },
   });
 
-  window.mindstageHooks = { beforeFrames, handlers, resetCallbacks, viewReady };
+  window.mindstageHooks = { beforeFrames, changeCallbacks, handlers, replayCallbacks, resetCallbacks, viewReady };
 }
