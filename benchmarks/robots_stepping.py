@@ -5,10 +5,11 @@ from __future__ import annotations
 import copy
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from statistics import median
 
 import mujoco
+import numpy as np
 
 from benchmarks import Measure
 from benchmarks.mujoco import kitchen_world
@@ -17,6 +18,7 @@ from mindstage.robots.drives import drives_of
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.world import robot_world
 from mindstage.scene import Pose
+from mindstage.scene.transforms import Array
 
 RUNS = 25
 _PERIOD_S = 0.01
@@ -26,14 +28,15 @@ _PERIODS = 50
 
 def measure() -> Iterator[Measure]:
     engine, names = _kitchen_with_robot()
-    yield _step_against_bare(engine, names, "step the kitchen with a robot, 100 commands/s")
+    yield _step_against_bare(engine, names, "step the kitchen with a robot, 100 commands/s", reads=False)
+    yield _step_against_bare(engine, names, "the same, its joints are read 100 times/s", reads=True)
     compiled = engine.compiled()
     alone = MujocoEngine()
     alone.spawn(kitchen_world())
     alone.step(0.5)
     with_robot, without = _timed(
-        lambda: _run_bare(compiled.model, compiled.data, len(names)),
-        lambda: _run_bare(alone.compiled().model, alone.compiled().data, 0),
+        lambda: _run_bare(compiled.model, compiled.data, compiled.data.ctrl.copy()),
+        lambda: _run_bare(alone.compiled().model, alone.compiled().data, None),
     )
     yield Measure(
         what="mj_step of it", ours=1000 * with_robot / _steps(), unit="ms", peer="without the robot",
@@ -68,26 +71,40 @@ def _timed(*actions: Callable[[], object]) -> list[float]:
     return [median(taken) for taken in seconds]
 
 
-def _run_bare(model: mujoco.MjModel, data: mujoco.MjData, commands: int) -> None:
-    start = data.ctrl[-commands:].copy() if commands else data.ctrl[:0].copy()
+def _run_bare(
+    model: mujoco.MjModel, data: mujoco.MjData, commands: Array | None, joints: Sequence[int] | None = None
+) -> None:
+    """Steps a model.
+
+    Args:
+        model: the model.
+        data: its data.
+        commands: the controls that move; None if none does.
+        joints: the joints whose positions, velocities and efforts are read after each period.
+    """
     for period in range(_PERIODS):
-        if commands:
-            data.ctrl[-commands:] = start + 0.002 * math.sin(period / 8)
+        if commands is not None:
+            data.ctrl[-len(commands) :] = commands + 0.002 * math.sin(period / 8)
         mujoco.mj_step(model, data, nstep=round(_PERIOD_S / 0.002))
+        if joints is not None:
+            data.qpos[model.jnt_qposadr[joints]], data.qvel[model.jnt_dofadr[joints]], data.actuator_force.copy()
 
 
-def _step_against_bare(engine: MujocoEngine, names: list[str], what: str) -> Measure:
+def _step_against_bare(engine: MujocoEngine, names: list[str], what: str, *, reads: bool) -> Measure:
     live = engine.compiled()
     model, data = live.model, copy.copy(live.data)
+    joints = model.actuator_trnid[:, 0].tolist() if reads else None
     commands = {name: state.command for name, state in engine.actuator_states().items() if name in names}
+    controls = np.array([commands[name] for name in live.actuators.names[-len(names) :]])
 
     def ours() -> None:
         for period in range(_PERIODS):
             engine.set_commands({name: at + 0.002 * math.sin(period / 8) for name, at in commands.items()})
             engine.step(_PERIOD_S)
-            engine.actuator_states()
+            if reads:
+                engine.actuator_states()
 
-    mine, theirs = _timed(ours, lambda: _run_bare(model, data, len(names)))
+    mine, theirs = _timed(ours, lambda: _run_bare(model, data, controls, joints))
     return Measure(
         what=what, ours=1000 * mine / _steps(), unit="ms", peer="mj_step of the same model",
         theirs=1000 * theirs / _steps(), at_most=1.1,

@@ -877,11 +877,12 @@ class RobotNotFoundError(RobotError):
 
 @dataclass(eq=False)
 class RobotLibraryError(RobotError):
-    """A library for inverse kinematics or motion planning is not installed."""
+    """A library for inverse kinematics, motion planning or behavior trees is not installed."""
 
-    template = "{library} is not installed; install it with: pip install 'mindstage[robots]'"
+    template = "{library} is not installed; install it with: pip install 'mindstage[{extra}]'"
 
     library: str
+    extra: str = "robots"
 
 
 @dataclass(eq=False)

@@ -57,6 +57,7 @@ def import_meshes(
     decompose: bool = True,
     keep_axes: bool = False,
     visuals: bool = True,
+    likely_next: Iterable[Path] = (),
 ) -> tuple[dict[Path, ImportedMesh], dict[Path, str]]:
     """Imports files, or loads them from the cache.
 
@@ -70,6 +71,8 @@ def import_meshes(
         decompose: whether meshes are decomposed into convex parts; otherwise there is one, the convex hull.
         keep_axes: whether points keep the axes of the file, also if it states another direction than z as up.
         visuals: whether the visual meshes are loaded; otherwise there are none, and the bounds are those of the parts.
+        likely_next: files that are imported to the cache as well if a process has to be started for one of the others,
+            since starting it takes longer than most files do.
 
     Returns:
         The imported meshes, and the reasons why other files were rejected.
@@ -79,10 +82,11 @@ def import_meshes(
     else:
         with suppress(OSError):  # reported for each file
             folder.mkdir(parents=True, exist_ok=True)
+    wanted = dict.fromkeys(paths)
     imported: dict[Path, ImportedMesh] = {}
     rejected: dict[Path, str] = {}
     missing: dict[Path, tuple[str, Path]] = {}
-    for path in dict.fromkeys(paths):
+    for path in wanted:
         try:
             digest = _digest(path, decompose=decompose, keep_axes=keep_axes)
         except OSError as error:
@@ -96,19 +100,35 @@ def import_meshes(
         else:
             missing[path] = (digest, cache_file)
     cache_files = {path: cache_file for path, (_, cache_file) in missing.items()}
+    others = dict.fromkeys(path for path in (likely_next if missing else ()) if path not in wanted)
+    cache_files |= _not_imported(others, folder, decompose=decompose, keep_axes=keep_axes)
     for path, result in _import_in_worker(cache_files, timeout_s, decompose=decompose, keep_axes=keep_axes):
-        cache_file = missing[path][1]
+        cache_file = cache_files[path]
+        is_final = result.reason != "" and not result.is_transient
+        if is_final:
+            with suppress(OSError):  # the cache is full, and the import is tried again
+                atomic_write(cache_file.with_suffix(_REJECTED_SUFFIX), result.reason.encode())
+        if path not in wanted:
+            continue
         mesh = None if result.reason else _load_cached(path, *missing[path], visuals=visuals)
         if mesh is not None:
             imported[path] = mesh
             continue
         rejected[path] = result.reason or f"its import could not be read from the cache, {cache_file}"
-        if result.is_transient or not result.reason:
+        if not is_final:
             rejected[path] += "; it is tried again next time"
-        else:
-            with suppress(OSError):  # the cache is full, and the import is tried again
-                atomic_write(cache_file.with_suffix(_REJECTED_SUFFIX), result.reason.encode())
     return imported, rejected
+
+
+def _not_imported(paths: Iterable[Path], folder: Path, *, decompose: bool, keep_axes: bool) -> dict[Path, Path]:
+    """The cache files of those files that have not been imported or rejected."""
+    found = {}
+    for path in paths:
+        with suppress(OSError):  # reported when the file is wanted
+            cache_file = folder / f"{_digest(path, decompose=decompose, keep_axes=keep_axes)}.npz"
+            if not cache_file.exists() and not _rejection_reason(cache_file):
+                found[path] = cache_file
+    return found
 
 
 def _rejection_reason(cache_file: Path) -> str:

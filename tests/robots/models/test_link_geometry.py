@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from mindstage.assets.mesh_import import import_meshes
+from mindstage.assets.mesh_import import _MeshWorker, import_meshes
 from mindstage.robots.models.link_geometry import hull_shape
 from mindstage.robots.models.reading import load_model
 from mindstage.scene import CollisionShapeType
@@ -43,6 +43,48 @@ def test_a_mesh_may_be_one_hull_without_its_visuals(tmp_path: Path) -> None:
     # STL repeats the corners of every triangle; these are merged, and so are two that both plates have.
     assert sum(len(visual.points) for visual in complete.visuals) == 14
     np.testing.assert_allclose(complete.low, mesh.low, atol=1e-6)
+
+
+def test_files_that_are_likely_next_are_imported_by_the_same_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[object] = []
+    start = _MeshWorker.__enter__
+    monkeypatch.setattr(_MeshWorker, "__enter__", lambda self: (started.append(self), start(self))[1])
+    paths = [tmp_path / f"{name}.stl" for name in ("first", "second", "broken", "absent")]
+    for size, path in enumerate(paths[:2], 1):
+        trimesh.creation.box(extents=(size, 1.0, 1.0)).export(path)
+    paths[2].write_bytes(b"solid nothing")
+    options = {"folder": tmp_path / "cache", "decompose": False, "likely_next": paths}
+    imported, rejected = import_meshes(paths[:1], **options)  # type: ignore[arg-type]
+    assert (list(imported), rejected) == (paths[:1], {})
+    imported, rejected = import_meshes(paths[1:], **options)  # type: ignore[arg-type]
+    assert list(imported) == paths[1:2]
+    assert imported[paths[1]].high[0] - imported[paths[1]].low[0] == pytest.approx(2.0)
+    assert list(rejected) == [paths[3], paths[2]] or list(rejected) == [paths[2], paths[3]]
+    assert "tried again" not in rejected[paths[2]]
+    assert len(started) == 1
+
+
+def test_the_visual_meshes_of_a_robot_are_imported_by_one_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[object] = []
+    start = _MeshWorker.__enter__
+    monkeypatch.setattr(_MeshWorker, "__enter__", lambda self: (started.append(self), start(self))[1])
+    names = ("a", "b", "c")
+    for size, name in enumerate(names, 1):
+        trimesh.creation.box(extents=(size, 1.0, 1.0)).export(tmp_path / f"{name}.stl")
+    links = (f'<link name="{each}"><visual><geometry><mesh filename="{each}.stl"/></geometry></visual></link>'
+             for each in names)  # fmt: skip
+    joints = (f'<joint name="to_{each}" type="fixed"><parent link="a"/><child link="{each}"/></joint>'
+              for each in names[1:])  # fmt: skip
+    (tmp_path / "r.urdf").write_text(f"<robot name='r'>{''.join((*links, *joints))}</robot>", encoding="utf-8")
+    model = load_model(tmp_path / "r.urdf", cache=tmp_path / "cache")
+    assert not started, "nothing is drawn yet"
+    widths = [np.ptp(link.geometry.visuals[0].points, axis=0)[0] for link in model.links if link.geometry]
+    assert widths == pytest.approx([1.0, 2.0, 3.0])
+    assert len(started) == 1
 
 
 def test_a_decomposed_mesh_is_imported_apart_from_its_hull(tmp_path: Path) -> None:

@@ -749,9 +749,9 @@ class _SpecBuilder:
         axis_ids = [joint.id for _, _, joint in self.actuators]
         actuators = ModelActuators(
             tuple(name for name, _, _ in self.actuators),
-            model.jnt_qposadr[axis_ids].astype(np.intp),
-            model.jnt_dofadr[axis_ids].astype(np.intp),
-            np.array(model.actuator_gear[:, 0]),
+            model.jnt_qposadr[axis_ids].tolist(),
+            model.jnt_dofadr[axis_ids].tolist(),
+            model.actuator_gear[:, 0].tolist(),
         )
         order = np.fromiter((numbers.get(id, 0) for id in model_input.rows), dtype=np.intp, count=len(model_input.rows))
         rows = np.array([model_input.rows[id] for id in scenery], dtype=np.intp)

@@ -141,11 +141,17 @@ class ModelCache:
         """The model compiled last, stale or not; None before the first one."""
         return self._compiled
 
-    def model(self) -> CompiledModel:
-        """The current model, compiled anew if anything changed."""
+    def model(self, *, with_poses: bool = True) -> CompiledModel:
+        """The current model, compiled anew if anything changed.
+
+        Args:
+            with_poses: whether the poses of its bodies and geoms are needed.
+        """
         if self.stale or self._compiled is None:
             self._rebuild()
         assert self._compiled is not None
+        if with_poses:
+            self._compiled.update_poses()
         return self._compiled
 
     def poses(self) -> Array:
@@ -278,6 +284,7 @@ class ModelCache:
         A contact of MuJoCo is a spring with a time constant, not a hard surface. Within `_CONTACT_DURATION_S` a body
         moves on, and if its center passes that of a thin obstacle, it is pushed out on the other side.
         """
+        compiled.update_poses()
         speeds = np.linalg.norm(velocities, axis=1)
         for row in np.flatnonzero(speeds > _MIN_FAST_SPEED).tolist():
             id = list(compiled.free_joint_addresses)[row]
@@ -512,7 +519,7 @@ class MujocoEngine:
         steps, self._pending_s = whole_steps(self._pending_s + duration_s, self._timestep_s)
         if steps <= 0:
             return
-        compiled = cache.model()
+        compiled = cache.model(with_poses=bool(self._forces))
         cache.builder.mark_simulated()
         if self._forces:
             self._apply_forces(compiled)
@@ -520,13 +527,13 @@ class MujocoEngine:
         while remaining > 0:
             count = min(_MAX_UNCHECKED_STEPS - cache.unchecked_steps, remaining)
             mujoco.mj_step(compiled.model, compiled.data, nstep=count)
+            compiled.poses_outdated = True
             remaining -= count
             cache.unchecked_steps = (cache.unchecked_steps + count) % _MAX_UNCHECKED_STEPS
             if remaining and not cache.unchecked_steps:
                 cache.check_free_bodies()
                 if cache.stale:
                     compiled = self._continue_with_new_model(cache)
-        mujoco.mj_kinematics(compiled.model, compiled.data)
         if self._forces:
             compiled.data.xfrc_applied[:] = 0.0
             self._forces.clear()
@@ -609,7 +616,7 @@ class MujocoEngine:
         cache = self._require_open()
         if not cache.builder.actuators.actuators:
             return {}
-        return actuator_states(cache.model(), cache.builder.actuators)
+        return actuator_states(cache.model(with_poses=False), cache.builder.actuators)
 
     def contacts(self) -> tuple[Contact, ...]:
         cache = self._require_open()
@@ -734,10 +741,10 @@ def _check_warnings(compiled: CompiledModel) -> list[SpawnNote]:
         SimulationDivergedError: the state is not finite.
     """
     notes: list[SpawnNote] = []
-    counts = compiled.data.warning.number
-    if not counts.any():
+    counts = compiled.data.warning.number.tolist()  # seven numbers: faster in a list than in an array
+    if not any(counts):
         return notes
-    for kind in np.flatnonzero(counts).tolist():
+    for kind in (kind for kind, count in enumerate(counts) if count):
         counter = compiled.data.warning[kind]
         counter.number = 0
         warning = mujoco.mjtWarning(kind)

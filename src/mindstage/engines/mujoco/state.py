@@ -61,18 +61,18 @@ class ModelJoint:
 
 
 class ModelActuators(NamedTuple):
-    """The actuators of a compiled model, k, in the order of its controls."""
+    """The actuators of a compiled model, in the order of its controls."""
 
     names: tuple[str, ...]
-    positions: NDArray[np.intp]
-    """Addresses of their positions in `qpos`, k."""
-    dofs: NDArray[np.intp]
-    """Addresses of their velocities in `qvel`, k."""
-    signs: Array
-    """-1 where the coordinate in the tree is that of the map negated, k."""
+    positions: list[int]
+    """Addresses of their positions in `qpos`."""
+    dofs: list[int]
+    """Addresses of their velocities in `qvel`."""
+    signs: list[float]
+    """-1 where the coordinate in the tree is that of the map negated."""
 
 
-_NO_ACTUATORS = ModelActuators((), np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp), np.zeros(0))
+_NO_ACTUATORS = ModelActuators((), [], [], [])
 
 
 class CompiledState(NamedTuple):
@@ -112,6 +112,8 @@ class CompiledModel:
     geom_rows: NDArray[np.intp]
     """Row of the body of each geom; -1 for the ground."""
     actuators: ModelActuators = _NO_ACTUATORS
+    poses_outdated: bool = False
+    """Whether time has advanced since the poses in `data` were computed: `mj_step` computes those before its step."""
     free_heights: NDArray[np.intp] = field(init=False)
     """Addresses in `qpos` of the heights of the free joints, in the order of `free_joint_addresses`."""
 
@@ -167,6 +169,7 @@ class CompiledModel:
         data.qpos[:], data.qvel[:] = state.qpos, state.qvel
         data.mocap_pos[:], data.mocap_quat[:] = state.mocap_pos, state.mocap_quat
         data.tree_asleep[:] = _FULLY_AWAKE
+        self.poses_outdated = False
         if _UPDATE_SLEEP is not None:
             _UPDATE_SLEEP(self.model._address, data._address)
         if contacts or _UPDATE_SLEEP is None:
@@ -181,8 +184,15 @@ class CompiledModel:
             data.qpos.copy(), data.qvel.copy(), data.mocap_pos.copy(), data.mocap_quat.copy(), float(data.time)
         )
 
+    def update_poses(self) -> None:
+        """Computes the poses of bodies and geoms in `data` if time has advanced."""
+        if self.poses_outdated:
+            mujoco.mj_kinematics(self.model, self.data)
+            self.poses_outdated = False
+
     def poses(self) -> Array:
         """All poses, n x 7, in the order of `rows`."""
+        self.update_poses()
         poses = np.empty((len(self.body_id_order), 7))
         poses[:, :3], poses[:, 3:] = self.data.xpos[self.body_id_order], self.data.xquat[self.body_id_order]
         poses[self.scenery] = self.scenery_poses
@@ -241,9 +251,8 @@ def transfer_state(
         if old is not None and not _copy_joint(old, new, id, joint, at_rest):  # a first model has them
             set_joint_coordinates(new, joint, current_joint_coordinates(joint, poses, joint_frames[id]))
     if new.actuators.names:
-        positions = new.actuators.signs * data.qpos[new.actuators.positions]
-        for name, position in zip(new.actuators.names, positions.tolist(), strict=True):
-            commands.setdefault(name, position)
+        for name, address, sign in zip(new.actuators.names, new.actuators.positions, new.actuators.signs, strict=True):
+            commands.setdefault(name, sign * data.qpos.item(address))
         set_commands(new, commands)
     mujoco.mj_forward(new.model, data)
     if old is not None:
@@ -276,20 +285,18 @@ def limit_stiffness(compiled: CompiledModel) -> dict[str, float]:
 
 def actuator_states(compiled: CompiledModel, actuators: ActuatorSet) -> dict[str, ActuatorState]:
     """See `Engine.actuator_states`."""
-    names, data = compiled.actuators.names, compiled.data
-    signs = compiled.actuators.signs
-    columns = (
-        (signs * data.qpos[compiled.actuators.positions]).tolist(),
-        (signs * data.qvel[compiled.actuators.dofs]).tolist(),
-        data.actuator_force.tolist(),
-        data.ctrl.tolist(),
-    )
+    data, names = compiled.data, compiled.actuators.names
     states = {
         name: ActuatorState(position=0.0, velocity=0.0, effort=0.0, command=actuators.commands.get(name, 0.0))
         for name in (actuators.actuators if len(names) < len(actuators.actuators) else ())
     }
-    for name, position, velocity, effort, command in zip(names, *columns, strict=True):
-        states[name] = ActuatorState(position=position, velocity=velocity, effort=effort, command=command)
+    qpos, qvel = data.qpos, data.qvel  # numbers of a few joints are read faster one by one than by an array of indices
+    for name, position, dof, sign, effort, command in zip(
+        *compiled.actuators, data.actuator_force.tolist(), data.ctrl.tolist(), strict=True
+    ):
+        states[name] = ActuatorState(
+            position=sign * qpos.item(position), velocity=sign * qvel.item(dof), effort=effort, command=command
+        )
     return states
 
 

@@ -101,12 +101,15 @@ def read_link_geometries(
         keep_axes=True,
         visuals=False,
     )
+    drawn = tuple(
+        dict.fromkeys(found[part.mesh] for link in robot.links for part in link.visuals if part.mesh in found)
+    )
     geometries = {}
     for link in robot.links:
         shapes = [shape for part in link.collisions if (shape := _collision_shape(part, found, imported)) is not None]
         visuals = [visual for part in link.visuals if (visual := _visual_part(part, found)) is not None]
         if shapes or visuals:
-            geometries[link.name] = geometry_of_parts(visuals, shapes, reason=path.name, cache=cache)
+            geometries[link.name] = geometry_of_parts(visuals, shapes, reason=path.name, cache=cache, siblings=drawn)
     return geometries, [*_missing_notes(robot, found), *_rejection_notes(robot, found, rejected)]
 
 
@@ -210,7 +213,12 @@ def _outermost(points: Array) -> Array:
 
 
 def geometry_of_parts(
-    visuals: Sequence[VisualPart], shapes: Iterable[CollisionShape], *, reason: str, cache: Path | None = None
+    visuals: Sequence[VisualPart],
+    shapes: Iterable[CollisionShape],
+    *,
+    reason: str,
+    cache: Path | None = None,
+    siblings: tuple[Path, ...] = (),
 ) -> BodyGeometry:
     """Returns the geometry of a link, whose visual meshes are imported on first access.
 
@@ -219,10 +227,11 @@ def geometry_of_parts(
         shapes: the collision shapes.
         reason: where it comes from, for reports.
         cache: directory for imported meshes; by default in the user's cache.
+        siblings: the visual meshes of all links, which are drawn together with this one.
     """
     shapes = tuple(shapes)
     return BodyGeometry.deferred(
-        _Drawing(tuple(visuals), shapes, cache),
+        _Drawing(tuple(visuals), shapes, cache, siblings),
         collision_shapes=shapes,
         source=GeometrySource.MESH,
         reason=reason,
@@ -237,10 +246,13 @@ class _Drawing:
     visuals: tuple[VisualPart, ...]
     shapes: tuple[CollisionShape, ...]
     cache: Path | None
+    siblings: tuple[Path, ...]
 
     def __call__(self) -> tuple[str, tuple[VisualMesh, ...]]:
         files = [part.path for part in self.visuals if isinstance(part, MeshPart)]
-        imported, _ = import_meshes(files, folder=self.cache, decompose=False, keep_axes=True)
+        imported, _ = import_meshes(
+            files, folder=self.cache, decompose=False, keep_axes=True, likely_next=self.siblings
+        )
         meshes: list[VisualMesh] = []
         digest = hashlib.sha256(repr(self.shapes).encode())
         for part in self.visuals:
