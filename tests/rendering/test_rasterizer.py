@@ -84,11 +84,11 @@ def test_a_body_casts_a_shadow_away_from_the_sun() -> None:
     sun = sun_direction(CAMERA)
     shadow = -0.35 * sun / sun[2]
     picture = render_picture(scene(floor(2.0, MATT), item("block", (0, 0, 0.35), (0.2, 0.2, 0.7))), SIZE)
-    dark, lit = (around(picture, (sign * shadow[0], sign * shadow[1], 0.0)).mean() for sign in (1, -1))
-    assert dark < 0.75 * lit
+    in_shadow, in_sun = (around(picture, (sign * shadow[0], sign * shadow[1], 0.0)).mean() for sign in (1, -1))
+    assert in_shadow < 0.75 * in_sun
     light = item("block", (0, 0, 0.35), (0.2, 0.2, 0.7), casts_shadow=False)
     without = render_picture(scene(floor(2.0, MATT), light), SIZE)
-    assert around(without, (shadow[0], shadow[1], 0.0)).mean() > 0.9 * lit
+    assert around(without, (shadow[0], shadow[1], 0.0)).mean() > 0.9 * in_sun
 
 
 def levels_of(normal: Vector, roughness: float) -> Callable[[str, int], list[NDArray[np.uint8]]]:

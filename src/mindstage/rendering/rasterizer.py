@@ -11,6 +11,7 @@ import ctypes
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -362,6 +363,7 @@ class _Rasterizer:
         self._gl, self._meshes, self._view, self._scene = gl, meshes, view, scene
         self._near, self._far = _planes(meshes, view, scene)
         self._clip_from_world = view.clip_from_world(self._near, self._far)
+        self._levels = self._load_levels()
         self._upload()
         gl.glEnable(_DEPTH_TEST)
         gl.glDepthFunc(_LESS_EQUAL)
@@ -633,12 +635,9 @@ class _Rasterizer:
     def _maps(self, key: _TextureKey) -> tuple[int, int]:
         """The textures of color and of relief; 0 for none."""
         if key not in self._loaded:
-            # Size of a pixel where the nearest part is [m], and texels along a repeat of the texture.
-            distance, repeat = self._meshes.repeats[key]
-            pixel = max(distance, self._near) * 2 * self._view.half_width / self._view.width
-            texels = max(math.ceil(_TEXELS_PER_PIXEL * repeat / pixel), 1)
+            texels = self._texels(key)
             if isinstance(key, str):
-                levels = texture_levels(key, texels)
+                levels = self._levels[key]
                 self._loaded[key] = (
                     self._repeating(level[0] for level in levels),
                     self._repeating(level[1] for level in levels),
@@ -648,6 +647,19 @@ class _Rasterizer:
                 reduced = Image.fromarray(image).reduce(max(max(image.shape) // min(texels, _TEXTURE_PX), 1))
                 self._loaded[key] = self._repeating([np.asarray(reduced.convert("RGBA"))]), 0
         return self._loaded[key]
+
+    def _texels(self, key: _TextureKey) -> int:
+        """How many texels along a repeat of a texture are as large as a pixel where it is nearest."""
+        distance, repeat = self._meshes.repeats[key]
+        pixel = max(distance, self._near) * 2 * self._view.half_width / self._view.width
+        return max(math.ceil(_TEXELS_PER_PIXEL * repeat / pixel), 1)
+
+    def _load_levels(self) -> dict[str, list[Bytes]]:
+        """The procedural textures; several at a time, since some may have to be computed."""
+        names = [key for key in self._meshes.repeats if isinstance(key, str)]
+        with ThreadPoolExecutor() as pool:
+            levels = pool.map(lambda name: texture_levels(name, self._texels(name)), names)
+            return dict(zip(names, levels, strict=True))
 
     def _repeating(self, levels: Iterable[Bytes]) -> int:
         """A texture that repeats, from levels of decreasing resolution; missing ones are computed."""

@@ -269,13 +269,13 @@ float sunlight(vec3 normal, vec3 face_normal) {
     }
     if (blockers < 0.5) return 1.0;
     float reach = clamp(2.0 * SUN_RADIUS * gap / blockers, 0.75 * shadow_texel, MAX_PENUMBRA);
-    float lit = 0.0;
+    float seen = 0.0;
     for (int number = 0; number < SHADOW_TAPS; ++number) {
         vec2 offset = spiral(float(number) + 0.5, SHADOW_TAPS) * reach;
         float depth = here.z + dot(gradient, offset) - bias;
-        lit += texture(shadow_map, vec3(here.xy + offset / shadow_scale.xy, depth / shadow_scale.z));
+        seen += texture(shadow_map, vec3(here.xy + offset / shadow_scale.xy, depth / shadow_scale.z));
     }
-    return lit / float(SHADOW_TAPS);
+    return seen / float(SHADOW_TAPS);
 }
 
 // The normal of the relief, in the frame of the texture coordinates at this pixel ("Followup: Normal Mapping Without

@@ -20,14 +20,12 @@ from mindstage.files import atomic_write, cache_dir
 from mindstage.textures.catalog import TextureInfo, texture_info
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from numpy import uint8
     from numpy.typing import NDArray
 
     from mindstage.textures.noise import Array, Surface
 
-__all__ = ["TextureSet", "content_version", "load_textures", "texture_levels", "texture_set"]
+__all__ = ["TextureSet", "content_version", "texture_levels", "texture_set"]
 
 _PIXELS = 512
 _FOLDER = "textures"
@@ -83,18 +81,6 @@ def texture_set(name: str) -> TextureSet:
         if name not in _baked:
             _baked[name] = _load(info) or _bake_and_store(info)
         return _baked[name]
-
-
-def load_textures(names: Iterable[str]) -> None:
-    """Loads or bakes several textures at a time, so that `texture_set` has them.
-
-    Raises:
-        TextureNotFoundError: there is no texture of a name.
-    """
-    from concurrent.futures import ThreadPoolExecutor
-
-    with ThreadPoolExecutor() as pool:
-        list(pool.map(texture_set, set(names)))
 
 
 def texture_levels(name: str, pixels: int) -> list[NDArray[uint8]]:
