@@ -8,14 +8,17 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 from uuid import uuid4
 
-__all__ = ["atomic_write", "cache_dir", "file_lock"]
+__all__ = ["atomic_write", "cache_dir", "cached_content", "delete_least_recently_used", "file_lock"]
 
 _LOCK_TIMEOUT_S = 30.0
+_STORED_PER_SWEEP = 50
+_stored = count()
 _LOCK_INTERVAL_S = 0.02
 """The time between two attempts to lock a file [s]."""
 
@@ -94,6 +97,48 @@ def atomic_write(path: Path, content: bytes, *, durable: bool = False) -> None:
         if isinstance(error, OSError):
             raise OSError(error.errno, error.strerror or str(error), str(path)) from error
         raise
+
+
+def cached_content(path: Path, make: Callable[[], bytes], *, max_bytes: int) -> bytes:
+    """A file of the cache: read if an earlier run has made it, else made and stored, if the disk allows it.
+
+    Args:
+        path: the file, in a directory of its own kind; its name is a hash of all that the content depends on.
+        make: returns the content.
+        max_bytes: total size of the files with its suffix in its directory, from which the least recently used ones are
+            deleted.
+    """
+    with suppress(OSError):
+        content = path.read_bytes()
+        os.utime(path)  # used most recently
+        return content
+    content = make()
+    with suppress(OSError):  # a full or read-only disk: the next run makes it again
+        atomic_write(path, content)
+        if next(_stored) % _STORED_PER_SWEEP == 0:  # listing a large directory takes as long as making some files
+            delete_least_recently_used(path, max_bytes=max_bytes)
+    return content
+
+
+def delete_least_recently_used(newest: Path, *, max_bytes: int) -> None:
+    """Deletes the least recently used files in a directory while their total size is too large.
+
+    Args:
+        newest: a file that stays; only files with its suffix are deleted.
+        max_bytes: the total size that is allowed.
+
+    Raises:
+        OSError: the directory cannot be read.
+    """
+    found = [(entry.stat(), entry.path) for entry in os.scandir(newest.parent) if entry.name.endswith(newest.suffix)]
+    total = sum(status.st_size for status, _ in found)
+    for status, path in sorted(found, key=lambda each: each[0].st_mtime_ns):
+        if total <= max_bytes:
+            return
+        if path != str(newest):
+            with suppress(OSError):  # another process may have deleted it
+                os.unlink(path)
+            total -= status.st_size
 
 
 def _permissions(path: Path) -> int | None:

@@ -84,10 +84,13 @@ def simulation_scene(simulation: Simulation, screenshot: Screenshot, *, verdict:
     """
     from dataclasses import replace as replace_fields
 
+    from msgspec.structs import replace
+
     from mindstage.rendering.appearance import compute_appearance
     from mindstage.rendering.render_scene import described_world, render_scene
     from mindstage.rendering.screenshot import label_texts, screenshot_camera
     from mindstage.simulation import SpawnNoteKind
+    from mindstage.simulation.marker_items import marker_items, marker_labels
 
     current, knowledge, geometry = simulation.snapshot(), simulation.knowledge, simulation.geometry
     world = described_world(current, simulation.worlds)
@@ -98,14 +101,15 @@ def simulation_scene(simulation: Simulation, screenshot: Screenshot, *, verdict:
     if screenshot.selected is not None and screenshot.selected not in appearances:
         raise BodyNotFoundError(screenshot.selected, known=appearances, world=world.name)
     poses = {body.id: body.pose for body in current.bodies}
-    framed = screenshot
+    framed, markers = screenshot, simulation.state.markers
+    visuals = {id: each.whole_visuals for id, each in appearances.items()}
     ghosts: tuple[RenderItem, ...] = ()
     if verdict is not None:
-        ghosts = tuple(_ghosts(verdict, {id: each.whole_visuals for id, each in appearances.items()}))
+        ghosts = tuple(_ghosts(verdict, visuals))
         placed = screenshot.position or screenshot.look_at or screenshot.focus or screenshot.from_above
         if not placed and ghosts:
             framed = replace_fields(screenshot, focus_points=tuple(each.pose.position for each in ghosts))
-    return render_scene(
+    scene = render_scene(
         world,
         geometry,
         knowledge,
@@ -116,8 +120,9 @@ def simulation_scene(simulation: Simulation, screenshot: Screenshot, *, verdict:
         labels=label_texts(screenshot, world, appearances),
         clip_height=screenshot.clip_height,
         appearances=appearances,
-        ghosts=ghosts,
+        ghosts=(*ghosts, *marker_items(markers, visuals)),
     )
+    return replace(scene, labels=(*scene.labels, *marker_labels(markers)))
 
 
 def _ghosts(verdict: Verdict, visuals: dict[BodyId, tuple[VisualMesh, ...]]) -> Iterator[RenderItem]:

@@ -8,7 +8,16 @@ from msgspec.structs import replace
 
 from mindstage import KnowledgeBase
 from mindstage.rendering.appearance import BodyAppearance, compute_appearance
-from mindstage.rendering.camera import CameraPose, corners, focus_camera, ground_height, initial_camera, initial_target
+from mindstage.rendering.camera import (
+    CameraPose,
+    ViewFrame,
+    corners,
+    focus_camera,
+    ground_height,
+    initial_camera,
+    initial_target,
+)
+from mindstage.rendering.render_scene import find_culled
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
 from mindstage.scene.transforms import pose_array
 from tests.kitchenette import kitchenette
@@ -162,3 +171,64 @@ def test_the_ground_is_below_all_bodies_unless_there_is_a_floor() -> None:
     assert ground(bare) == pytest.approx(0.0)
     assert ground(more(bare, body("Pit", "Panorama", (0.0, 0.0, 0.0), (99.0, 99.0, 99.0)))) == pytest.approx(0.0)
     assert ground(World(iri=Iri("http://x.org#m"))) == 0.0
+
+
+# -- the first view of pictures ----------------------------------------------------------------------------------------
+
+
+def projected(view: CameraPose, points: np.ndarray, aspect: float) -> np.ndarray:
+    """Positions of points in a picture of that height 1, from 0 to aspect and from 0 to 1."""
+    return ViewFrame(view, (round(1000 * aspect), 1000)).project(points)[:, :2] / 1000
+
+
+def beside_a_wall(x: float) -> World:
+    return more(kitchenette(), body("Wall", "Wall", (x, 0.5, 1.25), (0.1, 8.0, 2.5)))
+
+
+@pytest.mark.parametrize("aspect", [1.0, 1.6])
+def test_the_wall_behind_the_furniture_is_not_cut_above_it(aspect: float) -> None:
+    world = beside_a_wall(2.3)
+    target = initial_target(world, appearances_of(world))
+    assert target.surroundings is not None
+    view = target.upright_camera(aspect)
+    seen = projected(view, np.concatenate([target.points, target.surroundings]), aspect)
+    assert seen.min() > 0
+    assert np.all(seen.max(axis=0) < (aspect, 1.0))
+    assert np.ptp(target.surroundings[:, 1]) < 4.0, "only the part of the wall near the furniture is framed"
+
+
+def test_a_wall_that_turns_its_back_to_the_camera_is_not_framed() -> None:
+    world = beside_a_wall(1.35)
+    target = initial_target(world, appearances_of(world))
+    assert np.cos(target.azimuth_rad) < 0, "the camera is behind the wall"
+    assert target.surroundings is None
+
+
+def in_an_outline(*others: Body) -> World:
+    """A hall whose walls are one body, which is drawn as an outline, with a door in one of them."""
+    hall = body("Hall", "Room", (0.0, 0.0, 2.0), (8.0, 8.0, 4.0))
+    frame = body("Frame", "DoorFrame", (4.0, 1.0, 1.05), (0.14, 1.2, 2.1))
+    return more(kitchenette(), hall, frame, *others)
+
+
+def culled_of(world: World) -> set[str]:
+    return set(find_culled(world, appearances_of(world), (6.0, -6.0, 4.0)))
+
+
+def test_a_door_frame_does_not_stand_alone_where_its_wall_is_an_outline() -> None:
+    assert "Frame" in culled_of(in_an_outline())
+    wall = body("Wall", "Wall", (-4.0, 1.0, 2.0), (0.1, 8.0, 4.0))
+    moved = in_an_outline(wall)
+    at_wall = [replace(each, pose=Pose((-4.0, 1.0, 1.05))) if each.id == "Frame" else each for each in moved.bodies]
+    assert "Frame" not in culled_of(replace(moved, bodies=tuple(at_wall)))
+
+
+def test_doors_of_furniture_are_drawn_in_an_outline_too() -> None:
+    wardrobe = body("Wardrobe", "Cupboard", (3.6, -2.0, 1.0), (0.6, 1.0, 2.0))
+    door = body("WardrobeDoor", "Door", (3.29, -2.0, 1.0), (0.02, 1.0, 2.0))
+    assert not {"Wardrobe", "WardrobeDoor"} & culled_of(in_an_outline(wardrobe, door))
+
+
+def test_a_door_frame_is_drawn_where_there_are_no_walls_at_all() -> None:
+    world = more(kitchenette(), body("Frame", "DoorFrame", (4.0, 1.0, 1.05), (0.14, 1.2, 2.1)))
+    assert "Frame" not in culled_of(world)

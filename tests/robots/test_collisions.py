@@ -90,6 +90,13 @@ def test_links_that_collide_with_each_other_are_found() -> None:
         assert None in found
 
 
+def test_the_fingers_of_a_closed_gripper_may_press_on_each_other() -> None:
+    with robot_in(robot="stretch") as robot:
+        gripper = robot.model.grippers[0]
+        checker = CollisionChecker(robot, joints=gripper.joints)
+        assert checker.find(gripper.closed_positions) is None
+
+
 def test_bodies_that_are_ignored_are_no_obstacles() -> None:
     with robot_in(box("wall", (0.9, 0.0, 1.0), (0.5, 3.0, 2.0))) as robot:
         joints, state = robot.model.arms[0].joints, reaching(robot, *HAND)

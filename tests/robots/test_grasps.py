@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from math import pi
+from math import pi, sqrt
 
 import numpy as np
 import pytest
 
-from mindstage.robots.kinematics import RobotKinematics
+from mindstage.robots.kinematics import BASE_JOINTS, RobotKinematics
 from mindstage.robots.model import RobotModel
 from mindstage.robots.models.reading import load_model
-from mindstage.robots.skills.arm_paths import follow_poses, interpolated_poses, timed
+from mindstage.robots.skills.arm_paths import ArmPath, follow_poses, interpolated_poses, timed
 from mindstage.robots.skills.grasps import (
     Grasp,
     GripperShape,
@@ -22,8 +22,9 @@ from mindstage.robots.skills.grasps import (
     weld_grasps_of,
 )
 from mindstage.scene import Body, BodyId, Iri, Pose, Vector
-from mindstage.scene.transforms import Array, pose_multiply, quat_angle, quat_rotate
+from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, quat_angle, quat_rotate
 
+HALF = sqrt(0.5)
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
@@ -53,6 +54,19 @@ def test_the_extents_of_the_gripper_are_those_of_its_description(shape: GripperS
     assert shape.opening == pytest.approx(0.12)
     assert shape.tip == pytest.approx(0.025, abs=1e-6)
     assert shape.palm == pytest.approx(0.065, abs=1e-6)
+
+
+def test_a_thing_that_is_a_little_out_of_reach_is_held_with_the_finger_tips(
+    model: RobotModel, shape: GripperShape
+) -> None:
+    whole = next(each for each in grasps(model, shape, (0.07, 0.07, 0.2)) if each.is_central)
+    tips = whole.shallow()
+    assert tips is not None
+    away = pose_multiply(pose_inverse(whole.pose), tips.pose)
+    assert away[:3] == pytest.approx((-0.025, 0.0, 0.0), abs=1e-6)
+    near_side = -0.035  # in the direction of approach; the tips are 25 mm in front of the grasp frame
+    assert tips.pose[:3] @ axis(tips, 0) + 0.025 - near_side == pytest.approx(0.035, abs=1e-6)
+    assert all(each.shallow() is None for each in grasps(model, shape, (0.03, 0.03, 0.01)))
 
 
 def test_fingers_close_across_the_narrow_sides_only(model: RobotModel, shape: GripperShape) -> None:
@@ -125,6 +139,21 @@ def test_a_rod_beside_a_wall_is_grasped_across_its_edges(model: RobotModel, shap
     assert all((each.pose[:3] + quat_rotate(each.pose[3:], palm))[:, 1].max() > 0.046 for each in straight)
 
 
+def test_a_rod_at_finger_tips_that_diverge_is_not_held() -> None:
+    """The inner sides of the fingers of Stretch are nearest to each other 4 cm behind their tips."""
+    stretch = load_model("stretch")
+    found = GripperShape.of(stretch, stretch.grippers[0], RobotKinematics(stretch))
+    tip = found.tip_from(0.02)
+    assert found.touches(tip - 0.034, 0.02)
+    assert not found.touches(tip - 0.01, 0.02)
+    assert not list(diagonal_grasps_of(box((0.014, 0.02, 0.4)), None, stretch.grippers[0], found))
+
+
+def test_fingers_with_parallel_sides_hold_a_rod_at_their_tips(shape: GripperShape) -> None:
+    assert shape.touches(shape.tip - 0.005, 0.01)
+    assert not shape.touches(shape.tip + 0.005, 0.01)  # beyond them
+
+
 def test_what_is_no_rod_has_no_diagonal_grasp(model: RobotModel, shape: GripperShape) -> None:
     assert not list(diagonal_grasps_of(box((0.05, 0.05, 0.1)), None, model.grippers[0], shape))
 
@@ -195,3 +224,34 @@ def test_a_path_beyond_reach_ends_where_the_arm_ends(model: RobotModel) -> None:
     driven = follow_poses(kinematics, arm, line, root=UPRIGHT, seed=ready, from_seed=True, may_drive=True)
     assert driven.is_complete
     assert driven.moves_base
+
+
+def test_a_path_that_is_solved_from_its_middle_is_followed_farther() -> None:
+    """Stretch opens a door of 0.55 m by its handle, and drives along."""
+    stretch = load_model("stretch")
+    kinematics, arm = RobotKinematics(stretch), stretch.arms[0]
+    angles = np.linspace(0.0, pi / 2, 48)
+    halves = pi / 4 - angles / 2
+    zero = np.zeros_like(angles)
+    handle = [0.55 * np.cos(angles), -0.55 * np.sin(angles), zero + 0.9, np.cos(halves), zero, zero, np.sin(halves)]
+    poses = np.array(handle).T
+
+    def path_from(row: int) -> ArmPath:
+        ready = {"joint_lift": 0.55, "joint_arm_l3": 0.065}
+        root = np.array([*(poses[row, :2] + (0.0, -0.6)), 0.0, -HALF, 0.0, 0.0, HALF])  # y points away from the door
+        found = kinematics.solve_ik(
+            "gripper", poses[row], joints=(*BASE_JOINTS, *arm.joints), seed=ready, root_pose=root
+        )
+        root = np.array(found.root_pose)
+        onward, before = (
+            follow_poses(kinematics, arm, part, root=root, seed=found.positions, may_drive=True)
+            for part in (poses[row:], poses[row::-1])
+        )
+        return before.backwards().joined(onward) if before.reached > row else before
+
+    whole = path_from(24)
+    assert whole.reached == len(whole.positions) == len(whole.roots) == len(poses)
+    for row in (0, 24, 47):
+        reached = kinematics.pose("gripper", whole.at(row), root_pose=whole.roots[row])
+        assert reached[:3] == pytest.approx(poses[row, :3], abs=0.003)
+    assert path_from(0).reached < len(poses) / 2

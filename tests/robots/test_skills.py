@@ -33,6 +33,7 @@ from mindstage.robots.skills.stances import StanceRequest
 from mindstage.robots.skills.surroundings import Opening, Surroundings
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId, Iri, Mobility, Pose, World
+from mindstage.scene.geometry import BodyGeometry, CollisionShape, CollisionShapeType
 from mindstage.scene.transforms import quat_rotate
 from mindstage.simulation import Simulation
 from tests.kitchenette import kitchenette
@@ -210,6 +211,25 @@ class TestSmallKitchen:
         assert result, result.reason
         assert pantry.joint("Drawer").openness < 0.05
 
+    def test_what_did_not_move_a_front_is_tried_from_another_place_and_then_another_way(
+        self, pantry: Simulation
+    ) -> None:
+        robot = pantry.robot()
+        pantry.joint("Drawer").open(0.5)
+        pantry.step(0.1)
+        task = SkillTask(robot)
+        hand, surroundings = hands_of(task)[0], task.surroundings()
+        opening = surroundings.opening(BodyId("Drawer"))
+        closed = opening.joint.closed_position
+        first = find_front_motion(hand, opening, surroundings, closed)
+        assert first.way is FrontWay.HANDLE
+        second = find_front_motion(hand, opening, surroundings, closed, tried=[first])
+        (x, y, yaw), (other_x, other_y, other_yaw) = first.stance.base, second.stance.base
+        turn = abs((other_yaw - yaw + np.pi) % (2 * np.pi) - np.pi)
+        assert np.hypot(other_x - x, other_y - y) > 0.09 or turn > 0.25
+        third = find_front_motion(hand, opening, surroundings, closed, tried=[first, first, first])
+        assert third.way is FrontWay.PUSH
+
     def test_a_held_mug_is_set_aside_to_open_the_drawer_that_it_is_put_into(self, pantry: Simulation) -> None:
         robot, mug = pantry.robot(), BodyId("Mug")
         result = perform(robot, "pick", thing="Mug")
@@ -386,6 +406,65 @@ class TestSmallRoom:
         assert not set(room.link_ids.values()) & set(surroundings.bodies())
 
 
+def hollow(width: float, height: float, wall: float) -> BodyGeometry:
+    """A box without a lid."""
+    bottom = CollisionShape(size=(width, width, wall), pose=Pose((0.0, 0.0, (wall - height) / 2)))
+    side = (width - wall) / 2
+    walls = (
+        CollisionShape(size=(wall if x else width, wall if y else width, height), pose=Pose((x * side, y * side, 0.0)))
+        for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1))
+    )
+    return BodyGeometry(key=f"hollow {width} {height}", visuals=(), collision_shapes=(bottom, *walls))
+
+
+@pytest.fixture(scope="module")
+def peas() -> Iterator[Robot]:
+    """A counter with a cup with three peas, a bowl, and an egg cup without room for any of them."""
+    pea = CollisionShape(type=CollisionShapeType.SPHERE, size=(0.016, 0.016, 0.016))
+    places = ((0.985, 0.195), (1.01, 0.2), (0.995, 0.215))
+    contents = [
+        box(f"pea_{row}", (x, y, 0.72), (0.016, 0.016, 0.016), Mobility.DYNAMIC, 0.005)
+        for row, (x, y) in enumerate(places)
+    ]
+    bodies = (
+        box("cup", (1.0, 0.2, 0.75), (0.07, 0.07, 0.1), Mobility.DYNAMIC, 0.15),
+        box("bowl", (1.05, -0.3, 0.74), (0.2, 0.2, 0.08)),
+        box("egg_cup", (1.05, -0.08, 0.72), (0.02, 0.02, 0.04)),
+        *contents,
+    )
+    geometry = {
+        BodyId("cup"): hollow(0.07, 0.1, 0.006),
+        BodyId("bowl"): hollow(0.2, 0.08, 0.02),
+        **{each.id: BodyGeometry(key="pea", visuals=(), collision_shapes=(pea,)) for each in contents},
+    }
+    with robot_in(box("counter", (1.2, 0.0, 0.35), (0.6, 1.2, 0.7)), floor=(4.0, 4.0), at=(0.45, 0.0, 0.0)) as robot:
+        world = World(iri=Iri("http://example.org/room#bodies"), bodies=bodies)
+        assert robot.session.spawn(world, geometry=geometry, ground=False).ok
+        robot.session.step(0.4)
+        yield robot
+
+
+class TestPouring:
+    def test_what_falls_into_the_target_is_counted(self, peas: Robot) -> None:
+        peas.session.reset()
+        peas.session.step(0.4)
+        result = perform(peas, "pour", thing="cup", into="bowl")
+        assert result, result.reason
+        assert result.steps[-1].text == "3 of 3 things in cup fell into bowl"
+        assert result.state.supports == {f"pea_{row}": "in bowl" for row in range(3)}
+        assert result.state.held == {"gripper": "cup"}
+        for row in range(3):
+            assert position(peas, f"pea_{row}")[:2] == pytest.approx((1.05, -0.3), abs=0.1)
+
+    def test_what_falls_beside_the_target_is_a_failure_with_where_it_is(self, peas: Robot) -> None:
+        peas.session.reset()
+        peas.session.step(0.4)
+        result = perform(peas, "pour", thing="cup", into="egg_cup")
+        assert result.outcome is SkillOutcome.FAILED
+        assert "0 of 3 things in cup fell into egg_cup: pea_0 is " in result.reason
+        assert "wider" in result.suggestion
+
+
 class TestWhatCanBeOpened:
     def test_a_door_beside_a_wall_is_opened_by_its_handle_from_a_stance(
         self, kitchen: Simulation, robot: Robot
@@ -414,6 +493,12 @@ class TestWhatCanBeOpened:
         assert result.outcome is SkillOutcome.FAILED
         assert reach.reason in result.reason
 
+    def test_what_a_handle_has_slid_in_the_fingers_is_pulled_at_once(self, kitchen: Simulation, robot: Robot) -> None:
+        robot.set_base_pose(-1.1, -1.2, np.pi)  # where the open drawer leaves the arm no room to fold
+        result = perform(robot, "open", thing="drawer_south_2")
+        assert result, result.reason
+        assert kitchen.joint("drawer_south_2").openness > 0.97
+
     def test_a_low_drawer_among_furniture_is_closed_with_the_arm_beside_the_base(
         self, kitchen: Simulation, robot: Robot
     ) -> None:
@@ -425,6 +510,28 @@ class TestWhatCanBeOpened:
         opening = surroundings.opening(BodyId("drawer_south_3"))
         motion = find_front_motion(hands_of(task)[0], opening, surroundings, opening.joint.closed_position)
         assert motion.stance.reach > 0.95
+
+
+class TestArmsThatTakeTheBaseAlong:
+    def test_doors_above_its_lift_are_given_up_and_an_open_one_is_pushed_or_held_at_its_edge(self) -> None:
+        with ms.open("bundled:kitchen") as sim:
+            robot = sim.add_robot("stretch", Pose((0.9, 0.6, 0.0)))
+            hand = hands_of(SkillTask(robot))[0]
+            before = hand.kinematics.iterations
+            surroundings = SkillTask(robot).surroundings()
+            cupboard = surroundings.opening(BodyId("spice_cupboard_door"))
+            with pytest.raises(
+                UnreachableError, match=r"mm and .* are missing: joint_lift is at its upper limit 1.1 m"
+            ):
+                find_front_motion(hand, cupboard, surroundings, cupboard.joint.open_position)
+            assert hand.kinematics.iterations - before < 5000  # no place of the base was searched for it
+            fridge = surroundings.opening(BodyId("fridge_door"))
+            sim.joint("fridge_door").open(0.7)
+            motion = find_front_motion(
+                hand, fridge, surroundings, fridge.joint.open_position, excluded=(FrontWay.HANDLE, FrontWay.EDGE)
+            )
+            assert (motion.way, motion.body) == (FrontWay.PUSH, "fridge_door")
+            assert motion.stance.reach > 0.95
 
 
 class TestKitchenSurroundings:

@@ -58,6 +58,8 @@ def physics_simulation() -> Iterator[Simulation]:
 
 def test_a_click_selects_a_body_for_this_client_only(viewer: Viewer, open_view: OpenView) -> None:
     ann, bob = open_view(viewer), open_view(viewer)
+    complaints: list[str] = []
+    ann.page.on("console", lambda line: line.type == "error" and complaints.append(line.text))
     ann.wait_for("/bodies/DrawerHandle/textured")
     ann.click_until(ON_THE_HANDLE, lambda: viewer.views.selected(ann.number) == "DrawerHandle", "it is selected")
     ann.wait_for("/selected")
@@ -66,6 +68,7 @@ def test_a_click_selects_a_body_for_this_client_only(viewer: Viewer, open_view: 
     wait_until(lambda: ann.labels() == ["Handle"], "the label is shown")
     assert bob.labels() == []
     ann.click_until(ON_THE_HANDLE, lambda: viewer.views.selected(ann.number) is None, "nothing is selected")
+    assert complaints == []
 
 
 def test_clipped_bodies_are_neither_drawn_nor_clickable(viewer: Viewer, open_view: OpenView) -> None:

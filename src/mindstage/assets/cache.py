@@ -13,7 +13,7 @@ from pathlib import Path
 
 from mindstage.assets.gltf import geometry_to_glb
 from mindstage.errors import CacheError
-from mindstage.files import atomic_write, cache_dir
+from mindstage.files import atomic_write, cache_dir, cached_content, delete_least_recently_used
 from mindstage.scene import BodyGeometry
 from mindstage.textures.baking import content_version
 from mindstage.textures.images import TextureMap, texture_jpeg
@@ -58,7 +58,7 @@ def cache_geometry_glb(geometry: BodyGeometry) -> str:
         atomic_write(path, geometry_to_glb(geometry))
     except OSError as error:
         raise CacheError(str(path.parent), cause=error.strerror or str(error)) from error
-    _evict(path)
+    delete_least_recently_used(path, max_bytes=_MAX_BYTES)
     return path.name
 
 
@@ -69,16 +69,7 @@ def cached_glb(key: str, make: Callable[[], bytes]) -> bytes:
         key: a hash of all that the content depends on.
         make: returns the content.
     """
-    path = cache_dir(_VIEW_FOLDER) / f"{key}.glb"
-    with suppress(OSError):
-        content = path.read_bytes()
-        os.utime(path)  # used most recently
-        return content
-    content = make()
-    with suppress(OSError):  # a full or read-only disk: the next run makes it again
-        atomic_write(path, content)
-        _evict(path)
-    return content
+    return cached_content(cache_dir(_VIEW_FOLDER) / f"{key}.glb", make, max_bytes=_MAX_BYTES)
 
 
 def _write_textures(names: set[str], folder: Path) -> None:
@@ -92,16 +83,3 @@ def _write_textures(names: set[str], folder: Path) -> None:
         for outdated in folder.glob(f"{name}-*.version"):
             outdated.unlink(missing_ok=True)
         atomic_write(mark, b"")
-
-
-def _evict(newest: Path) -> None:
-    """Deletes the least recently used files while their total size is too large."""
-    found = [(entry.stat(), entry.path) for entry in os.scandir(newest.parent) if entry.name.endswith(".glb")]
-    total = sum(status.st_size for status, _ in found)
-    for status, path in sorted(found, key=lambda each: each[0].st_mtime_ns):
-        if total <= _MAX_BYTES:
-            return
-        if path != str(newest):
-            with suppress(OSError):  # another process may have deleted it
-                os.unlink(path)
-            total -= status.st_size

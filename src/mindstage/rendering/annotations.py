@@ -135,7 +135,7 @@ def _labeled(
         draw.text((left + _PADDING_PX[0], (upper + lower) / 2), label.text, font=font, fill=(28, 32, 38), anchor="lm")
         if not upper <= y <= lower:
             draw.line((x, y, min(max(x, left), right), lower if y > lower else upper), fill=(60, 66, 74, 160))
-        draw.ellipse((x - 2, y - 2, x + 2, y + 2), fill=(60, 66, 74, 200))
+            draw.ellipse((x - 2, y - 2, x + 2, y + 2), fill=(60, 66, 74, 200))
     return np.asarray(Image.alpha_composite(image, layer).convert("RGB"))
 
 

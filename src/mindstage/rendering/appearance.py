@@ -232,6 +232,8 @@ _WALL_NOUNS, _FLOOR_NOUNS, _CEILING_NOUNS = (
     ["ceiling", "roof"],
 )
 _WALL_MOUNTED = ["window", "pane", "poster", "picture", "curtain", "mirror", "blackboard", "whiteboard", "clock"]
+_DOORWAY_NOUNS = ["door", "doorway", "frame"]
+_MIN_DOORWAY_M = 1.7
 _PRIMITIVE_OF_COLLISION_TYPE = {
     CollisionShapeType.SPHERE: PrimitiveType.SPHERE,
     CollisionShapeType.CYLINDER: PrimitiveType.CYLINDER,
@@ -258,6 +260,8 @@ class BodyAppearance:
     is_building: bool = False
     """Whether the body is part of the building: walls, floors, ceilings, doors in walls."""
     is_floor: bool = False
+    is_doorway: bool = field(default=False, compare=False)
+    """Whether it is a door or a door frame that stands upright and is as tall as a person."""
     visuals: tuple[VisualMesh, ...] = field(default=(), compare=False, repr=False)
     """The meshes of the visible part."""
     whole_visuals: tuple[VisualMesh, ...] = field(default=(), compare=False, repr=False)
@@ -323,6 +327,7 @@ class _AppearanceSolver:
         self.is_building = self._has_noun(_WALL_NOUNS + _FLOOR_NOUNS + _CEILING_NOUNS)
         self.is_wall, self.is_floor = self._has_noun(_WALL_NOUNS), self._has_noun(_FLOOR_NOUNS)
         self.is_enclosing = self._has_noun(_WALL_NOUNS + _CEILING_NOUNS + _WALL_MOUNTED)
+        self.is_door = self._has_noun(_DOORWAY_NOUNS)
         self.is_lamp = np.array([self.rules[body.cls].shape_type == "lamp" for body in world.bodies], dtype=bool)
         poses = pose_array(body.pose for body in world.bodies)
         self.center, self.rotation = poses[:, :3], rotation_matrix(normalize(poses[:, 3:]))
@@ -358,6 +363,7 @@ class _AppearanceSolver:
             part=part,
             is_building=building,
             is_floor=floor,
+            is_doorway=bool(self.is_door[row]) and self._is_tall_panel(row),
             visuals=visuals,
             whole_visuals=whole,
             side=side,
@@ -403,6 +409,11 @@ class _AppearanceSolver:
         if self.is_lamp[row] and self.center[row, 2] > self.overhead_height:
             return self._bottom_side(row)
         return None
+
+    def _is_tall_panel(self, row: int) -> bool:
+        height = 2 * float(np.abs(self.rotation[row][2]) @ self.half[row])
+        thinnest, next_thinnest = np.sort(self.half[row])[:2]
+        return height > _MIN_DOORWAY_M and thinnest < _MAX_THIN_RATIO * next_thinnest
 
     def _room_side(self, row: int) -> Side:
         axis = int(np.argmin(self.half[row]))

@@ -6,7 +6,7 @@ windows of any aspect ratio.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import msgspec
 import numpy as np
@@ -56,6 +56,12 @@ _SHIFTED_MARGIN = 1.15
 _MAX_OCCLUDERS = 200
 """Number of the largest bodies that count as occluders."""
 _MIN_DISTANCE_M = 0.4
+_SURROUNDINGS_M = (0.5, 0.6)
+"""How much of the walls beside and above the bodies is shown [m]."""
+_SURROUNDINGS_PART = 0.15
+"""The same as a part of the extent of the bodies, if that is less."""
+_MAX_WIDER = 1.25
+"""How much farther the camera may be for the sake of the surroundings."""
 _WALLS_M = 0.3
 """Space for walls around the furniture on a floor plan [m]."""
 
@@ -147,6 +153,8 @@ class FramingTarget(msgspec.Struct, frozen=True, eq=False):
     """Direction of the camera from the center, about z."""
     alignment_rad: float = 0.0
     """Yaw of walls and furniture, modulo 90 degrees."""
+    surroundings: Array | None = None
+    """Points of the walls behind the bodies, and of what hangs there, n x 3 [m]; None for none."""
 
     def camera(self, aspect: float = _ASPECT) -> CameraPose:
         """Returns the camera pose that shows all points.
@@ -165,7 +173,13 @@ class FramingTarget(msgspec.Struct, frozen=True, eq=False):
         Args:
             aspect: the aspect ratio of the picture (width / height).
         """
-        return _fit_shifted_camera(self.points, self.azimuth_rad, aspect)
+        camera = _fit_shifted_camera(self.points, self.azimuth_rad, aspect)
+        if self.surroundings is None:
+            return camera
+        wider = _fit_shifted_camera(np.concatenate([self.points, self.surroundings]), self.azimuth_rad, aspect)
+        center = self.points.mean(axis=0)
+        near, far = (float(np.linalg.norm(np.subtract(each.position, center))) for each in (camera, wider))
+        return wider if far < _MAX_WIDER * near else camera
 
     def top_camera(self, aspect: float = _ASPECT) -> CameraPose:
         """Returns the camera pose from above, with walls parallel to the edges of the window.
@@ -244,7 +258,28 @@ def initial_target(world: World, appearances: Mapping[BodyId, BodyAppearance]) -
     opaque = np.array([each.part is VisiblePart.WHOLE and each.is_opaque for each in drawn], dtype=bool)
     sizes = np.array([each.size for each in drawn], dtype=float).reshape(-1, 3)
     poses = pose_array(body.pose for body in bodies)
-    return _find_target(poses, sizes, movable if movable.any() else furniture, opaque)
+    target = _find_target(poses, sizes, movable if movable.any() else furniture, opaque)
+    return msgspec.structs.replace(target, surroundings=_surroundings(target, poses, sizes, drawn))
+
+
+def _surroundings(target: FramingTarget, poses: Array, sizes: Array, drawn: Sequence[BodyAppearance]) -> Array | None:
+    """Corners of the walls that face the camera, and of what hangs there, near the bodies that it shows."""
+    extent = float(np.ptp(target.points, axis=0).max())
+    beside, above = (min(each, _SURROUNDINGS_PART * extent) for each in _SURROUNDINGS_M)
+    lowest = target.points.min(axis=0) - np.array([beside, beside, 0.0])
+    highest = target.points.max(axis=0) + np.array([beside, beside, above])
+    away, found = _view_direction(target.azimuth_rad, 0.0), []
+    for row, each in enumerate(drawn):
+        if each.side is None:
+            continue
+        axis, direction = each.side
+        if float(rotation_matrix(normalize(poses[row : row + 1, 3:]))[0][:, axis] @ away) * direction < 0.1:
+            continue  # it turns its back to the camera, or is a ceiling
+        box = corners(poses[row : row + 1], sizes[row : row + 1])
+        low, high = np.maximum(box.min(axis=0), lowest), np.minimum(box.max(axis=0), highest)
+        if np.all(low < high):
+            found.append(np.where(np.indices((2, 2, 2)).reshape(3, -1).T, high, low))
+    return np.concatenate(found) if found else None
 
 
 def ground_height(world: World, appearances: Mapping[BodyId, BodyAppearance]) -> float | None:

@@ -294,6 +294,14 @@ def find_culled(
     low, high = box_corners.min(axis=1), box_corners.max(axis=1)
     hung = [row for row, each in enumerate(drawn) if each.side is not None and not each.is_building]
     culled |= _without_wall(hung, is_anchor & ~outlines, low, high)
+    floors = np.array([each.is_floor for each in drawn], dtype=bool)
+    in_walls = np.array([each.is_doorway for each in drawn], dtype=bool)
+    # A pillar that is joined to such a wall is a part of it.
+    in_walls[
+        [one for pair in pairs for one, other in (pair, pair[::-1]) if outlines[other] and drawn[one].is_building]
+    ] = True
+    in_walls &= ~culled & ~outlines & ~floors
+    culled |= _in_outline(in_walls, outlines, ~culled & ~outlines & ~floors & ~in_walls, low, high)
     falling = _held_only_by(culled, is_anchor, low, high, pairs)
     keep = [rows[id] for id in kept if id in rows]
     return frozenset(bodies[row].id for row in np.flatnonzero(culled | falling) if row not in keep)
@@ -310,6 +318,17 @@ def _without_wall(hung: Iterable[int], walls: NDArray[np.bool_], low: Array, hig
             shift = np.abs((low + high) / 2 - (low[row] + high[row]) / 2).max(axis=1)
             larger = (high - low).max(axis=1) > _MAX_FRAME_RATIO * (high[row] - low[row]).max()
             found |= (shift < _WALL_GAP_M) & ~larger & ~walls
+    return found
+
+
+def _in_outline(
+    in_walls: NDArray[np.bool_], outlines: NDArray[np.bool_], others: NDArray[np.bool_], low: Array, high: Array
+) -> NDArray[np.bool_]:
+    """Which doors, door frames and pillars are in a wall that is drawn as an outline, and touch nothing else."""
+    found = np.zeros(len(in_walls), dtype=bool)
+    for row in np.flatnonzero(in_walls):
+        touching = np.all((low <= high[row] + _CONTACT_M) & (high >= low[row] - _CONTACT_M), axis=1)
+        found[row] = bool((touching & outlines).any()) and not (touching & others).any()
     return found
 
 

@@ -250,7 +250,9 @@ vec2 spiral(float number, int count) {
 // ("Percentage-Closer Soft Shadows", Fernando 2005).
 float sunlight(vec3 normal, vec3 face_normal) {
     float slope = clamp(dot(face_normal, to_sun), 0.05, 1.0);
-    vec3 moved = point + normal * shadow_texel * (1.5 * sqrt(1.0 - slope * slope) + 0.25);
+    // Software renderers interpolate at centroids with errors of millimeters, which must not lead into the body.
+    vec3 on_plane = point + face_normal * dot(plane_point - point, face_normal);
+    vec3 moved = on_plane + normal * shadow_texel * (1.5 * sqrt(1.0 - slope * slope) + 0.25);
     vec3 here = (shadow_from_world * vec4(moved, 1.0)).xyz;
     if (here.x < 0.0 || here.x > 1.0 || here.y < 0.0 || here.y > 1.0) return 1.0;
     vec3 plane = mat3(shadow_from_world) * face_normal;  // scaled, of which only the direction matters

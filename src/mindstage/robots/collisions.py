@@ -248,6 +248,10 @@ class CollisionChecker:
             for b, second in enumerate(names):
                 if depth.get((first, second), _NEIGHBOR_JOINTS + 1) <= _NEIGHBOR_JOINTS:
                     self._self_clearance[a, b] = self._self_clearance[b, a] = _NEIGHBOR_CLEARANCE_M
+        for gripper in self._robot.model.grippers:  # its closed fingers press on each other
+            hand = links_behind(self._robot.model, gripper.link)
+            same = [number for number, name in enumerate(names) if name in hand]
+            self._self_clearance[np.ix_(same, same)] = -np.inf
 
     def _set_joints(self) -> None:
         """Computes the map from values of `joints` to coordinates."""

@@ -137,8 +137,8 @@ def face_cross_products(points: Array, faces: NDArray[np.integer[Any]]) -> Array
         points: n x 3 [m].
         faces: m x 3 indices of points.
     """
-    first, second, third = (points[faces[:, corner]] for corner in range(3))
-    return np.cross(second - first, third - first)
+    first, second, third = np.take(points, faces.T, axis=0)
+    return cross(second - first, third - first)
 
 
 def face_normals(points: Array, faces: NDArray[np.integer[Any]]) -> Array:

@@ -1,20 +1,22 @@
 """Builds geometry from a shape template and a size, which it fits exactly.
 
-Results are cached by template and size. A size that is too small for the parts of a shape is no error: the result is a
-plain box, and its `reason` states why.
+Results are cached by template and size, visual meshes also on the disk, for later runs. A size that is too small for
+the parts of a shape is no error: the result is a plain box, and its `reason` states why.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from functools import lru_cache
+from functools import cache, lru_cache
 from hashlib import blake2b
+from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import TYPE_CHECKING, Any, Self
 
 import msgspec
 
 from mindstage.errors import InvalidShapeError, ShapeNotFoundError, suggestion
+from mindstage.files import cache_dir, cached_content
 from mindstage.geometry.procedural import SHAPE_TEMPLATES
 from mindstage.geometry.procedural.builder import (
     AxisPermutation,
@@ -27,6 +29,7 @@ from mindstage.geometry.procedural.builder import (
 )
 from mindstage.geometry.procedural.primitives import BoxShape
 from mindstage.scene import IDENTITY, LightType, Pose, Vector
+from mindstage.scene import mesh as mesh_module
 from mindstage.scene.geometry import (
     AttachedLight,
     BodyGeometry,
@@ -36,7 +39,12 @@ from mindstage.scene.geometry import (
     SupportSurface,
     VisualMesh,
 )
+from mindstage.textures.baking import content_version
 from mindstage.textures.catalog import TextureInfo, texture_info
+
+if TYPE_CHECKING:
+    from numpy import generic
+    from numpy.typing import NDArray
 
 __all__ = ["build_geometry", "template_by_name"]
 
@@ -44,6 +52,8 @@ _MIN_SIZE_M = 1e-5
 _MAX_SIZE_M = 1e5
 _CACHE_SIZE = 8192
 """Number of cached geometries."""
+_MAX_STORED_BYTES = 256 << 20
+"""Total size of the visual meshes on the disk."""
 
 
 def template_by_name(shape_name: str, parameters: Mapping[str, Any] | None = None) -> ShapeTemplate:
@@ -153,9 +163,8 @@ def _build_cached(
     shapes = tuple(shape for part in builder.collision_parts if (shape := part.to_collision_shape(turn)) is not None)
     surfaces = tuple(_support_surface(surface, turn) for surface in builder.support_surfaces)
     lights = () if light is None else (_placed_light(light, builder, turn),)
-    deferred = _DeferredVisuals(
-        built, builder, dict(materials), (built.shape_name(), shapes, surfaces, lights, contact)
-    )
+    others = built.shape_name(), shapes, surfaces, lights, contact
+    deferred = _DeferredVisuals(built, builder, dict(materials), others, (template, size, up, front, materials))
     return BodyGeometry.deferred(
         deferred.result,
         collision_shapes=shapes,
@@ -181,9 +190,10 @@ class _DeferredVisuals:
             tuple[AttachedLight, ...],
             tuple[float | None, ...],
         ],
+        arguments: tuple[ShapeTemplate, Vector, BodySide, BodySide, tuple[tuple[str, PbrMaterial], ...]],
     ) -> None:
         self._pending: tuple[ShapeTemplate, GeometryBuilder] | None = (template, builder)
-        self._materials, self._other_fields = materials, other_fields
+        self._materials, self._other_fields, self._arguments = materials, other_fields, arguments
         self._result: tuple[str, tuple[VisualMesh, ...]] = ("", ())
         self._lock = Lock()
 
@@ -191,11 +201,92 @@ class _DeferredVisuals:
         """Returns the key and the visual meshes: the same objects for each call and thread."""
         with self._lock:
             if self._pending is not None:
-                template, builder = self._pending
-                visuals = tuple(_visuals(template, builder, self._materials))
-                self._result = (_digest(visuals, self._other_fields), visuals)
+                path = cache_dir("shapes") / f"{self._stored_name()}.meshes"
+                content = cached_content(path, self._compute, max_bytes=_MAX_STORED_BYTES)
+                # After a computation too, so that the arrays are the same, and read-only, whether stored or not.
+                try:
+                    self._result = _read_visuals(content)
+                except (msgspec.DecodeError, ValueError):  # the file is damaged
+                    path.unlink(missing_ok=True)
+                    self._result = _read_visuals(self._compute())
                 self._pending = None
             return self._result
+
+    def _compute(self) -> bytes:
+        assert self._pending is not None
+        template, builder = self._pending
+        visuals = tuple(_visuals(template, builder, self._materials))
+        stored = _StoredVisuals(_digest(visuals, self._other_fields), tuple(map(_StoredVisual.of, visuals)))
+        return msgspec.msgpack.encode(stored)
+
+    def _stored_name(self) -> str:
+        """A hash of all that the meshes depend on."""
+        template, *others = self._arguments
+        digest = blake2b(_code_version(), digest_size=20)
+        digest.update(msgspec.msgpack.encode((template.shape_name(), template, others, self._other_fields)))
+        return digest.hexdigest()
+
+
+@cache
+def _code_version() -> bytes:
+    """A hash of the code that computes visual meshes."""
+    digest = blake2b(content_version().encode())
+    for path in (*sorted(Path(__file__).parent.glob("*.py")), Path(mesh_module.__file__)):
+        digest.update(path.read_bytes())
+    return digest.digest()
+
+
+class _StoredArray(msgspec.Struct, frozen=True, array_like=True):
+    type: str
+    shape: tuple[int, ...]
+    data: bytes
+
+    @classmethod
+    def of(cls, array: NDArray[Any] | None) -> Self | None:
+        """An array as bytes."""
+        return None if array is None else cls(array.dtype.str, array.shape, array.tobytes())
+
+    def array(self) -> NDArray[Any]:
+        """The array, which is read-only."""
+        import numpy as np
+
+        found: NDArray[generic] = np.frombuffer(self.data, dtype=self.type).reshape(self.shape)
+        return found
+
+
+class _StoredVisual(msgspec.Struct, frozen=True, array_like=True):
+    material: PbrMaterial
+    arrays: tuple[_StoredArray | None, ...]
+    """Points, faces, normals, texture coordinates and image."""
+
+    @classmethod
+    def of(cls, visual: VisualMesh) -> Self:
+        """A mesh as bytes."""
+        arrays = visual.points, visual.faces, visual.normals, visual.uv, visual.image
+        return cls(visual.material, tuple(map(_StoredArray.of, arrays)))
+
+
+class _StoredVisuals(msgspec.Struct, frozen=True, array_like=True):
+    key: str
+    visuals: tuple[_StoredVisual, ...]
+
+
+def _read_visuals(content: bytes) -> tuple[str, tuple[VisualMesh, ...]]:
+    """The key and the visual meshes in a file.
+
+    Raises:
+        msgspec.DecodeError: it is damaged.
+        ValueError: the size of an array is wrong.
+    """
+    stored = msgspec.msgpack.decode(content, type=_StoredVisuals)
+    meshes = []
+    for visual in stored.visuals:
+        arrays = [None if each is None else each.array() for each in visual.arrays]
+        points, faces, normals, uv, image = arrays
+        if points is None or faces is None:
+            raise ValueError("a mesh without points or faces")
+        meshes.append(VisualMesh(points, faces, visual.material, normals, uv, image))
+    return stored.key, tuple(meshes)
 
 
 def _visuals(

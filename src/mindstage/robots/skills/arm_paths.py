@@ -66,6 +66,18 @@ class ArmPath(NamedTuple):
             positions=self.positions[:count], roots=self.roots[:count], reached=count, reason=reason, shortfall_m=None
         )
 
+    def backwards(self) -> ArmPath:
+        """The same in the opposite direction."""
+        return self._replace(positions=self.positions[::-1], roots=self.roots[::-1])
+
+    def joined(self, other: ArmPath) -> ArmPath:
+        """This path and another one, which begins where this one ends."""
+        return other._replace(
+            positions=np.concatenate([self.positions, other.positions[1:]]),
+            roots=np.concatenate([self.roots, other.roots[1:]]),
+            reached=self.reached + max(other.reached - 1, 0),
+        )
+
     def at(self, row: int) -> dict[str, float]:
         """The positions at one pose."""
         return dict(zip(self.joints, self.positions[row].tolist(), strict=True))

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from itertools import product
+from math import atan2, cos, sin
 from typing import NamedTuple
 
 import msgspec
@@ -16,6 +17,7 @@ import numpy as np
 
 from mindstage.errors import UnreachableError
 from mindstage.robots.collisions import Collision, HandChecker
+from mindstage.robots.kinematics import BASE_JOINTS, IkResult
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills.grasps import Grasp, diagonal_grasps_of, edge_grasps_of, grasps_of, pushes_of, sweeps_of
@@ -51,6 +53,8 @@ _MAX_UP = 0.5
 _CHECKED_EVERY = 2
 """Of the poses of a path, every second one is tested with the gripper alone."""
 _PER_GROUP, _MAX_GRASPS = 2, 12
+_APART_M, _REACH_ATTEMPTS = 0.6, 3
+"""Distance of the base and attempts of the inverse kinematics for the test whether an arm reaches a grasp at all."""
 _LEAST_PART = 0.15
 """The least part of a path that is worth it."""
 _ENOUGH = {True: 0.5, False: 0.95}
@@ -283,7 +287,7 @@ class _FrontSearch:
         candidates = [(each, pose_multiply(poses, each.pose)) for each in self._candidates(way)]
         if way is FrontWay.PUSH and self.is_closing and not opening.joint.is_prismatic:
             candidates = [*self._sweeps(), *candidates]
-        free = self._free(way, body, candidates)
+        free = self._free(way, body, self._within_reach(body, candidates))
         request = StanceRequest(
             body,
             [grasp for grasp, _ in free],
@@ -349,6 +353,38 @@ class _FrontSearch:
         body, geometry = self.surroundings.body(front), self.surroundings.geometry(front)
         return list(sweeps_of(body, geometry, outward, self.handle_in_front[:3], self.fronts, self.hand.shape))
 
+    def _within_reach(self, body: BodyId, candidates: Sequence[tuple[Grasp, Array]]) -> Sequence[tuple[Grasp, Array]]:
+        """The grasps that an arm reaches that takes the base along, if this stands where it likes; all for other arms.
+
+        Raises:
+            UnreachableError: there is none; with the limits of the one that is missed by least.
+        """
+        hand = self.hand
+        if not hand.needs_base or not candidates:
+            return candidates
+        found = list[tuple[Grasp, Array]]()
+        nearest: IkResult | None = None
+        seed = {**hand.robot.joint_positions(), **hand.ready_positions()}
+        for grasp, path in candidates:
+            x, y, yaw = path[0, 0], path[0, 1], _heading(path[0])
+            result = hand.kinematics.solve_ik(
+                hand.kinematics.frame_of(hand.arm),
+                path[0],
+                joints=(*BASE_JOINTS, *hand.arm.joints),
+                seed=seed,
+                root_pose=hand.root_at((x - _APART_M * cos(yaw), y - _APART_M * sin(yaw), yaw - hand.side)),
+                attempts=_REACH_ATTEMPTS,
+            )
+            if result:
+                found.append((grasp, path))
+            elif nearest is None or result.position_error_m + result.rotation_error_rad < (
+                nearest.position_error_m + nearest.rotation_error_rad
+            ):
+                nearest = result
+        if not found and nearest is not None:
+            raise UnreachableError(hand.robot.name, target=body, reason=nearest.reason, shortfall_m=nearest.shortfall_m)
+        return found
+
     def _free(
         self, way: FrontWay, body: BodyId, candidates: Sequence[tuple[Grasp, Array]]
     ) -> list[tuple[Grasp, Array]]:
@@ -401,6 +437,12 @@ class _FrontSearch:
             if checker.find(path[row], fingers) is not None:
                 return max(row - _CHECKED_EVERY, 0) / (len(path) - 1)
         return 1.0
+
+
+def _heading(pose: Array) -> float:
+    """The horizontal direction in which a hand points [rad]."""
+    x = quat_rotate(pose[3:], (1.0, 0.0, 0.0))
+    return atan2(x[1], x[0])
 
 
 def _varied(free: Sequence[tuple[float, Grasp, Array]]) -> list[tuple[Grasp, Array]]:

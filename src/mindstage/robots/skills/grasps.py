@@ -54,6 +54,8 @@ _TIP_GAP_M = 0.006
 """Least distance of the finger tips from what is behind a thing, such as the front behind a handle."""
 _MIN_OVERLAP_M = 0.008
 """Least length of the fingers beside what is grasped."""
+_SHALLOW_M, _LEAST_BACK_M = 0.035, 0.005
+"""Length of the fingers beside what only their tips hold, and the least by which the hand is farther away then."""
 _TIP_SAMPLES = 9
 """Number of openings at which the finger tips are located."""
 _PALM_GAP_M = 0.012
@@ -77,6 +79,8 @@ _SIDE_SHIFTS = (0.35, 0.2, 0.45)
 _EDGE_OVERLAPS_M = (0.035, 0.055, 0.02)
 """Lengths of the fingers beside an edge of a door."""
 _EDGE_ROOM_M = 0.012
+_TOUCH_M = 0.001
+"""What is narrower than the gap between closed fingers, or wider by less than this, is not held."""
 _PUSH_SHIFTS = (0.35, -0.35, 0.2, -0.2, 0.0)
 """Places along a front at which it is pushed, as fractions of its length; its handle is often in the middle."""
 _PUSH_INSET_M = 0.06
@@ -107,6 +111,8 @@ class GripperShape(NamedTuple):
 
     middles: tuple[float, ...] = ()
     """How far the middles of the fingers are in front of the grasp frame, as `tips`."""
+    gaps: tuple[tuple[float, float], ...] = ()
+    """Corners (x, half of the distance) of the inner sides of the closed fingers, which need not be parallel."""
 
     def tip_from(self, width: float) -> float:
         """How far the finger tips are in front of the grasp frame while they close on what has a width [m]."""
@@ -125,6 +131,13 @@ class GripperShape(NamedTuple):
         shares = np.linspace(0.0, 1.0, len(self.middles))
         return float(np.interp(_clipped(width / self.opening), shares, self.middles)) - self.middles[-1]
 
+    def touches(self, x: float, width: float) -> bool:
+        """Whether the fingers close on what has a width [m] at a distance x in front of the grasp frame [m]."""
+        if not self.gaps:
+            return True
+        places, halves = np.array(self.gaps).T
+        return width / 2 > float(np.interp(x, places, halves)) + _TOUCH_M
+
     @classmethod
     def of(cls, model: RobotModel, gripper: Gripper, kinematics: RobotKinematics) -> GripperShape:
         """The extents of a gripper, from the collision shapes of its links."""
@@ -135,12 +148,15 @@ class GripperShape(NamedTuple):
             geometry = geometries.get(link)
             if geometry is None or not geometry.collision_shapes:
                 return np.zeros(3), np.zeros(3)
-            joints = dict(zip(gripper.joints, positions, strict=True))
             low, high = compile_geometry(geometry.collision_shapes).bounds
-            corners = np.array(np.meshgrid(*np.array([low, high]).T)).reshape(3, -1).T
-            local = pose_multiply(pose_inverse(kinematics.pose(gripper.name, joints)), kinematics.pose(link, joints))
-            placed = local[:3] + quat_rotate(local[3:], corners)
+            placed = placed_at(link, np.array(np.meshgrid(*np.array([low, high]).T)).reshape(3, -1).T, positions)
             return placed.min(axis=0), placed.max(axis=0)
+
+        def placed_at(link: str, points: Array, positions: Sequence[float] | Array) -> Array:
+            """Points of a link in the grasp frame."""
+            joints = dict(zip(gripper.joints, positions, strict=True))
+            local = pose_multiply(pose_inverse(kinematics.pose(gripper.name, joints)), kinematics.pose(link, joints))
+            return local[:3] + quat_rotate(local[3:], points)
 
         closed = [extents(link, gripper.closed_positions) for link in gripper.finger_links]
         opened, shut = np.array(gripper.open_positions), np.array(gripper.closed_positions)
@@ -153,7 +169,14 @@ class GripperShape(NamedTuple):
         palm = -float(extents(gripper.link, gripper.open_positions)[1][0])
         sides = np.array([np.maximum(np.abs(low), np.abs(high)) for low, high in closed]).reshape(-1, 3)
         _, width, height = sides.max(axis=0, initial=0.0).tolist()
-        return cls(gripper.max_opening_m, tips[-1], max(palm, 0.0), width, height, tips, middles)
+        inner = [
+            placed_at(link, _corners(shape), gripper.closed_positions)
+            for link in gripper.finger_links
+            if (geometry := geometries.get(link)) is not None
+            for shape in geometry.collision_shapes
+        ]
+        gaps = _lower_edge(np.vstack(inner)) if inner else ()
+        return cls(gripper.max_opening_m, tips[-1], max(palm, 0.0), width, height, tips, middles, gaps)
 
 
 class Grasp(NamedTuple):
@@ -171,6 +194,8 @@ class Grasp(NamedTuple):
     """Whether it is grasped at its middle."""
     room_m: float = _ROOM_M
     """Distance of each open finger from what is grasped, where the gripper opens that far."""
+    overlap_m: float = 0.0
+    """Length of the fingers beside what is grasped, if it is a grasp between two of its sides."""
 
     def opening_m(self, largest_m: float) -> float:
         """The opening with which the gripper comes [m].
@@ -183,6 +208,14 @@ class Grasp(NamedTuple):
     def tight(self) -> Grasp:
         """The same with less room, for a thing whose neighbors are near."""
         return self._replace(room_m=min(self.room_m, _TIGHT_ROOM_M))
+
+    def shallow(self) -> Grasp | None:
+        """The same with the finger tips only, for a thing that is a little out of reach; None if it is not firm."""
+        back_m = self.overlap_m - _SHALLOW_M
+        if back_m < _LEAST_BACK_M:
+            return None
+        pose = pose_multiply(self.pose, np.array([-back_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+        return self._replace(pose=pose, overlap_m=_SHALLOW_M)
 
     def in_world(self, body_pose: Array) -> Array:
         """The grasp frame in the world frame."""
@@ -258,6 +291,8 @@ def diagonal_grasps_of(
             if width > shape.opening - 2 * _CLEARANCE_M:
                 continue
             for beyond, shift in product(_DIAGONAL_TIPS_M, _DIAGONAL_SHIFTS):
+                if not shape.touches(shape.tip_from(width) - beyond, width):
+                    continue  # the inner sides of the fingers diverge so much that the rod is not held
                 origin = box.pose[:3] + inward * (beyond - shape.tip_from(width)) + axes[long] * shift * box.size[long]
                 for sign in (1.0, -1.0):
                     pose = np.concatenate([origin, _rotation(inward, sign * across)])
@@ -404,6 +439,26 @@ def _sides(
     return middle, half, normal_axis, to_edge, np.eye(3)[along_axis]
 
 
+def _corners(shape: CollisionShape) -> Array:
+    """The points of a hull, or the corners of the box around a shape, in the frame of the link."""
+    half = np.asarray(shape.size) / 2
+    points = np.array(shape.points or list(product(*((-each, each) for each in half.tolist()))))
+    pose = normalized_pose_array(shape.pose)
+    return np.asarray(pose[:3] + quat_rotate(pose[3:], points))
+
+
+def _lower_edge(points: Array) -> tuple[tuple[float, float], ...]:
+    """The lower side of the convex outline of some points, seen along z, in x and the distance from y = 0."""
+    outline = list[tuple[float, float]]()
+    for x, y in sorted((x, max(abs(y), 0.0)) for x, y, _ in points.tolist()):
+        while len(outline) > 1 and (outline[-1][0] - outline[-2][0]) * (y - outline[-2][1]) <= (
+            outline[-1][1] - outline[-2][1]
+        ) * (x - outline[-2][0]):
+            outline.pop()
+        outline.append((x, y))
+    return tuple(outline)
+
+
 def _clipped(share: float) -> float:
     return min(max(share, 0.0), 1.0)
 
@@ -450,7 +505,14 @@ def _grasps_from(
         origin = box.pose[:3] - inward * (half - depth) + along * shift * length
         for sign in (1.0, -1.0):
             pose = np.concatenate([origin, _rotation(inward, sign * axes[closing])])
-            yield Grasp(pose, float(box.size[closing]), is_by_friction=True, is_whole=is_whole, is_central=shift == 0.0)
+            yield Grasp(
+                pose,
+                width,
+                is_by_friction=True,
+                is_whole=is_whole,
+                is_central=shift == 0.0,
+                overlap_m=depth + tip,
+            )
 
 
 def _rotation(x: Array, y: Array) -> Array:

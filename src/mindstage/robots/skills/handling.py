@@ -45,6 +45,8 @@ _DRIFT_M = 0.025
 _ATTEMPTS = 2
 """How often a thing is grasped that slips out of the gripper."""
 _MAX_GRASPS = 24
+_NEARLY_M = 0.03
+"""What is out of reach by less is tried with the finger tips."""
 _FREE_PLACES = 60
 """Number of free places that are looked for."""
 _PLACES = 10
@@ -313,7 +315,17 @@ def _friction_stance(
         UnreachableError: there is none.
     """
     request = _grasp_request(hand, surroundings, id, floor, upright=upright, stays=stays)
-    return find_stance(hand, request, floor), request
+    try:
+        return find_stance(hand, request, floor), request
+    except UnreachableError as error:
+        shallow = [tips for each in request.grasps if (tips := each.shallow()) is not None]
+        if not shallow or (error.shortfall_m or np.inf) > _NEARLY_M:
+            raise
+        request = request._replace(grasps=shallow)
+        try:
+            return find_stance(hand, request, floor), request
+        except UnreachableError:
+            raise error from None
 
 
 def _grasp_request(

@@ -498,7 +498,10 @@ class Manipulator:
                 result = yield from (motion if part == _GRIP_FORCES[-1] else guarded(self.task, motion))
                 if result.failure is not MotionFailure.BLOCKED:
                     break
-        return self.robot.opening(self.gripper.name) > _EMPTY_M
+        if self.robot.opening(self.gripper.name) <= _EMPTY_M:
+            return False
+        # Fingers that turn, or whose shapes are coarse, do not close fully on nothing either.
+        return self.held is not None or not self.task.session.run_on_engine(_reads_contacts, label="capabilities")
 
     def parking(self, *, touch: Collection[BodyId] = ()) -> SkillMotion:
         """Folds the arm."""
@@ -548,6 +551,10 @@ class Manipulator:
         """Raises if a motion did not succeed."""
         if not result:
             raise self.task.failure(result.reason or str(result.outcome), suggestion)
+
+
+def _reads_contacts(engine: Engine) -> bool:
+    return Capability.CONTACTS in engine.capabilities
 
 
 def hands_of(task: SkillTask) -> list[Manipulator]:

@@ -29,11 +29,11 @@ _BEARINGS_RAD = (0.0, 0.35, -0.35, 0.7, -0.7, 1.1, -1.1, 1.5, -1.5, 1.9, -1.9)
 """Directions in which the base stands, relative to that from which the hand comes."""
 _HEADINGS_RAD = (0.0, 0.5, -0.5, 1.0, -1.0, pi / 2, -pi / 2)
 """Headings of the base, relative to that towards what is grasped."""
+_FINE_DISTANCES_M = (0.9, 0.925, 0.95, 0.975)
+"""Further distances, for what is nearly out of reach: the base may stand nearer than where its grid is free."""
 _OTHER_DISTANCE_M, _OTHER_PLACES, _APART_M = 0.75, 16, 0.12
 """The preferred distance of further places, their number, and the least distance between two of them."""
 _OTHER_HEADINGS_RAD = (0.0, 0.5, -0.5)
-_UNDER_DISTANCES_M, _UNDER_BEARINGS_RAD, _UNDER_WAY_M = (0.7, 0.85, 1.0), (0.0, 0.35, -0.35, 0.7, -0.7), 0.4
-"""Places with the base below something, and how far behind them there is free floor."""
 _STEPS = 60_000
 """Number of iterations of inverse kinematics and tests for collisions after which a search ends."""
 _WAY_TESTS = 30_000
@@ -44,6 +44,8 @@ _GOOD_ENOUGH = 0.98
 """Part of the path beyond which no better stance is looked for."""
 _IK_ATTEMPTS, _ADJUSTED_IK_ATTEMPTS = 5, 3
 """Attempts of the inverse kinematics, without and with the pose of the base among its unknowns."""
+_LONG_PATH = 10
+"""Number of poses from which on a path is long."""
 _RANDOM_SEEDS = 2
 """Number of random positions of an arm from which the inverse kinematics starts if nothing else led to a stance."""
 _MISSES = 4
@@ -169,20 +171,24 @@ class _Search:
             clearance_m=_TOUCH_M,
         )
         """For the way to the target, on which the hand touches nothing either."""
+        self.pivot = 0
+        """See `_pivots`."""
         self.fingers: dict[str, float] = {}
         self.last_hit: Collision | None = None
         """Of the attempt that is being made."""
         self.reasons: Counter[str] = Counter()
         self.shortfalls: dict[str, float] = {}
         """By how much the hand does not get to a grasp [m], by reason; reasons without it are of better places."""
+        self.obstacles: dict[str, BodyId] = {}
+        """What was touched, by reason."""
         links = robot.placed.link_ids
         hand_links = links_behind(robot.model, hand.gripper.link)
         self.hand_bodies = {links[link] for link in hand_links if link in links}
         self.own_bodies = set(links.values())
         self.hopeless: set[tuple[int, float]] = set()
         """Numbers and rooms of the grasps that fail wherever the base stands."""
-        self.missed: Counter[int] = Counter()
-        """How often the inverse kinematics failed, with the pose of the base among its unknowns, by grasp."""
+        self.missed: Counter[tuple[int, int]] = Counter()
+        """How often the inverse kinematics failed, with the pose of the base among its unknowns, by grasp and pivot."""
         self.blocked = 0
         """Number of places that are not free."""
         self.iterations = hand.kinematics.iterations
@@ -192,7 +198,8 @@ class _Search:
     def find(self) -> Stance:
         """See `find_stance`."""
         best: Stance | None = None
-        for seed in self._seeds():
+        for seed, pivot in product(self._seeds(), self._pivots()):
+            self.pivot = pivot
             best = self._find_from(seed, best)
             if self.limit.is_over or (best is not None and best.reach >= self.request.enough):
                 break
@@ -201,6 +208,15 @@ class _Search:
         if self.limit.ended_by_time:
             self.hand.task.assume(f"no better stance to reach {self.request.target} was found {self.limit}")
         return best
+
+    def _pivots(self) -> Sequence[int]:
+        """The poses of the path for which inverse kinematics is solved first.
+
+        An arm that takes the base along follows a long path farther in both directions from the middle of it, where
+        the positions of its joints are those that it can leave in every direction.
+        """
+        count = len(self.request.poses)
+        return (count // 2, 0) if self.adjusts and count >= _LONG_PATH else (0,)
 
     def _seeds(self) -> Iterator[dict[str, float]]:
         """Positions from which inverse kinematics starts: an arm with more joints than it needs has many solutions.
@@ -248,6 +264,8 @@ class _Search:
         """The grasps that are tried at a place, with their numbers; with a gripper just wide enough if need be."""
         found = list[tuple[int, Grasp]]()
         for number, grasp in enumerate(self.request.grasps):
+            if self.missed[number, self.pivot] >= _MISSES:  # its height and inclination are out of reach of the arm
+                continue
             options = (grasp, grasp.tight())
             possible = next((each for each in options if (number, each.room_m) not in self.hopeless), None)
             if possible is not None:
@@ -268,8 +286,11 @@ class _Search:
         near = Counter({each: count for each, count in self.reasons.items() if each not in self.shortfalls})
         shortfall_m = min(self.shortfalls.values(), default=None)
         if near:
-            reason = self._ended(near.most_common(1)[0][0])
-            return UnreachableError(robot, target=target, reason=reason, shortfall_m=shortfall_m)
+            reason = near.most_common(1)[0][0]
+            obstacle = self.obstacles.get(reason)
+            return UnreachableError(
+                robot, target=target, reason=self._ended(reason), obstacle=obstacle, shortfall_m=shortfall_m
+            )
         reasons = sorted(self.shortfalls, key=self.shortfalls.__getitem__)[:1]
         names: tuple[BodyId, ...] = ()
         if self.blocked and self.floor is not None:
@@ -313,32 +334,24 @@ class _Search:
         if self.floor is None:
             self.floor = FloorMap(self.hand.robot)
         floor = self.floor
-        for distance, bearing in product(_DISTANCES_M, _BEARINGS_RAD):
-            x = target[0] + distance * cos(away + bearing)
-            y = target[1] + distance * sin(away + bearing)
-            if not floor.is_reachable(x, y):
+        yield from self._around(target, away, _DISTANCES_M, _HEADINGS_RAD)
+        yield from self._other_bases(target, floor)
+        yield from self._around(target, away, _FINE_DISTANCES_M, _OTHER_HEADINGS_RAD)
+
+    def _around(
+        self, target: Array, away: float, distances: Sequence[float], headings: Sequence[float]
+    ) -> Iterator[BasePose]:
+        """Free places at distances from the target, first in a direction from it."""
+        assert self.floor is not None
+        for distance, bearing in product(distances, _BEARINGS_RAD):
+            x = float(target[0] + distance * cos(away + bearing))
+            y = float(target[1] + distance * sin(away + bearing))
+            if not self.floor.is_reachable(x, y):
                 self.blocked += 1
                 continue
             facing = atan2(target[1] - y, target[0] - x) - self.hand.side
-            for heading in _HEADINGS_RAD:
-                yield (float(x), float(y), facing + heading)
-        yield from self._other_bases(target, floor)
-        yield from self._bases_under(target, away, floor)
-
-    def _bases_under(self, target: Array, away: float, floor: FloorMap) -> Iterator[BasePose]:
-        """Places where the disc around the base is not free, but the robot is, as with its base below a table."""
-        for distance, bearing in product(_UNDER_DISTANCES_M, _UNDER_BEARINGS_RAD):
-            direction = np.array([cos(away + bearing), sin(away + bearing)])
-            x, y = (target[:2] + distance * direction).tolist()
-            if floor.is_reachable(x, y) or not floor.is_floor(x, y):
-                continue
-            if not floor.is_reachable(*(target[:2] + (distance + _UNDER_WAY_M) * direction).tolist()):
-                continue
-            facing = atan2(target[1] - y, target[0] - x) - self.hand.side
-            for heading in _OTHER_HEADINGS_RAD:
-                self._move_joint(0)
-                if self.checker.find_at(self.positions, (x, y, facing + heading)) is None:
-                    yield x, y, facing + heading
+            for heading in headings:
+                yield x, y, facing + heading
 
     def _other_bases(self, target: Array, floor: FloorMap) -> Iterator[BasePose]:
         """Places anywhere on the free floor around the target, for where most of it is taken."""
@@ -358,40 +371,39 @@ class _Search:
     def _try(self, base: BasePose, grasp: Grasp, number: int, seed: Mapping[str, float]) -> Stance | None:
         hand, request = self.hand, self.request
         self.fingers, self.last_hit = self._fingers(grasp), None
-        at = grasp.in_world(request.poses[0])
-        adjusts = self.adjusts
+        poses = request.paths[number] if request.paths else pose_multiply(request.poses, grasp.pose)
+        pivot, adjusts = self.pivot, self.adjusts
+        along = poses[pivot] - poses[0]
         found = hand.kinematics.solve_ik(
             hand.kinematics.frame_of(hand.arm),
-            at,
+            poses[pivot],
             joints=(*(BASE_JOINTS if adjusts else ()), *hand.arm.joints),  # any place is driven to before
             seed=seed,
-            root_pose=hand.root_at(base),
+            root_pose=hand.root_at((base[0] + float(along[0]), base[1] + float(along[1]), base[2])),
             attempts=_ADJUSTED_IK_ATTEMPTS if adjusts else _IK_ATTEMPTS,
         )
         if not found:
             self._count(found.reason, found.shortfall_m)
-            self.missed[number] += adjusts
-            if self.missed[number] >= _MISSES:  # the height and the inclination are out of reach of the arm
-                self.hopeless |= {(number, each.room_m) for each in (grasp, grasp.tight())}
+            self.missed[number, pivot] += adjusts
             return None
         root = np.array(found.root_pose)
-        base = hand.base_of(root)
-        if adjusts and not self._stands_free(base):
+        if adjusts and not self._stands_free(hand.base_of(root)):
             return None
-        at_grasp = {**self.positions, **found.positions}
+        at_pivot = {**self.positions, **found.positions}
+        before = self._follow(poses[pivot::-1], root, at_pivot) if pivot else None
+        if before is not None and before.reached <= pivot:
+            self._count(before.reason, before.shortfall_m)
+            return None
         self._move_joint(0)
-        start = self._start(at, root, at_grasp)
+        if before is None:
+            start = self._start(poses[0], root, at_pivot)
+        else:
+            start = self._start(poses[0], before.roots[-1], {**self.positions, **before.at(-1)})
         if start is None:
             self._exclude(number, grasp)
             return None
-        path = follow_poses(
-            hand.kinematics,
-            hand.arm,
-            request.paths[number] if request.paths else pose_multiply(request.poses, grasp.pose),
-            root=root,
-            seed=at_grasp,
-            may_drive=self.moves_base,
-        )
+        path = self._follow(poses[pivot:], root, at_pivot)
+        path = path if before is None else before.backwards().joined(path)
         if request.checks_path_closed:
             self.fingers = hand.fingers_at(grasp.width_m)
         reach = self._free_part(path)
@@ -402,6 +414,10 @@ class _Search:
         if not self._has_way_back(hand.base_of(path.roots[path.reached - 1])):
             reach *= _SHUT_IN
         return Stance(start.base, grasp, number, start.positions, reach, start.back_m, path.reason, path)
+
+    def _follow(self, poses: Array, root: Array, seed: Mapping[str, float]) -> ArmPath:
+        hand = self.hand
+        return follow_poses(hand.kinematics, hand.arm, poses, root=root, seed=seed, may_drive=self.moves_base)
 
     def _has_way_back(self, base: BasePose) -> bool:
         """Whether the base is not shut in when the door or drawer has been moved."""
@@ -464,6 +480,8 @@ class _Search:
         if hit is not None:
             self._count(f"there {hit}")
             self.last_hit = hit
+            if hit.obstacle is not None and hit.obstacle not in self.own_bodies:
+                self.obstacles[f"there {hit}"] = hit.obstacle
         return hit is not None
 
     def _exclude(self, number: int, grasp: Grasp) -> None:

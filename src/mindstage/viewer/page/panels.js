@@ -91,6 +91,7 @@ class Panels {
     this.closeSheets();
     this.#sidebars[panel.side].root.classList.add("open");
     panel.sheet.setAttribute("aria-expanded", "true");
+    panel.sheet.scrollIntoView({ block: "nearest", inline: "nearest" }); // the bar is wider than a phone
   }
 
   #insert(list, button, order) {

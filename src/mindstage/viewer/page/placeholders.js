@@ -1,7 +1,7 @@
 // Placeholders: boxes in the place of bodies whose meshes have not arrived yet. Runs inside the viewer iframe.
 //
 // The server sends the boxes of all bodies in the first message, the meshes follow, large ones first. A box is removed in
-// the frame in which the mesh of its body is there. While that takes long, a line below the view tells how far it is.
+// the frame in which the mesh of its body is there. A view without the page says how far it is, otherwise the page does.
 
 import { applyPoses } from "./bodyPoses.js";
 import { beforeFrames, onNewConnection, onReplayDone, onViewData, viewReady } from "./viewData.js";
@@ -166,7 +166,7 @@ class Placeholders {
   #showProgress() {
     let left = 0;
     for (const boxes of this.#pending.values()) left += boxes.length;
-    progress.hidden = left === 0 || performance.now() - this.#startMs < SHOW_PROGRESS_MS;
+    progress.hidden = parent !== window || left === 0 || performance.now() - this.#startMs < SHOW_PROGRESS_MS;
     const text = `Loading shapes: ${this.#count - left} of ${this.#count}`;
     if (!progress.hidden && progress.textContent !== text) progress.textContent = text;
   }

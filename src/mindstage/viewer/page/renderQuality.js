@@ -178,6 +178,7 @@ class Quality {
         light.shadow.mapSize.set(settings.shadowPixels, settings.shadowPixels);
         light.shadow.map?.dispose();
         light.shadow.map = null;
+        light.shadow.needsUpdate = true;
       }
     }
   }

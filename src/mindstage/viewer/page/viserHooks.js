@@ -14,6 +14,12 @@
     console[level] = (...values) => known.some((each) => each.test(String(values[0]))) || write.apply(console, values);
   }
 
+  // viser calls `preventDefault` for a press on a body that can be dragged, in a passive listener, where it has no effect
+  // but an error in the console.
+  window.addEventListener("pointerdown", (event) => {
+    if (event.target instanceof HTMLCanvasElement) event.preventDefault = () => {};
+  }, true);
+
   // -- frames -------------------------------------------------------------------------------------------------------
   // Besides the frames that changes request, viser draws one each second. Without a GPU a frame of a whole room takes
   // most of a second, and an idle page would take a processor core; one frame in 30 is left then.
