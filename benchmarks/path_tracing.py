@@ -29,8 +29,8 @@ from mindstage.rendering.render_scene import RenderScene
 from mindstage.simulation.pictures import ScenePhotographer
 
 REPEATS = 3
-SIZE = (320, 200)
-SAMPLES = 8
+SIZE = (240, 150)
+SAMPLES = 4
 CAMERA = CameraPose((3.6, -3.2, 2.2), (-0.2, 0.4, 0.8), math.radians(45.0))
 """Through the open side of the room, from eye height; without a shifted lens, which the peer does not have."""
 

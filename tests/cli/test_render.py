@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageSequence
 
 import mindstage as ms
 from tests.cli.runner import Run, WriteMap, json_output
@@ -14,6 +14,7 @@ from tests.cli.runner import Run, WriteMap, json_output
 pytest.importorskip("mitsuba", reason="needs the extra render")
 
 from mindstage.rendering.path_tracing import PathTracingSettings
+from mindstage.scene import Pose
 from mindstage.simulation.pictures import ScenePhotographer, flight, turntable
 
 DATA_MAPS = ("iai-kitchen-original.owl", "soma-iai-room.owl", "knowrob1-ccrl.owl")
@@ -51,6 +52,40 @@ def test_a_turntable_is_a_film_of_its_length(run: Run, write_map: WriteMap, tmp_
     assert json_output(result)["frames"] == 5
     with Image.open(film) as image:
         assert (image.n_frames, image.size) == (5, (64, 40))
+
+
+def test_a_flight_has_its_frames_and_begins_at_its_first_stop(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
+    stops, film, still = tmp_path / "stops.txt", tmp_path / "film.webp", tmp_path / "still.png"
+    stops.write_text("0.4 0 0.2  0 0 0\n0.4 0 0.2  5 0 3\n", encoding="utf-8")
+    path = write_map("mugs.owl", mugs={"X": "0 0 0"})
+    result = run("render", path, "-o", film, "--flight", stops, "--fps", 4, "--length", 1, *QUICK)
+    assert result.exit_code == 0, result.output
+    assert json_output(result)["frames"] == 4
+    assert run("render", path, "-o", still, "--from=0.4,0,0.2", "--to=0,0,0", *QUICK).exit_code == 0
+    with Image.open(film) as image:
+        frames = [np.asarray(frame.convert("RGB")).astype(int) for frame in ImageSequence.Iterator(image)]
+    first = np.asarray(Image.open(still).convert("RGB")).astype(int)
+    near, far = (np.abs(frame - first).mean() for frame in (frames[0], frames[-1]))
+    assert near < 12 < far
+
+
+def test_a_moment_of_an_episode_is_rendered(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
+    episode = tmp_path / "fall.mcap"
+    with ms.open(write_map("mugs.owl", mugs={"X": "0 0 1.8"}), engine="null") as sim, sim.record(episode):
+        sim.step(0.2)
+        sim.undo_stack.move(sim.snapshot().bodies[0].id, Pose((0.0, 0.0, 1.0)))
+        sim.step(0.3)
+    pictures = []
+    for at in (0.0, 0.4):
+        picture = tmp_path / f"{at}.png"
+        command = ("render", episode, "--at", at, "-o", picture, "--from=0,-1.5,1.4", "--to=0,0,1.4")
+        result = run(*command, "--samples", 4, "--size", "64x40", "--json")
+        assert result.exit_code == 0, result.output
+        assert json_output(result)["at_s"] == at
+        pictures.append(np.asarray(Image.open(picture).convert("L")).astype(float))
+    changed = np.abs(pictures[1] - pictures[0])[:, 26:38].max(axis=1)
+    assert changed[:12].max() > 30, "where the mug was"
+    assert changed[-12:].max() > 30, "where it is later"
 
 
 def test_a_door_that_is_opened_changes_the_picture(run: Run, tmp_path: Path) -> None:

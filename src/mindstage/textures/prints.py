@@ -507,7 +507,7 @@ _SEGMENTS = {  # corners from (0, 0) at the upper left to (1, 2) at the lower ri
     "f": ((0, 0), (0, 1)),
     "g": ((0, 1), (1, 1)),
 }
-_LIT_SEGMENTS = {"0": "abcdef", "1": "bc", "2": "abdeg", "3": "abcdg"}
+_SEGMENTS_OF_DIGITS = {"0": "abcdef", "1": "bc", "2": "abdeg", "3": "abcdg"}
 
 
 @lru_cache(maxsize=16)
@@ -520,7 +520,7 @@ def clock_display(width: float, height: float, color: Color) -> NDArray[uint8]:
         color: the color of the glass.
     """
     base = _rgb(color)
-    lit, unlit = (150, 232, 226), _mixed(base, (150, 232, 226), 0.07)
+    bright, dim = (150, 232, 226), _mixed(base, (150, 232, 226), 0.07)
     image, draw, _ = _canvas(width, height, base)
     digit = min(0.29 * image.height, 0.09 * image.width)  # half of the height
     pitch, left, top = 1.75 * digit, image.width / 2 - 3.8 * digit, image.height / 2 - digit
@@ -529,10 +529,10 @@ def clock_display(width: float, height: float, color: Color) -> NDArray[uint8]:
         if character == " ":
             for y in (top + 0.6 * digit, top + 1.4 * digit):
                 r = 0.13 * digit
-                draw.ellipse((x + 0.4 * digit - r, y - r, x + 0.4 * digit + r, y + r), fill=lit)
+                draw.ellipse((x + 0.4 * digit - r, y - r, x + 0.4 * digit + r, y + r), fill=bright)
             continue
-        for name, ends in sorted(_SEGMENTS.items(), key=lambda segment: segment[0] in _LIT_SEGMENTS[character]):
+        for name, ends in sorted(_SEGMENTS.items(), key=lambda segment: segment[0] in _SEGMENTS_OF_DIGITS[character]):
             points = [(x + digit * (0.1 + 0.8 * across), top + digit * down) for across, down in ends]
-            fill = lit if name in _LIT_SEGMENTS[character] else unlit
+            fill = bright if name in _SEGMENTS_OF_DIGITS[character] else dim
             draw.line(points, fill=fill, width=max(round(0.17 * digit), 1))
     return _finished(image)
