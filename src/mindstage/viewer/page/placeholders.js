@@ -8,6 +8,7 @@ import { beforeFrames, onNewConnection, onReplayDone, onViewData, viewReady } fr
 
 const BEFORE_RENDERING = -5;
 const SHOW_PROGRESS_MS = 1500;
+const LOST_MS = 60_000; // after this time without a mesh, a body without a node was removed
 const POSE_LENGTH = 7;
 const BATCHES = "/batches/";
 const ALL_FACES = -1;
@@ -81,6 +82,7 @@ class Placeholders {
   #ends = [];
   #count = 0;
   #startMs = 0;
+  #progressMs = 0;
   #isReplayDone = false;
 
   constructor(view) {
@@ -102,7 +104,7 @@ class Placeholders {
     // The poses of nodes follow after all meshes. Batches have no poses, but their instances.
     applyPoses({ names: boxes.names.map((name) => (name.startsWith(BATCHES) ? "" : name)), poses: boxes.poses });
     this.#count = boxes.names.length;
-    this.#startMs = performance.now();
+    this.#startMs = this.#progressMs = performance.now();
     boxes.names.forEach((name, box) => this.#pending.set(name, [...(this.#pending.get(name) ?? []), box]));
   }
 
@@ -120,6 +122,7 @@ class Placeholders {
       for (const box of boxes) this.#mesh?.geometry.attributes.position.array.fill(0, box ? this.#ends[box - 1] : 0, this.#ends[box]);
       changed = true;
     }
+    if (changed) this.#progressMs = performance.now();
     if (changed && this.#mesh) this.#mesh.geometry.attributes.position.needsUpdate = true;
     if (!this.#pending.size) this.#removeMesh();
     this.#showProgress();
@@ -132,7 +135,7 @@ class Placeholders {
 
   // Whether a body was removed before its mesh arrived.
   #isGone(name) {
-    return this.#isReplayDone && !window.__viserSceneTree?.getState()[name]?.message;
+    return (this.#isReplayDone || performance.now() - this.#progressMs > LOST_MS) && !window.__viserSceneTree?.getState()[name]?.message;
   }
 
   #build() {
