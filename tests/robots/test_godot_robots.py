@@ -8,9 +8,14 @@ from pathlib import Path
 import pytest
 
 from mindstage.engines import GodotEngine
+from mindstage.errors import CommandRefusedError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.scene import Pose
+from mindstage.robots.control import MotionFailure
+from mindstage.scene import Iri, Pose, World
 from mindstage.simulation import Simulation
+from tests.robots.rooms import box, robot_in
+
+WALL = Iri("http://example.org/wall#map")
 
 
 def test_a_base_drives_and_turns_in_godot(godot: Path) -> None:
@@ -24,6 +29,33 @@ def test_a_base_drives_and_turns_in_godot(godot: Path) -> None:
         assert robot.base_pose() == pytest.approx(goal, abs=0.02)
         now = robot.joint_positions()
         assert {joint: now[joint] for joint in arm} == pytest.approx(arm, abs=0.03), "the arm is held meanwhile"
+
+
+def test_what_is_pushed_into_a_wall_stops_and_says_so_in_godot(godot: Path) -> None:
+    with robot_in(box("wall", (1.1, 0.0, 0.5), (0.1, 3.0, 1.0)), engine=GodotEngine(godot, timeout_s=60.0)) as robot:
+        with pytest.raises(CommandRefusedError, match="2 m/s"):
+            robot.drive(2.0)
+        with pytest.raises(CommandRefusedError, match=r"lift_joint = 1.5 m: its upper limit is 1 m"):
+            robot.start_trajectory(robot.trajectory_to({"lift_joint": 1.5}))
+        result = robot.run(robot.driving([(2.0, 0.0, 0.0)]), timeout_s=60.0)
+        assert result.failure is MotionFailure.BLOCKED, result
+        assert result.reason == "the base does not move at its largest force"
+        assert result.obstacles == (), "this engine reports no contacts"
+
+
+def test_an_arm_that_is_blocked_stops_and_says_so_in_godot(godot: Path) -> None:
+    with robot_in(engine=GodotEngine(godot, timeout_s=60.0)) as robot:
+        session = robot.session
+        assert isinstance(session, Simulation)
+        ahead = {"shoulder_pitch_joint": 2.5, "elbow_joint": 1.6, "wrist_pitch_joint": 0.67}  # the hand points forward
+        result = robot.run(robot.moving_to(ahead), timeout_s=60.0)
+        assert result, result.reason
+        x, _, z = robot.grasp_pose()[:3].tolist()
+        session.spawn(World(iri=WALL, bodies=(box("pillar", (x, 0.4, z), (0.3, 0.1, 0.4)),)), ground=False)
+        blocked = robot.run(robot.moving_to({"shoulder_pan_joint": 1.5}, speed=0.2), timeout_s=60.0)
+        assert blocked.failure is MotionFailure.BLOCKED, blocked
+        assert blocked.obstacles == (), "this engine reports no contacts"
+        assert "does not move at its largest effort" in blocked.reason
 
 
 def link(name: str, mass_kg: float, size_m: float) -> str:
