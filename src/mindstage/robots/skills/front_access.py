@@ -97,7 +97,7 @@ class FrontMotion(NamedTuple):
     @property
     def end(self) -> float:
         """The position of the joint up to which the stance reaches [m or rad]."""
-        return float(self.positions[0] + self.stance.reach * (self.positions[-1] - self.positions[0]))
+        return float(self.positions[0] + self.stance.part * (self.positions[-1] - self.positions[0]))
 
 
 class FrontReachStep(msgspec.Struct, frozen=True, kw_only=True):

@@ -81,6 +81,8 @@ class Stance(NamedTuple):
     """Why it does not reach all of it; may be empty."""
     path: ArmPath
     """The motion along it, as it was tested."""
+    part: float
+    """As `reach`, which is less where the base would be shut in at the end."""
 
 
 class StanceRequest(NamedTuple):
@@ -411,9 +413,9 @@ class _Search:
             self._exclude(number, grasp)
             self._count(path.reason or "the robot would touch something on the way", path.shortfall_m)
             return None
-        if not self._has_way_back(hand.base_of(path.roots[path.reached - 1])):
-            reach *= _SHUT_IN
-        return Stance(start.base, grasp, number, start.positions, reach, start.back_m, path.reason, path)
+        has_way_back = self._has_way_back(hand.base_of(path.roots[path.reached - 1]))
+        worth = reach if has_way_back else _SHUT_IN * reach
+        return Stance(start.base, grasp, number, start.positions, worth, start.back_m, path.reason, path, reach)
 
     def _follow(self, poses: Array, root: Array, seed: Mapping[str, float]) -> ArmPath:
         hand = self.hand
