@@ -1,8 +1,9 @@
 """Pictures of scenes by OpenGL, without a display or a browser.
 
 All meshes are in one buffer, in the world frame, with the material of each vertex, and are drawn in a few passes:
-depths from the sun, depths and normals for ambient occlusion, and the lit surfaces with multisampling. The renderer of
-MuJoCo is not used: it lights vertices, of which a wall has few, and has no roughness, normal maps or bias of shadows.
+depths from the sun, depths and normals for ambient occlusion, and surfaces in their light with multisampling. The
+renderer of MuJoCo is not used: it lights vertices, of which a wall has few, and has no roughness, normal maps or
+bias of shadows.
 """
 
 from __future__ import annotations
@@ -372,7 +373,7 @@ class _Rasterizer:
     # -- pictures --
 
     def picture(self) -> Bytes:
-        """Draws the lit scene, h x w x 3."""
+        """Draws the scene in its light, h x w x 3."""
         gl, view = self._gl, self._view
         sun = sun_direction(self._scene.camera)
         shadow_map, shadow_from_world, extents = self._shadow_map(sun)
@@ -761,5 +762,5 @@ def _planes(meshes: _SceneMeshes, view: ViewFrame, scene: RenderScene) -> tuple[
 
 
 def _brightest(lights: Iterable[RenderLight]) -> list[RenderLight]:
-    lit = (light for light in lights if light.intensity > 0)
-    return sorted(lit, key=lambda light: -light.intensity)[: shaders.MAX_LAMPS]
+    bright = (light for light in lights if light.intensity > 0)
+    return sorted(bright, key=lambda light: -light.intensity)[: shaders.MAX_LAMPS]

@@ -1,7 +1,7 @@
 """Shaders of the rasterizer: shadow map, ambient occlusion, physically based surfaces, backdrop, numbers of bodies.
 
-Surfaces are lit by a sun with soft shadows, by sky light with ambient occlusion, and by lamps, in linear color, and
-mapped to sRGB by the shader, so that multisampling blends what the eye sees.
+Surfaces are illuminated by a sun with soft shadows, by sky light with ambient occlusion, and by lamps, in linear color,
+and mapped to sRGB by the shader, so that multisampling blends what the eye sees.
 """
 
 from __future__ import annotations
