@@ -18,7 +18,7 @@ attribute vec3 color;
 varying vec3 vColor;
 void main() {
   vec3 up = normalize(mat3(modelMatrix) * normal);
-  vColor = color * (0.74 + 0.2 * up.y + 0.06 * up.x); // lit from above
+  vColor = color * (0.74 + 0.2 * up.y + 0.06 * up.x); // light from above
   gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
 }`;
 const FRAGMENT_SHADER = `
