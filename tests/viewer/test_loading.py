@@ -7,7 +7,7 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import Any, BinaryIO
 
 import pytest
 
@@ -15,8 +15,10 @@ from mindstage import Simulation
 from mindstage.scene import Pose
 from mindstage.viewer import Viewer
 from tests.viewer.view_tab import SIZE, ViewTab, open_views
-from tests.viewer.waiting import wait_until
+from tests.viewer.waiting import becomes_true, wait_until
 
+_FRAME_S = 3.0
+"""Time for which a page under load may process a frame."""
 _STATE = "window.mindstageView?.placeholders?.state ?? null"
 _COUNT_SHADOWS = """() => {
   const lights = __viserMutable.scene.children.filter((each) => each.isDirectionalLight && each.visible);
@@ -32,7 +34,7 @@ _DRAW = """(count) => {
 
 
 class _Gate:
-    """A connection to a server that forwards only as many bytes of websockets as it is allowed to."""
+    """A connection to a server that forwards only as many frames of websockets as it is allowed to."""
 
     def __init__(self, listener: socket.socket, port: int) -> None:
         self._listener, self._port = listener, port
@@ -42,7 +44,7 @@ class _Gate:
         threading.Thread(target=self._accept, daemon=True).start()
 
     def allow(self) -> None:
-        """Lets a further kilobyte pass."""
+        """Lets a further frame pass."""
         self._allowed.release()
 
     def open(self) -> None:
@@ -62,10 +64,27 @@ class _Gate:
             first = client.recv(65536)
             server.sendall(first)
             threading.Thread(target=_forward, args=(client, server), daemon=True).start()
-            while part := server.recv(1024):
-                if b"upgrade: websocket" in first.lower() and not self._is_open.is_set():
-                    self._allowed.acquire()
-                client.sendall(part)
+            if b"upgrade: websocket" not in first.lower():
+                _forward(server, client)
+                return
+            with server.makefile("rb") as reader:
+                while (line := reader.readline()) != b"\r\n":
+                    client.sendall(line)
+                client.sendall(line)
+                while frame := _read_frame(reader):
+                    if not self._is_open.is_set():
+                        self._allowed.acquire()
+                    client.sendall(frame)
+
+
+def _read_frame(reader: BinaryIO) -> bytes:
+    """Returns a frame from a server, which is not masked (RFC 6455, section 5.2); nothing at the end."""
+    head = reader.read(2)
+    if len(head) < 2:
+        return b""
+    length = head[1] & 0x7F
+    extended = reader.read({126: 2, 127: 8}.get(length, 0))
+    return head + extended + reader.read(int.from_bytes(extended) if extended else length)
 
 
 def _forward(source: socket.socket, target: socket.socket) -> None:
@@ -93,11 +112,14 @@ def test_boxes_are_shown_until_the_meshes_have_arrived(viewer: Viewer, browser: 
         page.goto(f"http://127.0.0.1:{gate.port}/view/{secrets.token_hex(8)}/?fixedDpr=1")
 
         def has_boxes() -> bool:
-            gate.allow()
             state = page.evaluate(_STATE)
             return bool(state and state["count"])
 
-        wait_until(has_boxes, "the boxes have arrived")
+        def has_boxes_after_a_frame() -> bool:
+            gate.allow()
+            return becomes_true(has_boxes, timeout_s=_FRAME_S)
+
+        wait_until(has_boxes_after_a_frame, "the boxes have arrived")
         state = page.evaluate(_STATE)
         assert state["count"] == 8, "there is one for each body"
         assert state["loaded"] < 4, "most meshes are not there"
