@@ -1,4 +1,4 @@
-"""Samples as worlds of a batch in MuJoCo Warp, on Warp's CPU device: equal to mechanics and to the other executors."""
+"""Samples as worlds of a batch in MuJoCo Warp, by default on Warp's CPU device: equal to mechanics and to the other executors."""
 
 from __future__ import annotations
 
@@ -51,6 +51,8 @@ from mindstage.imagination.warp_executor import WarpExecutor
 
 pytestmark = pytest.mark.xdist_group("warp")  # kernels are compiled in one process only
 
+DEVICE = os.environ.get("MINDSTAGE_WARP_DEVICE", "cpu")
+"""The device of Warp; set MINDSTAGE_WARP_DEVICE=cuda:0 to test with a GPU."""
 GRAVITY = 9.81
 STEP_S = 0.002
 BOX_Z = TABLE_HEIGHT_M + 0.05
@@ -83,13 +85,13 @@ def batch_of(sim: Simulation, worlds: int, scales: list[DynamicsScale] | None = 
     start = engine.compiled().copy()
     start.set_state(start.state())
     if scales is None:
-        return WarpBatch(start, start.model, worlds, device="cpu")
+        return WarpBatch(start, start.model, worlds, device=DEVICE)
     models = []
     for scale in scales:
         scaled = engine.fork()
         scaled.scale_dynamics({BodyId("box"): scale})
         models.append(scaled.compiled().model)
-    batch = WarpBatch(start, models[-1], worlds, device="cpu")
+    batch = WarpBatch(start, models[-1], worlds, device=DEVICE)
     for world, model in enumerate(models):
         batch.set_model(world, model)
     return batch
@@ -104,7 +106,7 @@ def execute(
 
 
 def on_cpu(worlds: int = 4) -> WarpExecutor:
-    return WarpExecutor(device="cpu", worlds=worlds)
+    return WarpExecutor(device=DEVICE, worlds=worlds)
 
 
 class TestMechanics:
