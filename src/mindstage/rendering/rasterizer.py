@@ -379,6 +379,9 @@ class _Rasterizer:
         shadow_map, shadow_from_world, extents = self._shadow_map(sun)
         occlusion, seen = self._occlusion()
         batches = self._keep_seen(seen)
+        for batch in batches:  # before anything is drawn: software renderers draw all that is pending for each upload
+            if batch.count:
+                self._maps(batch.texture)
         samples = ctypes.c_int()
         gl.glGetIntegerv(_MAX_SAMPLES, ctypes.byref(samples))
         self._canvas = self._framebuffer(min(_SAMPLES, samples.value), _RGBA8)
@@ -563,6 +566,8 @@ class _Rasterizer:
 
     def _draw_textured(self, program: _Program, batches: Iterable[_Batch]) -> None:
         for batch in batches:
+            if not batch.count:
+                continue
             color, relief = self._maps(batch.texture)
             program.set("is_textured", color != 0)
             program.set("has_relief", relief != 0)
