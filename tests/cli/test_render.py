@@ -15,6 +15,7 @@ pytest.importorskip("mitsuba", reason="needs the extra render")
 
 from mindstage.rendering.path_tracing import PathTracingSettings
 from mindstage.scene import Pose
+from mindstage.simulation import Marker, MarkerType
 from mindstage.simulation.pictures import ScenePhotographer, flight, turntable
 
 DATA_MAPS = ("iai-kitchen-original.owl", "soma-iai-room.owl", "knowrob1-ccrl.owl")
@@ -124,11 +125,15 @@ def test_bad_options_are_refused(options: tuple[str, ...], message: str, run: Ru
 def test_a_running_simulation_is_rendered_from_one_snapshot() -> None:
     with ms.open("bundled:kitchen") as sim:
         sim.highlight("fridge", "blue")
+        red = {"size": (0.8, 0.8, 0.8), "color": (1.0, 0.0, 0.0)}
+        sim.add_markers([Marker(id="red", type=MarkerType.CUBE, pose=Pose((0.3, 0.3, 1.2)), **red)])
         sim.play()
         picture = sim.render(settings=PathTracingSettings(size=(48, 30), samples=1))
         assert sim.state.playing
     assert picture.pixels.shape == (30, 48, 3)
-    assert np.count_nonzero(picture.pixels[..., 2].astype(int) > picture.pixels[..., 0].astype(int) + 60) > 3
+    pixels = picture.pixels.astype(int)
+    assert np.count_nonzero(pixels[..., 2] > pixels[..., 0] + 60) > 3
+    assert np.count_nonzero(pixels[..., 0] > pixels[..., 2] + 60) > 10, "the marker is drawn"
 
 
 def test_cameras_of_films_keep_their_distance_and_pass_the_stops() -> None:

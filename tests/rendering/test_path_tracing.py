@@ -184,6 +184,21 @@ def test_a_highlighted_body_is_outlined_also_behind_others_which_become_gray() -
     assert np.count_nonzero(pixels[..., 0] > pixels[..., 1] + 90) == 0
 
 
+@pytest.mark.parametrize("opacity", [1.0, 0.6])
+def test_a_marker_keeps_its_color_beside_highlighted_bodies_and_is_no_glass(opacity: float) -> None:
+    blue: Color = (0.1, 0.2, 0.9)
+    chosen = item("chosen", (0.5, 0.5, 0.5), (1.2, 0.0, 0.25), highlight=blue)
+    marker = replace(
+        item("marker m", (0.6, 0.6, 0.6), (-0.8, 0.0, 0.3), (0.9, 0.1, 0.1), opacity=opacity), is_marker=True
+    )
+    camera = CameraPose((0.0, -5.0, 2.0), (0.0, 0.0, 0.3), math.radians(30.0))
+    picture = path_trace(scene_of(FLOOR, chosen, marker, camera=camera), settings(size=(120, 80), samples=16))
+    pixels = picture.pixels.astype(int)
+    red = pixels[..., 0] > pixels[..., 1] + (90 if opacity == 1.0 else 40)
+    assert np.count_nonzero(red[:, :60]) > 200
+    assert np.count_nonzero(red[:, 60:]) == 0
+
+
 def _room(*, with_lamp: bool) -> RenderScene:
     walls = [
         item("floor", (4.0, 4.0, 0.1), (0.0, 0.0, -0.05)),

@@ -209,9 +209,10 @@ class MitsubaScene:
             for visual in item.visuals:
                 if not visual.faces.size:
                     continue
-                drawn = visual if item.id not in paints else _painted(visual, paints[item.id])
+                paint = Paint(visual.material.color, visual.material.opacity) if item.is_marker else paints.get(item.id)
+                drawn = visual if paint is None else _painted(visual, paint)
                 radiance = lamps.get(item.id, _EMISSION_CD_M2 * drawn.material.emission)
-                glow = radiance if drawn.material.emission > 0.0 and item.id not in paints else 0.0
+                glow = radiance if drawn.material.emission > 0.0 and paint is None else 0.0
                 image = 0 if drawn.image is None else id(drawn.image)
                 key = (drawn.material, image, drawn.normals is not None, drawn.uv is not None, glow)
                 groups[key].append((drawn, item))
@@ -443,7 +444,7 @@ def _paints(items: Sequence[RenderItem], camera: CameraPose) -> dict[BodyId, Pai
     for row, item in enumerate(items):
         if item.highlight is not None:
             paints[item.id] = Paint(item.highlight)
-        else:
+        elif not item.is_marker:
             color = _mean_color(item.visuals)
             opacity = min((visual.material.opacity for visual in item.visuals), default=1.0)
             can_block = row in blocking and not item.is_building

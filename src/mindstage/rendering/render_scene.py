@@ -91,6 +91,8 @@ class RenderItem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Whether it is part of the building: a wall, a floor, a ceiling, a door in a wall."""
     casts_shadow: bool = True
     """Whether it casts shadows; False for ceilings, which would keep the daylight out."""
+    is_marker: bool = False
+    """Whether it is no body but a visualization marker, which keeps its color and opacity beside highlighted bodies."""
 
 
 class RenderLight(msgspec.Struct, frozen=True, kw_only=True):

@@ -70,6 +70,7 @@ def marker_items(markers: Iterable[Marker], visuals: Mapping[BodyId, tuple[Visua
             pose=pose_from_array(pose),
             size=(x, y, z),
             casts_shadow=False,
+            is_marker=True,
         )
 
 

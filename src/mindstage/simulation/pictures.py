@@ -16,6 +16,8 @@ from mindstage.rendering.render_scene import ClassKnowledge, RenderScene, render
 from mindstage.scene import BodyId, Color, Pose, Vector, World
 from mindstage.scene.geometry import GeometryMap
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_array, quat_rotate
+from mindstage.simulation.highlights import Marker
+from mindstage.simulation.marker_items import marker_items
 from mindstage.simulation.state import EngineSession
 
 __all__ = ["ScenePhotographer", "flight", "render_picture", "turntable"]
@@ -32,6 +34,7 @@ class ScenePhotographer:
         knowledge: ClassKnowledge,
         *,
         highlights: Mapping[BodyId, Color] | None = None,
+        markers: Collection[Marker] = (),
         enclosing: Collection[BodyId] = (),
     ) -> None:
         """Decides how the bodies are drawn.
@@ -42,6 +45,7 @@ class ScenePhotographer:
             geometry: the geometry of its bodies.
             knowledge: the knowledge base of its classes.
             highlights: the colors of highlighted bodies.
+            markers: visualization markers; their texts are not drawn.
             enclosing: bodies that the engine reported as enclosures.
         """
         self._world, self._geometry, self._knowledge = world, geometry, knowledge
@@ -52,6 +56,7 @@ class ScenePhotographer:
         self._appearances = compute_appearance(
             self._described, knowledge.shape_rule, knowledge.ancestors, geometry=geometry, enclosing=self._enclosing
         )
+        self._markers = tuple(marker_items(markers, {id: each.whole_visuals for id, each in self._appearances.items()}))
 
     @classmethod
     def of(cls, simulation: EngineSession) -> ScenePhotographer:
@@ -64,6 +69,7 @@ class ScenePhotographer:
             simulation.geometry,
             simulation.knowledge,
             highlights=dict(simulation.state.highlights),
+            markers=simulation.state.markers,
             enclosing={id for report in reports for id in report.ids_with_note(SpawnNoteKind.ENCLOSURE)},
         )
 
@@ -95,6 +101,7 @@ class ScenePhotographer:
             hidden=hidden,
             clip_height=clip_height,
             appearances=self._appearances,
+            ghosts=self._markers,
         )
 
     def first_camera(self, aspect: float, *, upright: bool = False) -> CameraPose:
