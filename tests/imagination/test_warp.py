@@ -1,4 +1,4 @@
-"""Samples as worlds of a batch in MuJoCo Warp, on its CPU device or a GPU: equal to mechanics and to other executors."""
+"""Samples as worlds of a batch in MuJoCo Warp, on its CPU device or a GPU: equal to mechanics and other executors."""
 
 from __future__ import annotations
 
