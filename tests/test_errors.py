@@ -104,4 +104,5 @@ def test_similar_spellings_come_before_superstrings() -> None:
 def test_a_suggestion_lists_what_exists_where_nothing_is_similar() -> None:
     assert suggestion("widht", ["width", "height"]).startswith("near: 'width'")
     assert suggestion("q", ["width", "height"]) == "there is width, height"
+    assert suggestion("q", map(str, range(4800))).endswith(", 38, 39 and 4,760 more")
     assert suggestion("q", [], none="it has none") == "it has none"

@@ -183,6 +183,8 @@ _MAX_SHOWN = 80
 """Longer texts of clients are cut in messages."""
 _MIN_SUBSTRING = 3
 """Shorter strings are part of nearly every name."""
+_MAX_LISTED = 40
+"""Number of known names in a message."""
 
 
 def closest_names(name: str, candidates: Iterable[str]) -> tuple[str, ...]:
@@ -198,7 +200,9 @@ def closest_names(name: str, candidates: Iterable[str]) -> tuple[str, ...]:
 
 
 def suggestion(name: str, known: Iterable[str] = (), *, none: str = "") -> str:
-    """The end of a message about an unknown name: the names that resemble it, else all that are known.
+    """The end of a message about an unknown name: the names that resemble it, else those that are known.
+
+    Of many names the first ones are given, and how many more there are.
 
     Args:
         name: the unknown name.
@@ -206,7 +210,10 @@ def suggestion(name: str, known: Iterable[str] = (), *, none: str = "") -> str:
         none: the text where no name exists.
     """
     known = tuple(known)
-    return _near_names(closest_names(name, known)) or (f"there is {', '.join(known)}" if known else none)
+    if near := _near_names(closest_names(name, known)):
+        return near
+    first, more = known[:_MAX_LISTED], len(known) - _MAX_LISTED
+    return f"there is {', '.join(first)}{f' and {more:,} more' if more > 0 else ''}" if known else none
 
 
 def _near_names(names: Sequence[str]) -> str:

@@ -418,10 +418,7 @@ def _perform(
 
 @contextmanager
 def _steps_shown(*, quiet: bool) -> Iterator[Callable[[SkillStep], object]]:
-    """Prints each step of a skill when it ends, and the running one on a terminal."""
-    if quiet:
-        yield lambda step: None
-        return
+    """Prints each step of a skill when it ends, unless it is quiet, and the running one on a terminal."""
     terminal = console(stderr=True)
     with ExitStack() as stack:
         status = stack.enter_context(terminal.status("")) if terminal.is_terminal else None
@@ -430,6 +427,8 @@ def _steps_shown(*, quiet: bool) -> Iterator[Callable[[SkillStep], object]]:
             if step.end_s is None:
                 if status is not None:
                     status.update(f"{step.name}: {step.text}")
+                return
+            if quiet:
                 return
             took = f"{step.end_s - step.start_s:.1f} s"
             failed = "" if step.succeeded else " failed"

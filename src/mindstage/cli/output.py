@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -299,11 +300,13 @@ def step_with_progress(simulation: Simulation, duration_s: float) -> float:
     with Progress(*columns, TimeRemainingColumn(), console=console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=duration_s, visible=False)
 
-        def progress(done_s: float) -> None:
-            elapsed_s = time.perf_counter() - start
-            bar.update(task, completed=done_s, visible=bar.console.is_terminal and elapsed_s > _MIN_PROGRESS_S)
-
-        simulation.step(duration_s, progress=progress)
+        # Also before the first time step, for which the world may have to be compiled.
+        show = threading.Timer(_MIN_PROGRESS_S, bar.update, (task,), {"visible": bar.console.is_terminal})
+        show.start()
+        try:
+            simulation.step(duration_s, progress=lambda done_s: bar.update(task, completed=done_s))
+        finally:
+            show.cancel()
     return time.perf_counter() - start
 
 

@@ -116,7 +116,8 @@ def record(
         if not as_json:
             spawned.print()
         with ExitStack() as ending:
-            recorder = ending.enter_context(simulation.record(out, rate_hz=rate))
+            with progress_spinner("preparing"):  # compiles the world, and writes its knowledge
+                recorder = ending.enter_context(simulation.record(out, rate_hz=rate))
             if with_viewport:
                 show_page(
                     simulation, port=port, access=access, duration_s=seconds, announce=_announce_page, quiet=as_json

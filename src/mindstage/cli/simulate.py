@@ -232,7 +232,8 @@ def _run(simulation: Simulation, output: dict[str, object], *, seconds: float, a
 
     from mindstage.engines.place import MOVED_DISTANCE_M
 
-    before = simulation.run_on_engine(lambda engine: engine.poses(), label="poses")
+    with progress_spinner("preparing"):  # compiles the world
+        before = simulation.run_on_engine(lambda engine: engine.poses(), label="poses")
     wall_s = step_with_progress(simulation, seconds)
     factor = seconds / wall_s if seconds else None
     moved = _moved_bodies(simulation, *before)

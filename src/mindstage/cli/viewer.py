@@ -155,7 +155,8 @@ def show_page(
         announce(viewport.url)
         keep_alive(simulation, duration_s=duration_s, quiet=quiet)
     finally:
-        viewport.close()
+        with progress_spinner("closing the page"):
+            viewport.close()
 
 
 def print_and_serve(
