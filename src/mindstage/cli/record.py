@@ -128,13 +128,11 @@ def record(
                 _play_until_interrupted(simulation, recorder, quiet=as_json)
             with progress_spinner("writing"):  # the last frames, and the events that the whole recording shows
                 ending.close()
-        summary = {"file": str(out), "seconds": recorder.time_s, "frames": recorder.frames}
-        summary |= {"bytes": out.stat().st_size}
+        seconds, frames, size = recorder.time_s, recorder.frames, out.stat().st_size
         if as_json:
-            print_json(summary | spawned.to_json())
+            print_json({"file": str(out), "seconds": seconds, "frames": frames, "bytes": size} | spawned.to_json())
         else:
-            size = f"{summary['bytes']:,} bytes"
-            print_line(f"{out}: {recorder.time_s:.2f} s, {recorder.frames:,} frames, {size}")
+            print_line(f"{out}: {seconds:.2f} s, {frames:,} frames, {size:,} bytes")
             print_reasons(spawned.reasons)
     return ExitCode.NEGATIVE if spawned.reasons else ExitCode.OK
 
