@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from functools import cached_property
+from itertools import product
 from math import atan2, cos, hypot, inf, pi, sin
 
 import numpy as np
@@ -18,8 +19,9 @@ from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.model import Arm, BaseType, Gripper, RobotJointType
-from mindstage.robots.navigation import plan_base
+from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.planning import plan_arm
+from mindstage.robots.search_limits import SearchLimit
 from mindstage.robots.skills.arm_paths import POSE_JOINTS, ArmPath, follow_poses, interpolated_poses, timed
 from mindstage.robots.skills.declaration import SkillMotion
 from mindstage.robots.skills.grasps import GripperShape
@@ -71,7 +73,7 @@ _PARKING_TESTS = 50_000
 _ROOMS_M = (0.35, 0.5, 0.2)
 """How far the base drives away to give an arm room."""
 _ROOM_TESTS = 10_000
-"""Number of poses that are tested for each direction."""
+"""Number of poses that are tested for ways there."""
 _NEAR_M, _NEAR_RAD = 0.02, 0.04
 """A base that is nearer to where it is to stand does not drive."""
 
@@ -531,19 +533,25 @@ class Manipulator:
         x, y, yaw = self.robot.base_pose()
         error: UnreachableError | None = None
         checker = CollisionChecker(self.robot, joints=self.arm.joints, base_moves=True)
-        for distance in _ROOMS_M:
-            for turn in (pi, 0.75 * pi, -0.75 * pi, pi / 2, -pi / 2):
-                away = (x + distance * cos(yaw + turn), y + distance * sin(yaw + turn), yaw)
-                try:
-                    if (hit := checker.find_at(rest, away)) is not None:
-                        raise UnreachableError(self.robot.name, target="its rest position", reason=f"there {hit}")
-                    path = plan_base(self.robot, away, max_tests=_ROOM_TESTS)
-                except UnreachableError as found:
-                    error = found
-                    continue
-                with self.task.step("drive", f"drive {distance:g} m away to give the arm room"):
-                    self._require((yield from guarded(self.task, self.robot.driving(path))), "move what is in its way")
-                return
+        floor = FloorMap(self.robot)
+        turns = (pi, 0.75 * pi, -0.75 * pi, pi / 2, -pi / 2)
+        places = [
+            (x + distance * cos(yaw + turn), y + distance * sin(yaw + turn), yaw)
+            for distance, turn in product(_ROOMS_M, turns)
+        ]
+        limit = SearchLimit(_ROOM_TESTS)
+        for max_tests, away in product((0, _ROOM_TESTS), places):  # nothing is searched if a straight way is free
+            try:
+                if (hit := checker.find_at(rest, away)) is not None:
+                    raise UnreachableError(self.robot.name, target="its rest position", reason=f"there {hit}")
+                path = plan_base(self.robot, away, max_tests=max_tests, part_of=limit, floor=floor)
+            except UnreachableError as found:
+                error = found
+                continue
+            distance = hypot(away[0] - x, away[1] - y)
+            with self.task.step("drive", f"drive {distance:.2g} m away to give the arm room"):
+                self._require((yield from guarded(self.task, self.robot.driving(path))), "move what is in its way")
+            return
         assert error is not None
         raise error
 

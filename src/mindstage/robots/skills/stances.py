@@ -38,6 +38,8 @@ _STEPS = 60_000
 """Number of iterations of inverse kinematics and tests for collisions after which a search ends."""
 _WAY_TESTS = 30_000
 """Number of poses that the search for a way to a place tests."""
+_NEAR_M = 1.0
+"""Up to this distance from where it is, a place is free that is too small for the disc, but not for the robot itself."""
 _SHUT_IN = 0.5
 """Weight of a path at whose end the base has no way back, as between an open door and a wall."""
 _GOOD_ENOUGH = 0.98
@@ -193,8 +195,8 @@ class _Search:
         """How often the inverse kinematics failed, with the pose of the base among its unknowns, by grasp and pivot."""
         self.blocked = 0
         """Number of places that are not free."""
-        self.iterations = hand.kinematics.iterations
-        """Those before the search."""
+        self.counted = hand.kinematics.iterations
+        """The iterations and tests that the limit has counted, or that were before the search."""
         self.limit = SearchLimit(request.steps)
 
     def find(self) -> Stance:
@@ -276,8 +278,9 @@ class _Search:
 
     def _is_over(self) -> bool:
         """Whether the search has used up its steps."""
-        done = self.hand.kinematics.iterations - self.iterations + self.checker.tests + self.strict.tests
-        self.limit.count(done - self.limit.done)
+        done = self.hand.kinematics.iterations + self.checker.tests + self.strict.tests
+        self.limit.count(done - self.counted)
+        self.counted = done
         return self.limit.is_over
 
     def _failure(self) -> UnreachableError:
@@ -316,7 +319,7 @@ class _Search:
         if not self.moves_base or np.allclose(base, self.here, atol=1e-6):
             return True
         try:
-            plan_base(self.hand.robot, base, max_tests=_WAY_TESTS)
+            plan_base(self.hand.robot, base, max_tests=_WAY_TESTS, part_of=self.limit, floor=self.floor)
         except UnreachableError as error:
             self._count(error.reason, error.shortfall_m)
             return False
@@ -348,12 +351,12 @@ class _Search:
         for distance, bearing in product(distances, _BEARINGS_RAD):
             x = float(target[0] + distance * cos(away + bearing))
             y = float(target[1] + distance * sin(away + bearing))
-            if not self.floor.is_reachable(x, y):
-                self.blocked += 1
-                continue
             facing = atan2(target[1] - y, target[0] - x) - self.hand.side
-            for heading in headings:
-                yield x, y, facing + heading
+            bases = [(x, y, facing + heading) for heading in headings]
+            self._move_joint(0)
+            free = [each for each in bases if self._may_stand(each, self.positions)]
+            self.blocked += not free
+            yield from free
 
     def _other_bases(self, target: Array, floor: FloorMap) -> Iterator[BasePose]:
         """Places anywhere on the free floor around the target, for where most of it is taken."""
@@ -389,9 +392,11 @@ class _Search:
             self.missed[number, pivot] += adjusts
             return None
         root = np.array(found.root_pose)
-        if adjusts and not self._stands_free(hand.base_of(root)):
-            return None
         at_pivot = {**self.positions, **found.positions}
+        self._move_joint(pivot)
+        if adjusts and not self._may_stand(hand.base_of(root), at_pivot):
+            self.blocked += 1
+            return None
         before = self._follow(poses[pivot::-1], root, at_pivot) if pivot else None
         if before is not None and before.reached <= pivot:
             self._count(before.reason, before.shortfall_m)
@@ -436,13 +441,19 @@ class _Search:
             return {name: self.positions[name] for name in gripper.joints}
         return self.hand.fingers_at(0.0 if self.request.is_closed else grasp.opening_m(gripper.max_opening_m))
 
-    def _stands_free(self, base: BasePose) -> bool:
+    def _may_stand(self, base: BasePose, positions: Mapping[str, float]) -> bool:
+        """Whether the base may get to a place: the disc that contains it does, or it is near, and the robot is free there.
+
+        A robot may stand where the disc has no room, as between an open drawer and a chair; how it gets from there to
+        another place is searched with its own shapes (see `plan_base`).
+        """
         if self.floor is None:
             self.floor = FloorMap(self.hand.robot)
         if self.floor.is_reachable(base[0], base[1]):
             return True
-        self.blocked += 1
-        return False
+        if hypot(base[0] - self.here[0], base[1] - self.here[1]) > _NEAR_M:
+            return False
+        return self.checker.find_at(positions, base) is None
 
     def _start(self, at: Array, root: Array, seed: dict[str, float]) -> _Start | None:
         """From where the hand comes on a straight line."""
