@@ -197,6 +197,7 @@ def plan_arm(
     speed: float = 0.6,
     max_tests: int = 40_000,
     cpu_s: float = CPU_S,
+    part_of: SearchLimit | None = None,
     seed: int = 1,
 ) -> JointTrajectory:
     """Plans a motion of an arm to positions of its joints, or to a pose of its gripper, around all obstacles.
@@ -214,6 +215,7 @@ def plan_arm(
         speed: the part of the velocity limits that is used.
         max_tests: number of states that are tested for collisions, after which the search ends.
         cpu_s: processor time after which it ends in any case [s].
+        part_of: the limit of a larger search, in which the tests count, too.
         seed: of the random numbers; the same one gives the same path.
 
     Raises:
@@ -221,7 +223,7 @@ def plan_arm(
         UnreachableError: the target is beyond a limit or in a collision, or no path was found; with the limit, or the
             obstacle that was met most often.
     """
-    limit = SearchLimit(max_tests, cpu_s=cpu_s)
+    limit = SearchLimit(max_tests, cpu_s=cpu_s, part_of=part_of)
     task = _ArmTask(robot, arm, start=start, ignore=ignore, touch=touch, clearance_m=clearance_m, speed=speed)
     goals = _goals(task, target, free)
     for goal in goals[:2]:  # often nothing is in the way

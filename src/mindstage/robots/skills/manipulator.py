@@ -273,7 +273,7 @@ class Manipulator:
         if hypot(base[0] - x, base[1] - y) < _NEAR_M and turn < _NEAR_RAD:
             return
         with self.task.step("drive", f"drive to ({base[0]:.2f}, {base[1]:.2f}) {why}"):
-            path = plan_base(self.robot, base, ignore=ignore)
+            path = plan_base(self.robot, base, ignore=ignore, part_of=self.task.limit)
             speed = 1.0 if self.held is None else _HELD_DRIVE_SPEED
             result = yield from guarded(self.task, self.robot.driving(path, speed=speed))
             self._require(result, "let the robot start from somewhere else, or move what is in its way")
@@ -319,6 +319,7 @@ class Manipulator:
                     clearance_m=clearance_m,
                     speed=_HELD_SPEED if holds else _SPEED,
                     max_tests=max_tests,
+                    part_of=self.task.limit,
                     seed=self.task.seed + 1,
                 )
             except UnreachableError:
@@ -539,7 +540,7 @@ class Manipulator:
             (x + distance * cos(yaw + turn), y + distance * sin(yaw + turn), yaw)
             for distance, turn in product(_ROOMS_M, turns)
         ]
-        limit = SearchLimit(_ROOM_TESTS)
+        limit = SearchLimit(_ROOM_TESTS, part_of=self.task.limit)
         for max_tests, away in product((0, _ROOM_TESTS), places):  # nothing is searched if a straight way is free
             try:
                 if (hit := checker.find_at(rest, away)) is not None:

@@ -197,7 +197,7 @@ class _Search:
         """Number of places that are not free."""
         self.counted = hand.kinematics.iterations
         """The iterations and tests that the limit has counted, or that were before the search."""
-        self.limit = SearchLimit(request.steps)
+        self.limit = SearchLimit(request.steps, part_of=hand.task.limit)
 
     def find(self) -> Stance:
         """See `find_stance`."""
