@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import mindstage as ms
-from mindstage.errors import InvalidArgumentError, UnreachableError
+from mindstage.errors import InvalidArgumentError, SkillFailedError, UnreachableError
+from mindstage.robots.navigation import BasePath, FloorMap, plan_base
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills import (
     SKILLS,
@@ -22,11 +23,13 @@ from mindstage.robots.skills import (
     SkillStep,
     can_open,
     handling,
+    manipulator,
     split_command,
     start_skill,
 )
 from mindstage.robots.skills.arm_paths import interpolated_poses
 from mindstage.robots.skills.declaration import SkillMotion
+from mindstage.robots.skills.doors import moving_front
 from mindstage.robots.skills.front_access import find_front_motion
 from mindstage.robots.skills.manipulator import hands_of
 from mindstage.robots.skills.stances import StanceRequest
@@ -229,6 +232,19 @@ class TestSmallKitchen:
         assert np.hypot(other_x - x, other_y - y) > 0.09 or turn > 0.25
         third = find_front_motion(hand, opening, surroundings, closed, tried=[first, first, first])
         assert third.way is FrontWay.PUSH
+
+    def test_all_searches_of_a_skill_together_are_limited(self, pantry: Simulation) -> None:
+        pantry.joint("Drawer").open(0.5)
+        pantry.step(0.1)
+        task = SkillTask(pantry.robot())
+        surroundings = task.surroundings()
+        opening = surroundings.opening(BodyId("Drawer"))
+        find_front_motion(hands_of(task)[0], opening, surroundings, opening.joint.closed_position)
+        assert task.limit.done > 10
+        task.limit.steps = task.limit.done
+        reason = f"Drawer is 50% open instead of 0%: .* within {task.limit.steps} steps"
+        with pytest.raises(SkillFailedError, match=reason):
+            pantry.robot().run(moving_front(task, opening, 0.0))
 
     def test_a_held_mug_is_set_aside_to_open_the_drawer_that_it_is_put_into(self, pantry: Simulation) -> None:
         robot, mug = pantry.robot(), BodyId("Mug")
@@ -513,6 +529,37 @@ class TestWhatCanBeOpened:
 
 
 class TestArmsThatTakeTheBaseAlong:
+    def test_an_open_drawer_is_closed_from_where_the_disc_around_the_base_has_no_room(self) -> None:
+        with ms.open("bundled:kitchen") as sim:
+            robot = sim.add_robot("stretch", Pose((-0.96, -1.32, 0.0), (0.0119, 0.0, 0.0, 0.99993)))
+            sim.joint("drawer_south_1").open(1.0)  # the robot is between the drawer and a chair
+            sim.step(0.1)
+            floor = FloorMap(robot)
+            assert not len(floor.plan.cells_near(np.tile(robot.base_pose()[:2], (1, 6, 1)), 0.3))
+            task = SkillTask(robot)
+            surroundings = task.surroundings()
+            opening = surroundings.opening(BodyId("drawer_south_1"))
+            motion = find_front_motion(hands_of(task)[0], opening, surroundings, opening.joint.closed_position)
+            assert motion.stance.reach > 0.95
+            assert plan_base(robot, motion.stance.base)
+
+    def test_room_to_fold_the_arm_is_only_searched_if_no_straight_way_is_free(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        searched = list[int]()
+
+        def plan(robot: Robot, goal: tuple[float, float, float], *, max_tests: int, **options: object) -> BasePath:
+            searched.append(max_tests)
+            if goal[1] < 0.3:  # not straight to the left, the fourth direction
+                raise UnreachableError(robot.name, target="there", reason="no way was found")
+            return (goal,)
+
+        monkeypatch.setattr(manipulator, "plan_base", plan)
+        with robot_in() as robot:
+            robot.run(hands_of(SkillTask(robot))[0]._making_room(robot.joint_positions()))
+            assert robot.base_pose()[:2] == pytest.approx((0.0, 0.35), abs=0.02)
+        assert searched == [0] * 4
+
     def test_doors_above_its_lift_are_given_up_at_once(self) -> None:
         with ms.open("bundled:kitchen") as sim:
             robot = sim.add_robot("stretch", Pose((0.9, 0.6, 0.0)))

@@ -49,7 +49,7 @@ class SearchLimit:
 
     @property
     def ended_by_time(self) -> bool:
-        """Whether the processor time has ended the search, or that which it is a part of, before its steps were used up."""
+        """Whether its processor time has ended the search before its steps were used up, or that of the whole one."""
         return self._time_is_over or (self._whole is not None and self._whole.ended_by_time)
 
     def extend(self, steps: int) -> None:

@@ -88,10 +88,8 @@ def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMot
         if abs(before - fraction) <= tolerance:
             return
         if task.limit.is_over:
-            raise task.failure(
-                f"{opening.front} is {before:.0%} open instead of {fraction:.0%}: no way to move it was found {task.limit}",
-                "move what is near it out of the way",
-            )
+            state = f"{opening.front} is {before:.0%} open instead of {fraction:.0%}"
+            raise task.failure(f"{state}: no way to move it was found {task.limit}", "move what is near it away")
         hand = free_hand(task, f"to move {opening.front}")
         target = opening.joint.position_at(fraction)
         try:

@@ -39,7 +39,7 @@ _STEPS = 60_000
 _WAY_TESTS = 30_000
 """Number of poses that the search for a way to a place tests."""
 _NEAR_M = 1.0
-"""Up to this distance from where it is, a place is free that is too small for the disc, but not for the robot itself."""
+"""Up to this distance from where it is, a place is free if the robot has room there, even if its disc has none [m]."""
 _SHUT_IN = 0.5
 """Weight of a path at whose end the base has no way back, as between an open door and a wall."""
 _GOOD_ENOUGH = 0.98
@@ -442,7 +442,7 @@ class _Search:
         return self.hand.fingers_at(0.0 if self.request.is_closed else grasp.opening_m(gripper.max_opening_m))
 
     def _may_stand(self, base: BasePose, positions: Mapping[str, float]) -> bool:
-        """Whether the base may get to a place: the disc that contains it does, or it is near, and the robot is free there.
+        """Whether the base may get to a place: the disc around it does, or it is near, and the robot has room there.
 
         A robot may stand where the disc has no room, as between an open drawer and a chair; how it gets from there to
         another place is searched with its own shapes (see `plan_base`).
