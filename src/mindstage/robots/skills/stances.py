@@ -205,7 +205,7 @@ class _Search:
         for seed, pivot in product(self._seeds(), self._pivots()):
             self.pivot = pivot
             best = self._find_from(seed, best)
-            if self.limit.is_over or (best is not None and best.reach >= self.request.enough):
+            if self._is_over() or (best is not None and best.reach >= self.request.enough):
                 break
         if best is None:
             raise self._failure()
