@@ -242,7 +242,7 @@ class TestSmallKitchen:
         find_front_motion(hands_of(task)[0], opening, surroundings, opening.joint.closed_position)
         assert task.limit.done > 10
         task.limit.steps = task.limit.done
-        reason = f"Drawer is 50% open instead of 0%: .* within {task.limit.steps} steps"
+        reason = f"Drawer is 5.% open instead of 0%: .* within {task.limit.steps} steps"
         with pytest.raises(SkillFailedError, match=reason):
             pantry.robot().run(moving_front(task, opening, 0.0))
 
