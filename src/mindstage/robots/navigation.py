@@ -60,7 +60,12 @@ class FloorMap:
     """Where the base of a robot can stand, and which way leads there; a copy of the present state."""
 
     def __init__(
-        self, robot: MotionRobot, *, ignore: Collection[BodyId] = (), moved: Mapping[BodyId, Pose] | None = None
+        self,
+        robot: MotionRobot,
+        *,
+        ignore: Collection[BodyId] = (),
+        moved: Mapping[BodyId, Pose] | None = None,
+        start: tuple[float, float, float] | None = None,
     ) -> None:
         """Computes the free floor for a disc around the base.
 
@@ -68,6 +73,7 @@ class FloorMap:
             robot: the robot.
             ignore: bodies that are no obstacles.
             moved: poses of bodies that are to be somewhere else than now, such as a door that will be open.
+            start: where the base is to be: x, y [m] and yaw [rad] in the world frame; None for where it is now.
         """
         self.robot = robot
         session, base = robot.session, robot.model.base
@@ -97,7 +103,7 @@ class FloorMap:
             floor=[row for row, body in enumerate(bodies) if body.id in slabs],
             ignored=[row for row, body in enumerate(bodies) if body.id in left_out],
         )
-        self.start = robot.base_pose()
+        self.start = start or robot.base_pose()
         self._has_floor = bool(slabs)
 
     def is_floor(self, x: float, y: float) -> bool:
@@ -170,6 +176,7 @@ def plan_base(
     cpu_s: float = CPU_S,
     part_of: SearchLimit | None = None,
     floor: FloorMap | None = None,
+    joints: Mapping[BodyId, float] | None = None,
     seed: int = 1,
 ) -> BasePath:
     """Plans a way of the base around all obstacles.
@@ -182,7 +189,9 @@ def plan_base(
         max_tests: number of poses that are tested for collisions before the search ends.
         cpu_s: processor time after which it ends in any case [s].
         part_of: the limit of a larger search, in which the tests count, too.
-        floor: the free floor of the present state without `ignore`, if it is known.
+        floor: the free floor without `ignore`, if it is known; the way begins at its start.
+        joints: positions of joints of the place that are to be somewhere else than now; see
+            `CollisionChecker.set_joint`.
         seed: of the random numbers; the same one gives the same path.
 
     Returns:
@@ -198,6 +207,8 @@ def plan_base(
         raise InvalidArgumentError("goal", cause=cause, remedy=remedy)
     limit = SearchLimit(max_tests, cpu_s=cpu_s, part_of=part_of)
     way = _Way(robot, goal, ignore, clearance_m, floor or FloorMap(robot, ignore=ignore), limit)
+    for joint, position in (joints or {}).items():
+        way.checker.set_joint(joint, position)
     way.check_goal()
     if way.first_obstacle([way.goal]) is None:
         return (way.goal,)
@@ -236,7 +247,7 @@ class _Way:
         limit: SearchLimit,
     ) -> None:
         self.robot, self.floor, self.limit = robot, floor, limit
-        self.start = robot.base_pose()
+        self.start = floor.start
         self.goal = (float(goal[0]), float(goal[1]), self.start[2] + _wrapped(goal[2] - self.start[2]))
         self.is_differential = robot.model.base.type is BaseType.DIFFERENTIAL
         self.checker = CollisionChecker(robot, joints=(), base_moves=True, ignore=ignore, clearance_m=clearance_m)

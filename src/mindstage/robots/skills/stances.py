@@ -18,8 +18,8 @@ from mindstage.robots.search_limits import SearchLimit
 from mindstage.robots.skills.arm_paths import LINE_STEP_M, POSE_JOINTS, ArmPath, follow_poses, interpolated_poses
 from mindstage.robots.skills.grasps import Grasp
 from mindstage.robots.skills.manipulator import BasePose, Manipulator
-from mindstage.scene import BodyId, Pose
-from mindstage.scene.transforms import Array, pose_multiply, quat_rotate
+from mindstage.scene import BodyId
+from mindstage.scene.transforms import Array, pose_from_array, pose_multiply, quat_rotate
 
 __all__ = ["Stance", "StanceRequest", "find_stance"]
 
@@ -42,6 +42,8 @@ _NEAR_M = 1.0
 """Up to this distance from where it is, a place is free if the robot has room there, even if its disc has none [m]."""
 _SHUT_IN = 0.5
 """Weight of a path at whose end the base has no way back, as between an open door and a wall."""
+_EXITS = 8
+"""Number of places on a path from which the way back of the base is looked for."""
 _GOOD_ENOUGH = 0.98
 """Part of the path beyond which no better stance is looked for."""
 _IK_ATTEMPTS, _ADJUSTED_IK_ATTEMPTS = 5, 3
@@ -85,6 +87,8 @@ class Stance(NamedTuple):
     """The motion along it, as it was tested."""
     part: float
     """As `reach`, which is less where the base would be shut in at the end."""
+    count: int
+    """Number of poses of the path after which the motion is to end: then the base can still drive away."""
 
 
 class StanceRequest(NamedTuple):
@@ -108,8 +112,8 @@ class StanceRequest(NamedTuple):
     """The joint of a door or drawer that moves with the target."""
     joint_positions: Sequence[float] = ()
     """Its positions along the path [m or rad]."""
-    moved: Mapping[BodyId, Pose] = {}
-    """Where the door or drawer and its parts are at the end of the path."""
+    moved: Mapping[BodyId, Array] = {}
+    """Where a door that may shut in the base, and its parts, are along the path: n x 7 poses in the world frame."""
     touched: Sequence[BodyId] = ()
     """Bodies that the hand, or what it holds, may touch."""
     least: float = 0.3
@@ -134,7 +138,7 @@ def find_stance(hand: Manipulator, request: StanceRequest, floor: FloorMap | Non
     Args:
         hand: the arm.
         request: what is to be done.
-        floor: the free floor, if it is known.
+        floor: the free floor, if it is known; the base is at its start.
 
     Raises:
         UnreachableError: there is none.
@@ -154,9 +158,9 @@ class _Search:
     def __init__(self, hand: Manipulator, request: StanceRequest, floor: FloorMap | None) -> None:
         self.hand, self.request, self.floor = hand, request, floor
         robot = hand.robot
-        self.later: FloorMap | None = None
-        """The free floor after the path."""
-        self.here = robot.base_pose()
+        self.later: dict[int, FloorMap] = {}
+        """The free floor when the door or drawer has been moved, by the pose of the path."""
+        self.here = robot.base_pose() if floor is None else floor.start
         self.positions = robot.joint_positions()
         self.holds = hand.held is not None
         self.moves_base = hand.is_mobile and not request.stays
@@ -330,7 +334,14 @@ class _Search:
         if not self.moves_base or self.hand.is_at(base):
             return True
         try:
-            plan_base(self.hand.robot, base, max_tests=_WAY_TESTS, part_of=self.limit, floor=self.floor)
+            plan_base(
+                self.hand.robot,
+                base,
+                max_tests=_WAY_TESTS,
+                part_of=self.limit,
+                floor=self.floor,
+                joints=self._joint_at(0),
+            )
         except UnreachableError as error:
             self._count(error.reason, error.shortfall_m)
             return False
@@ -429,21 +440,38 @@ class _Search:
             self._exclude(number, grasp)
             self._count(path.reason or "the robot would touch something on the way", path.shortfall_m)
             return None
-        has_way_back = self._has_way_back(hand.base_of(path.roots[path.reached - 1]))
-        worth = reach if has_way_back else _SHUT_IN * reach
-        return Stance(start.base, grasp, number, start.positions, worth, start.back_m, path.reason, path, reach)
+        count, exit_count = len(request.poses), self._count_with_exit(path, reach)
+        stance = Stance(
+            start.base, grasp, number, start.positions, reach, start.back_m, path.reason, path, reach, count
+        )
+        if exit_count is None:
+            return stance
+        cut = (exit_count - 1) / max(count - 1, 1)
+        if reach >= _GOOD_ENOUGH or cut < max(_SHUT_IN * reach, request.least):
+            return stance._replace(reach=_SHUT_IN * reach)
+        why = "the base would be shut in farther on"
+        return stance._replace(reach=cut, part=cut, why=why, count=exit_count)
 
     def _follow(self, poses: Array, root: Array, seed: Mapping[str, float]) -> ArmPath:
         hand = self.hand
         return follow_poses(hand.kinematics, hand.arm, poses, root=root, seed=seed, may_drive=self.moves_base)
 
-    def _has_way_back(self, base: BasePose) -> bool:
-        """Whether the base is not shut in when the door or drawer has been moved."""
+    def _count_with_exit(self, path: ArmPath, reach: float) -> int | None:
+        """The number of poses after which the base can drive away, if it is shut in at the end of a path; else None."""
         if not self.moves_base or not self.request.moved:
-            return True
-        if self.later is None:
-            self.later = FloorMap(self.hand.robot, moved=self.request.moved)
-        return self.later.is_reachable(base[0], base[1])
+            return None
+        last = round(reach * (len(self.request.poses) - 1))
+        for row in range(last, -1, -max(last // _EXITS, 1)):
+            if self._has_exit(row, self.hand.base_of(path.roots[row])):
+                return None if row == last else row + 1
+        return 0
+
+    def _has_exit(self, row: int, base: BasePose) -> bool:
+        """Whether the base is not shut in when the door has been moved to a pose of the path."""
+        if row not in self.later:
+            moved = {id: pose_from_array(poses[row]) for id, poses in self.request.moved.items()}
+            self.later[row] = FloorMap(self.hand.robot, moved=moved, start=self.here)
+        return self.later[row].is_reachable(base[0], base[1])
 
     def _fingers(self, grasp: Grasp) -> dict[str, float]:
         """Positions of the fingers on the way to a grasp; those of now if something is held."""
@@ -523,10 +551,14 @@ class _Search:
                 return max(row - _CHECKED_EVERY, 0) / max(count - 1, 1)
         return 1.0 if count == 1 and path.reached else (path.reached - 1) / max(count - 1, 1)
 
+    def _joint_at(self, row: int) -> dict[BodyId, float]:
+        """The position of the joint that moves with the target at a pose of the path; empty without one."""
+        return {} if self.request.joint is None else {self.request.joint: self.request.joint_positions[row]}
+
     def _move_joint(self, row: int) -> None:
-        if self.request.joint is not None:
+        for joint, position in self._joint_at(row).items():
             for checker in (self.checker, self.strict) if row == 0 else (self.checker,):
-                checker.set_joint(self.request.joint, self.request.joint_positions[row])
+                checker.set_joint(joint, position)
 
     def _count(self, reason: str, shortfall_m: float | None = None) -> None:
         self.reasons[reason] += 1
