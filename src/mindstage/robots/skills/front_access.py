@@ -440,7 +440,7 @@ class _FrontSearch:
         opening_m = 0.0 if way is FrontWay.PUSH else grasp.opening_m(hand.gripper.max_opening_m)
         fingers = hand.fingers_at(opening_m)
         for back in (0.0, 0.5, 1.0):
-            length = back * BACK_M[way is not FrontWay.EDGE]
+            length = back * min(BACK_M[way is not FrontWay.EDGE], hand.distance_before(at))
             place = pose_multiply(at, np.array([-length, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
             if (hit := checker.find(place, fingers, strictly=True)) is not None:
                 return hit

@@ -28,7 +28,15 @@ from mindstage.robots.skills.grasps import GripperShape
 from mindstage.robots.skills.task import SkillTask
 from mindstage.robots.trajectories import JointTrajectory
 from mindstage.scene import BodyId
-from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, quat_conjugate, quat_multiply, quat_rotate
+from mindstage.scene.transforms import (
+    Array,
+    pose_inverse,
+    pose_multiply,
+    quat_angle,
+    quat_conjugate,
+    quat_multiply,
+    quat_rotate,
+)
 
 __all__ = [
     "WITHDRAWING_FREE",
@@ -76,6 +84,11 @@ _GUARD_S = 0.012
 """Simulated time between two looks at the contacts [s]."""
 _GRIP_FORCES = (1.0, 0.7, 0.5)
 """Fractions of the force with which the fingers close, until they are not pressed too deep; the last one has to do."""
+_FOLDED = 0.02
+"""An arm whose joints are all nearer to their rest positions is folded [m or rad]."""
+_ON_LINE_M, _ON_LINE_RAD = 0.01, 0.1
+"""A hand that is nearer to the straight line to a grasp is on it."""
+_NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 _MAX_DEPTH_M = 0.003
 """A motion ends when a part of the robot is pressed deeper than this into something."""
 _DEEPER_M = 0.0005
@@ -242,6 +255,31 @@ class Manipulator:
         return self.robot.grasp_pose(self.gripper.name)
 
     @property
+    def rest_positions(self) -> dict[str, float]:
+        """The positions of the folded arm [m or rad]; empty if it has none."""
+        return dict(zip(self.arm.joints, self.arm.rest_positions, strict=False))
+
+    @property
+    def is_folded(self) -> bool:
+        """Whether the arm is folded, or cannot be."""
+        now = self.robot.joint_positions()
+        return all(abs(now[name] - position) < _FOLDED for name, position in self.rest_positions.items())
+
+    def distance_before(self, at: Array) -> float:
+        """How far the hand is in front of a grasp if it is on the straight line to it [m]; infinite if it is not.
+
+        It may be in front of a handle that it has moved before, where it has no room to withdraw any farther.
+
+        Args:
+            at: the pose of the grasp frame at the grasp, in the world frame.
+        """
+        offset = pose_multiply(pose_inverse(at), self.grasp_pose)
+        turn = float(quat_angle(offset[3:], _NO_TURN))
+        if offset[0] > _ON_LINE_M or np.hypot(*offset[1:3]) > _ON_LINE_M or turn > _ON_LINE_RAD:
+            return inf
+        return max(-float(offset[0]), 0.0)
+
+    @property
     def held(self) -> BodyId | None:
         """What the gripper holds."""
         return self.robot.held.get(self.gripper.name)
@@ -272,6 +310,12 @@ class Manipulator:
 
     # -- base --------------------------------------------------------------------------------------------------------
 
+    def is_at(self, base: BasePose) -> bool:
+        """Whether the base is so near to a place that it does not drive there."""
+        x, y, yaw = self.robot.base_pose()
+        turn = abs((base[2] - yaw + np.pi) % (2 * np.pi) - np.pi)
+        return hypot(base[0] - x, base[1] - y) < _NEAR_M and turn < _NEAR_RAD
+
     def driving_to(self, base: BasePose, *, why: str, ignore: Collection[BodyId] = ()) -> SkillMotion:
         """Drives on a free path; does nothing if it is there.
 
@@ -280,9 +324,7 @@ class Manipulator:
             why: what for, for the report.
             ignore: bodies that are no obstacles.
         """
-        x, y, yaw = self.robot.base_pose()
-        turn = abs((base[2] - yaw + np.pi) % (2 * np.pi) - np.pi)
-        if hypot(base[0] - x, base[1] - y) < _NEAR_M and turn < _NEAR_RAD:
+        if self.is_at(base):
             return
         with self.task.step("drive", f"drive to ({base[0]:.2f}, {base[1]:.2f}) {why}"):
             path = plan_base(self.robot, base, ignore=ignore, part_of=self.task.limit)
@@ -528,12 +570,9 @@ class Manipulator:
 
     def parking(self, *, touch: Collection[BodyId] = ()) -> SkillMotion:
         """Folds the arm."""
-        rest = dict(zip(self.arm.joints, self.arm.rest_positions, strict=False))
-        if not rest:
+        if self.is_folded:
             return
-        now = self.robot.joint_positions()
-        if all(abs(now[name] - position) < 0.02 for name, position in rest.items()):
-            return
+        rest = self.rest_positions
         try:
             yield from self.moving_to(rest, why="to its rest position", touch=touch, max_tests=_PARKING_TESTS)
         except UnreachableError:

@@ -16,7 +16,7 @@ from mindstage.robots.collisions import Collision, CollisionChecker, links_behin
 from mindstage.robots.kinematics import BASE_JOINTS
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.search_limits import SearchLimit
-from mindstage.robots.skills.arm_paths import POSE_JOINTS, ArmPath, follow_poses, interpolated_poses
+from mindstage.robots.skills.arm_paths import LINE_STEP_M, POSE_JOINTS, ArmPath, follow_poses, interpolated_poses
 from mindstage.robots.skills.grasps import Grasp
 from mindstage.robots.skills.manipulator import WITHDRAWING_FREE, BasePose, Manipulator
 from mindstage.scene import BodyId
@@ -207,7 +207,7 @@ class _Search:
     def find(self) -> Stance:
         """See `find_stance`."""
         best: Stance | None = None
-        for seed, pivot in product(self._seeds(), self._pivots()):
+        for seed, pivot in self._begins():
             self.pivot = pivot
             best = self._find_from(seed, best)
             if self._is_over() or (best is not None and best.reach >= self.request.enough):
@@ -217,6 +217,16 @@ class _Search:
         if self.limit.ended_by_time:
             self.hand.task.assume(f"no better stance to reach {self.request.target} was found {self.limit}")
         return best
+
+    def _begins(self) -> Iterator[tuple[dict[str, float], int]]:
+        """Positions of the arm and numbers of poses of the path from which inverse kinematics starts.
+
+        Where an arm cannot be folded, it may be in front of what it has moved before, and only move it back: so the
+        first pose is solved from how the arm is.
+        """
+        if self.adjusts and not self.hand.is_folded:
+            yield self.positions, 0
+        yield from product(self._seeds(), self._pivots())
 
     def _pivots(self) -> Sequence[int]:
         """The poses of the path for which inverse kinematics is solved first.
@@ -246,7 +256,8 @@ class _Search:
 
     def _find_from(self, seed: Mapping[str, float], best: Stance | None) -> Stance | None:
         """The best stance, or the best of those before, with arms near to some positions."""
-        for base in self._bases():
+        stays = self.adjusts and seed is self.positions  # they belong to the place where the base is
+        for base in (self.here,) if stays else self._bases():
             if self._is_avoided(base):
                 continue
             for number, grasp in self._possible_grasps():
@@ -321,7 +332,7 @@ class _Search:
         return f"{reason}; no other stance was found {self.limit}" if self.limit.ended_by_time else reason
 
     def _can_drive_to(self, base: BasePose) -> bool:
-        if not self.moves_base or np.allclose(base, self.here, atol=1e-6):
+        if not self.moves_base or self.hand.is_at(base):
             return True
         try:
             plan_base(
@@ -530,13 +541,13 @@ class _Search:
         )
         last = -1
         for row in range(approach.reached):
-            if (row % 2 == 0 or row == approach.reached - 1) and self._hits(
-                approach.at(row), self.hand.base_of(approach.roots[row]), strictly=True
-            ):
+            if row % 2 and row < approach.reached - 1:
+                continue
+            if self._hits(approach.at(row), self.hand.base_of(approach.roots[row]), strictly=True):
                 break
             last = row
         length = wanted * max(last - len(rise), 0) / max(len(line) - 1, 1)
-        if last < len(rise) or length < request.back_m - 1e-6:
+        if last < len(rise) or length < min(request.back_m, self.hand.distance_before(above) - LINE_STEP_M) - 1e-6:
             if last == approach.reached - 1:  # else the collision was counted
                 self._count(approach.reason or "the hand has no straight way to it", approach.shortfall_m)
             return None
