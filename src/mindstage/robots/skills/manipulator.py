@@ -73,9 +73,9 @@ _CHECKED_EVERY = 2
 """Of the poses of a path, every second one is tested for collisions."""
 _WITHDRAWING_MPS = 0.12
 """Speed of a hand that withdraws [m/s]: a door that its fingers drag along may come against the base."""
-WITHDRAWING_FREE = ("", "z")
-"""Axes of the grasp frame about which a hand may turn that withdraws: none, or else the bar that was between its
-fingers, for arms with few joints."""
+WITHDRAWING_FREE = ("", "z", "yz")
+"""Axes of the grasp frame about which a hand may turn that withdraws: none, else the bar that was between its fingers,
+else also the direction in which they close: arms with few joints do not keep the direction of the hand everywhere."""
 _FOLLOWING_SPEED = 0.15
 """Fraction of its velocity limits with which a base moves along with an arm."""
 _EMPTY_M = 0.003
