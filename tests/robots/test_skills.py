@@ -37,7 +37,7 @@ from mindstage.robots.skills.surroundings import Opening, Surroundings
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId, Iri, Mobility, Pose, World
 from mindstage.scene.geometry import BodyGeometry, CollisionShape, CollisionShapeType
-from mindstage.scene.transforms import quat_rotate
+from mindstage.scene.transforms import pose_from_array, pose_inverse, pose_multiply, quat_rotate
 from mindstage.simulation import Simulation
 from tests.kitchenette import kitchenette
 from tests.robots.rooms import box, robot_in
@@ -232,6 +232,16 @@ class TestSmallKitchen:
         assert np.hypot(other_x - x, other_y - y) > 0.09 or turn > 0.25
         third = find_front_motion(hand, opening, surroundings, closed, tried=[first, first, first])
         assert third.way is FrontWay.PUSH
+
+    def test_a_way_is_planned_from_where_the_base_will_be_with_a_front_where_it_will_be(
+        self, pantry: Simulation
+    ) -> None:
+        robot, drawer = pantry.robot(), pantry.joint("Drawer")
+        assert plan_base(robot, (1.1, 0.0, 0.0)) == ((1.1, 0.0, 0.0),)
+        with pytest.raises(UnreachableError, match=r"inside Drawer"):
+            plan_base(robot, (1.1, 0.0, 0.0), joints={drawer.id: drawer.open_position})
+        floor = FloorMap(robot, start=(0.6, 0.0, 3.0))
+        assert plan_base(robot, (0.6, 0.5, -3.0), floor=floor)[-1] == pytest.approx((0.6, 0.5, 2 * np.pi - 3.0))
 
     def test_all_searches_of_a_skill_together_are_limited(self, pantry: Simulation) -> None:
         pantry.joint("Drawer").open(0.5)
@@ -578,6 +588,31 @@ class TestArmsThatTakeTheBaseAlong:
             robot.run(hands_of(SkillTask(robot))[0]._making_room(robot.joint_positions()))
             assert robot.base_pose()[:2] == pytest.approx((0.0, 0.35), abs=0.02)
         assert searched == [0] * 4
+
+    def test_a_hand_withdraws_that_its_drawn_in_arm_cannot_keep_straight(self) -> None:
+        with robot_in(robot="stretch") as robot:
+            hand = hands_of(SkillTask(robot))[0]
+            robot.run(robot.moving_to({"joint_arm_l3": 0.0, "joint_wrist_yaw": 0.8}))
+            before = hand.grasp_pose
+            back = interpolated_poses(before, pose_multiply(before, np.array([-0.1, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])))
+            assert hand.path(back, may_drive=True).reached < 2
+            robot.run(hand.withdrawing(0.1))
+            away = pose_multiply(pose_inverse(before), hand.grasp_pose)[:3]
+            assert away == pytest.approx((-0.1, 0.0, 0.0), abs=0.02)
+
+    def test_a_door_is_opened_only_as_far_as_the_base_can_still_drive_away(self) -> None:
+        """Beside the door that it pulls towards itself there are walls: farther on, it could not get out."""
+        with ms.open("bundled:kitchen") as sim:
+            robot = sim.add_robot("stretch", Pose((0.9, 0.6, 0.0)))
+            task = SkillTask(robot)
+            hand, surroundings = hands_of(task)[0], task.surroundings()
+            door = surroundings.opening(BodyId("room_door"))
+            motion = find_front_motion(hand, door, surroundings, door.joint.open_position)
+            row, path = motion.end_row, motion.stance.path
+            assert motion.stance.count == row + 1 < path.reached
+            moved = {door.front: door.joint.pose_at(motion.end), motion.body: pose_from_array(motion.poses[row])}
+            x, y, _ = hand.base_of(path.roots[row])
+            assert FloorMap(robot, moved=moved).is_reachable(x, y)
 
     def test_doors_above_its_lift_are_given_up_at_once(self) -> None:
         with ms.open("bundled:kitchen") as sim:

@@ -333,7 +333,7 @@ class _FrontSearch:
         return pose_multiply(self._front_at(position), self.handle_in_front)
 
     def _moved_door(self) -> dict[BodyId, Array]:
-        """Where a door with a vertical axis, which may shut in the base, and its handle are along the path; else empty."""
+        """Where a door with a vertical axis, which may shut in the base, and its handle are on the path; else empty."""
         if self.opening.joint.is_prismatic or not self.is_level:
             return {}
         return {self.opening.front: self.fronts, self.handle: self.handles}

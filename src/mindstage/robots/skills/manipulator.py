@@ -38,7 +38,17 @@ from mindstage.scene.transforms import (
     quat_rotate,
 )
 
-__all__ = ["BasePose", "Manipulator", "free_hand", "guarded", "hand_with", "hands_of", "is_near", "planar_pose"]
+__all__ = [
+    "WITHDRAWING_FREE",
+    "BasePose",
+    "Manipulator",
+    "free_hand",
+    "guarded",
+    "hand_with",
+    "hands_of",
+    "is_near",
+    "planar_pose",
+]
 
 BasePose = tuple[float, float, float]
 """x, y [m] and yaw [rad] in the world frame."""
@@ -64,6 +74,9 @@ _CHECKED_EVERY = 2
 """Of the poses of a path, every second one is tested for collisions."""
 _WITHDRAWING_MPS = 0.12
 """Speed of a hand that withdraws [m/s]: a door that its fingers drag along may come against the base."""
+WITHDRAWING_FREE = ("", "z", "yz")
+"""Axes of the grasp frame about which a hand may turn that withdraws: none, else the bar that was between its fingers,
+else also the direction in which they close: arms with few joints do not keep the direction of the hand everywhere."""
 _FOLLOWING_SPEED = 0.15
 """Fraction of its velocity limits with which a base moves along with an arm."""
 _EMPTY_M = 0.003
@@ -389,13 +402,21 @@ class Manipulator:
     def withdrawing(self, length_m: float, *, touch: Collection[BodyId] = ()) -> SkillMotion:
         """Moves the grasp frame straight back, as far as the arm and the base follow, or until a contact.
 
+        A hand that cannot keep its direction turns about what was between its fingers.
+
         Args:
             length_m: how far, against its x axis.
             touch: bodies that the gripper may touch.
         """
         target = pose_multiply(self.grasp_pose, np.array([-length_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
-        path = self.path(interpolated_poses(self.grasp_pose, target), may_drive=self.is_mobile)
-        path = self.free_part(path, touch=touch)
+        poses = interpolated_poses(self.grasp_pose, target)
+        path: ArmPath | None = None
+        for free in WITHDRAWING_FREE:
+            found = self.free_part(self.path(poses, free=free, may_drive=self.is_mobile), touch=touch)
+            path = found if path is None else max(path, found, key=lambda each: each.reached)
+            if path.reached == len(poses):
+                break
+        assert path is not None
         if path.reached >= 2:
             yield from self.following(path, speed=0.3, cartesian_speed=_WITHDRAWING_MPS)
 

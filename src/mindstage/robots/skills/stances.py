@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from itertools import product
 from math import atan2, cos, hypot, pi, sin
 from typing import NamedTuple
@@ -17,7 +18,7 @@ from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.search_limits import SearchLimit
 from mindstage.robots.skills.arm_paths import LINE_STEP_M, POSE_JOINTS, ArmPath, follow_poses, interpolated_poses
 from mindstage.robots.skills.grasps import Grasp
-from mindstage.robots.skills.manipulator import BasePose, Manipulator, is_near
+from mindstage.robots.skills.manipulator import WITHDRAWING_FREE, BasePose, Manipulator, is_near
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_from_array, pose_multiply, quat_rotate
 
@@ -41,9 +42,9 @@ _WAY_TESTS = 30_000
 _NEAR_M = 1.0
 """Up to this distance from where it is, a place is free if the robot has room there, even if its disc has none [m]."""
 _SHUT_IN = 0.5
-"""Weight of a path at whose end the base has no way back, as between an open door and a wall."""
+"""Weight of a path at whose end the hand does not come off, or the base is shut in, as between a door and a wall."""
 _EXITS = 8
-"""Number of places on a path from which the way back of the base is looked for."""
+"""Number of places on a path from which the way back is looked for."""
 _GOOD_ENOUGH = 0.98
 """Part of the path beyond which no better stance is looked for."""
 _IK_ATTEMPTS, _ADJUSTED_IK_ATTEMPTS = 5, 3
@@ -86,9 +87,9 @@ class Stance(NamedTuple):
     path: ArmPath
     """The motion along it, as it was tested."""
     part: float
-    """As `reach`, which is less where the base would be shut in at the end."""
+    """As `reach`, which is less where the robot has no way back at the end."""
     count: int
-    """Number of poses of the path after which the motion is to end: then the base can still drive away."""
+    """Number of poses of the path after which the motion is to end: the robot still has a way back there."""
 
 
 class StanceRequest(NamedTuple):
@@ -440,38 +441,67 @@ class _Search:
             self._exclude(number, grasp)
             self._count(path.reason or "the robot would touch something on the way", path.shortfall_m)
             return None
-        count, exit_count = len(request.poses), self._count_with_exit(path, reach)
+        count = len(request.poses)
         stance = Stance(
             start.base, grasp, number, start.positions, reach, start.back_m, path.reason, path, reach, count
         )
-        if exit_count is None:
+        return self._with_exit(stance, poses) if request.joint is not None else stance
+
+    def _with_exit(self, stance: Stance, poses: Array) -> Stance:
+        """A stance whose path ends where the robot can still get away from what it has moved, if there is such a place.
+
+        Args:
+            stance: the stance.
+            poses: n x 7: poses of the grasp frame along the path.
+        """
+        count = len(poses)
+        last = round(stance.reach * (count - 1))
+        rows = range(last, -1, -max(last // _EXITS, 1))
+        # The motion may end a little earlier, so that there has to be a way back from there, too.
+        has_exit = cache(lambda row: self._has_exit(stance, poses[row], row))
+        row = next((row for row in rows if has_exit(row) and has_exit(max(row - 1, 0))), 0)
+        cut = row / max(count - 1, 1)
+        if row == last:
             return stance
-        cut = (exit_count - 1) / max(count - 1, 1)
-        if reach >= _GOOD_ENOUGH or cut < max(_SHUT_IN * reach, request.least):
-            return stance._replace(reach=_SHUT_IN * reach)
-        why = "the base would be shut in farther on"
-        return stance._replace(reach=cut, part=cut, why=why, count=exit_count)
+        if stance.reach >= _GOOD_ENOUGH or cut < max(_SHUT_IN * stance.reach, self.request.least):
+            return stance._replace(reach=_SHUT_IN * stance.reach)
+        why = "the robot would be shut in farther on, or its hand would not come off"
+        return stance._replace(reach=cut, part=cut, why=why, count=row + 1)
 
-    def _follow(self, poses: Array, root: Array, seed: Mapping[str, float]) -> ArmPath:
-        hand = self.hand
-        return follow_poses(hand.kinematics, hand.arm, poses, root=root, seed=seed, may_drive=self.moves_base)
+    def _has_exit(self, stance: Stance, at: Array, row: int) -> bool:
+        """Whether the hand comes off, and the base can drive away, when the path is followed up to one of its poses.
 
-    def _count_with_exit(self, path: ArmPath, reach: float) -> int | None:
-        """The number of poses after which the base can drive away, if it is shut in at the end of a path; else None."""
-        if not self.moves_base or not self.request.moved:
-            return None
-        last = round(reach * (len(self.request.poses) - 1))
-        for row in range(last, -1, -max(last // _EXITS, 1)):
-            if self._has_exit(row, self.hand.base_of(path.roots[row])):
-                return None if row == last else row + 1
-        return 0
-
-    def _has_exit(self, row: int, base: BasePose) -> bool:
-        """Whether the base is not shut in when the door has been moved to a pose of the path."""
+        Args:
+            stance: the stance.
+            at: that pose of the grasp frame.
+            row: its number.
+        """
+        hand, path = self.hand, stance.path
+        self._move_joint(row)
+        back = interpolated_poses(at, pose_multiply(at, np.array([-self.request.back_m, 0, 0, 1.0, 0, 0, 0])))
+        seed, root = {**self.positions, **path.at(row)}, path.roots[row]
+        ways = (self._follow(back, root, seed, free=free) for free in WITHDRAWING_FREE)
+        way = next((each for each in ways if self._comes_off(each, self._fingers(stance.grasp))), None)
+        if way is None or not self.moves_base or not self.request.moved:
+            return way is not None
         if row not in self.later:
-            moved = {id: pose_from_array(poses[row]) for id, poses in self.request.moved.items()}
-            self.later[row] = FloorMap(self.hand.robot, moved=moved, start=self.here)
-        return self.later[row].is_reachable(base[0], base[1])
+            moved = {id: pose_from_array(each[row]) for id, each in self.request.moved.items()}
+            self.later[row] = FloorMap(hand.robot, moved=moved, start=self.here)
+        x, y, _ = hand.base_of(way.roots[-1])
+        return self.later[row].is_reachable(x, y)
+
+    def _comes_off(self, way: ArmPath, fingers: Mapping[str, float]) -> bool:
+        """Whether the hand can withdraw on a way, with its fingers open."""
+
+        def is_free(row: int) -> bool:
+            base = self.hand.base_of(way.roots[row]) if self.moves_base else None
+            return self.checker.find_at({**way.at(row), **fingers}, base) is None
+
+        return way.is_complete and all(is_free(row) for row in range(1, way.reached))
+
+    def _follow(self, poses: Array, root: Array, seed: Mapping[str, float], *, free: str = "") -> ArmPath:
+        hand, drives = self.hand, self.moves_base
+        return follow_poses(hand.kinematics, hand.arm, poses, root=root, seed=seed, free=free, may_drive=drives)
 
     def _fingers(self, grasp: Grasp) -> dict[str, float]:
         """Positions of the fingers on the way to a grasp; those of now if something is held."""
@@ -545,10 +575,12 @@ class _Search:
     def _free_part(self, path: ArmPath) -> float:
         """The part of a path that is followed without collisions."""
         count = len(self.request.poses)
-        for row in range(0, path.reached, _CHECKED_EVERY):
+        free = 0
+        for row in (*range(0, path.reached - 1, _CHECKED_EVERY), path.reached - 1):
             self._move_joint(row)
             if self._hits(path.at(row), self.hand.base_of(path.roots[row])):
-                return max(row - _CHECKED_EVERY, 0) / max(count - 1, 1)
+                return free / max(count - 1, 1)
+            free = row
         return 1.0 if count == 1 and path.reached else (path.reached - 1) / max(count - 1, 1)
 
     def _joint_at(self, row: int) -> dict[BodyId, float]:
