@@ -73,8 +73,8 @@ _CHECKED_EVERY = 2
 _WITHDRAWING_MPS = 0.12
 """Speed of a hand that withdraws [m/s]: a door that its fingers drag along may come against the base."""
 _WITHDRAWING_FREE = {True: ("", "z", "yz"), False: ("",)}
-"""Axes of the grasp frame about which a hand may turn that withdraws, of an arm that needs the base and of others: none,
-else the bar that was between its fingers, else also the direction in which they close."""
+"""Axes of the grasp frame about which a hand may turn that withdraws, if its arm needs the base, and if not: none, else
+the bar that was between its fingers, else also the direction in which they close."""
 _FOLLOWING_SPEED = 0.15
 """Fraction of its velocity limits with which a base moves along with an arm."""
 _EMPTY_M = 0.003
