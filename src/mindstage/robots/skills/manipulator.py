@@ -39,7 +39,6 @@ from mindstage.scene.transforms import (
 )
 
 __all__ = [
-    "WITHDRAWING_FREE",
     "BasePose",
     "Manipulator",
     "free_hand",
@@ -74,9 +73,9 @@ _CHECKED_EVERY = 2
 """Of the poses of a path, every second one is tested for collisions."""
 _WITHDRAWING_MPS = 0.12
 """Speed of a hand that withdraws [m/s]: a door that its fingers drag along may come against the base."""
-WITHDRAWING_FREE = ("", "z", "yz")
-"""Axes of the grasp frame about which a hand may turn that withdraws: none, else the bar that was between its fingers,
-else also the direction in which they close: arms with few joints do not keep the direction of the hand everywhere."""
+_WITHDRAWING_FREE = {True: ("", "z", "yz"), False: ("",)}
+"""Axes of the grasp frame about which a hand may turn that withdraws, if its arm needs the base, and if not: none, else
+the bar that was between its fingers, else also the direction in which they close."""
 _FOLLOWING_SPEED = 0.15
 """Fraction of its velocity limits with which a base moves along with an arm."""
 _EMPTY_M = 0.003
@@ -189,6 +188,14 @@ class Manipulator:
     def needs_base(self) -> bool:
         """Whether the arm has too few joints to take its hand to any pose without the base."""
         return self.is_mobile and len(self.arm.joints) < POSE_JOINTS
+
+    @property
+    def withdrawing_free(self) -> tuple[str, ...]:
+        """Axes of the grasp frame about which the hand may turn when it withdraws, the preferred ones first.
+
+        An arm with few joints does not keep the direction of its hand everywhere, as when its slides are drawn in.
+        """
+        return _WITHDRAWING_FREE[self.needs_base]
 
     def is_slide(self, joint: str) -> bool:
         """Whether a joint is prismatic."""
@@ -411,7 +418,7 @@ class Manipulator:
         target = pose_multiply(self.grasp_pose, np.array([-length_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
         poses = interpolated_poses(self.grasp_pose, target)
         path: ArmPath | None = None
-        for free in WITHDRAWING_FREE:
+        for free in self.withdrawing_free:
             found = self.free_part(self.path(poses, free=free, may_drive=self.is_mobile), touch=touch)
             path = found if path is None else max(path, found, key=lambda each: each.reached)
             if path.reached == len(poses):

@@ -15,10 +15,11 @@ from mindstage.errors import UnreachableError
 from mindstage.robots.collisions import Collision, CollisionChecker, links_behind
 from mindstage.robots.kinematics import BASE_JOINTS
 from mindstage.robots.navigation import FloorMap, plan_base
+from mindstage.robots.planning import plan_arm
 from mindstage.robots.search_limits import SearchLimit
 from mindstage.robots.skills.arm_paths import LINE_STEP_M, POSE_JOINTS, ArmPath, follow_poses, interpolated_poses
 from mindstage.robots.skills.grasps import Grasp
-from mindstage.robots.skills.manipulator import WITHDRAWING_FREE, BasePose, Manipulator, is_near
+from mindstage.robots.skills.manipulator import BasePose, Manipulator, is_near
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_from_array, pose_multiply, quat_rotate
 
@@ -39,6 +40,8 @@ _STEPS = 60_000
 """Number of iterations of inverse kinematics and tests for collisions after which a search ends."""
 _WAY_TESTS = 30_000
 """Number of poses that the search for a way to a place tests."""
+_ARM_TESTS = 6_000
+"""Number of states that the search for a way of the arm to the begin of a path tests."""
 _NEAR_M = 1.0
 """Up to this distance from where it is, a place is free if the robot has room there, even if its disc has none [m]."""
 _SHUT_IN = 0.5
@@ -266,8 +269,10 @@ class _Search:
                     continue
                 if not self._can_drive_to(stance.base):
                     break
+                if self.adjusts and self.request.joint is not None and not self._finds_arm_way(stance):
+                    continue
                 best = stance
-                if best is not None and best.reach >= _GOOD_ENOUGH:
+                if best.reach >= _GOOD_ENOUGH:
                     return best
             if self._is_over():
                 break
@@ -345,6 +350,26 @@ class _Search:
             )
         except UnreachableError as error:
             self._count(error.reason, error.shortfall_m)
+            return False
+        return True
+
+    def _finds_arm_way(self, stance: Stance) -> bool:
+        """Whether the arm, as it is now, finds its way to the begin of a stance's path from where the base will be."""
+        hand = self.hand
+        try:
+            plan_arm(
+                hand.robot,
+                hand.arm,
+                stance.start,
+                start=self._fingers(stance.grasp),
+                max_tests=_ARM_TESTS,
+                part_of=self.limit,
+                base=stance.base if self.moves_base else None,
+                joints=self._joint_at(0),
+                seed=hand.task.seed + 1,
+            )
+        except UnreachableError as error:
+            self._count(f"in front of it {error.reason}")
             return False
         return True
 
@@ -476,18 +501,22 @@ class _Search:
             at: that pose of the grasp frame.
             row: its number.
         """
-        hand, path = self.hand, stance.path
-        self._move_joint(row)
-        back = interpolated_poses(at, pose_multiply(at, np.array([-self.request.back_m, 0, 0, 1.0, 0, 0, 0])))
-        seed, root = {**self.positions, **path.at(row)}, path.roots[row]
-        ways = (self._follow(back, root, seed, free=free) for free in WITHDRAWING_FREE)
-        way = next((each for each in ways if self._comes_off(each, self._fingers(stance.grasp))), None)
-        if way is None or not self.moves_base or not self.request.moved:
-            return way is not None
+        hand, root = self.hand, stance.path.roots[row]
+        if self.adjusts:  # other arms take their hands back nearly everywhere
+            self._move_joint(row)
+            back = interpolated_poses(at, pose_multiply(at, np.array([-self.request.back_m, 0, 0, 1.0, 0, 0, 0])))
+            seed = {**self.positions, **stance.path.at(row)}
+            ways = (self._follow(back, root, seed, free=free) for free in hand.withdrawing_free)
+            way = next((each for each in ways if self._comes_off(each, self._fingers(stance.grasp))), None)
+            if way is None:
+                return False
+            root = way.roots[-1]
+        if not self.moves_base or not self.request.moved:
+            return True
         if row not in self.later:
             moved = {id: pose_from_array(each[row]) for id, each in self.request.moved.items()}
             self.later[row] = FloorMap(hand.robot, moved=moved, start=self.here)
-        x, y, _ = hand.base_of(way.roots[-1])
+        x, y, _ = hand.base_of(root)
         return self.later[row].is_reachable(x, y)
 
     def _comes_off(self, way: ArmPath, fingers: Mapping[str, float]) -> bool:
