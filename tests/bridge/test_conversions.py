@@ -155,9 +155,9 @@ def test_a_spawn_report_has_the_fields_of_its_message() -> None:
 def test_every_method_of_an_engine_has_a_service() -> None:
     services = {
         "spawn": "SpawnWorld", "delete": "Delete", "clear": "Clear", "attach": "Attach", "detach": "Detach",
-        "set_pose": "SetPose", "set_physics": "SetPhysics", "set_materials": "SetMaterials", "highlight": "Highlight",
-        "highlights": "GetHighlights", "apply_force": "Push", "step": "Step", "poses": "GetPoses",
-        "joint_positions": "GetJointPositions", "snapshot": "LogWorld", "save_state": "SaveState",
+        "set_pose": "SetPose", "set_physics": "SetPhysics", "set_materials": "SetMaterials", "set_label": "SetLabel",
+        "highlight": "Highlight", "highlights": "GetHighlights", "apply_force": "Push", "step": "Step",
+        "poses": "GetPoses", "joint_positions": "GetJointPositions", "snapshot": "LogWorld", "save_state": "SaveState",
         "restore_state": "RestoreState", "set_actuators": "SetActuators", "set_commands": "SetCommands",
         "actuator_states": "GetActuatorStates",
         "name": "Describe", "capabilities": "Describe", "time_s": "Describe",
@@ -165,7 +165,6 @@ def test_every_method_of_an_engine_has_a_service() -> None:
     contract = {name for name, _ in inspect.getmembers(Engine) if not name.startswith("_")}
     # Statistics and notes are read after each tick; the diagnostics have the notes.
     contract -= {"close", "stats", "notes", "fork", "scale_dynamics", "contacts"}  # for forks, in the same process
-    contract -= {"set_label"}  # the client of a remote engine keeps labels: physics does not depend on them
     assert set(services) == contract
     for name in services.values():
         assert name in mindstage_msgs.__all__

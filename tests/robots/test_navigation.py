@@ -115,6 +115,18 @@ def test_lengths_of_ways_are_those_of_the_grid() -> None:
         assert floor.length_to(1.0, 0.0) is None
 
 
+def test_ways_begin_where_the_disc_around_the_base_has_no_room() -> None:
+    walls = [box(f"wall_{side}", (-1.325, 0.45 * side, 1.0), (3.35, 0.1, 2.0)) for side in (-1, 1)]
+    model = load_model("mobile_manipulator")
+    wide = replace(model, base=replace(model.base, radius_m=0.6))
+    with robot_in(*walls, robot=wide) as robot:
+        floor = FloorMap(robot)
+        assert floor.plan.nearest_cell(np.zeros(2), free=True) is None
+        assert floor.length_to(2.0, 0.0) is not None
+        assert floor.length_to(-2.5, 0.0) is None
+        assert drive(robot, (2.0, 0.0, 1.0), {"wall_-1", "wall_1"}) == []
+
+
 def test_a_table_is_an_obstacle_for_the_body_above_the_base() -> None:
     table = box("table", (1.0, 0.0, 0.75), (0.6, 5.0, 0.05))
     with robot_in(table, floor=(6.0, 4.0)) as robot:

@@ -151,6 +151,21 @@ def test_a_search_is_not_ended_by_what_else_the_machine_does() -> None:
     assert not limit.ended_by_time
 
 
+def test_searches_that_are_parts_of_one_end_with_it_and_name_its_limit() -> None:
+    whole = SearchLimit(10)
+    first, second = SearchLimit(8, part_of=whole), SearchLimit(8, part_of=whole)
+    first.count(6)
+    assert not first.is_over
+    second.count(5)
+    assert (whole.done, whole.is_over, first.is_over, second.is_over) == (11, True, True, True)
+    assert str(second) == "within 10 steps"
+    assert not second.ended_by_time
+    own = SearchLimit(2, part_of=SearchLimit(10))
+    own.count(2)
+    assert str(own) == "within 2 steps"
+    assert SearchLimit(10, part_of=SearchLimit(10, cpu_s=0.0)).is_over
+
+
 def test_the_arm_may_start_elsewhere() -> None:
     with robot_in() as robot:
         first = plan_arm(robot, "", Pose(LEFT))

@@ -9,7 +9,7 @@ import pytest
 
 from mindstage.errors import InvalidArgumentError
 from mindstage.robots.model import RobotJoint, RobotJointType
-from mindstage.robots.retiming import MotionLimits, retimed, rounded_polyline, spline_path
+from mindstage.robots.retiming import MotionLimits, resting_path, retimed, rounded_polyline, spline_path
 from mindstage.robots.trajectories import JointTrajectory, spline_of
 from mindstage.scene.transforms import Array
 
@@ -56,11 +56,18 @@ def test_one_joint_takes_the_time_of_a_trapezoidal_velocity() -> None:
     check_limits(trajectory)
 
 
-def test_a_short_motion_takes_the_time_of_a_triangular_velocity() -> None:
-    goal = np.array([0.0, 0.05, 0.0])
+@pytest.mark.parametrize("angle", [0.05, 0.002, 2e-5])
+def test_a_short_motion_takes_the_time_of_a_triangular_velocity(angle: float) -> None:
+    goal = np.array([0.0, angle, 0.0])
     trajectory = retimed(NAMES, rounded_polyline(np.array([np.zeros(3), goal]), SCALE, always_free), LIMITS)
-    shortest = 2 * sqrt(0.05 / float(LIMITS.acceleration[1]))
+    shortest = 2 * sqrt(angle / float(LIMITS.acceleration[1]))
     assert shortest <= trajectory.duration_s <= 1.08 * shortest
+
+
+def test_a_motion_to_where_the_joints_are_takes_one_period() -> None:
+    points = np.array([np.ones(3), np.ones(3) + 1e-6])
+    assert rounded_polyline(points, SCALE, always_free) == []
+    assert retimed(NAMES, [resting_path(points[0])], LIMITS).duration_s == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize("seed", range(6))

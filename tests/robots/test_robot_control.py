@@ -17,7 +17,7 @@ from mindstage.bridge.calls import ServerGoalHandle
 from mindstage.engines import MujocoEngine, NullEngine
 from mindstage.errors import CommandRefusedError, RobotModelError, RobotNotFoundError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.robots.control import PERIOD_S, MotionFailure, MotionOutcome
+from mindstage.robots.control import PERIOD_S, JointGoal, MotionFailure, MotionOutcome
 from mindstage.robots.model import BaseType, RobotModel
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.robot import Robot
@@ -278,6 +278,25 @@ def test_an_arm_that_is_blocked_stops_and_names_the_obstacle(sim: Simulation, ro
     sim.step(0.5)
     assert max(abs(effort) for effort in robot.joint_efforts().values()) < 40.0  # it does not go on pushing
     assert deepest_contact(sim) < 0.005
+
+
+def test_the_motion_after_a_halt_starts_where_the_joint_is(sim: Simulation, robot: Robot) -> None:
+    """It was held back, so that it is far from where it should have been; that it is to yield there is not awaited."""
+    robot.run(robot.moving_to(AHEAD))
+    x, _, z = robot.grasp_pose()[:3].tolist()
+    sim.spawn(box("pillar", (x, 0.4, z), (0.3, 0.1, 0.4)), ground=False)
+    goal = robot.start_trajectory(robot.trajectory_to({"shoulder_pan_joint": 1.5}, speed=0.4))
+    assert isinstance(goal, JointGoal)
+    while goal.status is not MotionOutcome.FAILED:
+        desired, at = goal.desired("shoulder_pan_joint"), robot.joint_positions()["shoulder_pan_joint"]
+        if desired is not None and desired[0] - at > 0.12:
+            break
+        sim.step(0.004)
+    robot.halt()
+    points = [TrajectoryPoint(positions=(at - 0.2 * t,), velocities=(0.0,), time_s=t) for t in (0.0, 1.0)]
+    goal = robot.start_trajectory(JointTrajectory(("shoulder_pan_joint",), tuple(points)))
+    sim.step(1.5)
+    assert goal.status is MotionOutcome.SUCCEEDED
 
 
 def deepest_contact(sim: Simulation) -> float:

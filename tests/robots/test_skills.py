@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import mindstage as ms
-from mindstage.errors import InvalidArgumentError, UnreachableError
+from mindstage.errors import InvalidArgumentError, SkillFailedError, UnreachableError
+from mindstage.robots.navigation import BasePath, FloorMap, plan_base
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills import (
     SKILLS,
@@ -22,11 +23,13 @@ from mindstage.robots.skills import (
     SkillStep,
     can_open,
     handling,
+    manipulator,
     split_command,
     start_skill,
 )
 from mindstage.robots.skills.arm_paths import interpolated_poses
 from mindstage.robots.skills.declaration import SkillMotion
+from mindstage.robots.skills.doors import moving_front
 from mindstage.robots.skills.front_access import find_front_motion
 from mindstage.robots.skills.manipulator import hands_of
 from mindstage.robots.skills.stances import StanceRequest
@@ -34,7 +37,7 @@ from mindstage.robots.skills.surroundings import Opening, Surroundings
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId, Iri, Mobility, Pose, World
 from mindstage.scene.geometry import BodyGeometry, CollisionShape, CollisionShapeType
-from mindstage.scene.transforms import quat_rotate
+from mindstage.scene.transforms import pose_from_array, pose_inverse, pose_multiply, quat_rotate
 from mindstage.simulation import Simulation
 from tests.kitchenette import kitchenette
 from tests.robots.rooms import box, robot_in
@@ -229,6 +232,29 @@ class TestSmallKitchen:
         assert np.hypot(other_x - x, other_y - y) > 0.09 or turn > 0.25
         third = find_front_motion(hand, opening, surroundings, closed, tried=[first, first, first])
         assert third.way is FrontWay.PUSH
+
+    def test_a_way_is_planned_from_where_the_base_will_be_with_a_front_where_it_will_be(
+        self, pantry: Simulation
+    ) -> None:
+        robot, drawer = pantry.robot(), pantry.joint("Drawer")
+        assert plan_base(robot, (1.1, 0.0, 0.0)) == ((1.1, 0.0, 0.0),)
+        with pytest.raises(UnreachableError, match=r"inside Drawer"):
+            plan_base(robot, (1.1, 0.0, 0.0), joints={drawer.id: drawer.open_position})
+        floor = FloorMap(robot, start=(0.6, 0.0, 3.0))
+        assert plan_base(robot, (0.6, 0.5, -3.0), floor=floor)[-1] == pytest.approx((0.6, 0.5, 2 * np.pi - 3.0))
+
+    def test_all_searches_of_a_skill_together_are_limited(self, pantry: Simulation) -> None:
+        pantry.joint("Drawer").open(0.5)
+        pantry.step(0.1)
+        task = SkillTask(pantry.robot())
+        surroundings = task.surroundings()
+        opening = surroundings.opening(BodyId("Drawer"))
+        find_front_motion(hands_of(task)[0], opening, surroundings, opening.joint.closed_position)
+        assert task.limit.done > 10
+        task.limit.steps = task.limit.done
+        reason = f"Drawer is 5.% open instead of 0%: .* within {task.limit.steps} steps"
+        with pytest.raises(SkillFailedError, match=reason):
+            pantry.robot().run(moving_front(task, opening, 0.0))
 
     def test_a_held_mug_is_set_aside_to_open_the_drawer_that_it_is_put_into(self, pantry: Simulation) -> None:
         robot, mug = pantry.robot(), BodyId("Mug")
@@ -513,6 +539,81 @@ class TestWhatCanBeOpened:
 
 
 class TestArmsThatTakeTheBaseAlong:
+    def test_an_open_drawer_is_closed_from_where_the_disc_around_the_base_has_no_room(self) -> None:
+        with ms.open("bundled:kitchen") as sim:
+            robot = sim.add_robot("stretch", Pose((-0.96, -1.32, 0.0), (0.0119, 0.0, 0.0, 0.99993)))
+            sim.joint("drawer_south_1").open(1.0)  # the robot is between the drawer and a chair
+            sim.step(0.1)
+            floor = FloorMap(robot)
+            assert not len(floor.plan.cells_near(np.tile(robot.base_pose()[:2], (1, 6, 1)), 0.3))
+            task = SkillTask(robot)
+            surroundings = task.surroundings()
+            opening = surroundings.opening(BodyId("drawer_south_1"))
+            motion = find_front_motion(hands_of(task)[0], opening, surroundings, opening.joint.closed_position)
+            assert motion.stance.reach > 0.95
+            assert plan_base(robot, motion.stance.base)
+
+    def test_a_door_is_closed_by_a_hand_that_has_no_room_to_withdraw_from_its_handle(self) -> None:
+        base = (-0.9427, -1.7107, -1.4448)  # between the open door and a wall, the hand at the handle
+        arm = {"joint_lift": 0.9385, "joint_arm_l3": 0.0661, "joint_wrist_yaw": -1.6924, "joint_wrist_roll": -3.1399}
+        with ms.open("bundled:kitchen") as sim:
+            robot = sim.add_robot("stretch", Pose((0.9, 0.6, 0.0)))
+            assert all(robot.run(robot.moving_to({name: at})) for name, at in arm.items())
+            robot.set_base_pose(*base)
+            sim.joint("microwave_door").open(0.997)
+            sim.step(0.02)
+            task = SkillTask(robot)
+            hand, surroundings = hands_of(task)[0], task.surroundings()
+            opening = surroundings.opening(BodyId("microwave_door"))
+            assert opening.openness > 0.98
+            motion = find_front_motion(hand, opening, surroundings, opening.joint.closed_position)
+            assert motion.way is FrontWay.HANDLE
+            assert hand.distance_before(motion.path[0]) < 0.02
+            assert motion.stance.base == pytest.approx(base, abs=0.02)
+            assert motion.stance.part > 0.95
+
+    def test_room_to_fold_the_arm_is_only_searched_if_no_straight_way_is_free(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        searched = list[int]()
+
+        def plan(robot: Robot, goal: tuple[float, float, float], *, max_tests: int, **options: object) -> BasePath:
+            searched.append(max_tests)
+            if goal[1] < 0.3:  # not straight to the left, the fourth direction
+                raise UnreachableError(robot.name, target="there", reason="no way was found")
+            return (goal,)
+
+        monkeypatch.setattr(manipulator, "plan_base", plan)
+        with robot_in() as robot:
+            robot.run(hands_of(SkillTask(robot))[0]._making_room(robot.joint_positions()))
+            assert robot.base_pose()[:2] == pytest.approx((0.0, 0.35), abs=0.02)
+        assert searched == [0] * 4
+
+    def test_a_hand_withdraws_that_its_drawn_in_arm_cannot_keep_straight(self) -> None:
+        with robot_in(robot="stretch") as robot:
+            hand = hands_of(SkillTask(robot))[0]
+            robot.run(robot.moving_to({"joint_arm_l3": 0.0, "joint_wrist_yaw": 0.8}))
+            before = hand.grasp_pose
+            back = interpolated_poses(before, pose_multiply(before, np.array([-0.1, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])))
+            assert hand.path(back, may_drive=True).reached < 2
+            robot.run(hand.withdrawing(0.1))
+            away = pose_multiply(pose_inverse(before), hand.grasp_pose)[:3]
+            assert away == pytest.approx((-0.1, 0.0, 0.0), abs=0.02)
+
+    def test_a_door_is_opened_only_as_far_as_the_base_can_still_drive_away(self) -> None:
+        """Beside the door that it pulls towards itself there are walls: farther on, it could not get out."""
+        with ms.open("bundled:kitchen") as sim:
+            robot = sim.add_robot("stretch", Pose((0.9, 0.6, 0.0)))
+            task = SkillTask(robot)
+            hand, surroundings = hands_of(task)[0], task.surroundings()
+            door = surroundings.opening(BodyId("room_door"))
+            motion = find_front_motion(hand, door, surroundings, door.joint.open_position)
+            row, path = motion.end_row, motion.stance.path
+            assert motion.stance.count == row + 1 < path.reached
+            moved = {door.front: door.joint.pose_at(motion.end), motion.body: pose_from_array(motion.poses[row])}
+            x, y, _ = hand.base_of(path.roots[row])
+            assert FloorMap(robot, moved=moved).is_reachable(x, y)
+
     def test_doors_above_its_lift_are_given_up_at_once(self) -> None:
         with ms.open("bundled:kitchen") as sim:
             robot = sim.add_robot("stretch", Pose((0.9, 0.6, 0.0)))

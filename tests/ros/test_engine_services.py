@@ -78,7 +78,9 @@ def test_bodies_are_edited(engine: Call, simulation: Simulation) -> None:
     assert engine("set_physics", id="Mug", physics=to_json(BodyPhysics(mobility=Mobility.KINEMATIC)))["success"]
     materials = (Material(name="Oak", color=(0.5, 0.25, 0.125)),)
     assert engine("set_materials", id="Mug", materials=to_json(materials, tuple[Material, ...]))["success"]
+    assert engine("set_label", id="Mug", label="cup of Zoë")["success"]
     body = simulation.snapshot().body("Mug")
+    assert body.label == "cup of Zoë"
     assert (body.physics, body.materials) == (BodyPhysics(mobility=Mobility.KINEMATIC), materials)
     assert engine("attach", parent="Fridge", child="Mug")["success"]
     assert engine("detach", child="Mug")["success"]
@@ -198,6 +200,7 @@ def test_world_errors_survive_a_round_trip(engine: Call) -> None:
         ("push", {"id": "nobody"}),
         ("set_physics", {"id": "nobody", "physics": "{}"}),
         ("set_materials", {"id": "nobody", "materials": "[]"}),
+        ("set_label", {"id": "nobody", "label": "cup"}),
     ):
         assert isinstance(refused(name, **args), BodyNotFoundError), name
 

@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 from tests.engines.scenes import attachment, body, prismatic_joint, revolute_joint, world
 
-from mindstage.scene import AngularLimits, AxisMotion, Body, Joint, LinearLimits, Mobility, Pose, World
+from mindstage.scene import AngularLimits, AxisMotion, Body, Joint, LinearLimits, Mobility, Pose, Tag, World
 from mindstage.scene.kinematics import (
     ObservedBox,
     OutwardJoint,
@@ -101,6 +101,14 @@ def test_swapping_parent_and_child_reverses_the_range() -> None:
     found = limited(replace(swapped, joints=joints))
     assert interval(found[BodyId("slide")].joint) == pytest.approx((-0.45, 0.0))
     assert interval(found[BodyId("hinge")].joint) == pytest.approx((-pi / 4, 0.0))
+
+
+def test_the_joints_of_a_robot_keep_the_ranges_of_its_model() -> None:
+    """A lift on a mast, at half of its height, is not a drawer."""
+    old = cupboard()
+    parts = tuple(replace(each, tags=(Tag(type="robot", key="name", value="helper"),)) for each in old.bodies)
+    assert len(limited(old)) == 3
+    assert limited(replace(old, bodies=parts)) == {}
 
 
 def test_a_range_on_one_side_is_kept_as_it_is() -> None:

@@ -69,6 +69,7 @@ const SERVICES: Dictionary = {
 	},
 	"set_materials":
 	{"type": "mindstage_msgs/SetMaterials", "request": {"id": "", "materials": ""}, "response": RESULT},
+	"set_label": {"type": "mindstage_msgs/SetLabel", "request": {"id": "", "label": ""}, "response": RESULT},
 	"highlight":
 	{
 		"type": "mindstage_msgs/Highlight",

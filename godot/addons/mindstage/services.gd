@@ -122,6 +122,10 @@ func _set_materials(request: Dictionary) -> Response:
 	return _result(simulation.set_materials(request["id"], request["materials"]))
 
 
+func _set_label(request: Dictionary) -> Response:
+	return _result(simulation.set_label(request["id"], request["label"]))
+
+
 func _highlight(request: Dictionary) -> Response:
 	var rgba: Dictionary = request["color"]
 	var color: Color = Color(rgba["r"], rgba["g"], rgba["b"], 1.0) if request["lit"] else Color(0, 0, 0, 0)

@@ -170,6 +170,11 @@ func set_materials(id: String, materials: String) -> Dictionary:
 	return refusal
 
 
+## Sets the label of a body, its name for people; an empty one removes it.
+func set_label(id: String, label: String) -> Dictionary:
+	return _replace(id, "label", JSON.stringify(label) if label else "null", "{}")
+
+
 ## Highlights bodies; a fully transparent color clears the highlight.
 func highlight(ids: Array, color: Color) -> Dictionary:
 	var refusal: Dictionary = world_model.check_known(ids)

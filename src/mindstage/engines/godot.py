@@ -36,7 +36,8 @@ _EXIT_GRACE_S = 2.0
 """How long a process may take to exit after its connection is lost [s]."""
 _REQUIRED_SERVICES = (
     wire.Describe, wire.SpawnWorld, wire.LogWorld, wire.Delete, wire.Clear, wire.Attach, wire.Detach, wire.SetPose,
-    wire.SetPhysics, wire.SetMaterials, wire.Highlight, wire.GetHighlights, wire.Step, wire.SetSpeed, wire.GetPoses,
+    wire.SetPhysics, wire.SetMaterials, wire.SetLabel, wire.Highlight, wire.GetHighlights, wire.Step, wire.SetSpeed,
+    wire.GetPoses,
 )  # fmt: skip
 
 

@@ -339,6 +339,8 @@ class _AppearanceSolver:
         heights = self.center[self.is_object & ~self.is_lamp, 2]
         self.overhead_height = float(np.quantile(heights, 0.9)) if heights.size else np.inf
         self.roots = self._roots({link.child: link.parent for link in world.attachments})
+        self.mean_colors: dict[str, Color] = {}
+        """The mean colors by the key of the appearance."""
         self.wall_door_roots = set(self._doors_in_walls([(joint.parent, joint.child) for joint in world.joints]))
 
     def appearances(self) -> dict[BodyId, BodyAppearance]:
@@ -357,6 +359,8 @@ class _AppearanceSolver:
         if (side := self._single_side(row)) is not None:
             key, part = f"{key} from {side}", VisiblePart.INTERIOR
             visuals = tuple(_triangles_facing(visuals, side))
+        if key not in self.mean_colors:
+            self.mean_colors[key] = mean_color(visuals)
         return BodyAppearance(
             key=key,
             size=size,
@@ -368,7 +372,7 @@ class _AppearanceSolver:
             whole_visuals=whole,
             side=side,
             lights=lights,
-            color=mean_color(visuals),
+            color=self.mean_colors[key],
             is_opaque=min((visual.material.opacity for visual in visuals), default=0.0) > _SOLID_OPACITY,
         )
 

@@ -249,9 +249,12 @@ class RobotController:
         self._goals = kept if brake is None else (*kept, brake)
 
     def _reference(self, drive: JointDrive, view: ControlView) -> tuple[float, float]:
-        """Where a joint is commanded to be, and its commanded velocity; where it is, if it is not close to that."""
+        """Where a joint is commanded to be, and its commanded velocity; where it is, if it is not close to that.
+
+        What has been halted is where it is, not where it should have been.
+        """
         for goal in self._goals:
-            if isinstance(goal, JointGoal) and (desired := goal.desired(drive.name)) is not None:
+            if isinstance(goal, JointGoal) and not goal.is_halted and (desired := goal.desired(drive.name)) is not None:
                 return desired
         command, position = view.command(drive), view.position(drive)
         tolerance = 0.005 if drive.is_prismatic else 0.02

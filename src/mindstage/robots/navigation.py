@@ -43,6 +43,9 @@ _STEP_M, _STEP_RAD = 0.04, 0.1
 _CORNER_M = 0.3
 """Largest distance from a corner at which its rounding begins [m]."""
 _CORNER_POINTS = 7
+_START_M = 1.0
+"""Where the disc has no room around the base, ways begin at the free cells that are so near: the base itself, which is
+smaller than the disc, may get there, which `plan_base` tests."""
 _NEAR_CELLS = 1.6
 """A place is reachable if a free cell is so near, in cells."""
 _TURN_M = 0.15
@@ -57,7 +60,12 @@ class FloorMap:
     """Where the base of a robot can stand, and which way leads there; a copy of the present state."""
 
     def __init__(
-        self, robot: MotionRobot, *, ignore: Collection[BodyId] = (), moved: Mapping[BodyId, Pose] | None = None
+        self,
+        robot: MotionRobot,
+        *,
+        ignore: Collection[BodyId] = (),
+        moved: Mapping[BodyId, Pose] | None = None,
+        start: tuple[float, float, float] | None = None,
     ) -> None:
         """Computes the free floor for a disc around the base.
 
@@ -65,6 +73,7 @@ class FloorMap:
             robot: the robot.
             ignore: bodies that are no obstacles.
             moved: poses of bodies that are to be somewhere else than now, such as a door that will be open.
+            start: where the base is to be: x, y [m] and yaw [rad] in the world frame; None for where it is now.
         """
         self.robot = robot
         session, base = robot.session, robot.model.base
@@ -94,7 +103,7 @@ class FloorMap:
             floor=[row for row, body in enumerate(bodies) if body.id in slabs],
             ignored=[row for row, body in enumerate(bodies) if body.id in left_out],
         )
-        self.start = robot.base_pose()
+        self.start = start or robot.base_pose()
         self._has_floor = bool(slabs)
 
     def is_floor(self, x: float, y: float) -> bool:
@@ -107,7 +116,7 @@ class FloorMap:
     @cached_property
     def lengths(self) -> Array:
         """The length of the shortest way from the base to each cell of the grid, flat [m]; infinite without one."""
-        return self.plan.lengths(self._cells(self.start[0], self.start[1]))
+        return self.plan.lengths(self._start_cells)
 
     def is_reachable(self, x: float, y: float) -> bool:
         """Whether the base can drive to a place [m], or to one that is nearer to it than a cell of the grid."""
@@ -127,7 +136,7 @@ class FloorMap:
             return None
         centers = self.plan.centers(goals)
         nearest = goals[np.argmin(np.hypot(*(centers - (x, y)).T))]
-        found = self.plan.path(self._cells(self.start[0], self.start[1]), np.array([nearest]))
+        found = self.plan.path(self._start_cells, np.array([nearest]))
         if found is None:
             return None
         return np.vstack([self.start[:2], found.points, (x, y)])
@@ -138,9 +147,12 @@ class FloorMap:
         cells = [np.array([] if cell is None else [cell], dtype=np.intp) for cell in ends]
         return tuple(self._ids[row] for row in self.plan.blockers(cells[0], cells[1]))
 
-    def _cells(self, x: float, y: float) -> Indices:
-        cell = self.plan.nearest_cell(np.array([x, y]), free=True)
-        return np.array([] if cell is None else [cell], dtype=np.intp)
+    @cached_property
+    def _start_cells(self) -> Indices:
+        """The free cells at which ways begin."""
+        point = np.array(self.start[:2])
+        cell = self.plan.nearest_cell(point, free=True)
+        return self.plan.cells_near(np.tile(point, (1, 6, 1)), _START_M) if cell is None else np.array([cell], np.intp)
 
     def _near(self, x: float, y: float) -> Indices:
         """The free cells whose centers are near a point."""
@@ -162,6 +174,9 @@ def plan_base(
     clearance_m: float = _CLEARANCE_M,
     max_tests: int = 40_000,
     cpu_s: float = CPU_S,
+    part_of: SearchLimit | None = None,
+    floor: FloorMap | None = None,
+    joints: Mapping[BodyId, float] | None = None,
     seed: int = 1,
 ) -> BasePath:
     """Plans a way of the base around all obstacles.
@@ -171,8 +186,12 @@ def plan_base(
         goal: x, y [m] and yaw [rad] of the base in the world frame.
         ignore: bodies that are no obstacles.
         clearance_m: the distance that the whole robot keeps from the place [m].
-        max_tests: number of poses that the search tests for collisions before it ends.
+        max_tests: number of poses that are tested for collisions before the search ends.
         cpu_s: processor time after which it ends in any case [s].
+        part_of: the limit of a larger search, in which the tests count, too.
+        floor: the free floor without `ignore`, if it is known; the way begins at its start.
+        joints: positions of joints of the place that are to be somewhere else than now; see
+            `CollisionChecker.set_joint`.
         seed: of the random numbers; the same one gives the same path.
 
     Returns:
@@ -186,8 +205,10 @@ def plan_base(
     if robot.model.base.type is BaseType.FIXED:
         cause, remedy = f"the base of {robot.name} is fixed", "use a robot that drives"
         raise InvalidArgumentError("goal", cause=cause, remedy=remedy)
-    limit = SearchLimit(max_tests, cpu_s=cpu_s)
-    way = _Way(robot, goal, ignore, clearance_m)
+    limit = SearchLimit(max_tests, cpu_s=cpu_s, part_of=part_of)
+    way = _Way(robot, goal, ignore, clearance_m, floor or FloorMap(robot, ignore=ignore), limit)
+    for joint, position in (joints or {}).items():
+        way.checker.set_joint(joint, position)
     way.check_goal()
     if way.first_obstacle([way.goal]) is None:
         return (way.goal,)
@@ -200,7 +221,7 @@ def plan_base(
                 return tuple(path)
             blocked = blocked or found
     else:
-        limit = SearchLimit(min(max_tests, _NO_WAY_TESTS), cpu_s=cpu_s)
+        limit.steps = min(max_tests, limit.done + _NO_WAY_TESTS)
     if (searched := _search(way, limit, seed)) is not None:
         return searched
     if limit.ended_by_time:
@@ -217,14 +238,19 @@ class _Way:
     """The task of driving to a goal."""
 
     def __init__(
-        self, robot: MotionRobot, goal: tuple[float, float, float], ignore: Collection[BodyId], clearance_m: float
+        self,
+        robot: MotionRobot,
+        goal: tuple[float, float, float],
+        ignore: Collection[BodyId],
+        clearance_m: float,
+        floor: FloorMap,
+        limit: SearchLimit,
     ) -> None:
-        self.robot = robot
-        self.start = robot.base_pose()
+        self.robot, self.floor, self.limit = robot, floor, limit
+        self.start = floor.start
         self.goal = (float(goal[0]), float(goal[1]), self.start[2] + _wrapped(goal[2] - self.start[2]))
         self.is_differential = robot.model.base.type is BaseType.DIFFERENTIAL
         self.checker = CollisionChecker(robot, joints=(), base_moves=True, ignore=ignore, clearance_m=clearance_m)
-        self.floor = FloorMap(robot, ignore=ignore)
 
     def check_goal(self) -> None:
         """Checks that the base can stand at the goal.
@@ -239,6 +265,7 @@ class _Way:
         """Why the robot cannot be at a pose, and the body that is there; None if it can."""
         if not self.floor.is_floor(pose[0], pose[1]):
             return "is no floor", None
+        self.limit.count()
         collision = self.checker.find((), pose)
         return None if collision is None else (str(collision), collision.obstacle)
 
@@ -354,7 +381,6 @@ def _search(way: _Way, limit: SearchLimit, seed: int) -> BasePath | None:
         return state.getX(), state.getY(), state.getYaw()
 
     def is_valid(state: Any) -> bool:
-        limit.count()
         return way.obstacle_at(pose_of(state)) is None
 
     setup.setStateValidityChecker(is_valid)

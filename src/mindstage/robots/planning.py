@@ -10,20 +10,21 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from functools import cache
-from math import acos, ceil, pi, radians
+from math import acos, ceil, cos, pi, radians, sin
 from typing import Any
 
 import numpy as np
 
 from mindstage.errors import InvalidArgumentError, RobotLibraryError, UnreachableError
 from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker, MotionRobot
+from mindstage.robots.drives import planar_inverse, planar_multiply
 from mindstage.robots.kinematics import IkResult, IkTolerance, RobotKinematics
 from mindstage.robots.model import Arm, RobotJointType
 from mindstage.robots.retiming import MotionLimits, resting_path, retimed, rounded_polyline, spline_path
 from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.robots.trajectories import JointTrajectory, spline_of
 from mindstage.scene import BodyId, Pose
-from mindstage.scene.transforms import Array, normalized_pose_array, quat_angle
+from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply, quat_angle
 
 __all__ = ["find_arm", "interpolated", "load_ompl", "plan_arm", "plan_line", "plan_path", "termination"]
 
@@ -120,8 +121,10 @@ class _ArmTask:
         touch: Collection[BodyId],
         clearance_m: float,
         speed: float,
+        base: tuple[float, float, float] | None = None,
+        joints: Mapping[BodyId, float] | None = None,
     ) -> None:
-        self.robot, self.arm = robot, find_arm(robot, arm)
+        self.robot, self.arm, self.base = robot, find_arm(robot, arm), base
         self.kinematics = RobotKinematics(robot.model)
         self.frame = self.kinematics.frame_of(self.arm)
         by_name = {joint.name: joint for joint in robot.model.joints}
@@ -134,16 +137,33 @@ class _ArmTask:
         self.start = np.array([self.positions[joint.name] for joint in self.joints])
         self.start = np.clip(self.start, self.lower, self.upper)  # limits are soft in simulations
         self.root_pose = robot.link_pose(robot.model.root)
+        if base is not None:
+            x, y, yaw = planar_multiply(base, planar_inverse(robot.base_pose()))
+            self.root_pose = pose_multiply(np.array([x, y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)]), self.root_pose)
+        others = {name: at for name, at in (start or {}).items() if name not in self.arm.joints}
+        self.others = np.array(list(others.values()))
+        """Positions of joints that are not those of the arm, such as fingers, and stay where they are to be."""
         self.checker = CollisionChecker(
-            robot, joints=self.arm.joints, ignore=ignore, touch=touch, clearance_m=clearance_m
+            robot,
+            joints=(*self.arm.joints, *others),
+            base_moves=base is not None,
+            ignore=ignore,
+            touch=touch,
+            clearance_m=clearance_m,
         )
+        for joint, position in (joints or {}).items():
+            self.checker.set_joint(joint, position)
         self.step = _STEP
         self.hits: Counter[BodyId | None] = Counter()
         """How often each obstacle was met."""
 
+    def test(self, values: Array) -> Collision | None:
+        """See `CollisionChecker.find`."""
+        return self.checker.find(np.concatenate([values, self.others]), self.base)
+
     def collision(self, values: Array) -> Collision | None:
-        """See `CollisionChecker.find`; obstacles are counted."""
-        found = self.checker.find(values)
+        """As `test`; obstacles are counted."""
+        found = self.test(values)
         if found is not None:
             self.hits[found.obstacle] += 1
         return found
@@ -169,7 +189,7 @@ class _ArmTask:
             values, _ = spline.sample(t)
             if last is not None and np.linalg.norm((values - last) / self.scale) < _TEST_STEP:
                 continue
-            last, found = values, self.checker.find(values)
+            last, found = values, self.test(values)
             if found is not None and found.distance_m < found.least_m - _TEST_SLACK_M:
                 return False
         return True
@@ -197,6 +217,9 @@ def plan_arm(
     speed: float = 0.6,
     max_tests: int = 40_000,
     cpu_s: float = CPU_S,
+    part_of: SearchLimit | None = None,
+    base: tuple[float, float, float] | None = None,
+    joints: Mapping[BodyId, float] | None = None,
     seed: int = 1,
 ) -> JointTrajectory:
     """Plans a motion of an arm to positions of its joints, or to a pose of its gripper, around all obstacles.
@@ -207,13 +230,18 @@ def plan_arm(
         target: positions by joint [m or rad], of which those that are left out do not change; or the pose of the grasp
             frame of the gripper (of the last link of an arm without one) in the world frame.
         free: the axes of the grasp frame about which it may turn at the target; see `RobotKinematics.solve_ik`.
-        start: positions of joints from which the motion starts; by default where they are.
+        start: positions of joints from which the motion starts, and of others, such as fingers, that stay there; by
+            default where they are.
         ignore: bodies that are no obstacles.
         touch: bodies that the gripper may touch.
         clearance_m: the distance to keep from obstacles [m].
         speed: the part of the velocity limits that is used.
         max_tests: number of states that are tested for collisions, after which the search ends.
         cpu_s: processor time after which it ends in any case [s].
+        part_of: the limit of a larger search, in which the tests count, too.
+        base: where the base is to be: x, y [m] and yaw [rad] in the world frame; None for where it is now.
+        joints: positions of joints of the place that are to be somewhere else than now; see
+            `CollisionChecker.set_joint`.
         seed: of the random numbers; the same one gives the same path.
 
     Raises:
@@ -221,14 +249,25 @@ def plan_arm(
         UnreachableError: the target is beyond a limit or in a collision, or no path was found; with the limit, or the
             obstacle that was met most often.
     """
-    limit = SearchLimit(max_tests, cpu_s=cpu_s)
-    task = _ArmTask(robot, arm, start=start, ignore=ignore, touch=touch, clearance_m=clearance_m, speed=speed)
+    limit = SearchLimit(max_tests, cpu_s=cpu_s, part_of=part_of)
+    task = _ArmTask(
+        robot,
+        arm,
+        start=start,
+        ignore=ignore,
+        touch=touch,
+        clearance_m=clearance_m,
+        speed=speed,
+        base=base,
+        joints=joints,
+    )
     goals = _goals(task, target, free)
     for goal in goals[:2]:  # often nothing is in the way
         if task.first_collision(task.start, goal) is None:
             trajectory = _timed(task, np.array([task.start, goal]))
             if task.keeps_away(trajectory):
                 return trajectory
+    limit.count(task.kinematics.iterations + task.checker.tests)
     for number in range(_TRIALS):
         trajectory = _timed(task, _search(task, goals, _target_text(target), limit, seed + number))
         if task.keeps_away(trajectory):
@@ -350,7 +389,7 @@ def _goals(task: _ArmTask, target: Mapping[str, float] | Pose | Array, free: str
     for each in solutions:
         found += 1
         values = task.nearest_turn(np.array([each.positions[name] for name in task.arm.joints]))
-        if (collision := task.checker.find(values)) is None:
+        if (collision := task.test(values)) is None:
             goals.append(values)
         elif blocked is None or collision.distance_m > blocked.distance_m:
             blocked = collision
@@ -388,7 +427,7 @@ def _joint_goal(task: _ArmTask, target: Mapping[str, float], text: str) -> Array
             limit = low if value < low else high
             raise task.unreachable(text, f"the {side} limit of {name} is {limit:.4g} {unit}")
         goal[row] = np.clip(value, low, high)
-    if (collision := task.checker.find(task.nearest_turn(goal))) is not None:
+    if (collision := task.test(task.nearest_turn(goal))) is not None:
         raise task.unreachable(text, f"there {collision}", collision.obstacle)
     return task.nearest_turn(goal)
 

@@ -33,6 +33,12 @@ _MARGIN = 0.97
 _PERIOD_S = 0.05
 """Time between two points of a trajectory [s]."""
 _SAMPLES_OF_BLEND = 13
+_MIN_LINE_SAMPLES = 3
+"""It is at rest at both ends, so that it can only move at a sample between them."""
+_LEAST_STEP = 1e-5
+"""Corners that are nearer to the one before count as equal to it."""
+_LEAST_SPEED = 1e-6
+"""Of the parameter of a path, by which the time of its steps is limited [1/s]."""
 _MIN_SAMPLES = 33
 _MAX_GAP = 0.02
 """Largest distance between two samples of a path, in units of its parameter."""
@@ -111,7 +117,7 @@ def rounded_polyline(
     """
     kept = [points[0]]
     for point in points[1:]:
-        if np.linalg.norm((point - kept[-1]) / scale) > 1e-9:
+        if np.linalg.norm((point - kept[-1]) / scale) > _LEAST_STEP:
             kept.append(point)
     if len(kept) < 2:
         return []
@@ -142,7 +148,7 @@ def rounded_polyline(
 
 
 def _line(start: Array, direction: Array, length: float) -> PathSamples:
-    parameter = np.linspace(0.0, length, max(2, ceil(length / _MAX_GAP) + 1))
+    parameter = np.linspace(0.0, length, max(_MIN_LINE_SAMPLES, ceil(length / _MAX_GAP) + 1))
     first = np.broadcast_to(direction, (len(parameter), len(start))).copy()
     return PathSamples(parameter, start + parameter[:, None] * direction, first, np.zeros_like(first))
 
@@ -199,8 +205,10 @@ def _spread(points: Array, scale: Array) -> Array:
 
 
 def resting_path(point: Array) -> PathSamples:
-    """A path that stays where it is, for one short step of time."""
-    return PathSamples(np.array([0.0, 1e-6]), np.tile(point, (2, 1)), *np.zeros((2, 2, len(point))))
+    """A path that stays where it is, for one period."""
+    return PathSamples(
+        np.array([0.0, _PERIOD_S * _LEAST_SPEED / 2]), np.tile(point, (2, 1)), *np.zeros((2, 2, len(point)))
+    )
 
 
 def retimed(
@@ -278,7 +286,7 @@ def _accelerations(path: PathSamples, row: int, x: Array, acceleration: Array) -
 def _sampled(path: PathSamples, squared: Array) -> tuple[Array, Array, Array]:
     """Times [s], positions and velocities, at intervals of at most `_PERIOD_S`."""
     speeds, gaps = np.sqrt(squared), np.diff(path.parameter)
-    durations = 2 * gaps / np.maximum(speeds[:-1] + speeds[1:], 1e-6)
+    durations = 2 * gaps / np.maximum(speeds[:-1] + speeds[1:], _LEAST_SPEED)
     ends = np.concatenate([[0.0], np.cumsum(durations)])
     times = np.linspace(0.0, ends[-1], max(2, ceil(ends[-1] / _PERIOD_S) + 1))
     row = np.clip(np.searchsorted(ends, times, side="right") - 1, 0, len(gaps) - 1)

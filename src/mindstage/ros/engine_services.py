@@ -173,6 +173,7 @@ class EngineServices:
         yield _service_spec(wire.SetPose, self.set_pose)
         yield _service_spec(wire.SetPhysics, self.set_physics)
         yield _service_spec(wire.SetMaterials, self.set_materials)
+        yield _service_spec(wire.SetLabel, self.set_label)
         yield _service_spec(wire.Highlight, self.highlight)
         yield _service_spec(wire.GetHighlights, self.highlights, quick=True)
         yield _service_spec(wire.Push, self.apply_force)
@@ -257,6 +258,11 @@ class EngineServices:
         materials = from_json(request.materials, tuple[Material, ...])
         self._edit("set materials", lambda engine: engine.set_materials(BodyId(request.id), materials))
         return wire.SetMaterials.Response(success=True)
+
+    def set_label(self, request: wire.SetLabel.Request) -> wire.SetLabel.Response:
+        """Sets the label of a body."""
+        self._edit("set label", lambda engine: engine.set_label(BodyId(request.id), request.label))
+        return wire.SetLabel.Response(success=True)
 
     def highlight(self, request: wire.Highlight.Request) -> wire.Highlight.Response:
         """Highlights bodies in any color, or removes their highlight."""

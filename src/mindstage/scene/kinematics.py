@@ -363,7 +363,8 @@ def outward_joints(
     """Returns the joints that would let a door or drawer move into its casing, limited to the outward direction.
 
     Many maps give a range on both sides of the closed position. It is limited where the front is known and the casing
-    is behind it; a door in a wall, a swing door and whatever has no casing keep their ranges.
+    is behind it; a door in a wall, a swing door and whatever has no casing keep their ranges. So do the joints of
+    robots, whose models state them: a lift in front of its mast, at half of its height, looks like a drawer.
 
     Args:
         joints: the joints, at the positions of the bodies' poses.
@@ -374,6 +375,8 @@ def outward_joints(
     for joint in joints:
         if joint.parent in bodies and joint.child in bodies:
             moving, holder = moving_body(joint, bodies[joint.parent], bodies[joint.child])
+            if is_robot_part(moving):
+                continue
             limited = _outward_joint(joint, moving, holder, handles.get(moving.id))
             if limited is not None:
                 found[joint.id] = limited

@@ -361,6 +361,7 @@ _SCRIPTS = (
     "clippingPlane.js",
     "culling.js",
     "labels.js",
+    "levelsOfDetail.js",
     "placeholders.js",
     "renderQuality.js",
     "selectionBox.js",

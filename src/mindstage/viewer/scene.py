@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
 from functools import lru_cache
-from typing import Protocol, TypeVar
+from typing import Literal, Protocol, TypeVar
 from urllib.parse import quote
 
 import numpy as np
@@ -58,6 +58,8 @@ _OUTLINE_COLOR = (208, 212, 216)
 Clickable = viser.MeshHandle | viser.GlbHandle | viser.BatchedMeshHandle | viser.BatchedGlbHandle
 
 Node = TypeVar("Node", viser.BatchedGlbHandle, viser.BatchedMeshHandle)
+
+_LevelOfDetail = Literal["auto", "off"]
 
 Pick = Callable[[int | None], BodyId | None]
 """Returns the body of a node by the instance index of a mouse event."""
@@ -223,7 +225,9 @@ class BodyNodes:
         self._batch_count += 1
         name, appearance = f"{self._parent}/batches/{self._batch_count}", self._appearances[ids[0]]
         glb = _glb(appearance, self._texture_uri)
-        batch = _BatchNode(self._scene, name, ids, appearance, glb, self._on_node, draggable=draggable)
+        # With the scripts, levelsOfDetail.js has coarser meshes than viser.
+        lod: _LevelOfDetail = "auto" if self._blocks is None else "off"
+        batch = _BatchNode(self._scene, name, ids, appearance, glb, self._on_node, draggable=draggable, lod=lod)
         self._nodes.update(dict.fromkeys(ids, batch))
 
     def _by_node(self, ids: Iterable[BodyId]) -> dict[_BodyNode, list[BodyId]]:
@@ -330,8 +334,10 @@ class _BatchNode:
         on_node: NodeCallback,
         *,
         draggable: bool,
+        lod: _LevelOfDetail,
     ) -> None:
         self._scene, self.name, self._appearance, self._glb, self._on_node = scene, name, appearance, glb, on_node
+        self._lod: _LevelOfDetail = lod
         self._draggable, self._clickable = draggable, _is_clickable(appearance, draggable)
         self._rows: dict[BodyId, Array] = {id: np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]) for id in ids}
         self._paints: dict[BodyId, Paint] = {}
@@ -412,6 +418,7 @@ class _BatchNode:
             self._glb,
             quaternions,
             positions,
+            lod=self._lod,
             cast_shadow=_casts_shadow(self._appearance),
         )
         if self._clickable:
@@ -431,6 +438,7 @@ class _BatchNode:
             batched_colors=colors,
             batched_opacities=opacities,
             opacity=1.0,  # enables transparency of instances
+            lod=self._lod,
             cast_shadow=False,
         )
         if self._clickable:

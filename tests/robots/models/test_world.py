@@ -55,6 +55,22 @@ def test_every_joint_moves_its_child(name: str) -> None:
     assert moved == [joint.child for joint in world.joints]
 
 
+@pytest.mark.parametrize("name", ["mobile_manipulator", "stretch", "pr2"])
+def test_the_engine_lets_joints_move_as_far_as_the_model_states(name: str) -> None:
+    model = known_model(name)
+    placed = robot_world(model, HERE, name="robot")
+    engine = spawned(placed)
+    found = engine.compiled().joints
+    for joint in model.actuated_joints:
+        if joint.lower is not None and joint.upper is not None:
+            [axis] = found[placed.joint_ids[joint.name]].axes
+            assert axis.limit is not None, joint.name
+            middle = placed.zero[joint.name] + axis.middle
+            ends = middle - axis.limit, middle + axis.limit
+            assert ends == pytest.approx((joint.lower, joint.upper)), joint.name
+    engine.close()
+
+
 def test_joints_move_links_as_forward_kinematics_says() -> None:
     """Servos drive each joint of the arm to another position; the links must be where the joints put them."""
     model = known_model("mobile_manipulator")

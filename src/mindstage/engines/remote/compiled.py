@@ -258,7 +258,6 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
     def delete(self, ids: Iterable[BodyId]) -> None:
         removed = tuple(ids)
         self._apply_edit(wire.Delete, wire.Delete.Request(ids=removed), lambda builder, poses: builder.remove(removed))
-        self._forget_labels(removed)
 
     def attach(self, parent: BodyId, child: BodyId) -> None:
         request = wire.Attach.Request(parent=parent, child=child)
@@ -309,6 +308,11 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
         self._require_body(id)
         super().set_materials(id, materials)
         self._builder.registry.replace(id, materials=materials)
+
+    def set_label(self, id: BodyId, label: str) -> None:
+        self._require_body(id)
+        super().set_label(id, label)
+        self._builder.registry.replace(id, label=label)
 
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         super().highlight(tuple(self._require_body(id) for id in ids), color)

@@ -48,7 +48,6 @@ from mindstage.engines.registry import EntityRegistry, pose_error
 from mindstage.engines.remote.client import TIMEOUT_PER_ENTITY_S, RemoteProfile, ServiceClient
 from mindstage.engines.remote.engine import RemoteEngine
 from mindstage.errors import (
-    BodyNotFoundError,
     EngineError,
     EngineUnavailableError,
     MessageValidationError,
@@ -177,8 +176,6 @@ class MindstageRemoteEngine(RemoteEngine):
         self._released_states: deque[_StateHandle] = deque()
         """Those of them that have been garbage-collected here."""
         self._world_lost = False
-        self._labels: dict[BodyId, str | None] = {}
-        """Labels that were set here."""
         self._remote_info = self._describe()
         self._connection_number = client.connection_count
         self._take_time_control()
@@ -242,17 +239,10 @@ class MindstageRemoteEngine(RemoteEngine):
             return msgspec.convert(encode(reply.report), SpawnReport)
 
     def delete(self, ids: Iterable[BodyId]) -> None:
-        deleted = tuple(ids)
-        self._call(wire.Delete, wire.Delete.Request(ids=deleted))
-        self._forget_labels(deleted)
-
-    def _forget_labels(self, ids: Iterable[BodyId]) -> None:
-        for id in ids:
-            self._labels.pop(id, None)
+        self._call(wire.Delete, wire.Delete.Request(ids=tuple(ids)))
 
     def clear(self) -> None:
         self._call(wire.Clear, wire.Clear.Request(), even_if_restarted=True)
-        self._labels.clear()
 
     def attach(self, parent: BodyId, child: BodyId) -> None:
         self._call(wire.Attach, wire.Attach.Request(parent=parent, child=child))
@@ -264,11 +254,7 @@ class MindstageRemoteEngine(RemoteEngine):
         reply: wire.LogWorld.Response = self._call(wire.LogWorld, wire.LogWorld.Request())
         with self._client.validating("log_world"):
             world = world_from_json(reply.world)
-        bodies = world.bodies
-        if self._labels:
-            replace = msgspec.structs.replace
-            bodies = tuple(replace(each, label=self._labels.get(each.id, each.label)) for each in bodies)
-        return msgspec.structs.replace(world, bodies=bodies, joints=without_lost_masters(world.joints))
+        return msgspec.structs.replace(world, joints=without_lost_masters(world.joints))
 
     # -- bodies --------------------------------------------------------------------------------------------------------
 
@@ -285,10 +271,7 @@ class MindstageRemoteEngine(RemoteEngine):
         self._call(wire.SetMaterials, wire.SetMaterials.Request(id=id, materials=text))
 
     def set_label(self, id: BodyId, label: str) -> None:
-        """See `Engine`; the other process keeps the label that it was given, since engines show none."""
-        if id not in (ids := self.poses()[0]):
-            raise BodyNotFoundError(id, known=ids)
-        self._labels[id] = label or None
+        self._call(wire.SetLabel, wire.SetLabel.Request(id=id, label=label))
 
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         request = wire.Highlight.Request(ids=tuple(ids))
@@ -336,7 +319,7 @@ class MindstageRemoteEngine(RemoteEngine):
     def save_state(self) -> SavedState:
         self._release_states()
         reply: wire.SaveState.Response = self._call(wire.SaveState, wire.SaveState.Request())
-        saved = _RemoteState(self, _StateHandle(self._remote_info.session, reply.handle), dict(self._labels))
+        saved = _RemoteState(self, _StateHandle(self._remote_info.session, reply.handle))
         self._saved_states.add(saved.location)
         finalize(saved, self._released_states.append, saved.location).atexit = False
         return SavedState(saved)
@@ -348,7 +331,6 @@ class MindstageRemoteEngine(RemoteEngine):
         if state.location not in self._saved_states:
             raise EngineUnavailableError(self.name, cause="it was restarted, and its saved states are lost")
         self._call(wire.RestoreState, wire.RestoreState.Request(handle=state.location.handle))
-        self._labels = dict(state.labels)
 
     # -- actuators -----------------------------------------------------------------------------------------------------
 
@@ -485,10 +467,8 @@ class _StateHandle(NamedTuple):
 class _RemoteState:
     """A state on the remote side; it is deleted there when this object is garbage-collected."""
 
-    def __init__(
-        self, engine: MindstageRemoteEngine, location: _StateHandle, labels: Mapping[BodyId, str | None]
-    ) -> None:
-        self.engine, self.location, self.labels = engine, location, labels
+    def __init__(self, engine: MindstageRemoteEngine, location: _StateHandle) -> None:
+        self.engine, self.location = engine, location
 
 
 def _service_name(client: ServiceClient, service: type[Service]) -> str:

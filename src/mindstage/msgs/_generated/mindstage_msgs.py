@@ -55,6 +55,7 @@ __all__ = [
     "SaveState",
     "SetActuators",
     "SetCommands",
+    "SetLabel",
     "SetMaterials",
     "SetPhysics",
     "SetPose",
@@ -615,6 +616,18 @@ class SetCommands(base.Service):
         names: tuple[base.String, ...] = ()
         commands: tuple[base.Float64, ...] = ()
         """[m], [rad], [m/s], [rad/s], [N] or [Nm], by the mode of the actuator."""
+
+    class Response(base.Message, frozen=True):
+        success: base.Bool = False
+        refusal: Refusal = Refusal()
+
+
+class SetLabel(base.Service):
+    """Sets the label of a body, its name for people; an empty one removes it."""
+
+    class Request(base.Message, frozen=True):
+        id: base.String = ""
+        label: base.String = ""
 
     class Response(base.Message, frozen=True):
         success: base.Bool = False

@@ -16,15 +16,16 @@ from mindstage.robots.model import Arm, BaseType, RobotJoint, RobotModel
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.scene.transforms import Array, normalize, quat_angle
 
-__all__ = ["POSE_JOINTS", "ArmPath", "driven_joints", "follow_poses", "interpolated_poses", "timed"]
+__all__ = ["LINE_STEP_M", "POSE_JOINTS", "ArmPath", "driven_joints", "follow_poses", "interpolated_poses", "timed"]
 
 _TOLERANCE = IkTolerance(position_m=0.002, rotation_rad=0.02)
 POSE_JOINTS = 6
 """Joints that an arm needs to take its hand to any pose in reach."""
 _MAX_JUMP_RAD = 0.35
 """Largest change of a joint between neighboring poses; more is another configuration of the arm."""
-_STEP_M, _STEP_RAD = 0.02, 0.08
-"""Distance between neighboring poses of a path."""
+LINE_STEP_M = 0.02
+"""Distance between neighboring poses of a straight line [m]."""
+_STEP_RAD = 0.08
 _DEFAULT_VELOCITY = 1.0
 """Of joints whose description has none [m/s or rad/s]."""
 _RAMP_S = 0.25
@@ -87,7 +88,7 @@ def interpolated_poses(start: Array, end: Array) -> Array:
     """Poses on a straight line from one pose to another, both included, at most 2 cm and 5 degrees apart."""
     distance = float(np.linalg.norm(end[:3] - start[:3]))
     turn = float(quat_angle(start[3:], end[3:]))
-    count = max(int(np.ceil(max(distance / _STEP_M, turn / _STEP_RAD))), 1)
+    count = max(int(np.ceil(max(distance / LINE_STEP_M, turn / _STEP_RAD))), 1)
     fractions = np.linspace(0.0, 1.0, count + 1)[:, None]
     last = end[3:] if float(start[3:] @ end[3:]) >= 0.0 else -end[3:]
     if turn < 1e-6:

@@ -87,6 +87,9 @@ def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMot
         before = opening.openness
         if abs(before - fraction) <= tolerance:
             return
+        if task.limit.is_over:
+            state = f"{opening.front} is {before:.0%} open instead of {fraction:.0%}"
+            raise task.failure(f"{state}: no way to move it was found {task.limit}", "move what is near it away")
         hand = free_hand(task, f"to move {opening.front}")
         target = opening.joint.position_at(fraction)
         try:
@@ -184,6 +187,7 @@ def _pushing(task: SkillTask, hand: Manipulator, opening: Opening, motion: Front
         pressed = motion.path.copy()
         ahead = _PRESS_M * np.linspace(1.0, 0.0, len(pressed))[:, None]
         pressed[:, :3] += ahead * _directions(pressed[:, :3])
+        pressed = pressed[: motion.stance.count]
         path = _free_path(hand, opening, motion, hand.path(pressed, may_drive=hand.is_mobile))
         if path.reached >= 2:
             yield from hand.following(path, speed=0.4, cartesian_speed=0.15)
@@ -205,7 +209,7 @@ def _moving_grasped(
     """Moves the grasped handle or edge along its path."""
     surroundings, body = task.surroundings(), motion.body
     in_hand = pose_multiply(pose_inverse(surroundings.pose(body)), hand.grasp_pose)
-    poses = pose_multiply(motion.poses, in_hand)
+    poses = pose_multiply(motion.poses[: motion.stance.count], in_hand)
     path = _free_path(hand, opening, motion, hand.path(poses, may_drive=hand.is_mobile, guide=motion.stance.path))
     if not path.is_complete:
         other = _free_path(hand, opening, motion, hand.path(poses, may_drive=hand.is_mobile))
@@ -234,8 +238,8 @@ def _rest_of_motion(task: SkillTask, opening: Opening, motion: FrontMotion) -> F
     positions = np.linspace(opening.joint.position, motion.positions[-1], _REST_POSES)
     fronts = [normalized_pose_array(opening.joint.pose_at(each)) for each in positions.tolist()]
     poses = np.array([pose_multiply(each, in_front) for each in fronts])
-    nothing = motion.stance.path._replace(reached=0)
-    return motion._replace(poses=poses, positions=positions, stance=motion.stance._replace(path=nothing))
+    stance = motion.stance._replace(path=motion.stance.path._replace(reached=0), count=len(poses))
+    return motion._replace(poses=poses, positions=positions, stance=stance)
 
 
 def _free_path(hand: Manipulator, opening: Opening, motion: FrontMotion, path: ArmPath) -> ArmPath:

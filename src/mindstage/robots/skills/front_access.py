@@ -99,6 +99,11 @@ class FrontMotion(NamedTuple):
         """The position of the joint up to which the stance reaches [m or rad]."""
         return float(self.positions[0] + self.stance.part * (self.positions[-1] - self.positions[0]))
 
+    @property
+    def end_row(self) -> int:
+        """Number of the last pose that the stance reaches."""
+        return round(self.stance.part * (len(self.positions) - 1))
+
 
 class FrontReachStep(msgspec.Struct, frozen=True, kw_only=True):
     """A part of opening a front."""
@@ -153,7 +158,7 @@ def can_open(robot: Robot, thing: str, fraction: float = 1.0) -> FrontReach:
     steps: list[FrontReachStep] = []
     reason, obstacle = "", None
     hand = hands_of(task)[0]
-    floor = FloorMap(robot) if hand.is_mobile else None
+    floor: FloorMap | None = None
 
     def openness() -> float:
         return (position - joint.closed_position) / span
@@ -165,6 +170,10 @@ def can_open(robot: Robot, thing: str, fraction: float = 1.0) -> FrontReach:
             reason, obstacle = error.reason, error.obstacle
             break
         position = found.end
+        if hand.is_mobile:  # it goes on from where it stands then, with the front where it is then
+            path = found.stance.path
+            moved = _parts_at(opening, surroundings, position)
+            floor = FloorMap(robot, moved=moved, start=hand.base_of(path.roots[found.end_row]))
         steps.append(FrontReachStep(way=found.way, base=found.stance.base, openness=round(openness(), 3)))
         reason = found.stance.why
     is_reachable = openness() >= _ALL * fraction
@@ -176,6 +185,15 @@ def can_open(robot: Robot, thing: str, fraction: float = 1.0) -> FrontReach:
         reason="" if is_reachable else reason,
         obstacle=None if is_reachable else obstacle,
     )
+
+
+def _parts_at(opening: Opening, surroundings: Surroundings, position: float) -> dict[BodyId, Pose]:
+    """Where a front and its handle are at a position of its joint [m or rad]."""
+    front = normalized_pose_array(opening.joint.pose_at(position))
+    to_front = pose_inverse(surroundings.pose(opening.front))
+    parts = dict.fromkeys(each for each in (opening.front, opening.handle) if each is not None)
+    poses = {id: pose_multiply(front, pose_multiply(to_front, surroundings.pose(id))) for id in parts}
+    return {id: pose_from_array(pose) for id, pose in poses.items()}
 
 
 def find_front_motion(
@@ -199,7 +217,7 @@ def find_front_motion(
         target: the position that its joint is to have [m or rad].
         start: the position from which it is moved; None for the present one.
         tried: what was tried without success.
-        floor: the free floor, if it is known.
+        floor: the free floor with the front at `start`, if it is known; the base is at its start.
 
     Raises:
         UnreachableError: there is none; with the reason for each way.
@@ -314,12 +332,11 @@ class _FrontSearch:
     def _handle_at(self, position: float) -> Array:
         return pose_multiply(self._front_at(position), self.handle_in_front)
 
-    def _moved_door(self) -> dict[BodyId, Pose]:
-        """Where a door with a vertical axis, which may shut in the base, and its handle are at the end; else empty."""
+    def _moved_door(self) -> dict[BodyId, Array]:
+        """Where a door with a vertical axis, which may shut in the base, and its handle are on the path; else empty."""
         if self.opening.joint.is_prismatic or not self.is_level:
             return {}
-        ends = {self.opening.front: self.fronts[-1], self.handle: self.handles[-1]}
-        return {id: pose_from_array(pose) for id, pose in ends.items()}
+        return {self.opening.front: self.fronts, self.handle: self.handles}
 
     # -- grasps ------------------------------------------------------------------------------------------------------
 
@@ -365,6 +382,7 @@ class _FrontSearch:
         found = list[tuple[Grasp, Array]]()
         nearest: IkResult | None = None
         seed = {**hand.robot.joint_positions(), **hand.ready_positions()}
+        before = hand.kinematics.iterations
         for grasp, path in candidates:
             x, y, yaw = path[0, 0], path[0, 1], _heading(path[0])
             result = hand.kinematics.solve_ik(
@@ -381,6 +399,7 @@ class _FrontSearch:
                 nearest.position_error_m + nearest.rotation_error_rad
             ):
                 nearest = result
+        hand.task.limit.count(hand.kinematics.iterations - before)
         if not found and nearest is not None:
             raise UnreachableError(hand.robot.name, target=body, reason=nearest.reason, shortfall_m=nearest.shortfall_m)
         return found
@@ -423,7 +442,7 @@ class _FrontSearch:
         opening_m = 0.0 if way is FrontWay.PUSH else grasp.opening_m(hand.gripper.max_opening_m)
         fingers = hand.fingers_at(opening_m)
         for back in (0.0, 0.5, 1.0):
-            length = back * BACK_M[way is not FrontWay.EDGE]
+            length = back * min(BACK_M[way is not FrontWay.EDGE], hand.distance_before(at))
             place = pose_multiply(at, np.array([-length, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
             if (hit := checker.find(place, fingers, strictly=True)) is not None:
                 return hit

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from functools import cached_property
+from itertools import product
 from math import atan2, cos, hypot, inf, pi, sin
 
 import numpy as np
@@ -18,17 +19,35 @@ from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.model import Arm, BaseType, Gripper, RobotJointType
-from mindstage.robots.navigation import plan_base
+from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.planning import plan_arm
+from mindstage.robots.search_limits import SearchLimit
 from mindstage.robots.skills.arm_paths import POSE_JOINTS, ArmPath, follow_poses, interpolated_poses, timed
 from mindstage.robots.skills.declaration import SkillMotion
 from mindstage.robots.skills.grasps import GripperShape
 from mindstage.robots.skills.task import SkillTask
 from mindstage.robots.trajectories import JointTrajectory
 from mindstage.scene import BodyId
-from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, quat_conjugate, quat_multiply, quat_rotate
+from mindstage.scene.transforms import (
+    Array,
+    pose_inverse,
+    pose_multiply,
+    quat_angle,
+    quat_conjugate,
+    quat_multiply,
+    quat_rotate,
+)
 
-__all__ = ["BasePose", "Manipulator", "free_hand", "guarded", "hand_with", "hands_of", "planar_pose"]
+__all__ = [
+    "BasePose",
+    "Manipulator",
+    "free_hand",
+    "guarded",
+    "hand_with",
+    "hands_of",
+    "is_near",
+    "planar_pose",
+]
 
 BasePose = tuple[float, float, float]
 """x, y [m] and yaw [rad] in the world frame."""
@@ -54,6 +73,9 @@ _CHECKED_EVERY = 2
 """Of the poses of a path, every second one is tested for collisions."""
 _WITHDRAWING_MPS = 0.12
 """Speed of a hand that withdraws [m/s]: a door that its fingers drag along may come against the base."""
+_WITHDRAWING_FREE = {True: ("", "z", "yz"), False: ("",)}
+"""Axes of the grasp frame about which a hand may turn that withdraws, if its arm needs the base, and if not: none, else
+the bar that was between its fingers, else also the direction in which they close."""
 _FOLLOWING_SPEED = 0.15
 """Fraction of its velocity limits with which a base moves along with an arm."""
 _EMPTY_M = 0.003
@@ -62,6 +84,11 @@ _GUARD_S = 0.012
 """Simulated time between two looks at the contacts [s]."""
 _GRIP_FORCES = (1.0, 0.7, 0.5)
 """Fractions of the force with which the fingers close, until they are not pressed too deep; the last one has to do."""
+_FOLDED = 0.02
+"""An arm whose joints are all nearer to their rest positions is folded [m or rad]."""
+_ON_LINE_M, _ON_LINE_RAD = 0.01, 0.1
+"""A hand that is nearer to the straight line to a grasp is on it."""
+_NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 _MAX_DEPTH_M = 0.003
 """A motion ends when a part of the robot is pressed deeper than this into something."""
 _DEEPER_M = 0.0005
@@ -71,7 +98,7 @@ _PARKING_TESTS = 50_000
 _ROOMS_M = (0.35, 0.5, 0.2)
 """How far the base drives away to give an arm room."""
 _ROOM_TESTS = 10_000
-"""Number of poses that are tested for each direction."""
+"""Number of poses that are tested for ways there."""
 _NEAR_M, _NEAR_RAD = 0.02, 0.04
 """A base that is nearer to where it is to stand does not drive."""
 
@@ -80,6 +107,12 @@ def planar_pose(base: BasePose) -> Array:
     """A pose on the floor, seven numbers."""
     x, y, yaw = base
     return np.array([x, y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)])
+
+
+def is_near(base: BasePose, here: BasePose) -> bool:
+    """Whether a place is so near to where the base is that it does not drive there."""
+    turn = abs((base[2] - here[2] + pi) % (2 * pi) - pi)
+    return hypot(base[0] - here[0], base[1] - here[1]) < _NEAR_M and turn < _NEAR_RAD
 
 
 def _pressed(task: SkillTask, own: frozenset[BodyId]) -> dict[tuple[BodyId, BodyId | None], float]:
@@ -156,6 +189,14 @@ class Manipulator:
         """Whether the arm has too few joints to take its hand to any pose without the base."""
         return self.is_mobile and len(self.arm.joints) < POSE_JOINTS
 
+    @property
+    def withdrawing_free(self) -> tuple[str, ...]:
+        """Axes of the grasp frame about which the hand may turn when it withdraws, the preferred ones first.
+
+        An arm with few joints does not keep the direction of its hand everywhere, as when its slides are drawn in.
+        """
+        return _WITHDRAWING_FREE[self.needs_base]
+
     def is_slide(self, joint: str) -> bool:
         """Whether a joint is prismatic."""
         return self._joints[joint].type is RobotJointType.PRISMATIC
@@ -228,6 +269,31 @@ class Manipulator:
         return self.robot.grasp_pose(self.gripper.name)
 
     @property
+    def rest_positions(self) -> dict[str, float]:
+        """The positions of the folded arm [m or rad]; empty if it has none."""
+        return dict(zip(self.arm.joints, self.arm.rest_positions, strict=False))
+
+    @property
+    def is_folded(self) -> bool:
+        """Whether the arm is folded, or cannot be."""
+        now = self.robot.joint_positions()
+        return all(abs(now[name] - position) < _FOLDED for name, position in self.rest_positions.items())
+
+    def distance_before(self, at: Array) -> float:
+        """How far the hand is in front of a grasp if it is on the straight line to it [m]; infinite if it is not.
+
+        It may be in front of a handle that it has moved before, where it has no room to withdraw any farther.
+
+        Args:
+            at: the pose of the grasp frame at the grasp, in the world frame.
+        """
+        offset = pose_multiply(pose_inverse(at), self.grasp_pose)
+        turn = float(quat_angle(offset[3:], _NO_TURN))
+        if offset[0] > _ON_LINE_M or np.hypot(*offset[1:3]) > _ON_LINE_M or turn > _ON_LINE_RAD:
+            return inf
+        return max(-float(offset[0]), 0.0)
+
+    @property
     def held(self) -> BodyId | None:
         """What the gripper holds."""
         return self.robot.held.get(self.gripper.name)
@@ -266,12 +332,10 @@ class Manipulator:
             why: what for, for the report.
             ignore: bodies that are no obstacles.
         """
-        x, y, yaw = self.robot.base_pose()
-        turn = abs((base[2] - yaw + np.pi) % (2 * np.pi) - np.pi)
-        if hypot(base[0] - x, base[1] - y) < _NEAR_M and turn < _NEAR_RAD:
+        if is_near(base, self.robot.base_pose()):
             return
         with self.task.step("drive", f"drive to ({base[0]:.2f}, {base[1]:.2f}) {why}"):
-            path = plan_base(self.robot, base, ignore=ignore)
+            path = plan_base(self.robot, base, ignore=ignore, part_of=self.task.limit)
             speed = 1.0 if self.held is None else _HELD_DRIVE_SPEED
             result = yield from guarded(self.task, self.robot.driving(path, speed=speed))
             self._require(result, "let the robot start from somewhere else, or move what is in its way")
@@ -317,6 +381,7 @@ class Manipulator:
                     clearance_m=clearance_m,
                     speed=_HELD_SPEED if holds else _SPEED,
                     max_tests=max_tests,
+                    part_of=self.task.limit,
                     seed=self.task.seed + 1,
                 )
             except UnreachableError:
@@ -344,13 +409,21 @@ class Manipulator:
     def withdrawing(self, length_m: float, *, touch: Collection[BodyId] = ()) -> SkillMotion:
         """Moves the grasp frame straight back, as far as the arm and the base follow, or until a contact.
 
+        A hand that cannot keep its direction turns about what was between its fingers.
+
         Args:
             length_m: how far, against its x axis.
             touch: bodies that the gripper may touch.
         """
         target = pose_multiply(self.grasp_pose, np.array([-length_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
-        path = self.path(interpolated_poses(self.grasp_pose, target), may_drive=self.is_mobile)
-        path = self.free_part(path, touch=touch)
+        poses = interpolated_poses(self.grasp_pose, target)
+        path: ArmPath | None = None
+        for free in self.withdrawing_free:
+            found = self.free_part(self.path(poses, free=free, may_drive=self.is_mobile), touch=touch)
+            path = found if path is None else max(path, found, key=lambda each: each.reached)
+            if path.reached == len(poses):
+                break
+        assert path is not None
         if path.reached >= 2:
             yield from self.following(path, speed=0.3, cartesian_speed=_WITHDRAWING_MPS)
 
@@ -505,12 +578,9 @@ class Manipulator:
 
     def parking(self, *, touch: Collection[BodyId] = ()) -> SkillMotion:
         """Folds the arm."""
-        rest = dict(zip(self.arm.joints, self.arm.rest_positions, strict=False))
-        if not rest:
+        if self.is_folded:
             return
-        now = self.robot.joint_positions()
-        if all(abs(now[name] - position) < 0.02 for name, position in rest.items()):
-            return
+        rest = self.rest_positions
         try:
             yield from self.moving_to(rest, why="to its rest position", touch=touch, max_tests=_PARKING_TESTS)
         except UnreachableError:
@@ -531,19 +601,25 @@ class Manipulator:
         x, y, yaw = self.robot.base_pose()
         error: UnreachableError | None = None
         checker = CollisionChecker(self.robot, joints=self.arm.joints, base_moves=True)
-        for distance in _ROOMS_M:
-            for turn in (pi, 0.75 * pi, -0.75 * pi, pi / 2, -pi / 2):
-                away = (x + distance * cos(yaw + turn), y + distance * sin(yaw + turn), yaw)
-                try:
-                    if (hit := checker.find_at(rest, away)) is not None:
-                        raise UnreachableError(self.robot.name, target="its rest position", reason=f"there {hit}")
-                    path = plan_base(self.robot, away, max_tests=_ROOM_TESTS)
-                except UnreachableError as found:
-                    error = found
-                    continue
-                with self.task.step("drive", f"drive {distance:g} m away to give the arm room"):
-                    self._require((yield from guarded(self.task, self.robot.driving(path))), "move what is in its way")
-                return
+        floor = FloorMap(self.robot)
+        turns = (pi, 0.75 * pi, -0.75 * pi, pi / 2, -pi / 2)
+        places = [
+            (x + distance * cos(yaw + turn), y + distance * sin(yaw + turn), yaw)
+            for distance, turn in product(_ROOMS_M, turns)
+        ]
+        limit = SearchLimit(_ROOM_TESTS, part_of=self.task.limit)
+        for max_tests, away in product((0, _ROOM_TESTS), places):  # nothing is searched if a straight way is free
+            try:
+                if (hit := checker.find_at(rest, away)) is not None:
+                    raise UnreachableError(self.robot.name, target="its rest position", reason=f"there {hit}")
+                path = plan_base(self.robot, away, max_tests=max_tests, part_of=limit, floor=floor)
+            except UnreachableError as found:
+                error = found
+                continue
+            distance = hypot(away[0] - x, away[1] - y)
+            with self.task.step("drive", f"drive {distance:.2g} m away to give the arm room"):
+                self._require((yield from guarded(self.task, self.robot.driving(path))), "move what is in its way")
+            return
         assert error is not None
         raise error
 

@@ -61,7 +61,7 @@ def drive_to(task: SkillTask, base: BasePose) -> SkillMotion:
         SkillFailedError: something was in the way.
     """
     with task.step("drive", f"drive to ({base[0]:.2f}, {base[1]:.2f})"):
-        result = yield from guarded(task, task.robot.driving(plan_base(task.robot, base)))
+        result = yield from guarded(task, task.robot.driving(plan_base(task.robot, base, part_of=task.limit)))
         if not result:
             raise task.failure(result.reason, "move what is in the way, or drive to another place")
 
@@ -86,7 +86,7 @@ def _place_near(task: SkillTask, surroundings: Surroundings, id: BodyId) -> Base
                 places.append((length, (float(x), float(y), atan2(middle[1] - y, middle[0] - x))))
         for _, base in sorted(places):
             try:
-                plan_base(task.robot, base, max_tests=_WAY_TESTS)
+                plan_base(task.robot, base, max_tests=_WAY_TESTS, part_of=task.limit, floor=floor)
             except UnreachableError as error:
                 reason = error.reason
                 continue

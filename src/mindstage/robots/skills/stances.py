@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from itertools import product
 from math import atan2, cos, hypot, pi, sin
 from typing import NamedTuple
@@ -14,12 +15,13 @@ from mindstage.errors import UnreachableError
 from mindstage.robots.collisions import Collision, CollisionChecker, links_behind
 from mindstage.robots.kinematics import BASE_JOINTS
 from mindstage.robots.navigation import FloorMap, plan_base
+from mindstage.robots.planning import plan_arm
 from mindstage.robots.search_limits import SearchLimit
-from mindstage.robots.skills.arm_paths import POSE_JOINTS, ArmPath, follow_poses, interpolated_poses
+from mindstage.robots.skills.arm_paths import LINE_STEP_M, POSE_JOINTS, ArmPath, follow_poses, interpolated_poses
 from mindstage.robots.skills.grasps import Grasp
-from mindstage.robots.skills.manipulator import BasePose, Manipulator
-from mindstage.scene import BodyId, Pose
-from mindstage.scene.transforms import Array, pose_multiply, quat_rotate
+from mindstage.robots.skills.manipulator import BasePose, Manipulator, is_near
+from mindstage.scene import BodyId
+from mindstage.scene.transforms import Array, pose_from_array, pose_multiply, quat_rotate
 
 __all__ = ["Stance", "StanceRequest", "find_stance"]
 
@@ -38,8 +40,14 @@ _STEPS = 60_000
 """Number of iterations of inverse kinematics and tests for collisions after which a search ends."""
 _WAY_TESTS = 30_000
 """Number of poses that the search for a way to a place tests."""
+_ARM_TESTS = 6_000
+"""Number of states that the search for a way of the arm to the begin of a path tests."""
+_NEAR_M = 1.0
+"""Up to this distance from where it is, a place is free if the robot has room there, even if its disc has none [m]."""
 _SHUT_IN = 0.5
-"""Weight of a path at whose end the base has no way back, as between an open door and a wall."""
+"""Weight of a path at whose end the hand does not come off, or the base is shut in, as between a door and a wall."""
+_EXITS = 8
+"""Number of places on a path from which the way back is looked for."""
 _GOOD_ENOUGH = 0.98
 """Part of the path beyond which no better stance is looked for."""
 _IK_ATTEMPTS, _ADJUSTED_IK_ATTEMPTS = 5, 3
@@ -82,7 +90,9 @@ class Stance(NamedTuple):
     path: ArmPath
     """The motion along it, as it was tested."""
     part: float
-    """As `reach`, which is less where the base would be shut in at the end."""
+    """As `reach`, which is less where the robot has no way back at the end."""
+    count: int
+    """Number of poses of the path after which the motion is to end: the robot still has a way back there."""
 
 
 class StanceRequest(NamedTuple):
@@ -106,8 +116,8 @@ class StanceRequest(NamedTuple):
     """The joint of a door or drawer that moves with the target."""
     joint_positions: Sequence[float] = ()
     """Its positions along the path [m or rad]."""
-    moved: Mapping[BodyId, Pose] = {}
-    """Where the door or drawer and its parts are at the end of the path."""
+    moved: Mapping[BodyId, Array] = {}
+    """Where a door that may shut in the base, and its parts, are along the path: n x 7 poses in the world frame."""
     touched: Sequence[BodyId] = ()
     """Bodies that the hand, or what it holds, may touch."""
     least: float = 0.3
@@ -132,7 +142,7 @@ def find_stance(hand: Manipulator, request: StanceRequest, floor: FloorMap | Non
     Args:
         hand: the arm.
         request: what is to be done.
-        floor: the free floor, if it is known.
+        floor: the free floor, if it is known; the base is at its start.
 
     Raises:
         UnreachableError: there is none.
@@ -152,9 +162,9 @@ class _Search:
     def __init__(self, hand: Manipulator, request: StanceRequest, floor: FloorMap | None) -> None:
         self.hand, self.request, self.floor = hand, request, floor
         robot = hand.robot
-        self.later: FloorMap | None = None
-        """The free floor after the path."""
-        self.here = robot.base_pose()
+        self.later: dict[int, FloorMap] = {}
+        """The free floor when the door or drawer has been moved, by the pose of the path."""
+        self.here = robot.base_pose() if floor is None else floor.start
         self.positions = robot.joint_positions()
         self.holds = hand.held is not None
         self.moves_base = hand.is_mobile and not request.stays
@@ -193,23 +203,33 @@ class _Search:
         """How often the inverse kinematics failed, with the pose of the base among its unknowns, by grasp and pivot."""
         self.blocked = 0
         """Number of places that are not free."""
-        self.iterations = hand.kinematics.iterations
-        """Those before the search."""
-        self.limit = SearchLimit(request.steps)
+        self.counted = hand.kinematics.iterations
+        """The iterations and tests that the limit has counted, or that were before the search."""
+        self.limit = SearchLimit(request.steps, part_of=hand.task.limit)
 
     def find(self) -> Stance:
         """See `find_stance`."""
         best: Stance | None = None
-        for seed, pivot in product(self._seeds(), self._pivots()):
+        for seed, pivot in self._begins():
             self.pivot = pivot
             best = self._find_from(seed, best)
-            if self.limit.is_over or (best is not None and best.reach >= self.request.enough):
+            if self._is_over() or (best is not None and best.reach >= self.request.enough):
                 break
         if best is None:
             raise self._failure()
         if self.limit.ended_by_time:
             self.hand.task.assume(f"no better stance to reach {self.request.target} was found {self.limit}")
         return best
+
+    def _begins(self) -> Iterator[tuple[dict[str, float], int]]:
+        """Positions of the arm and numbers of poses of the path from which inverse kinematics starts.
+
+        Where an arm cannot be folded, it may be in front of what it has moved before, and only move it back: so the
+        first pose is solved from how the arm is.
+        """
+        if self.adjusts and not self.hand.is_folded:
+            yield self.positions, 0
+        yield from product(self._seeds(), self._pivots())
 
     def _pivots(self) -> Sequence[int]:
         """The poses of the path for which inverse kinematics is solved first.
@@ -239,7 +259,8 @@ class _Search:
 
     def _find_from(self, seed: Mapping[str, float], best: Stance | None) -> Stance | None:
         """The best stance, or the best of those before, with arms near to some positions."""
-        for base in self._bases():
+        stays = self.adjusts and seed is self.positions  # they belong to the place where the base is
+        for base in (self.here,) if stays else self._bases():
             if self._is_avoided(base):
                 continue
             for number, grasp in self._possible_grasps():
@@ -248,8 +269,10 @@ class _Search:
                     continue
                 if not self._can_drive_to(stance.base):
                     break
+                if self.adjusts and self.request.joint is not None and not self._finds_arm_way(stance):
+                    continue
                 best = stance
-                if best is not None and best.reach >= _GOOD_ENOUGH:
+                if best.reach >= _GOOD_ENOUGH:
                     return best
             if self._is_over():
                 break
@@ -276,8 +299,9 @@ class _Search:
 
     def _is_over(self) -> bool:
         """Whether the search has used up its steps."""
-        done = self.hand.kinematics.iterations - self.iterations + self.checker.tests + self.strict.tests
-        self.limit.count(done - self.limit.done)
+        done = self.hand.kinematics.iterations + self.checker.tests + self.strict.tests
+        self.limit.count(done - self.counted)
+        self.counted = done
         return self.limit.is_over
 
     def _failure(self) -> UnreachableError:
@@ -313,12 +337,39 @@ class _Search:
         return f"{reason}; no other stance was found {self.limit}" if self.limit.ended_by_time else reason
 
     def _can_drive_to(self, base: BasePose) -> bool:
-        if not self.moves_base or np.allclose(base, self.here, atol=1e-6):
+        if not self.moves_base or is_near(base, self.here):
             return True
         try:
-            plan_base(self.hand.robot, base, max_tests=_WAY_TESTS)
+            plan_base(
+                self.hand.robot,
+                base,
+                max_tests=_WAY_TESTS,
+                part_of=self.limit,
+                floor=self.floor,
+                joints=self._joint_at(0),
+            )
         except UnreachableError as error:
             self._count(error.reason, error.shortfall_m)
+            return False
+        return True
+
+    def _finds_arm_way(self, stance: Stance) -> bool:
+        """Whether the arm, as it is now, finds its way to the begin of a stance's path from where the base will be."""
+        hand = self.hand
+        try:
+            plan_arm(
+                hand.robot,
+                hand.arm,
+                stance.start,
+                start=self._fingers(stance.grasp),
+                max_tests=_ARM_TESTS,
+                part_of=self.limit,
+                base=stance.base if self.moves_base else None,
+                joints=self._joint_at(0),
+                seed=hand.task.seed + 1,
+            )
+        except UnreachableError as error:
+            self._count(f"in front of it {error.reason}")
             return False
         return True
 
@@ -348,12 +399,12 @@ class _Search:
         for distance, bearing in product(distances, _BEARINGS_RAD):
             x = float(target[0] + distance * cos(away + bearing))
             y = float(target[1] + distance * sin(away + bearing))
-            if not self.floor.is_reachable(x, y):
-                self.blocked += 1
-                continue
             facing = atan2(target[1] - y, target[0] - x) - self.hand.side
-            for heading in headings:
-                yield x, y, facing + heading
+            bases = [(x, y, facing + heading) for heading in headings]
+            self._move_joint(0)
+            free = [each for each in bases if self._may_stand(each, self.positions)]
+            self.blocked += not free
+            yield from free
 
     def _other_bases(self, target: Array, floor: FloorMap) -> Iterator[BasePose]:
         """Places anywhere on the free floor around the target, for where most of it is taken."""
@@ -389,9 +440,11 @@ class _Search:
             self.missed[number, pivot] += adjusts
             return None
         root = np.array(found.root_pose)
-        if adjusts and not self._stands_free(hand.base_of(root)):
-            return None
         at_pivot = {**self.positions, **found.positions}
+        self._move_joint(pivot)
+        if adjusts and not self._may_stand(hand.base_of(root), at_pivot):
+            self.blocked += 1
+            return None
         before = self._follow(poses[pivot::-1], root, at_pivot) if pivot else None
         if before is not None and before.reached <= pivot:
             self._count(before.reason, before.shortfall_m)
@@ -413,21 +466,71 @@ class _Search:
             self._exclude(number, grasp)
             self._count(path.reason or "the robot would touch something on the way", path.shortfall_m)
             return None
-        has_way_back = self._has_way_back(hand.base_of(path.roots[path.reached - 1]))
-        worth = reach if has_way_back else _SHUT_IN * reach
-        return Stance(start.base, grasp, number, start.positions, worth, start.back_m, path.reason, path, reach)
+        count = len(request.poses)
+        stance = Stance(
+            start.base, grasp, number, start.positions, reach, start.back_m, path.reason, path, reach, count
+        )
+        return self._with_exit(stance, poses) if request.joint is not None else stance
 
-    def _follow(self, poses: Array, root: Array, seed: Mapping[str, float]) -> ArmPath:
-        hand = self.hand
-        return follow_poses(hand.kinematics, hand.arm, poses, root=root, seed=seed, may_drive=self.moves_base)
+    def _with_exit(self, stance: Stance, poses: Array) -> Stance:
+        """A stance whose path ends where the robot can still get away from what it has moved, if there is such a place.
 
-    def _has_way_back(self, base: BasePose) -> bool:
-        """Whether the base is not shut in when the door or drawer has been moved."""
+        Args:
+            stance: the stance.
+            poses: n x 7: poses of the grasp frame along the path.
+        """
+        count = len(poses)
+        last = round(stance.reach * (count - 1))
+        rows = range(last, -1, -max(last // _EXITS, 1))
+        # The motion may end a little earlier, so that there has to be a way back from there, too.
+        has_exit = cache(lambda row: self._has_exit(stance, poses[row], row))
+        row = next((row for row in rows if has_exit(row) and has_exit(max(row - 1, 0))), 0)
+        cut = row / max(count - 1, 1)
+        if row == last:
+            return stance
+        if stance.reach >= _GOOD_ENOUGH or cut < max(_SHUT_IN * stance.reach, self.request.least):
+            return stance._replace(reach=_SHUT_IN * stance.reach)
+        why = "the robot would be shut in farther on, or its hand would not come off"
+        return stance._replace(reach=cut, part=cut, why=why, count=row + 1)
+
+    def _has_exit(self, stance: Stance, at: Array, row: int) -> bool:
+        """Whether the hand comes off, and the base can drive away, when the path is followed up to one of its poses.
+
+        Args:
+            stance: the stance.
+            at: that pose of the grasp frame.
+            row: its number.
+        """
+        hand, root = self.hand, stance.path.roots[row]
+        if self.adjusts:  # other arms take their hands back nearly everywhere
+            self._move_joint(row)
+            back = interpolated_poses(at, pose_multiply(at, np.array([-self.request.back_m, 0, 0, 1.0, 0, 0, 0])))
+            seed = {**self.positions, **stance.path.at(row)}
+            ways = (self._follow(back, root, seed, free=free) for free in hand.withdrawing_free)
+            way = next((each for each in ways if self._comes_off(each, self._fingers(stance.grasp))), None)
+            if way is None:
+                return False
+            root = way.roots[-1]
         if not self.moves_base or not self.request.moved:
             return True
-        if self.later is None:
-            self.later = FloorMap(self.hand.robot, moved=self.request.moved)
-        return self.later.is_reachable(base[0], base[1])
+        if row not in self.later:
+            moved = {id: pose_from_array(each[row]) for id, each in self.request.moved.items()}
+            self.later[row] = FloorMap(hand.robot, moved=moved, start=self.here)
+        x, y, _ = hand.base_of(root)
+        return self.later[row].is_reachable(x, y)
+
+    def _comes_off(self, way: ArmPath, fingers: Mapping[str, float]) -> bool:
+        """Whether the hand can withdraw on a way, with its fingers open."""
+
+        def is_free(row: int) -> bool:
+            base = self.hand.base_of(way.roots[row]) if self.moves_base else None
+            return self.checker.find_at({**way.at(row), **fingers}, base) is None
+
+        return way.is_complete and all(is_free(row) for row in range(1, way.reached))
+
+    def _follow(self, poses: Array, root: Array, seed: Mapping[str, float], *, free: str = "") -> ArmPath:
+        hand, drives = self.hand, self.moves_base
+        return follow_poses(hand.kinematics, hand.arm, poses, root=root, seed=seed, free=free, may_drive=drives)
 
     def _fingers(self, grasp: Grasp) -> dict[str, float]:
         """Positions of the fingers on the way to a grasp; those of now if something is held."""
@@ -436,13 +539,19 @@ class _Search:
             return {name: self.positions[name] for name in gripper.joints}
         return self.hand.fingers_at(0.0 if self.request.is_closed else grasp.opening_m(gripper.max_opening_m))
 
-    def _stands_free(self, base: BasePose) -> bool:
+    def _may_stand(self, base: BasePose, positions: Mapping[str, float]) -> bool:
+        """Whether the base may get to a place: the disc around it does, or it is near, and the robot has room there.
+
+        A robot may stand where the disc has no room, as between an open drawer and a chair; how it gets from there to
+        another place is searched with its own shapes (see `plan_base`).
+        """
         if self.floor is None:
             self.floor = FloorMap(self.hand.robot)
         if self.floor.is_reachable(base[0], base[1]):
             return True
-        self.blocked += 1
-        return False
+        if hypot(base[0] - self.here[0], base[1] - self.here[1]) > _NEAR_M:
+            return False
+        return self.checker.find_at(positions, base) is None
 
     def _start(self, at: Array, root: Array, seed: dict[str, float]) -> _Start | None:
         """From where the hand comes on a straight line."""
@@ -461,13 +570,13 @@ class _Search:
         )
         last = -1
         for row in range(approach.reached):
-            if (row % 2 == 0 or row == approach.reached - 1) and self._hits(
-                approach.at(row), self.hand.base_of(approach.roots[row]), strictly=True
-            ):
+            if row % 2 and row < approach.reached - 1:
+                continue
+            if self._hits(approach.at(row), self.hand.base_of(approach.roots[row]), strictly=True):
                 break
             last = row
         length = wanted * max(last - len(rise), 0) / max(len(line) - 1, 1)
-        if last < len(rise) or length < request.back_m - 1e-6:
+        if last < len(rise) or length < min(request.back_m, self.hand.distance_before(above) - LINE_STEP_M) - 1e-6:
             if last == approach.reached - 1:  # else the collision was counted
                 self._count(approach.reason or "the hand has no straight way to it", approach.shortfall_m)
             return None
@@ -495,16 +604,22 @@ class _Search:
     def _free_part(self, path: ArmPath) -> float:
         """The part of a path that is followed without collisions."""
         count = len(self.request.poses)
-        for row in range(0, path.reached, _CHECKED_EVERY):
+        free = 0
+        for row in (*range(0, path.reached - 1, _CHECKED_EVERY), path.reached - 1):
             self._move_joint(row)
             if self._hits(path.at(row), self.hand.base_of(path.roots[row])):
-                return max(row - _CHECKED_EVERY, 0) / max(count - 1, 1)
+                return free / max(count - 1, 1)
+            free = row
         return 1.0 if count == 1 and path.reached else (path.reached - 1) / max(count - 1, 1)
 
+    def _joint_at(self, row: int) -> dict[BodyId, float]:
+        """The position of the joint that moves with the target at a pose of the path; empty without one."""
+        return {} if self.request.joint is None else {self.request.joint: self.request.joint_positions[row]}
+
     def _move_joint(self, row: int) -> None:
-        if self.request.joint is not None:
+        for joint, position in self._joint_at(row).items():
             for checker in (self.checker, self.strict) if row == 0 else (self.checker,):
-                checker.set_joint(self.request.joint, self.request.joint_positions[row])
+                checker.set_joint(joint, position)
 
     def _count(self, reason: str, shortfall_m: float | None = None) -> None:
         self.reasons[reason] += 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from math import inf
 
 from msgspec.structs import replace
 
@@ -11,11 +12,15 @@ from mindstage.errors import SkillFailedError
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.model import BaseType
 from mindstage.robots.robot import Robot
+from mindstage.robots.search_limits import SearchLimit
 from mindstage.robots.skills.declaration import SkillMotion, SkillNeed, SkillSpec, SkillState, SkillStep
 from mindstage.robots.skills.surroundings import Surroundings
 from mindstage.scene import BodyId
 
 __all__ = ["SkillTask"]
+
+_STEPS = 1_000_000
+"""Number of steps of all searches of a skill together; several times those of the longest ones that succeed."""
 
 
 class SkillTask:
@@ -39,6 +44,8 @@ class SkillTask:
         """The things that were moved."""
         self.opened: dict[BodyId, None] = {}
         """The doors and drawers that were used."""
+        self.limit = SearchLimit(_STEPS, cpu_s=inf)
+        """Of all its searches together."""
         self._on_step = on_step
         self._start_s = self.time_s
         self._depth = 0

@@ -132,11 +132,14 @@ function hasOwnUse(event, key) {
   return key === "Ctrl+C" && String(getSelection()) !== "";
 }
 
+// An element of a dialog keeps the focus after the dialog was closed, until the browser draws the page again.
+const isInClosedDialog = (target) => Boolean(target.closest?.("dialog:not([open])"));
+
 document.addEventListener("keydown", (event) => {
   const key = pressed(event);
   const found = byKey.get(key);
   if (!found || event.defaultPrevented || event.repeat && key === "Space" || document.querySelector("dialog[open]")) return;
-  if (found.id !== "palette" && (isTyping(event.target) || hasOwnUse(event, key))) return;
+  if (found.id !== "palette" && !isInClosedDialog(event.target) && (isTyping(event.target) || hasOwnUse(event, key))) return;
   // Text is pasted by the event "paste", which needs no permission.
   if (key === "Ctrl+V" || (found.enabled && !found.enabled())) return;
   event.preventDefault();

@@ -4,7 +4,7 @@
 // the frame in which the mesh of its body is there. A view without the page says how far it is, otherwise the page does.
 
 import { applyPoses } from "./bodyPoses.js";
-import { beforeFrames, onNewConnection, onReplayDone, onViewData, viewReady } from "./viewData.js";
+import { beforeFrames, geometryClass, onNewConnection, onReplayDone, onViewData, viewReady } from "./viewData.js";
 
 const BEFORE_RENDERING = -5;
 const SHOW_PROGRESS_MS = 1500;
@@ -31,13 +31,6 @@ const progress = document.createElement("div");
 progress.className = "mindstage-loading";
 progress.setAttribute("role", "status");
 progress.hidden = true;
-
-// The three.js class of geometries of any shape, which the class of a plane is derived from.
-function geometryClass(geometry) {
-  let found = geometry.constructor;
-  while (Object.getPrototypeOf(found).prototype?.isBufferGeometry) found = Object.getPrototypeOf(found);
-  return found;
-}
 
 // The corners, normals and colors of boxes; a box may have one face only, that of a wall towards the room.
 function faces({ poses, sizes, colors, sides }) {

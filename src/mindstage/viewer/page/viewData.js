@@ -30,3 +30,10 @@ export function onReplayDone(callback) {
 export function fiberState(view) {
   return view.scene?.__r3f?.root?.getState();
 }
+
+// The three.js class of geometries of any shape, which the class of a plane is derived from.
+export function geometryClass(geometry) {
+  let found = geometry.constructor;
+  while (Object.getPrototypeOf(found).prototype?.isBufferGeometry) found = Object.getPrototypeOf(found);
+  return found;
+}
