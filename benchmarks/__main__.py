@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pkgutil
 import platform
 import sys
@@ -33,6 +34,7 @@ def main(names: list[str]) -> None:
     known = [module.name for module in pkgutil.iter_modules(benchmarks.__path__) if module.name != "__main__"]
     if unknown := set(names) - set(known):
         sys.exit(f"no benchmark {', '.join(sorted(unknown))}; there is {', '.join(known)}")
+    os.environ.setdefault("MUJOCO_GL", "egl")  # MuJoCo reads it when it is imported, by whichever comes first
     console = Console()
     if not console.is_terminal:
         console.width = 160
