@@ -553,6 +553,25 @@ class TestArmsThatTakeTheBaseAlong:
             assert motion.stance.reach > 0.95
             assert plan_base(robot, motion.stance.base)
 
+    def test_a_door_is_closed_by_a_hand_that_has_no_room_to_withdraw_from_its_handle(self) -> None:
+        base = (-0.9427, -1.7107, -1.4448)  # between the open door and a wall, the hand at the handle
+        arm = {"joint_lift": 0.9385, "joint_arm_l3": 0.0661, "joint_wrist_yaw": -1.6924, "joint_wrist_roll": -3.1399}
+        with ms.open("bundled:kitchen") as sim:
+            robot = sim.add_robot("stretch", Pose((0.9, 0.6, 0.0)))
+            assert all(robot.run(robot.moving_to({name: at})) for name, at in arm.items())
+            robot.set_base_pose(*base)
+            sim.joint("microwave_door").open(0.997)
+            sim.step(0.02)
+            task = SkillTask(robot)
+            hand, surroundings = hands_of(task)[0], task.surroundings()
+            opening = surroundings.opening(BodyId("microwave_door"))
+            assert opening.openness > 0.98
+            motion = find_front_motion(hand, opening, surroundings, opening.joint.closed_position)
+            assert motion.way is FrontWay.HANDLE
+            assert hand.distance_before(motion.path[0]) < 0.02
+            assert motion.stance.base == pytest.approx(base, abs=0.02)
+            assert motion.stance.part > 0.95
+
     def test_room_to_fold_the_arm_is_only_searched_if_no_straight_way_is_free(
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:

@@ -22,8 +22,7 @@ import msgspec
 import numpy as np
 
 from mindstage.engines.base import PoseArray
-from mindstage.errors import EngineError, SimulationError
-from mindstage.imagination.execution import PlanRunner, SampleStoppedError, never, resume
+from mindstage.imagination.execution import PlanRunner, complete, never
 from mindstage.imagination.executors import Executor
 from mindstage.imagination.plan_files import PlanFile, load_plan
 from mindstage.imagination.plans import Check, Plan, Uncertainty
@@ -108,20 +107,7 @@ def act(
     runner = PlanRunner(simulation, msgspec.structs.replace(given, uncertainty=()), seed=seed)
     with simulation.undo_stack.one_step(given.name or "plan"):
         sample = runner.begin(simulation, 0, on_poses=on_poses, on_step=on_step)
-        reason: Exception | None = None
-        while True:
-            duration_s = resume(sample, reason)
-            if isinstance(duration_s, SampleResult):
-                return duration_s
-            reason = SampleStoppedError() if stop() else None
-            if reason is None:
-                try:
-                    _let_pass(simulation, duration_s)
-                except (EngineError, SimulationError) as error:
-                    reason = error
-                except BaseException:
-                    sample.close()  # robots stop
-                    raise
+        return complete(sample, lambda duration_s: _let_pass(simulation, duration_s), stop=stop)
 
 
 def try_first(

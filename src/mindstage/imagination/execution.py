@@ -187,18 +187,7 @@ class PlanRunner:
         on_poses: Callable[[float, tuple[BodyId, ...], PoseArray], None] | None = None,
     ) -> SampleResult:
         """Executes one sample in a simulation that is in the initial state; see `run_plan`."""
-        sample = self.begin(simulation, index, on_poses=on_poses)
-        reason: Exception | None = None
-        while True:
-            duration_s = resume(sample, reason)
-            if isinstance(duration_s, SampleResult):
-                return duration_s
-            reason = SampleStoppedError() if stop() else None
-            if reason is None:
-                try:
-                    simulation.step(duration_s)
-                except (EngineError, SimulationError) as error:
-                    reason = error
+        return complete(self.begin(simulation, index, on_poses=on_poses), simulation.step, stop=stop)
 
     @property
     def uncertainty(self) -> Mapping[BodyId, Uncertainty]:
@@ -243,6 +232,32 @@ def resume(sample: RunningSample, reason: Exception | None = None) -> float | Sa
     except StopIteration as end:
         result: SampleResult = end.value
         return result
+
+
+def complete(
+    sample: RunningSample, let_pass: Callable[[float], object], *, stop: Callable[[], bool] = never
+) -> SampleResult:
+    """Runs a sample from its begin to its end.
+
+    Args:
+        sample: the sample.
+        let_pass: lets simulated time pass [s], such as `simulation.step`.
+        stop: asked before each time; true ends the sample, whose outcome is unknown then.
+    """
+    reason: Exception | None = None
+    try:
+        while True:
+            duration_s = resume(sample, reason)
+            if isinstance(duration_s, SampleResult):
+                return duration_s
+            reason = SampleStoppedError() if stop() else None
+            if reason is None:
+                try:
+                    let_pass(duration_s)
+                except (EngineError, SimulationError) as error:
+                    reason = error
+    finally:
+        sample.close()  # after any other error: robots stop
 
 
 # -- one sample --------------------------------------------------------------------------------------------------------

@@ -267,6 +267,7 @@ def plan_arm(
             trajectory = _timed(task, np.array([task.start, goal]))
             if task.keeps_away(trajectory):
                 return trajectory
+    limit.count(task.kinematics.iterations + task.checker.tests)
     for number in range(_TRIALS):
         trajectory = _timed(task, _search(task, goals, _target_text(target), limit, seed + number))
         if task.keeps_away(trajectory):

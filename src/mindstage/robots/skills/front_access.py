@@ -382,6 +382,7 @@ class _FrontSearch:
         found = list[tuple[Grasp, Array]]()
         nearest: IkResult | None = None
         seed = {**hand.robot.joint_positions(), **hand.ready_positions()}
+        before = hand.kinematics.iterations
         for grasp, path in candidates:
             x, y, yaw = path[0, 0], path[0, 1], _heading(path[0])
             result = hand.kinematics.solve_ik(
@@ -398,6 +399,7 @@ class _FrontSearch:
                 nearest.position_error_m + nearest.rotation_error_rad
             ):
                 nearest = result
+        hand.task.limit.count(hand.kinematics.iterations - before)
         if not found and nearest is not None:
             raise UnreachableError(hand.robot.name, target=body, reason=nearest.reason, shortfall_m=nearest.shortfall_m)
         return found

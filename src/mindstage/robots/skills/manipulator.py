@@ -45,6 +45,7 @@ __all__ = [
     "guarded",
     "hand_with",
     "hands_of",
+    "is_near",
     "planar_pose",
 ]
 
@@ -106,6 +107,12 @@ def planar_pose(base: BasePose) -> Array:
     """A pose on the floor, seven numbers."""
     x, y, yaw = base
     return np.array([x, y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)])
+
+
+def is_near(base: BasePose, here: BasePose) -> bool:
+    """Whether a place is so near to where the base is that it does not drive there."""
+    turn = abs((base[2] - here[2] + pi) % (2 * pi) - pi)
+    return hypot(base[0] - here[0], base[1] - here[1]) < _NEAR_M and turn < _NEAR_RAD
 
 
 def _pressed(task: SkillTask, own: frozenset[BodyId]) -> dict[tuple[BodyId, BodyId | None], float]:
@@ -317,12 +324,6 @@ class Manipulator:
 
     # -- base --------------------------------------------------------------------------------------------------------
 
-    def is_at(self, base: BasePose) -> bool:
-        """Whether the base is so near to a place that it does not drive there."""
-        x, y, yaw = self.robot.base_pose()
-        turn = abs((base[2] - yaw + np.pi) % (2 * np.pi) - np.pi)
-        return hypot(base[0] - x, base[1] - y) < _NEAR_M and turn < _NEAR_RAD
-
     def driving_to(self, base: BasePose, *, why: str, ignore: Collection[BodyId] = ()) -> SkillMotion:
         """Drives on a free path; does nothing if it is there.
 
@@ -331,7 +332,7 @@ class Manipulator:
             why: what for, for the report.
             ignore: bodies that are no obstacles.
         """
-        if self.is_at(base):
+        if is_near(base, self.robot.base_pose()):
             return
         with self.task.step("drive", f"drive to ({base[0]:.2f}, {base[1]:.2f}) {why}"):
             path = plan_base(self.robot, base, ignore=ignore, part_of=self.task.limit)

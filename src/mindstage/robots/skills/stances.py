@@ -19,7 +19,7 @@ from mindstage.robots.planning import plan_arm
 from mindstage.robots.search_limits import SearchLimit
 from mindstage.robots.skills.arm_paths import LINE_STEP_M, POSE_JOINTS, ArmPath, follow_poses, interpolated_poses
 from mindstage.robots.skills.grasps import Grasp
-from mindstage.robots.skills.manipulator import BasePose, Manipulator
+from mindstage.robots.skills.manipulator import BasePose, Manipulator, is_near
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_from_array, pose_multiply, quat_rotate
 
@@ -337,7 +337,7 @@ class _Search:
         return f"{reason}; no other stance was found {self.limit}" if self.limit.ended_by_time else reason
 
     def _can_drive_to(self, base: BasePose) -> bool:
-        if not self.moves_base or self.hand.is_at(base):
+        if not self.moves_base or is_near(base, self.here):
             return True
         try:
             plan_base(
