@@ -609,7 +609,7 @@ class TestArmsThatTakeTheBaseAlong:
             door = surroundings.opening(BodyId("room_door"))
             motion = find_front_motion(hand, door, surroundings, door.joint.open_position)
             row, path = motion.end_row, motion.stance.path
-            assert motion.stance.count == row + 1 < path.reached
+            assert motion.stance.stop == row + 1 < path.reached
             moved = {door.front: door.joint.pose_at(motion.end), motion.body: pose_from_array(motion.poses[row])}
             x, y, _ = hand.base_of(path.roots[row])
             assert FloorMap(robot, moved=moved).is_reachable(x, y)

@@ -187,7 +187,7 @@ def _pushing(task: SkillTask, hand: Manipulator, opening: Opening, motion: Front
         pressed = motion.path.copy()
         ahead = _PRESS_M * np.linspace(1.0, 0.0, len(pressed))[:, None]
         pressed[:, :3] += ahead * _directions(pressed[:, :3])
-        pressed = pressed[: motion.stance.count]
+        pressed = pressed[: motion.stance.stop]
         path = _free_path(hand, opening, motion, hand.path(pressed, may_drive=hand.is_mobile))
         if path.reached >= 2:
             yield from hand.following(path, speed=0.4, cartesian_speed=0.15)
@@ -209,7 +209,7 @@ def _moving_grasped(
     """Moves the grasped handle or edge along its path."""
     surroundings, body = task.surroundings(), motion.body
     in_hand = pose_multiply(pose_inverse(surroundings.pose(body)), hand.grasp_pose)
-    poses = pose_multiply(motion.poses[: motion.stance.count], in_hand)
+    poses = pose_multiply(motion.poses[: motion.stance.stop], in_hand)
     path = _free_path(hand, opening, motion, hand.path(poses, may_drive=hand.is_mobile, guide=motion.stance.path))
     if not path.is_complete:
         other = _free_path(hand, opening, motion, hand.path(poses, may_drive=hand.is_mobile))
@@ -238,7 +238,7 @@ def _rest_of_motion(task: SkillTask, opening: Opening, motion: FrontMotion) -> F
     positions = np.linspace(opening.joint.position, motion.positions[-1], _REST_POSES)
     fronts = [normalized_pose_array(opening.joint.pose_at(each)) for each in positions.tolist()]
     poses = np.array([pose_multiply(each, in_front) for each in fronts])
-    stance = motion.stance._replace(path=motion.stance.path._replace(reached=0), count=len(poses))
+    stance = motion.stance._replace(path=motion.stance.path._replace(reached=0), stop=len(poses))
     return motion._replace(poses=poses, positions=positions, stance=stance)
 
 

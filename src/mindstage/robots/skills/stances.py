@@ -91,7 +91,7 @@ class Stance(NamedTuple):
     """The motion along it, as it was tested."""
     part: float
     """As `reach`, which is less where the robot has no way back at the end."""
-    count: int
+    stop: int
     """Number of poses of the path after which the motion is to end: the robot still has a way back there."""
 
 
@@ -491,7 +491,7 @@ class _Search:
         if stance.reach >= _GOOD_ENOUGH or cut < max(_SHUT_IN * stance.reach, self.request.least):
             return stance._replace(reach=_SHUT_IN * stance.reach)
         why = "the robot would be shut in farther on, or its hand would not come off"
-        return stance._replace(reach=cut, part=cut, why=why, count=row + 1)
+        return stance._replace(reach=cut, part=cut, why=why, stop=row + 1)
 
     def _has_exit(self, stance: Stance, at: Array, row: int) -> bool:
         """Whether the hand comes off, and the base can drive away, when the path is followed up to one of its poses.
