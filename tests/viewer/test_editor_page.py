@@ -111,6 +111,18 @@ def test_a_body_is_renamed_and_the_name_undone(simulation: Simulation, viewer: V
     wait_until(lambda: title.inner_text() == "Ann's cup", "it is renamed again")
 
 
+def test_a_copy_that_is_undone_before_it_is_selected_causes_no_error(
+    simulation: Simulation, viewer: Viewer, open_page: OpenPage
+) -> None:
+    tab = open_page(viewer, view=False)
+    tab.select_in_tree("Mug")
+    # The undo is handled first, and the selection is already another one when the details are refused.
+    tab.page.evaluate("mindstage.selection.select('Mug_1'); mindstage.selection.select(null)")
+    tab.page.evaluate("mindstage.channel.call('details', { id: 'Mug_1' }).catch(() => {})")
+    assert tab.selected is None
+    assert tab.page.locator(".toast").count() == 0
+
+
 def test_deleting_asks_about_parts_and_the_history_goes_back(
     simulation: Simulation, viewer: Viewer, open_page: OpenPage
 ) -> None:

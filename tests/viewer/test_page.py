@@ -139,6 +139,27 @@ def test_what_does_not_fit_into_the_toolbar_is_in_its_menu(
     assert toolbar.locator("[data-action=step]").is_visible()
 
 
+def test_in_a_narrow_window_the_view_menu_is_below_the_toolbar_and_closed_by_escape(
+    viewer: Viewer, open_page: OpenPage
+) -> None:
+    tab = open_page(viewer, view=False, size=(1000, 700))
+    tab.click_button("view-menu")
+    menu, more = (tab.page.locator(each).bounding_box() for each in ("#view-menu", "#toolbar-more"))
+    assert menu["y"] >= more["y"] + more["height"]
+    assert menu["x"] + menu["width"] <= 1000
+    tab.page.keyboard.press("Escape")
+    wait_until(lambda: not tab.page.locator("#view-menu").is_visible(), "the menu is closed")
+
+
+def test_in_a_narrow_window_the_add_panel_fits_into_its_sidebar(viewer: Viewer, open_page: OpenPage) -> None:
+    tab = open_page(viewer, view=False, size=(1000, 700))
+    tab.select_in_tree("FridgeHandle")
+    tab.open_panel("add")
+    for label in ("[data-role=placement]", "[data-size]:last-of-type", "[data-action=add]"):
+        box = tab.page.locator(f"#panel-add {label}").first.bounding_box()
+        assert box["x"] + box["width"] <= 1000 - 8, label
+
+
 # -- scene tree and details --------------------------------------------------------------------------------------------
 
 

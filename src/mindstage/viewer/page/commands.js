@@ -139,6 +139,7 @@ document.addEventListener("keydown", (event) => {
   const key = pressed(event);
   const found = byKey.get(key);
   if (!found || event.defaultPrevented || event.repeat && key === "Space" || document.querySelector("dialog[open]")) return;
+  if (key === "Escape" && document.querySelector(":popover-open")) return; // the browser closes the menu
   if (found.id !== "palette" && !isInClosedDialog(event.target) && (isTyping(event.target) || hasOwnUse(event, key))) return;
   // Text is pasted by the event "paste", which needs no permission.
   if (key === "Ctrl+V" || (found.enabled && !found.enabled())) return;

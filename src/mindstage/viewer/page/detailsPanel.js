@@ -76,7 +76,8 @@ class DetailsPanel {
       this.#details = details;
       this.#show(details);
     } catch (error) {
-      if (error.type === "BodyUnknown" && selection.id === id) selection.select(null);
+      if (selection.id !== id) return; // such as a copy that was undone at once
+      if (error.type === "BodyUnknown") selection.select(null);
       else if (error.type !== "Disconnected") toast(error.message, "error");
     }
   }

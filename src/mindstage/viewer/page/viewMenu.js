@@ -57,7 +57,9 @@ menu.addEventListener("beforetoggle", ({ newState }) => {
   quality.value = stored(QUALITY, "automatic");
   follow.checked = stored(FOLLOW, "yes") === "yes";
   describe();
-  const { left, bottom } = button.getBoundingClientRect();
+  // In a narrow window the button is in the menu of the toolbar, which closes.
+  const anchor = button.closest("#toolbar") ? button : document.getElementById("toolbar-more");
+  const { left, bottom } = anchor.getBoundingClientRect();
   menu.style.left = `${Math.max(8, Math.min(left, innerWidth - 282))}px`;
   menu.style.top = `${bottom + 4}px`;
 });
