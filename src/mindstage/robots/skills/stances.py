@@ -197,6 +197,8 @@ class _Search:
         hand_links = links_behind(robot.model, hand.gripper.link)
         self.hand_bodies = {links[link] for link in hand_links if link in links}
         self.own_bodies = set(links.values())
+        self.unproven: Stance | None = None
+        """The first one to which the short search found no way of the arm; a longer one may."""
         self.hopeless: set[tuple[int, float]] = set()
         """Numbers and rooms of the grasps that fail wherever the base stands."""
         self.missed: Counter[tuple[int, int]] = Counter()
@@ -215,6 +217,7 @@ class _Search:
             best = self._find_from(seed, best)
             if self._is_over() or (best is not None and best.reach >= self.request.enough):
                 break
+        best = best or self.unproven
         if best is None:
             raise self._failure()
         if self.limit.ended_by_time:
@@ -270,6 +273,7 @@ class _Search:
                 if not self._can_drive_to(stance.base):
                     break
                 if self.adjusts and self.request.joint is not None and not self._finds_arm_way(stance):
+                    self.unproven = self.unproven or stance
                     continue
                 best = stance
                 if best.reach >= _GOOD_ENOUGH:
@@ -363,7 +367,7 @@ class _Search:
                 stance.start,
                 start=self._fingers(stance.grasp),
                 max_tests=_ARM_TESTS,
-                part_of=self.limit,
+                part_of=self.hand.task.limit,
                 base=stance.base if self.moves_base else None,
                 joints=self._joint_at(0),
                 seed=hand.task.seed + 1,
