@@ -6,6 +6,7 @@ import struct
 import subprocess
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from msgspec.structs import replace
 from PIL import Image
 
 from mindstage.assets import MeshLibrary
-from mindstage.assets.mesh_import import import_meshes
+from mindstage.assets.mesh_import import _MeshWorker, import_meshes
 from mindstage.scene import Body, BodyGeometry, BodyId, CollisionShapeType, GeometrySource, Iri, Pose, Vector
 from mindstage.scene.collision_shapes import compile_geometry
 
@@ -312,6 +313,27 @@ def test_an_imported_file_is_loaded_from_the_cache(folder: Path, cache: Path, mo
     assert again is not None
     assert first.key == again.key
     assert np.array_equal(first.visuals[0].points, again.visuals[0].points)
+
+
+def test_two_processes_may_import_a_file_at_the_same_time(
+    folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    block().export(folder / "cup.stl")
+    read, written = _MeshWorker.read, []
+
+    def read_in_two_processes(worker: _MeshWorker, path: Path, out: Path, **options: Any) -> Any:
+        if not written:  # another process imports the same file, and has not ended yet
+            written.append(out)
+            import_meshes([path], folder=cache)
+            assert not out.exists(), "it writes to another file"
+        written.append(out)
+        return read(worker, path, out, **options)
+
+    monkeypatch.setattr(_MeshWorker, "read", read_in_two_processes)
+    imported, rejected = import_meshes([folder / "cup.stl"], folder=cache)
+    assert (list(imported), rejected) == ([folder / "cup.stl"], {})
+    assert len(set(written)) == 2
+    assert [each.suffix for each in cache.iterdir()] == [".npz"]
 
 
 def test_a_changed_file_is_imported_again(folder: Path, cache: Path) -> None:

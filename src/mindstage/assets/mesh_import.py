@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from uuid import uuid4
 from zipfile import BadZipFile
 
 import numpy as np
@@ -227,7 +228,8 @@ def _import_in_worker(
         with _MeshWorker() as worker:
             while pending:
                 path = pending[0]
-                out = cache_files[path].with_suffix(".part.npz")
+                # A name of its own: another process may import the same file at the same time.
+                out = cache_files[path].with_name(f".{uuid4().hex}.part.npz")
                 parts = decompose and path not in undecomposable
                 result = worker.read(path, out, decompose=parts, keep_axes=keep_axes, timeout_s=timeout_s)
                 if worker.is_lost and decompose and path not in undecomposable:
