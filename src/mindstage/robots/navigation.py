@@ -36,8 +36,9 @@ BasePath = tuple[tuple[float, float, float], ...]
 
 _MARGIN_M = 0.01
 """Added to the radius of the base."""
-_CLEARANCE_M = 0.01
-"""Distance that the whole robot keeps from the place while it drives [m]."""
+_CLEARANCE_M, _NARROW_CLEARANCE_M = 0.01, 0.004
+"""Distance that the whole robot keeps from the place while it drives, and on a way that begins where the disc around its
+base has no room, as behind a door that it has opened [m]."""
 _STEP_M, _STEP_RAD = 0.04, 0.1
 """Distance between two poses that are tested."""
 _CORNER_M = 0.3
@@ -171,7 +172,7 @@ def plan_base(
     goal: tuple[float, float, float],
     *,
     ignore: Collection[BodyId] = (),
-    clearance_m: float = _CLEARANCE_M,
+    clearance_m: float | None = None,
     max_tests: int = 40_000,
     cpu_s: float = CPU_S,
     part_of: SearchLimit | None = None,
@@ -185,7 +186,8 @@ def plan_base(
         robot: the robot; its arms stay as they are, so that it is best to fold them before.
         goal: x, y [m] and yaw [rad] of the base in the world frame.
         ignore: bodies that are no obstacles.
-        clearance_m: the distance that the whole robot keeps from the place [m].
+        clearance_m: the distance that the whole robot keeps from the place [m]; None for 1 cm, or 4 mm where it begins in
+            a narrow place.
         max_tests: number of poses that are tested for collisions before the search ends.
         cpu_s: processor time after which it ends in any case [s].
         part_of: the limit of a larger search, in which the tests count, too.
@@ -206,7 +208,10 @@ def plan_base(
         cause, remedy = f"the base of {robot.name} is fixed", "use a robot that drives"
         raise InvalidArgumentError("goal", cause=cause, remedy=remedy)
     limit = SearchLimit(max_tests, cpu_s=cpu_s, part_of=part_of)
-    way = _Way(robot, goal, ignore, clearance_m, floor or FloorMap(robot, ignore=ignore), limit)
+    floor = floor or FloorMap(robot, ignore=ignore)
+    if clearance_m is None:
+        clearance_m = _CLEARANCE_M if floor.is_reachable(*floor.start[:2]) else _NARROW_CLEARANCE_M
+    way = _Way(robot, goal, ignore, clearance_m, floor, limit)
     for joint, position in (joints or {}).items():
         way.checker.set_joint(joint, position)
     way.check_goal()
