@@ -146,3 +146,23 @@ def test_the_robot_itself_is_no_obstacle() -> None:
         assert floor.is_reachable(*robot.base_pose()[:2])
         assert floor.radius_m == robot.model.base.radius_m
         assert 1.2 < floor.height_m < 2.0
+
+
+def test_a_way_out_of_a_narrow_place_keeps_less_distance() -> None:
+    def niche(exit_m: float) -> list[Body]:
+        """Walls 12 mm beside the base, which has a radius of 0.28 m, that are nearer to it at the exit."""
+        walls = [("beside", 0.0, 0.012), ("exit", 0.6, exit_m)]
+        return [
+            box("wall_back", (-0.4, 0.0, 0.5), (0.1, 1.0, 1.0)),
+            *(
+                box(f"wall_{name}_{side}", (x, side * (0.28 + gap + 0.05), 0.5), (0.6, 0.1, 1.0))
+                for name, x, gap in walls
+                for side in (-1, 1)
+            ),
+        ]
+
+    with robot_in(*niche(0.006)) as robot:
+        assert not FloorMap(robot).is_reachable(0.0, 0.0), "the disc has no room"
+        assert drive(robot, (2.0, 0.0, 0.0), {"wall_exit_-1", "wall_exit_1"}) == []
+    with robot_in(*niche(0.001)) as robot, pytest.raises(UnreachableError, match="wall_"):
+        plan_base(robot, (2.0, 0.0, 0.0))

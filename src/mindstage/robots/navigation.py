@@ -37,8 +37,8 @@ BasePath = tuple[tuple[float, float, float], ...]
 _MARGIN_M = 0.01
 """Added to the radius of the base."""
 _CLEARANCE_M, _NARROW_CLEARANCE_M = 0.01, 0.004
-"""Distance that the whole robot keeps from the place while it drives, and on a way that begins where the disc around its
-base has no room, as behind a door that it has opened [m]."""
+"""Distance that the whole robot keeps from the place while it drives [m]; the second one on a way that begins where the
+disc around its base has no room, as behind a door that it has opened."""
 _STEP_M, _STEP_RAD = 0.04, 0.1
 """Distance between two poses that are tested."""
 _CORNER_M = 0.3
@@ -186,8 +186,8 @@ def plan_base(
         robot: the robot; its arms stay as they are, so that it is best to fold them before.
         goal: x, y [m] and yaw [rad] of the base in the world frame.
         ignore: bodies that are no obstacles.
-        clearance_m: the distance that the whole robot keeps from the place [m]; None for 1 cm, or 4 mm where it begins in
-            a narrow place.
+        clearance_m: the distance that the whole robot keeps from the place [m]; None for 1 cm, or 4 mm if it
+            begins in a narrow place.
         max_tests: number of poses that are tested for collisions before the search ends.
         cpu_s: processor time after which it ends in any case [s].
         part_of: the limit of a larger search, in which the tests count, too.
