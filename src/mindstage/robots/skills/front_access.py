@@ -65,7 +65,7 @@ _ALL = 0.95
 _MAX_STEPS = 4
 _MAX_TRIES = 3
 """How often each way is tried without success, from different places."""
-_QUICK_STEPS, _LONG_STEPS = 20_000, 60_000
+_QUICK_STEPS, _LONG_STEPS = 40_000, 60_000
 """Steps of the search for a stance (see `StanceRequest.steps`): for each way at first, and if none was found."""
 
 
