@@ -44,7 +44,7 @@ _ARM_TESTS = 6_000
 """Number of states that the search for a way of the arm to the begin of a path tests."""
 _NEAR_M = 1.0
 """Up to this distance from where it is, a place is free if the robot has room there, even if its disc has none [m]."""
-_SHUT_IN = 0.5
+_SHUT_IN = 0.3
 """Weight of a path at whose end the hand does not come off, or the base is shut in, as between a door and a wall."""
 _EXITS = 8
 """Number of places on a path from which the way back is looked for."""
