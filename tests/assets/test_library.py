@@ -14,7 +14,7 @@ import trimesh
 from msgspec.structs import replace
 from PIL import Image
 
-from mindstage.assets import MeshLibrary
+from mindstage.assets import MeshLibrary, mesh_import
 from mindstage.assets.mesh_import import _MeshWorker, import_meshes
 from mindstage.scene import Body, BodyGeometry, BodyId, CollisionShapeType, GeometrySource, Iri, Pose, Vector
 from mindstage.scene.collision_shapes import compile_geometry
@@ -355,6 +355,50 @@ def test_a_corrupt_cache_file_is_replaced(folder: Path, cache: Path) -> None:
     geometry, notes = geometry_for(folder, cache, body())
     assert geometry is not None
     assert not notes
+
+
+@pytest.mark.parametrize(
+    ("ends", "why"),
+    [("time.sleep(60)", "took longer than 3 s; remove "), ("os.abort()", "crashes the importer (SIGABRT); remove ")],
+)
+def test_a_mesh_whose_decomposition_fails_is_its_hull_with_the_reason_also_from_the_cache(
+    ends: str, why: str, folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    worker = folder / "worker.py"
+    worker.write_text(
+        "import json, os, sys, time\n"
+        "from mindstage.assets import mesh_worker\n"
+        "def decompose(*_):\n"
+        f"    {ends}\n"
+        "mesh_worker._convex_parts = decompose\n"
+        "sys.exit(mesh_worker.main())\n"
+    )
+    start = subprocess.Popen
+    monkeypatch.setattr(
+        "mindstage.assets.mesh_import.subprocess.Popen",
+        lambda command, **options: start([command[0], str(worker)], **options),
+    )
+    monkeypatch.setattr(mesh_import, "_can_decompose", lambda: True)
+    block().export(folder / "mug.stl")
+    made = import_meshes([folder / "mug.stl"], folder=cache, timeout_s=3.0)[0][folder / "mug.stl"]
+    assert len(made.convex_parts) == 1
+    assert why in made.hull_reason
+    geometry, notes = geometry_for(folder, cache, body())
+    assert geometry is not None
+    assert (
+        f"nothing fits into hollows of mug.stl, whose collision shape is the convex hull: {made.hull_reason}" in notes
+    )
+
+
+def test_meshes_that_are_hulls_without_the_extra_for_decomposition_are_reported(
+    folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    block().export(folder / "mug.stl")
+    monkeypatch.setattr(mesh_import, "_can_decompose", lambda: False)
+    for _ in range(2):  # imported, and from the cache
+        assert "coacd is not installed (extra `pieces`)" in geometry_for(folder, cache, body())[1]
+    monkeypatch.setattr(mesh_import, "_can_decompose", lambda: True)
+    assert not geometry_for(folder, cache, body())[1]
 
 
 # -- corrupt and malicious files ---------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ import socket
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
+from inspect import signature
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar
@@ -140,8 +141,10 @@ class MeshFiles(FuzzTarget):
         path = self.folder / ("mesh." + "".join(filter(str.isalnum, suffix.decode("ascii", "ignore")))[:8])
         path.write_bytes(content)
         # In this process, where an exception of a library is a reason to reject the file, but a crash is a defect.
+        options: dict[str, Any] = {"decompose": False, "hull_reason": "", "keep_axes": False}
+        signature(mesh_worker._import_mesh).bind(path, path, **options)  # a wrong call is no reason to reject a file
         with suppress(Exception):
-            mesh_worker._import_mesh(path, self.folder / "mesh.npz", decompose=False)
+            mesh_worker._import_mesh(path, self.folder / "mesh.npz", **options)
         self._count += 1
         if self._count % _PROCESS_INTERVAL == 0:
             with TemporaryDirectory(dir=self.folder) as cache:

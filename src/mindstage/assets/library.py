@@ -251,6 +251,14 @@ class MeshLibrary:
                 changes.setdefault(change, []).append(body.id)
         notes = [*self._index.notes]
         notes += [f"the mesh {path} is left out: {reason}" for path, reason in rejected.items()]
+        hulls: dict[str, list[str]] = {}
+        for path, mesh in imported.items():
+            if mesh.hull_reason:
+                hulls.setdefault(mesh.hull_reason, []).append(path.name)
+        notes += [
+            f"nothing fits into hollows of {_join_ids(names)}, whose collision shape is the convex hull: {reason}"
+            for reason, names in hulls.items()
+        ]
         notes += [f"{_join_ids(ids)}: {change}" for change, ids in changes.items()]
         return MeshLibraryResult(geometry, tuple(notes))
 
@@ -348,7 +356,7 @@ def _describe_changes(mesh: ImportedMesh, rotation: Array, scale: Array, offset:
     return f"the mesh {mesh.path.name} {' and '.join(changes)}" if changes else ""
 
 
-def _join_ids(ids: Sequence[BodyId]) -> str:
+def _join_ids(ids: Sequence[str]) -> str:
     return ", ".join(ids[:3]) + (f" and {len(ids) - 3} more" if len(ids) > 3 else "")
 
 

@@ -26,7 +26,7 @@ from mindstage.scene.transforms import Array
 
 __all__ = ["ImportedMesh", "import_meshes"]
 
-_VERSION = 1
+_VERSION = 2
 """Version of the cached files."""
 _REJECTED_SUFFIX = ".rejected"
 _EXIT_TIMEOUT_S = 10.0
@@ -45,6 +45,8 @@ class ImportedMesh:
     visuals: tuple[VisualMesh, ...]
     convex_parts: tuple[Array, ...]
     """Points of convex parts, k x 3 each."""
+    hull_reason: str
+    """Why the only part is the convex hull, although a decomposition was asked for; otherwise empty."""
     low: Array
     """Lower corner of the bounding box."""
     high: Array
@@ -167,6 +169,7 @@ def _load_cached(path: Path, digest: str, cache_file: Path, *, visuals: bool) ->
         with np.load(cache_file, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files if visuals or name.startswith("piece_")}
             has_visuals = "points_0" in file.files
+            hull_reason = str(file["hull_reason"]) if "hull_reason" in file.files else ""
     except (OSError, ValueError, EOFError, KeyError, BadZipFile):
         return None
     loaded = tuple(_load_visual(arrays, number) for number in range(sum(name.startswith("points_") for name in arrays)))
@@ -178,7 +181,7 @@ def _load_cached(path: Path, digest: str, cache_file: Path, *, visuals: bool) ->
     bounded = [visual.points for visual in loaded] or convex_parts
     low = np.min([points.min(axis=0) for points in bounded], axis=0)
     high = np.max([points.max(axis=0) for points in bounded], axis=0)
-    return ImportedMesh(path, digest, loaded, convex_parts, low, high)
+    return ImportedMesh(path, digest, loaded, convex_parts, hull_reason, low, high)
 
 
 def _load_visual(arrays: Mapping[str, Array], number: int) -> VisualMesh:
@@ -217,23 +220,27 @@ def _import_in_worker(
 ) -> Iterator[tuple[Path, _Result]]:
     """Imports files to cache files in a worker.
 
-    A file on which the worker crashes or times out is retried without convex decomposition; other files are not
-    affected.
+    A file on which the worker crashes or times out is retried without convex decomposition, and the cached import
+    says why; other files are not affected.
     """
     pending = list(cache_files)
-    decompose = decompose and _can_decompose()
-    undecomposable: set[Path] = set()
-    """Files whose decomposition takes too long; their convex hull is used."""
+    missing = "" if not decompose or _can_decompose() else "coacd is not installed (extra `pieces`)"
+    hull_reasons: dict[Path, str] = {}
+    """Why files are not decomposed after all; their convex hulls are used."""
     while pending:
         with _MeshWorker() as worker:
             while pending:
                 path = pending[0]
                 # A name of its own: another process may import the same file at the same time.
                 out = cache_files[path].with_name(f".{uuid4().hex}.part.npz")
-                parts = decompose and path not in undecomposable
-                result = worker.read(path, out, decompose=parts, keep_axes=keep_axes, timeout_s=timeout_s)
-                if worker.is_lost and decompose and path not in undecomposable:
-                    undecomposable.add(path)
+                reason = missing or hull_reasons.get(path, "")
+                parts = decompose and not reason
+                result = worker.read(
+                    path, out, decompose=parts, hull_reason=reason, keep_axes=keep_axes, timeout_s=timeout_s
+                )
+                if worker.is_lost and parts:
+                    again = f"remove {cache_files[path]} to try it again"
+                    hull_reasons[path] = f"its convex decomposition failed: {result.reason}; {again}"
                     break
                 pending.pop(0)
                 try:
@@ -279,10 +286,18 @@ class _MeshWorker:
                 self._answers.put(line)
         self._answers.put("")
 
-    def read(self, path: Path, out: Path, *, decompose: bool, keep_axes: bool, timeout_s: float) -> _Result:
-        """Imports one file."""
+    def read(
+        self, path: Path, out: Path, *, decompose: bool, hull_reason: str, keep_axes: bool, timeout_s: float
+    ) -> _Result:
+        """Imports one file; `hull_reason` is written with it."""
         assert self._process.stdin is not None
-        request = {"path": str(path), "out": str(out), "pieces": decompose, "keep_axes": keep_axes}
+        request = {
+            "path": str(path),
+            "out": str(out),
+            "pieces": decompose,
+            "hull_reason": hull_reason,
+            "keep_axes": keep_axes,
+        }
         try:
             self._process.stdin.write(json.dumps(request) + "\n")
             self._process.stdin.flush()

@@ -1,9 +1,9 @@
 """The worker process that imports mesh files, which may make their readers hang, crash or exhaust memory.
 
-Each input line is a request (`{"path", "out", "pieces", "keep_axes"}`), each output line a response (`{"path", "why",
-"kind"}`). If the reason is empty, the imported arrays are in the file `out`. Otherwise the kind is "file" if the file
-is the cause, "cache" if `out` could not be written, and "transient" if another cause may pass. Only this process
-imports trimesh and coacd.
+Each input line is a request (`{"path", "out", "pieces", "hull_reason", "keep_axes"}`), each output line a response
+(`{"path", "why", "kind"}`). If the reason is empty, the imported arrays are in the file `out`, with the hull reason of
+the request. Otherwise the kind is "file" if the file is the cause, "cache" if `out` could not be written, and
+"transient" if another cause may pass. Only this process imports trimesh and coacd.
 """
 
 from __future__ import annotations
@@ -60,6 +60,7 @@ def main() -> int:
                 Path(request["path"]),
                 Path(request["out"]),
                 decompose=request["pieces"],
+                hull_reason=request.get("hull_reason", ""),
                 keep_axes=request.get("keep_axes", False),
             )
         except MeshImportError as error:
@@ -75,7 +76,7 @@ def main() -> int:
     return 0
 
 
-def _import_mesh(path: Path, out: Path, *, decompose: bool, keep_axes: bool) -> None:
+def _import_mesh(path: Path, out: Path, *, decompose: bool, hull_reason: str, keep_axes: bool) -> None:
     """Imports one file and writes its content as arrays."""
     if not path.is_file():
         raise MeshImportError("it is not a file")
@@ -89,7 +90,7 @@ def _import_mesh(path: Path, out: Path, *, decompose: bool, keep_axes: bool) -> 
     points = np.concatenate([visual["points"] for visual in visuals])
     if not np.ptp(points, axis=0).max() > 0.0:
         raise MeshImportError("all of its points coincide")
-    arrays: dict[str, Any] = {}
+    arrays: dict[str, Any] = {"hull_reason": np.array(hull_reason)}
     for number, visual in enumerate(visuals):
         arrays |= {f"{name}_{number}": value for name, value in visual.items() if value is not None}
     for number, part in enumerate(_convex_parts(visuals, points) if decompose else [_hull(points)]):
