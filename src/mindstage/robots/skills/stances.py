@@ -468,7 +468,8 @@ class _Search:
         reach = self._free_part(path)
         if reach < request.least:
             self._exclude(number, grasp)
-            self._count(path.reason or "the robot would touch something on the way", path.shortfall_m)
+            if self.last_hit is None:  # else it was counted
+                self._count(path.reason, path.shortfall_m)
             return None
         count = len(request.poses)
         stance = Stance(
