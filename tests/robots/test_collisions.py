@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import mindstage as ms
+from mindstage.engines.mujoco.kinematics import ContactModel
 from mindstage.robots.collisions import CollisionChecker
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.planning import plan_line
@@ -175,3 +177,23 @@ def test_a_joint_of_the_place_can_be_moved() -> None:
             found.append(checker.find((), place))
         towards = [each for each in found if each is not None]
         assert [each.obstacle for each in towards] in (["FridgeDoor"], ["FridgeHandle"])
+
+
+def test_what_rests_in_a_drawer_moves_with_it_and_what_stands_above_does_not() -> None:
+    inside, above = ("coffee_mug_1", "coffee_mug_2", "coffee_mug_3"), ("wooden_pepper_mill_1", "red_apple_1")
+    with ms.open("bundled:kitchen") as sim:
+        drawer = sim.joint("drawer_right_1")
+        sim.step(0.5)
+        contacts = sim.run_on_engine(lambda engine: ContactModel(engine.compiled(), moving=()))
+
+        def positions(*ids: str) -> np.ndarray:
+            return np.array([contacts.pose(BodyId(id))[:3] for id in ids])
+
+        moved, still = positions("drawer_right_1", *inside), positions(*above)
+        for part in (0.3, 0.8, 0.0):
+            contacts.set_joint(drawer.id, part * drawer.open_position)
+            contacts.update()
+            ways = positions("drawer_right_1", *inside) - moved
+            assert np.linalg.norm(ways[0]) == pytest.approx(part * abs(drawer.open_position), abs=1e-3)
+            assert ways == pytest.approx(np.tile(ways[0], (len(ways), 1)), abs=1e-9)
+            assert (positions(*above) == still).all()

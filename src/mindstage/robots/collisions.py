@@ -306,7 +306,9 @@ class CollisionChecker:
         return Collision(part=part, obstacle=obstacle, distance_m=distance, least_m=least)
 
     def set_joint(self, joint: BodyId, position: float) -> None:
-        """Moves a joint of the place, such as that of a door, for all states that are tested from now on.
+        """Moves a joint of the place, such as that of a drawer, for all states that are tested from now on.
+
+        Loose bodies that rest on what it moves, such as the contents of the drawer, are moved with it.
 
         Args:
             joint: the joint; it has one axis.
@@ -315,8 +317,7 @@ class CollisionChecker:
         Raises:
             KeyError: the joint is not simulated.
         """
-        address, sign = self._contacts.address(joint)
-        self._contacts.data.qpos[address] = sign * position
+        self._contacts.set_joint(joint, position)
 
     def find_at(
         self, positions: Mapping[str, float], base: tuple[float, float, float] | None = None
@@ -399,8 +400,7 @@ class HandChecker:
 
     def set_joint(self, joint: BodyId, position: float) -> None:
         """See `CollisionChecker.set_joint`."""
-        address, sign = self._contacts.address(joint)
-        self._contacts.data.qpos[address] = sign * position
+        self._contacts.set_joint(joint, position)
 
     def find(self, grasp_pose: Array, fingers: Mapping[str, float], *, strictly: bool = False) -> Collision | None:
         """The worst collision of the gripper; None if it is free.

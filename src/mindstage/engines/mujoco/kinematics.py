@@ -70,6 +70,8 @@ def compile_chain(joints: Sequence[ChainJoint], frame: Array) -> Any:
     return spec.compile()
 
 
+_RESTING_UP, _RESTING_M = 0.5, 0.001
+"""Least vertical component of the contact normal, and largest distance [m], of a body that rests on another one."""
 _MOVING_BIT = 4
 """The bit of `contype` and `conaffinity` of the contacts that are computed; `compiler` uses 1 and 2."""
 
@@ -104,8 +106,13 @@ class ContactModel:
         self.ids: tuple[BodyId | None, ...] = (*compiled.rows, None)
         """The bodies; the last one, also at row -1, is a ground plane that the engine has added."""
         self._carried: list[tuple[int, int, Array]] = []
+        self._resting: dict[int, list[tuple[int, Array]]] = {}
+        """For bodies on joints that were moved, the addresses of what rests on them, and its pose there."""
         self.update()
-        roots = {compiled.body_ids[id]: address for id, (address, _) in compiled.free_joint_addresses.items()}
+        self._roots = roots = {
+            compiled.body_ids[id]: address for id, (address, _) in compiled.free_joint_addresses.items()
+        }
+        """The address in `qpos` of each loose body."""
         welds = {self._weld(id) for id in moving} - {0}
         for id, holder in (carried or {}).items():
             if (root := self._weld(id)) in roots:
@@ -141,6 +148,49 @@ class ContactModel:
         """
         each = self._compiled.joints[joint]
         return each.qpos_address, -1.0 if each.tree_joint.is_reversed else 1.0
+
+    def set_joint(self, joint: BodyId, position: float) -> None:
+        """Moves a joint with one axis, such as that of a drawer, and the loose bodies that rest on what it moves.
+
+        `update` makes it effective.
+
+        Args:
+            joint: the joint.
+            position: relative to its spawned position [m or rad].
+
+        Raises:
+            KeyError: the joint is not simulated.
+        """
+        address, sign = self.address(joint)
+        holder = self._compiled.joints[joint].body_id
+        if holder not in self._resting:
+            self._resting[holder] = self._resting_on(holder)
+        self.data.qpos[address] = sign * position
+        if not self._resting[holder]:
+            return
+        self.update()
+        for free_address, relative in self._resting[holder]:
+            self.data.qpos[free_address : free_address + 7] = pose_multiply(self._pose_of(holder), relative)
+
+    def _resting_on(self, holder: int) -> list[tuple[int, Array]]:
+        """The addresses of the loose bodies that rest on a body, or on one that does, and their poses in its frame."""
+        model = self._compiled.model  # its contacts are those of all bodies
+        mujoco.mj_collision(model, self.data)
+        contact = self.data.contact
+        bodies = model.body_weldid[model.geom_bodyid[np.array(contact.geom, dtype=np.intp).reshape(-1, 2)]]
+        up = np.array(contact.frame, dtype=float).reshape(-1, 9)[:, 2]
+        rests = (np.abs(up) > _RESTING_UP) & (np.array(contact.dist) < _RESTING_M)
+        ends = np.where(up[:, None] > 0.0, bodies, bodies[:, ::-1])[rests]
+        carried = {address for address, _, _ in self._carried}
+        found, count = {int(model.body_weldid[holder])}, 0
+        while len(found) > count:
+            count = len(found)
+            found.update(above for below, above in ends.tolist() if below in found and above in self._roots)
+        return [
+            (self._roots[root], pose_multiply(pose_inverse(self._pose_of(holder)), self._pose_of(root)))
+            for root in found
+            if root in self._roots and root != holder and self._roots[root] not in carried
+        ]
 
     def set_planar_pose(self, joint: BodyId, x: float, y: float, yaw: float) -> None:
         """Puts the body on a joint with two horizontal slides and a vertical hinge somewhere on the floor.
