@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import mindstage as ms
+from mindstage.engines.base import DynamicsScale
 from mindstage.errors import InvalidArgumentError, SkillFailedError, UnreachableError
 from mindstage.robots.navigation import BasePath, FloorMap, plan_base
 from mindstage.robots.robot import Robot
@@ -396,6 +397,22 @@ class TestSmallRoom:
         result = perform(room, "release")
         assert result, result.reason
         assert "block" not in [each.child for each in room.session.snapshot().attachments]
+
+    def test_what_slips_out_of_the_fingers_is_fixed_to_them_the_next_time(self, room: Robot) -> None:
+        mug = BodyId("mug")
+        room.session.run_on_engine(lambda engine: engine.scale_dynamics({mug: DynamicsScale(friction=0.1, mass=4.0)}))
+        try:
+            result = perform(room, "grasp", thing="mug")
+            assert result.outcome is SkillOutcome.FAILED
+            assert result.reason == "mug slipped out of the gripper while it was lifted"
+            perform(room, "release")
+            result = perform(room, "pick", thing="mug")
+        finally:
+            room.session.run_on_engine(lambda engine: engine.scale_dynamics({mug: DynamicsScale()}))
+        assert result, result.reason
+        assert result.state.held == {"gripper": mug}
+        assert result.assumptions == ("mug was fixed to the gripper: the fingers do not hold it by friction",)
+        assert [each.text for each in result.steps if each.depth == 0].count("grasp mug") == 2
 
     def test_a_thing_is_tilted_with_its_lip_over_the_target(self, room: Robot) -> None:
         tilts, lips = [], []

@@ -170,7 +170,7 @@ class WarpBatch:
                 self._model.opt.warn_overflow = 0
                 if self._device.is_cuda:
                     self._model.opt.graph_conditional = self._warp.is_conditional_graph_supported()
-                else:  # equal digits in each run; on a GPU a time step takes 40 times longer with it, and some differ yet
+                else:  # equal digits in each run; on a GPU steps take 40 times longer with it, and some still differ
                     self._model.opt.deterministic = int(mujoco_warp.DeterminismType.ALL)
                 self._data = mujoco_warp.put_data(
                     model, compiled.data, nworld=worlds, nconmax=limits.contacts, njmax=limits.constraints

@@ -80,6 +80,7 @@ _FAR = 100.0
 _POSE_PARTS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 _SHOWN = 10
 _LIFTED_M = 0.05
+"""Distance from where a thing stood from which on it is picked up [m]."""
 _PROGRESS_REWARD = 10.0
 _APPROACH_REWARD = 1.0
 _SUCCESS_REWARD = 10.0
@@ -224,6 +225,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         self._openings = {each.name: self.robot.opening(each.name) for each in self.robot.model.grippers}
         self._targets, self._motion = {}, None
         self._start_s = self.simulation.state.time_s
+        self._start_position = self._poses([self.thing])[0][:3]
         self._progress = self.progress()
         return self._observation(), self._info()
 
@@ -521,14 +523,17 @@ class PickEnv(RobotTaskEnv):
         return thing
 
     def progress(self) -> TaskProgress:
-        """By `where_is` and `distance`: the gripper holds it, it is on nothing, and 5 cm above what is below."""
+        """By `where_is`, `pose_of` and `distance`: the gripper holds it, on nothing, 5 cm from where it stood."""
         gap = self._gap(self.thing)
-        rows = self._ask("where_is", thing=self.thing)
-        on = [row for row in rows if row.relation == "on" and self._ids.get(row.other) not in self._links]
-        above = [row.gap for row in rows if row.relation == "above"]
-        lifted = 0.0 if on or not self._holds() else min([_LIFTED_M, *above]) / _LIFTED_M
-        where = f"on {local_name(on[0].other)}" if on else f"lifted by {min(above, default=0.0):.2f} m"
-        return TaskProgress(share=lifted, gap_m=gap, done=lifted >= 1.0, why=f"{self.thing} is {where}")
+        rows = self._ask("where_is", thing=self.thing, relation="on")
+        on = [row for row in rows if self._ids.get(row.other) not in self._links]
+        if on or not self._holds():
+            why = f"on {local_name(on[0].other)}" if on else "not held"
+            return TaskProgress(share=0.0, gap_m=gap, done=False, why=f"{self.thing} is {why}")
+        (row,) = self._ask("pose_of", thing=self.thing)
+        moved = float(np.linalg.norm(row.position - self._start_position))
+        why = f"{self.thing} is held {moved:.2f} m from where it stood"
+        return TaskProgress(share=min(1.0, moved / _LIFTED_M), gap_m=gap, done=moved >= _LIFTED_M, why=why)
 
     def skill(self) -> tuple[str, dict[str, str]]:
         """`pick`."""

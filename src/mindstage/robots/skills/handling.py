@@ -87,7 +87,8 @@ def grasp(task: SkillTask, thing: ThingName) -> SkillMotion:
     id = surroundings.find(thing)
     if hand_with(task, id) is None:
         hand = free_hand(task, f"to grasp {id}")
-        yield from _grasping(task, hand, surroundings, id, upright=None, stays=True)
+        if (yield from _grasping(task, hand, surroundings, id, upright=None, stays=True)) is None:
+            raise _slipped(task, id)
 
 
 @skill(needs=_NEEDS)
@@ -181,17 +182,22 @@ def pick_up(task: SkillTask, id: BodyId, *, upright: bool | None = None) -> Skil
     for opening in surroundings.closed_in_front_of(id):
         yield from moving_front(task, opening, ACCESS[opening.joint.is_prismatic])
     yield from hand.parking()
+    slipped = False
     for attempt in range(_ATTEMPTS):
         try:
-            stance = yield from _grasping(task, hand, task.surroundings(), id, upright=upright)
+            stance = yield from _grasping(task, hand, task.surroundings(), id, upright=upright, fix=slipped)
         except SkillFailedError:
             if attempt == _ATTEMPTS - 1:
                 raise
-            yield from _letting_go(task, hand)
-            yield from hand.parking()
-            continue
-        yield from carrying(task, hand, stance.back_m)
-        return
+            stance = None
+        else:
+            slipped = stance is None
+        if stance is not None:
+            yield from carrying(task, hand, stance.back_m)
+            return
+        yield from _letting_go(task, hand)
+        yield from hand.parking()
+    raise _slipped(task, id)
 
 
 def _grasping(
@@ -202,8 +208,22 @@ def _grasping(
     *,
     upright: bool | None,
     stays: bool = False,
-) -> Generator[float, None, Stance]:
-    """Grasps a thing and lifts it; by friction if that is possible, otherwise it is fixed to the gripper."""
+    fix: bool = False,
+) -> Generator[float, None, Stance | None]:
+    """Grasps a thing and lifts it; by friction if that is possible, otherwise it is fixed to the gripper.
+
+    Args:
+        task: the skill.
+        hand: the hand.
+        surroundings: where everything is.
+        id: the thing.
+        upright: see `pick_up`.
+        stays: whether the base stays where it is.
+        fix: whether it is fixed in any case.
+
+    Returns:
+        How it was grasped; None if it slipped out of the fingers while it was lifted.
+    """
     with task.step("grasp", f"grasp {id}"):
         task.moved[id] = None
         stance = yield from _hand_before(task, hand, surroundings, id, upright=upright, stays=stays)
@@ -211,14 +231,18 @@ def _grasping(
         held_by_friction = False
         if stance.grasp.is_by_friction:
             held_by_friction = yield from hand.closing()
-        if not held_by_friction:
+        if fix or not held_by_friction:
             _fix(task, hand, id, "the fingers do not hold it by friction")
         relative = pose_multiply(pose_inverse(hand.grasp_pose), surroundings.pose(id))
         yield from _lifting(hand, id)
         drift = pose_multiply(pose_inverse(hand.grasp_pose), surroundings.pose(id))[:3] - relative[:3]
         if np.linalg.norm(drift) > _DRIFT_M:
-            raise task.failure(f"{id} slipped out of the gripper while it was lifted", "grasp it again")
+            return None
     return stance
+
+
+def _slipped(task: SkillTask, id: BodyId) -> SkillFailedError:
+    return task.failure(f"{id} slipped out of the gripper while it was lifted", "grasp it again")
 
 
 def _standing_before(hand: Manipulator, request: StanceRequest, stance: Stance) -> Generator[float, None, Stance]:
