@@ -143,7 +143,7 @@ def _open_and_close_one(sim: Simulation, robot: Robot, front: str, *, closes: bo
         sim.reset()
         reach = can_open(robot, front)
         if not reach:
-            return _Row(front, opened, None, depth_m, f"{reach.openness:.0%} in reach: {reach.reason}")
+            return _Row(front, opened, None, depth_m, f"{max(0.0, reach.openness):.0%} in reach: {reach.reason}")
         stances = " and ".join(f"({x:.2f}, {y:.2f}, {yaw:.2f})" for x, y, yaw in (each.base for each in reach.steps))
         return _Row(front, opened, None, depth_m, f"in reach from {stances}, but {result.reason}")
     if not closes:

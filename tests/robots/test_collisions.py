@@ -197,3 +197,16 @@ def test_what_rests_in_a_drawer_moves_with_it_and_what_stands_above_does_not() -
             assert np.linalg.norm(ways[0]) == pytest.approx(part * abs(drawer.open_position), abs=1e-3)
             assert ways == pytest.approx(np.tile(ways[0], (len(ways), 1)), abs=1e-9)
             assert (positions(*above) == still).all()
+
+
+def test_own_links_keep_apart_but_those_of_a_telescope_are_closer() -> None:
+    """Stretch rolls its gripper beside its arm, with the telescope drawn in."""
+    with robot_in(robot="stretch") as robot:
+        rest = robot.joint_positions()
+        checker = CollisionChecker(robot)
+        assert checker.find_at(rest) is None
+        rolls = np.arange(1.8, 2.4, 0.005).tolist()
+        turned = (checker.find_at({**rest, "joint_wrist_yaw": 2.0, "joint_wrist_roll": roll}) for roll in rolls)
+        first = next(found for found in turned if found is not None)
+        assert {first.part, first.obstacle} == {robot.link_ids["link_arm_l0"], robot.link_ids["link_straight_gripper"]}
+        assert 0.0005 < first.distance_m < first.least_m

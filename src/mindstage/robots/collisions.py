@@ -27,8 +27,10 @@ __all__ = ["Collision", "CollisionChecker", "HandChecker", "MotionRobot", "links
 
 CLEARANCE_M = 0.005
 """Distance that planned motions keep from the place [m]."""
-_SELF_CLEARANCE_M = -0.0005
-"""A robot's own links may come so near; contacts of the simulation would stop them."""
+_SELF_CLEARANCE_M = 0.0015
+"""Distance that a robot's own links keep from each other [m]; a graze would hold the arm back."""
+_FITTED_CLEARANCE_M = -0.0005
+"""Links that are nearer than that in the folded pose, such as those of a telescope, may come so near."""
 _NEIGHBOR_CLEARANCE_M, _NEIGHBOR_JOINTS = -0.003, 2
 """Links with at most so many joints between them may come so near: their hulls overlap a little where their meshes do
 not."""
@@ -221,6 +223,7 @@ class CollisionChecker:
         at = (float(root[0]), float(root[1]), yaw_of(root[3:]))
         self._root_in_base = planar_multiply(planar_inverse(robot.base_pose()), at)
         self._classify(touch)
+        self._fit_links()
         nearest: dict[tuple[int, int], float] = {}
         for row, other, distance, _ in self._too_near({}):
             key = (min(row, other), max(row, other))
@@ -252,6 +255,28 @@ class CollisionChecker:
             hand = links_behind(self._robot.model, gripper.link)
             same = [number for number, name in enumerate(names) if name in hand]
             self._self_clearance[np.ix_(same, same)] = -np.inf
+
+    def _fit_links(self) -> None:
+        """Allows the pairs of links that are near each other in the folded pose to be so."""
+        data = self._contacts.data
+        present = data.qpos.copy()
+        rest = {
+            name: at for arm in self._robot.model.arms for name, at in zip(arm.joints, arm.rest_positions, strict=False)
+        }
+        self._set_values([rest.get(name, now) for name, now in zip(self.joints, self.start, strict=True)])
+        geoms, distances = self._contacts.near_geoms()
+        rows = self._contacts.body_rows(geoms[distances < _SELF_CLEARANCE_M])
+        first, second = self._own_number[rows[self._is_own[rows].all(axis=1)]].T
+        for a, b in ((first, second), (second, first)):
+            self._self_clearance[a, b] = np.minimum(self._self_clearance[a, b], _FITTED_CLEARANCE_M)
+        data.qpos[:] = present
+        self._contacts.update()
+
+    def _set_values(self, values: Array | Sequence[float]) -> None:
+        contacts = self._contacts
+        contacts.data.qpos[self._addresses] = self._factors * np.asarray(values)[self._columns] + self._offsets
+        contacts.update()
+        contacts.carry()
 
     def _set_joints(self) -> None:
         """Computes the map from values of `joints` to coordinates."""
@@ -292,9 +317,7 @@ class CollisionChecker:
         contacts = self._contacts
         if base is not None and self._base_joint is not None:
             contacts.set_planar_pose(self._base_joint, *planar_multiply(base, self._root_in_base))
-        contacts.data.qpos[self._addresses] = self._factors * np.asarray(values)[self._columns] + self._offsets
-        contacts.update()
-        contacts.carry()
+        self._set_values(values)
         found = self._too_near(self._allowed)
         if not found:
             return None
