@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import closing
+from typing import Any
 
 import pytest
 
@@ -248,6 +250,54 @@ def test_an_object_is_dragged_into_the_view_onto_a_surface(physics_simulation: S
         assert at[2] > z + body.size[2] / 2 - 0.01, "it is on top"
         assert at[:2] == pytest.approx((x, y), abs=0.25)
         assert viewer.views.clients
+
+
+def test_a_finger_scrolls_the_objects_and_drags_the_one_that_it_has_held(
+    physics_simulation: Simulation, browser: Any
+) -> None:
+    context = browser.new_context(viewport={"width": 390, "height": 700}, has_touch=True, is_mobile=True)
+    with Viewer(physics_simulation, port=0) as viewer, closing(context):
+        tab = PageTab(context.new_page(), viewer, view=True)
+        page, session = tab.page, context.new_cdp_session(tab.page)
+
+        def touch(type: str, *points: tuple[float, float]) -> None:
+            session.send(
+                "Input.dispatchTouchEvent", {"type": type, "touchPoints": [{"x": x, "y": y} for x, y in points]}
+            )
+
+        page.locator("[data-sheet=add]").tap()
+        tiles = page.locator(".classes > [role=option]")
+        tiles.nth(5).wait_for()
+        add = page.locator("[data-action=add]")
+        assert add.bounding_box()["y"] + add.bounding_box()["height"] <= page.locator("#sheet-bar").bounding_box()["y"]
+        box = tiles.nth(1).bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        touch("touchStart", (x, y))
+        for step in range(1, 7):
+            touch("touchMove", (x, y - 15.0 * step))
+        touch("touchEnd")
+        wait_until(lambda: page.locator(".classes").evaluate("list => list.scrollTop") > 20, "the list has scrolled")
+        assert page.locator(".drag-image").is_hidden()
+
+        page.locator("[data-role=find-class]").fill("bowl")
+        tile = page.locator("[data-class=Bowl]")
+        wait_until(lambda: "bowl" in tiles.first.inner_text().lower(), "bowls are found")
+        tile.scroll_into_view_if_needed()
+        box = tile.bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        body = physics_simulation.snapshot().body(BodyId("Cupboard"))
+        assert body.size is not None
+        at = body.pose.position
+        to = tab.to_window((at[0], at[1], at[2] + body.size[2] / 2))
+        assert y < page.locator("[data-action=add]").bounding_box()["y"]
+        touch("touchStart", (x, y))
+        wait_until(lambda: tile.get_attribute("aria-selected") == "true", "it has been held")
+        for step in range(1, 6):
+            touch("touchMove", (x + (to[0] - x) * step / 5, y + (to[1] - y) * step / 5))
+        wait_until(lambda: page.locator(".drag-hint").inner_text() == "on Cupboard", "the place is named")
+        touch("touchEnd")
+        wait_until(lambda: BodyId("Bowl_1") in physics_simulation.state.ids, "the bowl is added")
+        assert tab.errors == []
 
 
 def test_bodies_are_selected_by_a_rectangle_and_distances_measured(

@@ -11,6 +11,7 @@ import { viewTools } from "./viewTools.js";
 
 const ALL = "All";
 const START_DRAG_PX = 6;
+const HOLD_MS = 350; // after which a finger drags an object; one that moves at once scrolls the list
 const MAX_THUMBNAILS = 600;
 
 // Thumbnails are requested one after another, those in sight first.
@@ -80,8 +81,9 @@ class AddObjectPanel {
     root.append(this.#search, this.#categories, this.#list, el("div", { class: "placed-by" },
       el("label", { class: "field" }, el("span", { class: "muted" }, "where"), this.#placement),
       el("div", { class: "vector-fields" }, this.#size, el("span", { class: "muted unit" }, "m")), this.#addButton,
-      el("p", { class: "muted" }, "Or drag an object into the view, onto a surface.")));
+      el("p", { class: "muted" }, `Or ${matchMedia("(pointer: coarse)").matches ? "hold an object and drag it" : "drag an object"} into the view, onto a surface.`)));
     document.body.append(this.#image, this.#hint);
+    this.#list.addEventListener("touchmove", (event) => this.#drag && event.preventDefault(), { passive: false }); // else it scrolls
     selection.onChange((id) => {
       if (!this.#added.has(id)) this.#target = id ?? this.#target;
       this.#updatePlacements();
@@ -125,7 +127,7 @@ class AddObjectPanel {
   #tile(each, index) {
     const extents = each.size ? each.size.map((extent) => formatNumber(extent, 2)).join(" × ") : "size unknown";
     return el("li", { role: "option", tabindex: index === 0 ? "0" : "-1", "aria-selected": String(this.#class?.class === each.class), "data-class": each.name, title: `${each.name}, ${extents} m`,
-      onclick: (event) => this.#choose(each, event.currentTarget), ondblclick: () => this.#add(), onpointerdown: (event) => this.#press(event, each) },
+      onclick: (event) => this.#choose(each, event.currentTarget), ondblclick: () => this.#add(), onpointerdown: (event) => this.#press(event, each), oncontextmenu: (event) => this.#drag && event.preventDefault() },
     this.#thumbnails.element(each.class), el("span", {}, each.title), (this.#search.value || each.used) && el("small", { class: "muted" }, [this.#search.value && each.category, each.used && "in use"].filter(Boolean).join(" · ")));
   }
 
@@ -183,11 +185,23 @@ class AddObjectPanel {
   #press(event, each) {
     if (event.button !== 0) return;
     const tile = event.currentTarget;
-    const start = [event.clientX, event.clientY];
+    const { clientX: x, clientY: y } = event;
     tile.setPointerCapture(event.pointerId); // the view is a frame of its own, which would receive the events
+    const isFinger = event.pointerType === "touch";
+    const hold = isFinger ? setTimeout(() => begin(x, y), HOLD_MS) : 0;
+    const begin = (atX, atY) => {
+      this.#choose(each, tile);
+      this.#drag = { params: { class: each.class, ...this.#chosenSize() }, pointer: null, busy: false };
+      if (this.#thumbnails.get(each.class)) this.#image.src = this.#thumbnails.get(each.class);
+      document.addEventListener("keydown", cancel, true);
+      document.body.classList.add("dragging-object"); // on a phone the panel covers the view
+      this.#dragTo(atX, atY);
+    };
     const end = (last) => {
+      clearTimeout(hold);
       tile.onpointermove = tile.onpointerup = tile.onpointercancel = null;
       document.removeEventListener("keydown", cancel, true);
+      document.body.classList.remove("dragging-object");
       if (this.#drag) this.#drop(last.type === "pointerup" ? last : null);
     };
     const cancel = (key) => {
@@ -195,14 +209,13 @@ class AddObjectPanel {
       key.stopPropagation();
       end(key);
     };
-    tile.onpointermove = (move) => {
-      if (!this.#drag && Math.hypot(move.clientX - start[0], move.clientY - start[1]) > START_DRAG_PX) {
-        this.#choose(each, tile);
-        this.#drag = { params: { class: each.class, ...this.#chosenSize() }, pointer: null, busy: false };
-        if (this.#thumbnails.get(each.class)) this.#image.src = this.#thumbnails.get(each.class);
-        document.addEventListener("keydown", cancel, true);
+    tile.onpointermove = ({ clientX, clientY }) => {
+      const [dx, dy] = [Math.abs(clientX - x), Math.abs(clientY - y)];
+      if (this.#drag) this.#dragTo(clientX, clientY);
+      else if (Math.hypot(dx, dy) > START_DRAG_PX) {
+        clearTimeout(hold);
+        if (!isFinger || dx > dy) begin(clientX, clientY); // a vertical motion scrolls, and the browser cancels the pointer
       }
-      if (this.#drag) this.#dragTo(move.clientX, move.clientY);
     };
     tile.onpointerup = tile.onpointercancel = end;
   }
