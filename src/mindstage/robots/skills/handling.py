@@ -87,8 +87,7 @@ def grasp(task: SkillTask, thing: ThingName) -> SkillMotion:
     id = surroundings.find(thing)
     if hand_with(task, id) is None:
         hand = free_hand(task, f"to grasp {id}")
-        if (yield from _grasping(task, hand, surroundings, id, upright=None, stays=True)) is None:
-            raise _slipped(task, id)
+        yield from _grasping(task, hand, surroundings, id, upright=None, stays=True)
 
 
 @skill(needs=_NEEDS)
@@ -186,18 +185,19 @@ def pick_up(task: SkillTask, id: BodyId, *, upright: bool | None = None) -> Skil
     for attempt in range(_ATTEMPTS):
         try:
             stance = yield from _grasping(task, hand, task.surroundings(), id, upright=upright, fix=slipped)
-        except SkillFailedError:
+        except SkillFailedError as error:
             if attempt == _ATTEMPTS - 1:
                 raise
-            stance = None
-        else:
-            slipped = stance is None
-        if stance is not None:
-            yield from carrying(task, hand, stance.back_m)
-            return
-        yield from _letting_go(task, hand)
-        yield from hand.parking()
-    raise _slipped(task, id)
+            slipped = isinstance(error, _SlippedError)
+            yield from _letting_go(task, hand)
+            yield from hand.parking()
+            continue
+        yield from carrying(task, hand, stance.back_m)
+        return
+
+
+class _SlippedError(SkillFailedError):
+    """A thing is not held that was grasped by friction."""
 
 
 def _grasping(
@@ -209,7 +209,7 @@ def _grasping(
     upright: bool | None,
     stays: bool = False,
     fix: bool = False,
-) -> Generator[float, None, Stance | None]:
+) -> Generator[float, None, Stance]:
     """Grasps a thing and lifts it; by friction if that is possible, otherwise it is fixed to the gripper.
 
     Args:
@@ -221,8 +221,8 @@ def _grasping(
         stays: whether the base stays where it is.
         fix: whether it is fixed in any case.
 
-    Returns:
-        How it was grasped; None if it slipped out of the fingers while it was lifted.
+    Raises:
+        _SlippedError: it slipped out of the fingers while it was lifted.
     """
     with task.step("grasp", f"grasp {id}"):
         task.moved[id] = None
@@ -237,12 +237,9 @@ def _grasping(
         yield from _lifting(hand, id)
         drift = pose_multiply(pose_inverse(hand.grasp_pose), surroundings.pose(id))[:3] - relative[:3]
         if np.linalg.norm(drift) > _DRIFT_M:
-            return None
+            reason = f"{id} slipped out of the gripper while it was lifted"
+            raise _SlippedError(hand.robot.name, reason=reason, suggestion="grasp it again")
     return stance
-
-
-def _slipped(task: SkillTask, id: BodyId) -> SkillFailedError:
-    return task.failure(f"{id} slipped out of the gripper while it was lifted", "grasp it again")
 
 
 def _standing_before(hand: Manipulator, request: StanceRequest, stance: Stance) -> Generator[float, None, Stance]:

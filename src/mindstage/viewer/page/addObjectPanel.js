@@ -188,7 +188,6 @@ class AddObjectPanel {
     const { clientX: x, clientY: y } = event;
     tile.setPointerCapture(event.pointerId); // the view is a frame of its own, which would receive the events
     const isFinger = event.pointerType === "touch";
-    const hold = isFinger ? setTimeout(() => begin(x, y), HOLD_MS) : 0;
     const begin = (atX, atY) => {
       this.#choose(each, tile);
       this.#drag = { params: { class: each.class, ...this.#chosenSize() }, pointer: null, busy: false };
@@ -197,6 +196,7 @@ class AddObjectPanel {
       document.body.classList.add("dragging-object"); // on a phone the panel covers the view
       this.#dragTo(atX, atY);
     };
+    const hold = isFinger ? setTimeout(() => begin(x, y), HOLD_MS) : 0;
     const end = (last) => {
       clearTimeout(hold);
       tile.onpointermove = tile.onpointerup = tile.onpointercancel = null;
