@@ -1,0 +1,1 @@
+"""Access: who may use a running Mindstage, how much of it, and what a text from outside may name."""
