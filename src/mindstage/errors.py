@@ -56,7 +56,6 @@
     │   └── SimulationTimeoutError      a call into the simulation thread did not finish in time
     ├── BridgeError                     failure of a bridge, its peer or the connection (exit code 2)
     │   ├── BridgeUnavailableError      the server cannot listen at that address
-    │   ├── FoxgloveUnavailableError    the Foxglove SDK is not installed, or its server cannot listen
     │   ├── AuthenticationError         missing or invalid token
     │   ├── CertificateError            a file with a certificate or a key cannot be used
     │   ├── ConnectionLostError         no connection, or a closed one
@@ -121,7 +120,6 @@ __all__ = [
     "EpisodeFileError",
     "EpisodeTimeError",
     "FailureResponseError",
-    "FoxgloveUnavailableError",
     "HistoryChangedError",
     "ImaginationError",
     "InvalidArgumentError",
@@ -964,17 +962,6 @@ class BridgeUnavailableError(BridgeError):
     port: int
     _: KW_ONLY
     cause: str
-
-
-@dataclass(eq=False, repr=False)
-class FoxgloveUnavailableError(BridgeError):
-    """The Foxglove SDK is not installed, or its server cannot listen at that address."""
-
-    code = "FoxgloveUnavailable"
-    template = "Foxglove cannot be served: {cause}{hint}"
-    cause: str
-    _: KW_ONLY
-    remedy: str = ""
 
 
 @dataclass(eq=False, repr=False)
