@@ -12,6 +12,7 @@
     │   ├── HistoryChangedError         another client has edited since the history was read
     │   └── AttachmentError             a cycle, or the child already has a parent
     ├── KnowledgeError                  a source of knowledge or a query cannot be used (exit code 2)
+    │   ├── ReferenceRefusedError       a text that came over a port names something that would have to be read for it
     │   ├── SourceParseError            missing file, or content that does not follow its format
     │   ├── MapNotFoundError            no semantic map of that name, or none at all
     │   ├── AmbiguousMapError           several maps are loaded and none was selected
@@ -145,6 +146,7 @@ __all__ = [
     "QuestionNotFoundError",
     "QuestionTimeoutError",
     "ReasonerUnavailableError",
+    "ReferenceRefusedError",
     "RendererUnavailableError",
     "RestoreError",
     "RobotError",
@@ -407,6 +409,19 @@ class SourceParseError(KnowledgeError):
     def place(self) -> str:
         """Part of the message: the source and the line."""
         return f"{self.source}, line {self.line}" if self.line is not None else self.source
+
+
+@dataclass(eq=False, repr=False)
+class ReferenceRefusedError(KnowledgeError):
+    """A text that came over a port names something that would have to be read for it, such as an import."""
+
+    code = "ReferenceRefused"
+    template = "{source} {reference}; what came over a port is read without anything else{hint}"
+    source: str
+    reference: str
+    """The verb and what is named, such as `imports file:///a.owl`."""
+    _: KW_ONLY
+    remedy: str = ""
 
 
 @dataclass(eq=False, repr=False)
