@@ -248,6 +248,7 @@ class KnowledgeBase:
         conventions: UnitConventions = UnitConventions(),  # noqa: B008 - it is frozen
         urdf_files: StrPath | Iterable[StrPath] = (),
         follow_imports: bool = True,
+        untrusted: bool = False,
     ) -> None:
         """Reads files and everything that they import, transitively and each file once.
 
@@ -261,10 +262,14 @@ class KnowledgeBase:
             conventions: units, handedness and quaternion order of these maps; what is None is detected from the maps
                 and listed by `assumptions`.
             urdf_files: robot descriptions that hold the poses and joints of maps that only name links.
-            follow_imports: False for untrusted files: no other file is read then, whatever they import.
+            follow_imports: whether what they import is read; otherwise it is a finding.
+            untrusted: True for files that came over a port: nothing else is read for them, and one that refers to
+                something else is refused. An import of an ontology that is loaded already is accepted, by its IRI, its
+                version or the end of its path in a package; a path (`file:`) never is.
 
         Raises:
             SourceParseError: one of the files cannot be read, for the stated reason; nothing has changed then.
+            ReferenceRefusedError: an untrusted file refers to something that is not loaded; nothing has changed then.
             StoreError: the folder is read-only.
         """
         with self.lock:
@@ -274,6 +279,7 @@ class KnowledgeBase:
                 conventions,
                 _as_list(urdf_files),
                 follow_imports=follow_imports,
+                untrusted=untrusted,
                 builds_index="reasoner" not in self.__dict__,
             )
             self._invalidate_all(read)
