@@ -9,15 +9,8 @@ from typing import Any
 
 import pytest
 
-from mindstage.bridge import (
-    BridgeLimits,
-    GoalResult,
-    GoalStatus,
-    LocalNode,
-    RosbridgeClient,
-    RosbridgeServer,
-    ServerGoalHandle,
-)
+from mindstage.access.limits import BridgeLimits
+from mindstage.bridge import GoalResult, GoalStatus, LocalNode, RosbridgeClient, RosbridgeServer, ServerGoalHandle
 from mindstage.bridge.calls import MAX_GOALS
 from mindstage.errors import ServiceCallError, ServiceNotFoundError, ServiceTimeoutError
 from tests.bridge.raw_client import RawClient, eventually

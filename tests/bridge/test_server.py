@@ -11,8 +11,9 @@ import msgspec
 import pytest
 from websockets.exceptions import InvalidStatus
 
-from mindstage.bridge import BridgeLimits, LocalNode, RosbridgeServer
-from mindstage.bridge.access import is_loopback
+from mindstage.access.limits import BridgeLimits
+from mindstage.access.visitors import is_loopback
+from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.bridge.protocol import Auth
 from mindstage.bridge.server import TokenAuth
 from mindstage.errors import AuthenticationError, BridgeUnavailableError

@@ -10,8 +10,9 @@ from collections.abc import Iterator
 import msgspec
 import pytest
 
+from mindstage.access.limits import RpcLimits
 from mindstage.errors import BodyNotFoundError
-from mindstage.viewer.server import ClientSession, RpcChannel, RpcLimits, address, serve, shut_down
+from mindstage.viewer.server import ClientSession, RpcChannel, address, serve, shut_down
 from tests.viewer.page_client import PageClient, RequestFailedError, connect_page_client
 from tests.viewer.waiting import TIMEOUT_S, wait_until
 

@@ -15,10 +15,11 @@ from viser.infra import _infra
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
+from mindstage.access.limits import RpcLimits
 from mindstage.errors import AuthenticationError, ViewerUnavailableError
 from mindstage.viewer import server as sockets
 from mindstage.viewer.http import page_files
-from mindstage.viewer.server import ClientSession, RpcChannel, RpcLimits, address, serve, session_key_of, shut_down
+from mindstage.viewer.server import ClientSession, RpcChannel, address, serve, session_key_of, shut_down
 from tests.viewer.page_client import RequestFailedError, connect_page_client
 from tests.viewer.waiting import TIMEOUT_S, wait_until
 

@@ -17,7 +17,8 @@ from cryptography import x509
 from cryptography.hazmat.primitives import serialization
 from playwright.sync_api import Error
 
-from mindstage.bridge.access import TlsCertificate, VisitorLimits, client_tls_context
+from mindstage.access.certificates import TlsCertificate, client_tls_context
+from mindstage.access.limits import VisitorLimits
 from mindstage.engines import NullEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.rendering.screenshot import Screenshot

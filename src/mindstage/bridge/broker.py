@@ -20,6 +20,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import msgspec
 
+from mindstage.access.limits import QUEUE_LENGTH, BridgeLimits
 from mindstage.bridge.encodings import serialize, write_cbor_raw
 from mindstage.bridge.protocol import (
     ActionFeedback,
@@ -27,7 +28,6 @@ from mindstage.bridge.protocol import (
     Advertise,
     AdvertiseAction,
     AdvertiseService,
-    BridgeLimits,
     CallService,
     CancelActionGoal,
     Compression,
@@ -73,8 +73,6 @@ __all__ = [
 
 _RETRY_S = 0.02
 """Interval at which a congested peer is checked [s]."""
-_MAX_QUEUE_LENGTH = 1000
-"""Upper bound of the queue length that a client can request."""
 
 
 def resolve_name(name: str) -> str:
@@ -505,7 +503,7 @@ class ThrottledQueue:
         self._throttle_s = min(each.throttle_rate or 0.0 for each in requests) / 1000.0
         length = max(each.queue_length or 0 for each in requests)
         self._queues = length > 0
-        self._waiting = deque(self._waiting, maxlen=min(max(1, length), _MAX_QUEUE_LENGTH))
+        self._waiting = deque(self._waiting, maxlen=min(max(1, length), QUEUE_LENGTH.count))
         compressions = {each.compression or Compression.NONE for each in requests}
         preference = (Compression.CBOR_RAW, Compression.CBOR, Compression.PNG, Compression.NONE)
         sizes = [each.fragment_size for each in requests if each.fragment_size is not None]

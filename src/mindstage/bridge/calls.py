@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from mindstage.access.limits import NODE_GOALS
 from mindstage.bridge.event_loop import EventLoopThread, KeyedSerialExecutor
 from mindstage.bridge.protocol import (
     ActionFeedback,
@@ -43,7 +44,6 @@ from mindstage.errors import (
 )
 
 __all__ = [
-    "MAX_GOALS",
     "ActionHandler",
     "BatchHandler",
     "ClientGoalHandle",
@@ -59,8 +59,6 @@ __all__ = [
 _TIMEOUT_MARGIN_S = 1.0
 """Added to the timeout that is sent to the provider, so that the timeout on this side ends first [s]."""
 _log = logging.getLogger("mindstage.bridge")
-MAX_GOALS = 32
-"""Largest number of active goals at one node; more are rejected."""
 T = TypeVar("T")
 
 
@@ -378,8 +376,8 @@ class HandlerDispatcher:
         cause = ""
         if id in self._goals:
             cause = f"the goal {id!r} is active already"
-        elif len(self._goals) >= MAX_GOALS:
-            cause = f"{MAX_GOALS} goals are active already; wait until one has ended, or cancel one"
+        elif len(self._goals) >= NODE_GOALS.count:
+            cause = f"{NODE_GOALS.count} goals are active already; wait until one has ended, or cancel one"
         if handler is None or cause:
             self._send(_goal_error_result(request, id, cause or f"Action {request.action} does not exist"))
             return

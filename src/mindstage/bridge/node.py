@@ -20,6 +20,7 @@ from typing import Any, Protocol, TypeVar, cast
 
 import msgspec
 
+from mindstage.access.limits import DEFAULT_BRIDGE_LIMITS, UNHANDLED_MESSAGES, UNSENT_MESSAGES, BridgeLimits
 from mindstage.bridge.broker import PLAIN_FORMAT, Broker, GraphInfo, Peer, ReplyFormat, resolve_name, same_type
 from mindstage.bridge.calls import (
     ActionHandler,
@@ -33,13 +34,11 @@ from mindstage.bridge.calls import (
 )
 from mindstage.bridge.event_loop import EventLoopThread, KeyedSerialExecutor
 from mindstage.bridge.protocol import (
-    DEFAULT_LIMITS,
     ActionFeedback,
     ActionResult,
     Advertise,
     AdvertiseAction,
     AdvertiseService,
-    BridgeLimits,
     CallService,
     CancelActionGoal,
     Compression,
@@ -72,10 +71,6 @@ __all__ = [
 ]
 
 _log = logging.getLogger("mindstage.bridge")
-_MAX_UNSENT = 256
-"""Largest number of published messages that wait for the loop; beyond it, `publish` blocks."""
-_MAX_UNHANDLED = 1024
-"""Largest number of messages that wait for a slow handler; beyond it, the oldest are dropped."""
 T = TypeVar("T")
 
 MessageHandler = Callable[..., object]
@@ -158,7 +153,7 @@ class Node:
         """Operations that are sent again after a reconnection, in order: advertisements and subscriptions."""
         self._subscriptions: defaultdict[str, list[Subscription]] = defaultdict(list)
         self._next_id = count(1)
-        self._backlog = threading.BoundedSemaphore(_MAX_UNSENT)
+        self._backlog = threading.BoundedSemaphore(UNSENT_MESSAGES.count)
 
     # -- services ------------------------------------------------------------------------------------------------------
 
@@ -461,7 +456,7 @@ class Node:
             if subscription.is_async:
                 self._dispatcher.start_task(task.run())
             else:
-                self._executor.submit(subscription, task, max_waiting=_MAX_UNHANDLED)
+                self._executor.submit(subscription, task, max_waiting=UNHANDLED_MESSAGES.count)
 
     def _require_other_thread(self, method: str) -> None:
         if self._loop.is_current_thread():
@@ -509,7 +504,7 @@ class LocalNode(Node):
     The thread of its event loop runs from its creation until `close`.
     """
 
-    def __init__(self, *, limits: BridgeLimits = DEFAULT_LIMITS, name: str = "/mindstage") -> None:
+    def __init__(self, *, limits: BridgeLimits = DEFAULT_BRIDGE_LIMITS, name: str = "/mindstage") -> None:
         """Creates a broker without other peers.
 
         Args:

@@ -28,43 +28,29 @@ from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 from websockets.protocol import State
 
-from mindstage.bridge.access import (
+from mindstage.access.certificates import TlsCertificate
+from mindstage.access.limits import (
+    CLOCK_SKEW,
+    CLOSE_TIME,
+    CONGESTION,
     DEFAULT_VISITOR_LIMITS,
-    HANDSHAKE_TIMEOUT_S,
-    TlsCertificate,
-    Visitor,
+    HANDSHAKE,
+    READ_SLICE,
+    UNAUTHENTICATED_BYTES,
+    BridgeLimits,
     VisitorLimits,
-    VisitorRegistry,
-    is_loopback,
 )
+from mindstage.access.visitors import Visitor, VisitorRegistry, is_loopback
 from mindstage.bridge.broker import PLAIN_FORMAT, Peer, ReplyFormat
 from mindstage.bridge.node import LocalNode
-from mindstage.bridge.protocol import (
-    Auth,
-    BridgeLimits,
-    Frame,
-    Id,
-    MessageDecoder,
-    MessageEncoder,
-    Operation,
-    StatusLevel,
-)
+from mindstage.bridge.protocol import Auth, Frame, Id, MessageDecoder, MessageEncoder, Operation, StatusLevel
 from mindstage.errors import AuthenticationError, BridgeError, BridgeUnavailableError
 
 __all__ = ["Connection", "RosbridgeServer", "TokenAuth"]
 
 
-_MAX_CLOCK_SKEW_S = 5.0
-"""Largest age of a hash, as in rosauth [s]."""
-_CONGESTION_LIMIT_BYTES = 256 * 1024
-"""Size of the send queue above which a peer counts as congested."""
-_CLOSE_TIMEOUT_S = 5.0
-_MAX_READ_SLICE_S = 0.002
-"""Time for which messages of one peer are handled before other tasks of the loop run [s]."""
 _log = logging.getLogger("mindstage.bridge")
 _PING_INTERVAL_S = 20.0
-_MAX_UNAUTHENTICATED_BYTES = 16 * 1024
-"""Largest message of a client that is not authenticated yet; enough for a token."""
 
 
 class TokenAuth:
@@ -123,7 +109,7 @@ class TokenAuth:
         """
         if auth.token is not None:
             return self._token_matches(auth.token)
-        if abs(now_s - auth.t) > _MAX_CLOCK_SKEW_S or auth.end <= now_s or self._token is None:
+        if abs(now_s - auth.t) > CLOCK_SKEW.maximum or auth.end <= now_s or self._token is None:
             return False
         signed = f"{auth.client}{auth.dest}{auth.rand}{auth.t}{auth.level}{auth.end}"
         expected = hashlib.sha512(self._token + signed.encode("utf-8", "surrogateescape")).hexdigest()
@@ -177,7 +163,7 @@ class Connection:
     @property
     def congested(self) -> bool:
         """Whether the peer reads more slowly than messages are queued."""
-        return self._outbox_bytes > _CONGESTION_LIMIT_BYTES
+        return self._outbox_bytes > CONGESTION.count
 
     async def run(self) -> None:
         """Receives and sends until the connection ends; the end of a connection is not an error."""
@@ -194,7 +180,7 @@ class Connection:
                     await asyncio.sleep(delay_s)
                 if not self._may_read.is_set():
                     await self._wait_until_readable()
-                if handling_s > _MAX_READ_SLICE_S:
+                if handling_s > READ_SLICE.maximum:
                     await asyncio.sleep(0)
                     handling_s = 0.0
         except ConnectionClosed as error:
@@ -305,7 +291,7 @@ class Connection:
 
     async def _close(self, code: int, reason: str) -> None:
         try:
-            async with asyncio.timeout(_CLOSE_TIMEOUT_S):
+            async with asyncio.timeout(CLOSE_TIME.maximum):
                 if self._outbox:
                     await self._flushed.wait()  # queued messages are sent before the close frame
                 await self._socket.close(code, reason[:120])
@@ -498,9 +484,9 @@ class RosbridgeServer:
                 self.port,
                 process_request=self._process_request,
                 ssl=self._tls,
-                ssl_handshake_timeout=None if self._tls is None else HANDSHAKE_TIMEOUT_S,
+                ssl_handshake_timeout=None if self._tls is None else HANDSHAKE.maximum,
                 compression=None,
-                max_size=_MAX_UNAUTHENTICATED_BYTES,
+                max_size=UNAUTHENTICATED_BYTES.count,
                 ping_interval=self._ping_interval_s,
                 ping_timeout=self._ping_interval_s,
                 close_timeout=2.0,

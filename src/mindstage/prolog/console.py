@@ -16,6 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from mindstage.access.limits import ANSWER_PARTS, REQUEST_PARTS
 from mindstage.errors import PrologGoalError, PrologTimeoutError, PrologUnavailableError, SourceParseError
 from mindstage.prolog.episode_predicates import EpisodePredicates
 from mindstage.prolog.object_predicates import ObjectPredicates
@@ -56,10 +57,6 @@ _WAKE_DELAY_S = 0.05
 """Time after the end of a time limit at which a blocked goal is interrupted by a signal [s]."""
 _MIN_TIMEOUT_S = 0.1
 """The time limit of a query that has waited for others for nearly all of its time [s]."""
-_MAX_ANSWER_PARTS = 20_000_000
-"""The maximum number of terms in the solutions of a goal."""
-_MAX_REQUEST_PARTS = 200_000
-"""The maximum number of terms in the arguments of a predicate that Python answers."""
 _CONSOLE_MODULE = "mindstage_console"
 _CONSOLE_SOURCE = Path(__file__).with_name("console.pl")
 _CLOSED_HANDLERS: Mapping[str, Handler] = {"halting": lambda status: False}
@@ -157,7 +154,7 @@ class PrologConsole:
     def _solve(self, predicate: str, goal: str, limit: int, timeout_s: float) -> Solutions:
         if limit < 1 or not 0.0 < timeout_s < float("inf"):
             raise ValueError(f"limit and timeout_s must be positive and finite, not {limit} and {timeout_s} s")
-        reading = ReadLimit(max_parts=_MAX_ANSWER_PARTS, deadline_s=time.monotonic() + timeout_s)
+        reading = ReadLimit(max_parts=ANSWER_PARTS.count, deadline_s=time.monotonic() + timeout_s)
         try:
             with _wake_after(timeout_s=timeout_s if self._can_wake else None):
                 end = self._run(predicate, goal, limit, float(timeout_s), reading=reading)
@@ -350,7 +347,7 @@ def _load_console_source(library: SwiProlog) -> None:
 def _handle_request(request: int, library: SwiProlog, handlers: Mapping[str, Handler]) -> int:
     """Returns a term with the reply; exceptions must not propagate through Prolog's stack frames."""
     try:
-        reply = answer(handlers, read_term(library, request, limit=ReadLimit(max_parts=_MAX_REQUEST_PARTS)))
+        reply = answer(handlers, read_term(library, request, limit=ReadLimit(max_parts=REQUEST_PARTS.count)))
     except ValueError as error:
         reply = Compound("error_reply", (Atom("argument_refused"), str(error)))
     term, other = library.new_terms(2), library.new_terms(1)

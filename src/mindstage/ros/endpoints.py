@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from mindstage.access.limits import MASTER_TIME
 from mindstage.bridge import LocalNode, Node, RosbridgeClient, Subscription
 from mindstage.errors import MindstageError
 from mindstage.msgs import Message, RosVersion, decode, message_types, type_name
@@ -21,7 +22,6 @@ from mindstage.ros.service import ActionSpec, ServiceSpec, action_handler, batch
 
 __all__ = ["Endpoints"]
 
-_PARAMETER_TIMEOUT_S = 10.0
 _log = logging.getLogger("mindstage.ros")
 M = TypeVar("M", bound=Message)
 
@@ -155,7 +155,7 @@ class Endpoints:
         """Sets a parameter at the master of ROS 1 behind another server, without waiting; elsewhere does nothing."""
         if isinstance(self._node, RosbridgeClient) and self.only_version is RosVersion.ONE:
             args = {"name": self.full_name(name), "value": msgspec.json.encode(value).decode()}
-            self._node.call_service_async("/rosapi/set_param", args, timeout_s=_PARAMETER_TIMEOUT_S)
+            self._node.call_service_async("/rosapi/set_param", args, timeout_s=MASTER_TIME.maximum)
 
     def publish_status(self) -> None:
         """Publishes the status of the goals in ROS 1; to be called regularly."""

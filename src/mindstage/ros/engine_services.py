@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from mindstage.access.limits import CHECKPOINTS
 from mindstage.bridge.conversions import (
     FORMAT_VERSION,
     color_from_message,
@@ -44,8 +45,6 @@ if TYPE_CHECKING:
 __all__ = ["CheckpointServices", "EngineServices", "RecordingServices", "spawn_report"]
 
 
-_MAX_CHECKPOINTS = 64
-"""Largest number of saved states; each contains a whole world."""
 _SPAWN_TIMEOUT_S = 300.0
 _RECORDING_RATE_HZ = 30.0
 _STEP_CHUNK_S = 0.1
@@ -87,8 +86,8 @@ class CheckpointServices:
         """Saves the current state and returns its name, which is generated if none is given."""
         name = name or f"state_{next(self._next_number)}"
         self._require_save_support()
-        if len(self._states) >= _MAX_CHECKPOINTS and name not in self._states:
-            raise EngineError(f"{_MAX_CHECKPOINTS} states are saved already; forget one first")
+        if len(self._states) >= CHECKPOINTS.count and name not in self._states:
+            raise EngineError(f"{CHECKPOINTS.count} states are saved already; forget one first")
         self._states[name] = self._simulation.run_on_engine(lambda engine: engine.save_state(), label="save")
         return name
 

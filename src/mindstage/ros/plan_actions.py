@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from mindstage.access.limits import PLAN_SAMPLES
 from mindstage.errors import InvalidArgumentError, MessageValidationError, PlanError
 from mindstage.imagination.plan_files import PlanFile
 from mindstage.imagination.plans import Check, Uncertainty
@@ -27,7 +28,6 @@ from mindstage.simulation import Simulation
 __all__ = ["PlanActions"]
 
 _DEFAULT_SAMPLES = 100
-_MAX_SAMPLES = 1_000_000
 _DEFAULT_BUDGET_S = 60.0
 _DEFAULT_THRESHOLD = 0.9
 _POLL_S = 0.05
@@ -104,7 +104,7 @@ class _SupervisedTrial:
         plan = plan_from_text(goal.plan)
         most = os.cpu_count() or 1
         workers = _limited("workers", goal.workers or 1, most, f"this machine has {most} processors")
-        samples = _limited("samples", goal.samples or _DEFAULT_SAMPLES, _MAX_SAMPLES, "use several goals")
+        samples = _limited("samples", goal.samples or _DEFAULT_SAMPLES, PLAN_SAMPLES.count, "use several goals")
         if not 0.0 <= goal.threshold <= 1.0:
             cause = f"{goal.threshold:g} is no probability"
             raise MessageValidationError("mindstage_msgs/TryPlanGoal", path="threshold", cause=cause)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from mindstage.access.limits import SKILL_REPLACEMENT
 from mindstage.bridge.conversions import pose_from_message
 from mindstage.errors import InvalidArgumentError, MessageValidationError, MindstageError, RobotError
 from mindstage.msgs import mindstage_msgs as wire
@@ -33,8 +34,6 @@ ROBOT_SUFFIXES = (".urdf", ".xml")
 
 _POLL_S = 0.005
 """Interval at which a skill notices that simulated time has passed [s]."""
-_REPLACE_TIMEOUT_S = 5.0
-"""Time for a skill to end after a newer one has come [s]."""
 _ADD_TIMEOUT_S = 120.0
 """Time for reading a robot and its meshes [s]."""
 
@@ -173,7 +172,7 @@ class RobotSkills:
             self._performances[robot.name] = performance = _Performance()
         if before is not None:
             before.replaced.set()
-            before.ended.wait(_REPLACE_TIMEOUT_S)
+            before.ended.wait(SKILL_REPLACEMENT.maximum)
         return performance
 
     def _run(

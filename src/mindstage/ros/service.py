@@ -19,6 +19,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from mindstage.access.limits import NAMES_TIME
 from mindstage.bridge import GoalResult, GoalStatus, Refusal, RosbridgeClient, ServerGoalHandle
 from mindstage.bridge.conversions import error_text, error_to_message
 from mindstage.errors import (
@@ -71,10 +72,6 @@ __all__ = [
 OK = simulation_interfaces.Result(result=simulation_interfaces.ResultCode.RESULT_OK)
 FEEDBACK_INTERVAL_S = 0.4
 """Longest time between two feedback messages [s]."""
-_NAMES_TIMEOUT_S = 3.0
-"""Time for the list of services, and for a message of another simulation: it publishes an idle world once a second, at
-most a second after the first subscriber came [s].
-"""
 _log = logging.getLogger("mindstage.ros")
 
 
@@ -230,7 +227,7 @@ def names_elsewhere(node: RosbridgeClient, names: Iterable[str], *, namespace: s
         AdvertiseError: another simulation in the same namespace is running at the server.
     """
     try:
-        existing = set(node.call_service("/rosapi/services", {}, timeout_s=_NAMES_TIMEOUT_S)["services"])
+        existing = set(node.call_service("/rosapi/services", {}, timeout_s=NAMES_TIME.maximum)["services"])
     except (BridgeError, KeyError, TypeError) as error:
         _log.info("%s does not list its services, so name clashes are not detected: %s", node.url, error)
         return frozenset()
@@ -256,7 +253,7 @@ def _is_published(node: RosbridgeClient, topic: str, *, ros: RosVersion) -> bool
     type = type_name(visualization_msgs.MarkerArray, ros)
     subscription = node.subscribe(topic, lambda _: arrived.set(), type=type)
     try:
-        return arrived.wait(_NAMES_TIMEOUT_S)
+        return arrived.wait(NAMES_TIME.maximum)
     finally:
         subscription.close()
 

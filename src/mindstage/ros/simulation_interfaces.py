@@ -32,6 +32,7 @@ import re2
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from mindstage.access.limits import LISTED_FILES, PATTERN_BYTES, PATTERN_CHARACTERS
 from mindstage.bridge.conversions import pose_array_messages, pose_from_message, vector_from_message
 from mindstage.bridge.conversions_unreal import iri_namespace
 from mindstage.engines import SpawnReport
@@ -79,11 +80,6 @@ __all__ = [
 
 FORMATS = {".owl": "owl", ".rdf": "rdf", ".ttl": "ttl", ".urdf": "urdf"}
 """Formats that can be loaded, by suffix of the file name."""
-_MAX_FILES = 1000
-_MAX_PATTERN = 4096
-"""Largest number of characters of a pattern."""
-_MAX_PROGRAM = 1 << 20
-"""Largest memory of a compiled pattern [byte]."""
 _COLLATING = re.compile(r"\[[^\]]*\[[.=]")
 """Collating symbols and equivalence classes, which RE2 reads as literal characters."""
 WORLD_FRAME = "world"
@@ -142,7 +138,7 @@ class ResourceLoader:
             for path in sorted(self._folder.rglob("*"))
             if path.suffix.lower() in FORMATS and self._is_inside_folder(path)
         )
-        for _, path in zip(range(_MAX_FILES), found, strict=False):
+        for _, path in zip(range(LISTED_FILES.count), found, strict=False):
             yield path.relative_to(self._folder).as_posix()
 
     def find_file(self, name: str, suffixes: Collection[str]) -> Path | None:
@@ -278,10 +274,10 @@ def name_matcher(pattern: str) -> Callable[[str], bool]:
     options = re2.Options()
     options.posix_syntax = options.one_line = options.dot_nl = options.never_capture = True
     options.log_errors = False
-    options.max_mem = _MAX_PROGRAM
+    options.max_mem = PATTERN_BYTES.count
     try:
-        if len(pattern) > _MAX_PATTERN:
-            raise re2.error(f"longer than {_MAX_PATTERN} characters")
+        if len(pattern) > PATTERN_CHARACTERS.count:
+            raise re2.error(f"longer than {PATTERN_CHARACTERS.count} characters")
         if _COLLATING.search(pattern):
             raise re2.error("collating symbols are not supported")
         compiled = re2.compile(pattern, options)

@@ -9,6 +9,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from mindstage.access.limits import SURFACES
 from mindstage.errors import InvalidArgumentError, NoFreePlacementError
 from mindstage.knowledge.names import EntityType
 from mindstage.rendering.appearance import compute_appearance
@@ -27,8 +28,6 @@ _Extent = Annotated[float, msgspec.Meta(ge=0.001, le=1000.0)]
 _Size = tuple[_Extent, _Extent, _Extent]
 _ClassName = Annotated[str, msgspec.Meta(min_length=1, max_length=2000)]
 _CLEARANCE_M = 0.002
-_MAX_SURFACES = 6
-"""How many support surfaces near the pointer are tried."""
 _MAX_HOVER_DISTANCE_M = 0.6
 """A free place that is farther from the pointer is not what was meant."""
 _OFFERED_S = 5.0
@@ -243,7 +242,7 @@ class AddHandler:
         places = FreePlaces(self._simulation)
         reasons: list[str] = []
         for target in self._targets(picked, direction):
-            for surface in places.surfaces(target.id, inside=None, near=target.point)[:_MAX_SURFACES]:
+            for surface in places.surfaces(target.id, inside=None, near=target.point)[: SURFACES.count]:
                 if surface.distance(target.point) > _MAX_HOVER_DISTANCE_M:
                     continue
                 poses, reason = places.sampler.candidate_poses(

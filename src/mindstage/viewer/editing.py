@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
+from mindstage.access.limits import PASTE_CHARACTERS
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError
 from mindstage.rendering.camera import corners
 from mindstage.scene import Body, BodyId, BodyPhysics, Material, Mobility, Pose, Quaternion, Vector
@@ -34,7 +35,6 @@ _SLIDER_SETTLE_S = 2.0
 """Time for which a joint is pulled on after its slider was released [s]."""
 _JOINT_TOLERANCE = 0.004
 _CLEARANCE_M = 0.001
-_MAX_TEXT_LENGTH = 5_000_000
 
 
 class MoveRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -121,7 +121,7 @@ class DeleteRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class PasteRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `paste`: the text that `copy` returned."""
 
-    text: Annotated[str, msgspec.Meta(max_length=_MAX_TEXT_LENGTH)]
+    text: Annotated[str, msgspec.Meta(max_length=PASTE_CHARACTERS.count)]
 
 
 class GoToRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -20,6 +20,7 @@ import numpy as np
 import viser
 from msgspec import Meta
 
+from mindstage.access.limits import TRAIL_GHOSTS, TRAIL_POINTS
 from mindstage.episodes.recording import EpisodeEvent, EpisodeEventKind, EpisodeFrame, Recording
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, MindstageError
@@ -43,8 +44,6 @@ _TRAIL = "trail"
 """The layer of ghosts, and the marker, of a path."""
 _TRAIL_COLOR: Color = (0.76, 0.25, 0.05)
 _TRAIL_WIDTH_M = 0.005
-_MAX_TRAIL_POINTS = 2_000
-_MAX_TRAIL_GHOSTS = 12
 _MIN_STEP_M = 0.002
 """Shorter motions are not drawn as segments of a path [m]."""
 _QUEUE = "timeline"
@@ -157,7 +156,7 @@ def path_of(recording: Recording, id: BodyId) -> Array:
             rows.append(pose.copy())
     if id not in known:
         raise BodyNotFoundError(id, known=known, world=recording.name)
-    chosen = np.linspace(0, len(rows) - 1, min(len(rows), _MAX_TRAIL_POINTS)).round().astype(int)
+    chosen = np.linspace(0, len(rows) - 1, min(len(rows), TRAIL_POINTS.count)).round().astype(int)
     path: Array = np.array(rows)[chosen]
     return path
 
@@ -294,7 +293,7 @@ class TimelineHandler:
             raise InvalidArgumentError(
                 id, cause="it does not move in this recording", remedy="select a body that moves"
             )
-        chosen = np.linspace(0, len(path) - 1, min(len(path), _MAX_TRAIL_GHOSTS)).round().astype(int)
+        chosen = np.linspace(0, len(path) - 1, min(len(path), TRAIL_GHOSTS.count)).round().astype(int)
         colors = np.tile(np.array(_TRAIL_COLOR), (len(chosen), 1))
         self._trail = (GhostGroup(id, path[chosen], colors),)
         self._trail_id = id

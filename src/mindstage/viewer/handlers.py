@@ -19,6 +19,7 @@ from urllib.parse import unquote, urlsplit
 import msgspec
 import viser
 
+from mindstage.access.limits import MAP_CHARACTERS, NEW_BODY_TIME, PAGE_STEP, STORAGE_PLACES
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, MapNotFoundError, MindstageError
 from mindstage.knowledge import KnowledgeBase, MapDialect, MapFormat, SourceMapView, UnitConventions, write_map
 from mindstage.rendering.screenshot import LabelMode
@@ -45,7 +46,6 @@ __all__ = ["SELECTED", "ClockMessage", "FileHandler", "Handlers", "ViewHandler",
 
 
 _SUFFIXES = (".owl", ".rdf", ".xml", ".ttl", ".urdf")
-_MAX_TEXT_LENGTH = 20_000_000
 _FILE_TYPES = {MapFormat.RDF_XML: (".owl", "application/rdf+xml"), MapFormat.TURTLE: (".ttl", "text/turtle")}
 
 
@@ -61,7 +61,7 @@ class LoadRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `load`: a file of the client."""
 
     name: Annotated[str, msgspec.Meta(max_length=300)]
-    text: Annotated[str, msgspec.Meta(max_length=_MAX_TEXT_LENGTH)]
+    text: Annotated[str, msgspec.Meta(max_length=MAP_CHARACTERS.count)]
     conventions: UnitConventions = UnitConventions()
     """Conventions of the map; what is not given is inferred."""
 
@@ -167,11 +167,8 @@ def _safe_filename(name: str) -> str:
 
 SELECTED = "selected"
 """Key of the selected body in the `state` of a session."""
-_MAX_STEP_S = 10.0
-_NEW_BODY_TIMEOUT_S = 5.0
 _NEW_BODY_POLL_S = 0.03
 _STORAGE_QUESTION = "storage_place_in_environment"
-_MAX_STORAGE_PLACES = 12
 
 
 class PlayRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -183,7 +180,7 @@ class PlayRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class StepRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `step`."""
 
-    duration_s: Annotated[float, msgspec.Meta(gt=0.0, le=_MAX_STEP_S)] = 0.1
+    duration_s: Annotated[float, msgspec.Meta(gt=0.0, le=PAGE_STEP.maximum)] = 0.1
 
 
 class DetailsRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -297,7 +294,7 @@ class WorldHandler:
         Raises:
             BodyNotFoundError: there is no such body.
         """
-        end = time.monotonic() + _NEW_BODY_TIMEOUT_S
+        end = time.monotonic() + NEW_BODY_TIME.maximum
         while id not in self._bodies and id in self._simulation.state.ids and time.monotonic() < end:
             time.sleep(_NEW_BODY_POLL_S)
         world, body = self._world, self._bodies.get(id)
@@ -313,7 +310,7 @@ class WorldHandler:
             rows = list(self._simulation.ask(_STORAGE_QUESTION, item=cls))
         except MindstageError:
             return  # a class that no ontology declares
-        for row in rows[:_MAX_STORAGE_PLACES]:
+        for row in rows[: STORAGE_PLACES.count]:
             if row.individual in ids:
                 places.setdefault(row.place, []).append(ids[row.individual])
         for place, bodies in places.items():
@@ -500,7 +497,7 @@ class ViewHandler:
     def _select(self, session: ClientSession, request: SelectRequest) -> None:
         """Selects a body; waits for one that was added after the last `on_rebuild`."""
         before, session.state[SELECTED] = session.state.get(SELECTED), request.id
-        end = time.monotonic() + _NEW_BODY_TIMEOUT_S
+        end = time.monotonic() + NEW_BODY_TIME.maximum
         while True:
             try:
                 self._select_in_views(session, request)

@@ -21,7 +21,8 @@ from urllib.parse import parse_qsl, urlencode, urlsplit
 
 import msgspec
 
-from mindstage.bridge.access import DEFAULT_VISITOR_LIMITS, Visitor, VisitorLimits, VisitorRegistry, is_loopback
+from mindstage.access.limits import COOKIE_AGE, DEFAULT_VISITOR_LIMITS, VisitorLimits
+from mindstage.access.visitors import Visitor, VisitorRegistry, is_loopback
 from mindstage.bridge.server import TokenAuth
 from mindstage.errors import AuthenticationError
 from mindstage.textures.baking import content_version
@@ -92,7 +93,6 @@ _VIEW = re.compile(r"/view/([a-z0-9]{8,40})/?")
 _HOST = re.compile(r"[A-Za-z0-9.\-_]+(:\d{1,5})?|\[[0-9A-Fa-f:.]+\](:\d{1,5})?")
 _TOKEN_REQUIRED = "a token is required; open the page with ?token=… first"
 _TOO_MANY_TOKENS = "too many wrong tokens were sent from this address; wait a minute"
-_COOKIE_MAX_AGE_S = 30 * 24 * 3600
 
 
 class RequestHeaders(Protocol):
@@ -266,7 +266,7 @@ class RequestFilter:
         if not self._auth.needs_token or "token" not in dict(query):
             return None
         rest = urlencode([(name, value) for name, value in query if name != "token"])
-        cookie = f"mindstage={self._cookie_value}; Path=/; HttpOnly; SameSite=Strict; Max-Age={_COOKIE_MAX_AGE_S}"
+        cookie = f"mindstage={self._cookie_value}; Path=/; HttpOnly; SameSite=Strict; Max-Age={COOKIE_AGE.count}"
         cookie += self._cookie_attributes
         headers = {"Location": f"/?{rest}" if rest else "/", "Set-Cookie": cookie, "Cache-Control": "no-store"}
         return HttpResponse(HTTPStatus.SEE_OTHER, b"", _SECURITY_HEADERS | headers)

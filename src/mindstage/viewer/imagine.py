@@ -15,6 +15,7 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
+from mindstage.access.limits import PLAN_CHARACTERS
 from mindstage.errors import InvalidArgumentError, MindstageError
 from mindstage.imagination import Place, PlanFile, Progress, Verdict, act, imagine
 from mindstage.imagination.trials import physical_simulation, plan_from_text
@@ -38,14 +39,13 @@ from mindstage.viewer.server import CLIENT, ClientSession, EmptyRequest, RpcChan
 __all__ = ["ImagineHandler"]
 
 _TOPIC = "imagine"
-_MAX_PLAN_LENGTH = 200_000
 _END_POSES, _REPLAY = "end poses", "replay"
 
 
 class ImagineRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `imagine`."""
 
-    plan: Annotated[str, Meta(max_length=_MAX_PLAN_LENGTH)]
+    plan: Annotated[str, Meta(max_length=PLAN_CHARACTERS.count)]
     """JSON or YAML."""
     samples: Annotated[int, Meta(ge=1, le=100_000)] = 100
     seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
@@ -57,7 +57,7 @@ class ImagineRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class ActRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `imagine.act`."""
 
-    plan: Annotated[str, Meta(max_length=_MAX_PLAN_LENGTH)]
+    plan: Annotated[str, Meta(max_length=PLAN_CHARACTERS.count)]
     """JSON or YAML."""
 
 

@@ -12,6 +12,7 @@ from enum import IntEnum
 
 import msgspec
 
+from mindstage.access.limits import FACTS, REPORT_ENTRIES
 from mindstage.errors import MindstageError
 from mindstage.knowledge import Severity
 from mindstage.knowledge.rdf import local_name
@@ -45,7 +46,6 @@ __all__ = [
 ]
 
 
-_MAX_FACTS = 200
 _POSITION_DIGITS = 4
 _ROTATION_DIGITS = 5
 
@@ -156,7 +156,7 @@ def body_details(
         attached_bodies=tuple(link.child for link in world.attachments if link.parent == body.id),
         joints=tuple(_joint(joint, body.id) for joint in joints),
         tags=tuple((tag.type, tag.key, tag.value) for tag in body.tags),
-        facts=tuple(_fact_row(fact, ids) for fact in body.facts[:_MAX_FACTS]),
+        facts=tuple(_fact_row(fact, ids) for fact in body.facts[: FACTS.count]),
         storage_places=tuple(storage_places),
         geometry=geometry,
     )
@@ -316,8 +316,6 @@ def _ancestors(id: BodyId, parents: Mapping[BodyId, tuple[BodyId, ParentLink, Bo
     return seen
 
 
-_MAX_ENTRIES = 5000
-"""Maximum number of entries that are sent; `ReportMessage.total` has the number of all."""
 _PUBLISH_INTERVAL_S = 0.5
 """Minimum time between two status messages [s]."""
 _CLIENTS_INTERVAL_S = 2.0
@@ -447,7 +445,7 @@ def simulation_report(simulation: Simulation) -> ReportMessage:
     for entry in entries:
         counts[entry.group] += 1
     groups = tuple(ReportGroup(name, count) for name, count in counts.items())
-    return ReportMessage(groups=groups, entries=tuple(entries[:_MAX_ENTRIES]), total=len(entries))
+    return ReportMessage(groups=groups, entries=tuple(entries[: REPORT_ENTRIES.count]), total=len(entries))
 
 
 def report_entries(simulation: Simulation) -> Iterator[ReportEntry]:

@@ -19,6 +19,7 @@ import numpy as np
 import viser
 from msgspec import Meta
 
+from mindstage.access.limits import SKILL_TIME
 from mindstage.errors import CommandRefusedError, InvalidArgumentError, MindstageError
 from mindstage.knowledge.names import EntityType
 from mindstage.robots.base_placement import reachable_region
@@ -43,8 +44,6 @@ _SLOW = frozenset({"add", "region"})
 """Requests that take seconds; the others, such as `stop`, do not wait for them."""
 _Name = Annotated[str, Meta(min_length=1, max_length=300)]
 _Share = Annotated[float, Meta(ge=-1.0, le=1.0)]
-_DEADLINE_S = 600.0
-"""Simulated time after which a skill fails [s]."""
 _POLL_S = 0.005
 _HAND_SPEED = 0.5
 """Speed of joints that are moved by hand, as a share of their largest ones."""
@@ -177,7 +176,7 @@ class _SkillRun:
         self._error = ""
         self.name, self._args, self._robot_name = name, dict(args), robot.name
         self._end_s: float | None = None
-        motion = start_skill(robot, name, args, deadline_s=_DEADLINE_S, on_step=self._on_step)
+        motion = start_skill(robot, name, args, deadline_s=SKILL_TIME.maximum, on_step=self._on_step)
         self._thread = threading.Thread(target=self._run, args=(motion,), name=f"mindstage-{name}", daemon=True)
         self._thread.start()
 

@@ -40,14 +40,17 @@ import msgspec
 import viser
 from viser.infra import _infra as _viser
 
-from mindstage.bridge.access import (
+from mindstage.access.certificates import TlsCertificate
+from mindstage.access.limits import (
     DEFAULT_VISITOR_LIMITS,
-    HANDSHAKE_TIMEOUT_S,
-    TlsCertificate,
-    TokenBucket,
-    Visitor,
+    HANDSHAKE,
+    PORT_TRIES,
+    UNSENT_EVENTS,
+    WINDOW,
+    RpcLimits,
     VisitorLimits,
 )
+from mindstage.access.visitors import TokenBucket, Visitor
 from mindstage.errors import (
     InvalidRequestError,
     MindstageError,
@@ -75,7 +78,6 @@ __all__ = [
     "Handler",
     "HttpRoutes",
     "RpcChannel",
-    "RpcLimits",
     "WebSocket",
     "address",
     "event_message",
@@ -208,7 +210,7 @@ class HttpRoutes:
         self.patched = True
         ours: dict[str, Any] = {"process_request": process, "server_header": None, "logger": _handshake_log}
         if self._tls is not None:
-            ours |= {"ssl": self._tls, "ssl_handshake_timeout": HANDSHAKE_TIMEOUT_S}
+            ours |= {"ssl": self._tls, "ssl_handshake_timeout": HANDSHAKE.maximum}
         return _serve(handle, *args, **options | ours)
 
     def _process(self, socket: Any, request: Any, page: Callable[[Any, Any], Any]) -> Any:
@@ -273,10 +275,6 @@ def patched_viser(routes: HttpRoutes) -> Iterator[None]:
             yield
         finally:
             _infra.websockets = library
-
-
-_MAX_QUEUE = 1000
-"""Number of unsent messages at which a slow page is disconnected; it reconnects."""
 
 
 def event_message(topic: str, value: object) -> bytes:
@@ -346,7 +344,7 @@ class ClientSession:
             while await self._has_output.wait():
                 self._has_output.clear()
                 while self._queue or self._latest:
-                    if len(self._queue) > _MAX_QUEUE:
+                    if len(self._queue) > UNSENT_EVENTS.count:
                         await self._socket.close(1013, "the page is too slow")
                         return
                     text = self._queue.popleft() if self._queue else self._latest.pop(next(iter(self._latest)))
@@ -364,18 +362,6 @@ _log = logging.getLogger(__name__)
 
 _EXPENSIVE_QUEUES = frozenset({"ask", "files"})
 """Queues of requests that may compute for long: questions, queries, loading and saving maps."""
-
-
-class RpcLimits(msgspec.Struct, frozen=True, kw_only=True):
-    """Limits of a channel."""
-
-    max_sessions: int = 64
-    message_bytes: int = 24 * 1024 * 1024
-    """Maximum size of a message; maps are uploaded in one message [B]."""
-    max_pending: int = 64
-    """Unanswered requests per session."""
-    max_requests_per_second: float = 120.0
-    """Sustained rate per session; bursts of twice as many are allowed [1/s]."""
 
 
 class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"arguments": "params"}):
@@ -582,10 +568,6 @@ def _session_key(path: str) -> str:
     return key if re.fullmatch("[a-z0-9]{8,40}", key) else secrets.token_hex(8)
 
 
-_MAX_PORT_TRIES = 200
-"""Number of consecutive ports that are tried."""
-_MAX_WINDOW = 16
-"""Maximum number of viser's messages that are sent together: a page shows none of them before all have arrived."""
 _output_lock = threading.Lock()
 
 
@@ -640,7 +622,7 @@ def serve(
             host, port, cause="this release of viser cannot be patched with the request filter"
         )
     server.secure = tls is not None
-    server._websock_server._broadcast_buffer.max_window_size = _MAX_WINDOW
+    server._websock_server._broadcast_buffer.max_window_size = WINDOW.count
     server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(232, 93, 4))
     return server
 
@@ -666,7 +648,7 @@ def address(server: viser.ViserServer) -> str:
 
 def _free_port(host: str, port: int) -> int:
     cause: OSError | None = None
-    for candidate in range(port, min(port + _MAX_PORT_TRIES, 65536)):
+    for candidate in range(port, min(port + PORT_TRIES.count, 65536)):
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             with socket.create_server((host, candidate), family=family):
