@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from mindstage.access.limits import VisitorLimits
+from mindstage.access.limits import VISITORS, VisitorLimits
 from mindstage.access.visitors import TokenBucket, VisitorRegistry
 from mindstage.bridge import LocalNode, RosbridgeServer
 from tests.bridge.raw_client import TIMEOUT_S, RawClient
@@ -93,7 +94,7 @@ def test_an_address_is_one_visitor(one: str, other: str, same: bool) -> None:
 
 
 def test_few_visitors_are_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mindstage.access.visitors._MAX_VISITORS", 3)
+    monkeypatch.setattr("mindstage.access.visitors.VISITORS", msgspec.structs.replace(VISITORS, maximum=3))
     registry = VisitorRegistry()
     connected = registry.visitor(("192.0.2.1", 1))
     connected.connections = 1

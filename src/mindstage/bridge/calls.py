@@ -56,7 +56,7 @@ __all__ = [
     "encode_values",
 ]
 
-_TIMEOUT_MARGIN_S = 1.0
+_MARGIN_S = 1.0
 """Added to the timeout that is sent to the provider, so that the timeout on this side ends first [s]."""
 _log = logging.getLogger("mindstage.bridge")
 T = TypeVar("T")
@@ -195,7 +195,7 @@ class PendingCalls:
         timer = self._loop.loop.call_later(timeout_s, self._time_out, id, timeout_s)
         self._calls[id] = _Call(service, future, timer)
         try:
-            self._send(CallService(id=id, service=service, args=args, timeout=timeout_s + _TIMEOUT_MARGIN_S))
+            self._send(CallService(id=id, service=service, args=args, timeout=timeout_s + _MARGIN_S))
         except BridgeError as error:
             self._end_call(id, error)
 

@@ -10,15 +10,12 @@ in which they arrive. The send queue is bounded: a peer that reads so slowly tha
 from __future__ import annotations
 
 import asyncio
-import hashlib
-import hmac
 import logging
 import time
 from collections import deque
 from collections.abc import Callable, Collection
 from http import HTTPStatus
 from itertools import count
-from urllib.parse import parse_qs, urlsplit
 
 from websockets.asyncio.connection import Connection as Socket
 from websockets.asyncio.server import Server as Sockets
@@ -29,8 +26,8 @@ from websockets.http11 import Request, Response
 from websockets.protocol import State
 
 from mindstage.access.certificates import TlsCertificate
+from mindstage.access.gate import Denial, Gate
 from mindstage.access.limits import (
-    CLOCK_SKEW,
     CLOSE_TIME,
     CONGESTION,
     DEFAULT_VISITOR_LIMITS,
@@ -40,83 +37,17 @@ from mindstage.access.limits import (
     BridgeLimits,
     VisitorLimits,
 )
-from mindstage.access.visitors import Visitor, VisitorRegistry, is_loopback
+from mindstage.access.visitors import Visitor
 from mindstage.bridge.broker import PLAIN_FORMAT, Peer, ReplyFormat
 from mindstage.bridge.node import LocalNode
 from mindstage.bridge.protocol import Auth, Frame, Id, MessageDecoder, MessageEncoder, Operation, StatusLevel
-from mindstage.errors import AuthenticationError, BridgeError, BridgeUnavailableError
+from mindstage.errors import BridgeError, BridgeUnavailableError
 
-__all__ = ["Connection", "RosbridgeServer", "TokenAuth"]
+__all__ = ["Connection", "RosbridgeServer"]
 
 
 _log = logging.getLogger("mindstage.bridge")
 _PING_INTERVAL_S = 20.0
-
-
-class TokenAuth:
-    """Decides which clients may connect."""
-
-    def __init__(self, *, host: str, token: str | None, origins: Collection[str]) -> None:
-        """Creates the rules.
-
-        Args:
-            host: host on which the server listens.
-            token: token that a client must send, or None.
-            origins: additional origins of web pages, such as `https://robot.example`; pages of this machine are always
-                allowed. `null` is the origin of a page that was opened as a file.
-        """
-        self._local_only = is_loopback(host)
-        self._token = None if token is None else token.encode()
-        self._origins = frozenset(origin.rstrip("/").lower() for origin in origins)
-
-    @property
-    def needs_token(self) -> bool:
-        """Whether clients must send a token."""
-        return self._token is not None
-
-    def allows_origin(self, origin: str | None, host: str | None) -> bool:
-        """Whether a web page may connect.
-
-        Args:
-            origin: the header `Origin` of the handshake; None for a program.
-            host: the header `Host` of the handshake. A page of the same host is allowed if the server requires a token;
-                without one a host name proves nothing, since its owner can let it resolve to this machine.
-        """
-        if origin is None or origin.rstrip("/").lower() in self._origins:
-            return True
-        try:
-            origin_host = urlsplit(origin).hostname or ""
-            server_host = urlsplit(f"//{host or ''}").hostname or ""
-        except ValueError:
-            return False
-        return is_loopback(origin_host) or (not self._local_only and origin_host != "" and origin_host == server_host)
-
-    def check_handshake(self, path: str, authorization: str | None) -> bool | None:
-        """Whether `?token=` or `Authorization: Bearer` of the handshake is the token; None if there is neither."""
-        tokens = parse_qs(urlsplit(path).query, keep_blank_values=True).get("token", [])
-        if authorization is not None:
-            scheme, _, value = authorization.partition(" ")
-            bearer = value.strip() if scheme.lower() == "bearer" else ""
-            tokens = [bearer] if bearer or not tokens else tokens
-        return self._token_matches(tokens[0]) if tokens else None
-
-    def check_auth(self, auth: Auth, now_s: float) -> bool:
-        """Whether an `auth` operation has the token itself or rosauth's hash of it.
-
-        Args:
-            auth: the operation.
-            now_s: Unix time [s].
-        """
-        if auth.token is not None:
-            return self._token_matches(auth.token)
-        if abs(now_s - auth.t) > CLOCK_SKEW.maximum or auth.end <= now_s or self._token is None:
-            return False
-        signed = f"{auth.client}{auth.dest}{auth.rand}{auth.t}{auth.level}{auth.end}"
-        expected = hashlib.sha512(self._token + signed.encode("utf-8", "surrogateescape")).hexdigest()
-        return hmac.compare_digest(expected.encode(), auth.mac.encode("utf-8", "surrogateescape"))
-
-    def _token_matches(self, token: str) -> bool:
-        return self._token is not None and hmac.compare_digest(self._token, token.encode("utf-8", "surrogateescape"))
 
 
 class Connection:
@@ -329,7 +260,6 @@ def _close_message(code: int | None, reason: str | None) -> str:
     )
 
 
-_TOO_MANY_TOKENS = "too many invalid tokens were sent from this address; wait a minute"
 _handshake_log = logging.getLogger("mindstage.bridge.handshakes")
 _handshake_log.addHandler(logging.NullHandler())  # failed handshakes are logged only if logging is configured
 _client_numbers = count(1)
@@ -415,16 +345,12 @@ class RosbridgeServer:
             AuthenticationError: the host is not this machine, and there is no token.
             CertificateError: the certificate cannot be used.
         """
-        if not token and not is_loopback(host):
-            cause = "every host but this machine requires a token; give a token, or serve at 127.0.0.1"
-            raise AuthenticationError(host, cause=cause)
         self.node = node
         self.host = host
         self.port = port
         self._ping_interval_s = ping_interval_s
-        self._auth = TokenAuth(host=host, token=token or None, origins=origins)
+        self._gate = Gate(host=host, token=token, origins=origins, local_pages=True, limits=visitor_limits)
         self._tls = None if tls is None else tls.server_context()
-        self._visitors = VisitorRegistry(visitor_limits)
         self._sockets: Sockets | None = None
         self._clients: set[_ServerPeer] = set()
 
@@ -464,15 +390,11 @@ class RosbridgeServer:
     def authenticate(self, client: _ServerPeer, auth: Auth) -> None:
         """Handles the `auth` operation of a client."""
         now_s = asyncio.get_running_loop().time()
-        if not self._auth.needs_token or client.authenticated:
-            self._accept(client)
-        elif not client.visitor.may_try_token(now_s):
-            client.reject(_TOO_MANY_TOKENS)
-        elif self._auth.check_auth(auth, time.time()):
+        denial = self._gate.admit(auth, client.visitor, now_s=now_s, clock_s=time.time())
+        if client.authenticated or denial is None:
             self._accept(client)
         else:
-            client.visitor.add_failed_token(now_s)
-            client.reject("invalid token")
+            client.reject(denial.text)
 
     # -- on the loop ---------------------------------------------------------------------------------------------------
 
@@ -505,28 +427,16 @@ class RosbridgeServer:
 
     def _process_request(self, socket: ServerConnection, request: Request) -> Response | None:
         """Returns the response to a handshake that is rejected, else None."""
-        headers = request.headers
-        if not self._auth.allows_origin(headers.get("Origin"), headers.get("Host")):
-            return socket.respond(HTTPStatus.FORBIDDEN, "this origin is not allowed\n")
-        visitor, now_s = self._visitors.visitor(socket.remote_address), asyncio.get_running_loop().time()
-        if not visitor.may_connect:
-            return socket.respond(HTTPStatus.TOO_MANY_REQUESTS, "too many connections from this address\n")
-        bearer = headers.get("Authorization")
-        if self._auth.needs_token and not visitor.may_try_token(now_s):
-            return socket.respond(HTTPStatus.TOO_MANY_REQUESTS, f"{_TOO_MANY_TOKENS}\n")
-        if self._auth.needs_token and self._auth.check_handshake(request.path, bearer) is False:
-            visitor.add_failed_token(now_s)
-            why = "a token is required" if bearer is not None and not bearer.split()[1:] else "invalid token"
-            return socket.respond(HTTPStatus.UNAUTHORIZED, f"{why}\n")
-        if len(self._clients) >= self.node.limits.connections:
-            return socket.respond(HTTPStatus.SERVICE_UNAVAILABLE, "too many clients\n")
-        return None
+        visitor, now_s = self._gate.visitors.visitor(socket.remote_address), asyncio.get_running_loop().time()
+        denial = self._gate.socket_denial(request.path, request.headers, visitor, now_s, token_may_follow=True)
+        if denial is None and len(self._clients) >= self.node.limits.connections:
+            denial = Denial(HTTPStatus.SERVICE_UNAVAILABLE, "too many clients")
+        return None if denial is None else socket.respond(denial.status, f"{denial.text}\n")
 
     async def _handle_connection(self, socket: ServerConnection) -> None:
         request = socket.request
-        path, bearer = (request.path, request.headers.get("Authorization")) if request else ("", None)
-        authenticated = not self._auth.needs_token or self._auth.check_handshake(path, bearer) is True
-        visitor = self._visitors.visitor(socket.remote_address)
+        authenticated = request is not None and self._gate.is_authenticated(request.path, request.headers)
+        visitor = self._gate.visitors.visitor(socket.remote_address)
         visitor.connections += 1
         client = _ServerPeer(socket, self, visitor)
         self._clients.add(client)

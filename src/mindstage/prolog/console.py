@@ -55,7 +55,7 @@ class Solutions(list[Solution]):
 
 _WAKE_DELAY_S = 0.05
 """Time after the end of a time limit at which a blocked goal is interrupted by a signal [s]."""
-_MIN_TIMEOUT_S = 0.1
+_SHORTEST_S = 0.1
 """The time limit of a query that has waited for others for nearly all of its time [s]."""
 _CONSOLE_MODULE = "mindstage_console"
 _CONSOLE_SOURCE = Path(__file__).with_name("console.pl")
@@ -299,7 +299,7 @@ def solve_query(simulation: Simulation, query: str, *, limit: int, timeout_s: fl
                 console = open_console
             else:
                 console = closing.enter_context(PrologConsole(simulation))
-            return console.answers(query, limit=limit, timeout_s=max(end_s - time.monotonic(), _MIN_TIMEOUT_S))
+            return console.answers(query, limit=limit, timeout_s=max(end_s - time.monotonic(), _SHORTEST_S))
     finally:
         _query_lock.release()
 

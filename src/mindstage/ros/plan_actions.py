@@ -34,7 +34,7 @@ _POLL_S = 0.05
 """Interval at which a goal looks for its cancellation [s]."""
 _CANCEL_GRACE_S = 0.25
 """Time for the samples to end after a cancellation [s]; the goal then ends without them."""
-_DEADLINE_GRACE_S = 1.0
+_END_GRACE_S = 1.0
 """Time for the samples to end after the budget [s]; the goal then ends without them."""
 T = TypeVar("T")
 
@@ -78,7 +78,7 @@ class _SupervisedTrial:
     def run(self) -> wire.TryPlan.Result:
         """Waits for the verdict, the cancellation or the end of the budget."""
         plan, arguments = self._parsed()
-        deadline_s = time.monotonic() + self._budget_s + _DEADLINE_GRACE_S
+        deadline_s = time.monotonic() + self._budget_s + _END_GRACE_S
         threading.Thread(target=self._try, args=(plan, arguments), name="mindstage-try-plan", daemon=True).start()
         try:
             while not self._ended.wait(_POLL_S):

@@ -44,7 +44,7 @@ _POLL_S = 0.005
 """Interval at which the end of a motion is noticed [s]."""
 _FEEDBACK_INTERVAL_S = 0.05
 """Interval of feedback, as of `joint_trajectory_controller` [s]."""
-_CANCEL_TIMEOUT_S = 0.15
+_CANCEL_WAIT_S = 0.15
 """Time for a canceled motion to end; while the simulation is paused, it ends when that goes on [s]."""
 _DEFAULT_GOAL_TIME_TOLERANCE_S = 2.0
 _START_SLACK_S = 0.01
@@ -176,7 +176,7 @@ def await_motion(motion: MotionGoal, context: GoalContext, make_feedback: Callab
 
 
 def _await_end(motion: MotionGoal) -> None:
-    deadline_s = time.monotonic() + _CANCEL_TIMEOUT_S
+    deadline_s = time.monotonic() + _CANCEL_WAIT_S
     while motion.result is None and time.monotonic() < deadline_s:
         time.sleep(_POLL_S)
 

@@ -41,6 +41,7 @@ import viser
 from viser.infra import _infra as _viser
 
 from mindstage.access.certificates import TlsCertificate
+from mindstage.access.gate import Gate
 from mindstage.access.limits import (
     DEFAULT_VISITOR_LIMITS,
     HANDSHAKE,
@@ -196,7 +197,7 @@ class HttpRoutes:
         page = options["process_request"]
 
         async def handle(socket: Any) -> None:
-            visitor = self._filter.visitors.visitor(socket.remote_address)
+            visitor = self._filter.gate.visitors.visitor(socket.remote_address)
             visitor.connections += 1
             try:
                 is_channel = request_path(socket.request.path) == CHANNEL
@@ -215,7 +216,7 @@ class HttpRoutes:
 
     def _process(self, socket: Any, request: Any, page: Callable[[Any, Any], Any]) -> Any:
         headers = request.headers
-        visitor, now_s = self._filter.visitors.visitor(socket.remote_address), time.monotonic()
+        visitor, now_s = self._filter.gate.visitors.visitor(socket.remote_address), time.monotonic()
         if (headers.get("Upgrade") or "").lower() == "websocket":
             refusal = self._filter.socket_error(request.path, headers, visitor=visitor, now_s=now_s)
             return None if refusal is None else _response(socket, refusal)
@@ -608,11 +609,9 @@ def serve(
         CertificateError: the certificate cannot be used.
         ViewerUnavailableError: the host is not an address of this machine, or no port is free.
     """
-    request_filter = RequestFilter(
-        host=host, token=token, origins=origins, secure=tls is not None, visitor_limits=visitor_limits
-    )
+    gate = Gate(host=host, token=token, origins=origins, secure=tls is not None, limits=visitor_limits)
     context = None if tls is None else tls.server_context()
-    routes = HttpRoutes(request_filter, channel=channel.serve_session, tls=context)
+    routes = HttpRoutes(RequestFilter(gate), channel=channel.serve_session, tls=context)
     free = _free_port(host, port)
     with _without_output(), patched_viser(routes):
         server = _Server(host=host, port=free, label=title, verbose=False)
