@@ -145,7 +145,7 @@ class RecordingServices:
             path = self._recordings.stop()
         else:
             path = self._recordings.start(request.name, rate_hz=request.rate_hz or _RECORDING_RATE_HZ)
-        return wire.Record.Response(success=True, path=str(path))
+        return wire.Record.Response(success=True, path=path.name)
 
 
 class EngineServices:

@@ -32,7 +32,8 @@ import re2
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from mindstage.access.limits import LISTED_FILES, PATTERN_BYTES, PATTERN_CHARACTERS
+from mindstage.access.limits import PATTERN_BYTES, PATTERN_CHARACTERS
+from mindstage.access.resources import GrantedFolder
 from mindstage.bridge.conversions import pose_array_messages, pose_from_message, vector_from_message
 from mindstage.bridge.conversions_unreal import iri_namespace
 from mindstage.engines import SpawnReport
@@ -127,26 +128,16 @@ class ResourceLoader:
             folder: folder with files that may be loaded; None for no files.
         """
         self.knowledge = knowledge
-        self._folder = folder.resolve() if folder else None
+        self._folder = GrantedFolder(folder)
 
     def files(self) -> Iterator[str]:
         """Yields the paths of all files that can be loaded, relative to the folder."""
-        if self._folder is None:
-            return
-        found = (
-            path
-            for path in sorted(self._folder.rglob("*"))
-            if path.suffix.lower() in FORMATS and self._is_inside_folder(path)
-        )
-        for _, path in zip(range(LISTED_FILES.count), found, strict=False):
-            yield path.relative_to(self._folder).as_posix()
+        return self._folder.files(FORMATS)
 
     def find_file(self, name: str, suffixes: Collection[str]) -> Path | None:
         """Returns the file of a name in the folder, with one of some suffixes; None if there is none."""
-        if self._folder is None:
-            return None
-        path = (self._folder / name.removeprefix("file://")).resolve()
-        return path if self._is_inside_folder(path) and path.suffix.lower() in suffixes else None
+        path = self._folder.find(name)
+        return path if path is not None and path.suffix.lower() in suffixes else None
 
     def find_body(self, name: str) -> tuple[World, Body] | None:
         """Returns the body with an IRI or id, and the world of its map; None if no map has it."""
@@ -187,22 +178,15 @@ class ResourceLoader:
             return self._read_file(path, conventions, knowledge, untrusted=True)
 
     def _path(self, uri: str) -> Path:
-        name = uri.removeprefix("file://")
-        known = ", ".join([*map(local_name, self.knowledge.maps()), *self.files()][:10]) or "nothing"
-        if self._folder is None:
-            raise ResourceError(ResourceErrorType.NOT_FOUND, f"no map {uri!r}, and no folder is open; there is {known}")
-        path = (self._folder / name).resolve()
-        if not self._is_inside_folder(path):
+        path = self._folder.find(uri)
+        if path is None:
+            known = ", ".join([*map(local_name, self.knowledge.maps()), *self.files()][:10]) or "nothing"
             raise ResourceError(ResourceErrorType.NOT_FOUND, f"no map or file {uri!r}; there is {known}")
         if path.suffix.lower() not in FORMATS:
             raise ResourceError(
                 ResourceErrorType.UNSUPPORTED_FORMAT, f"the format of {path.name} is none of {', '.join(FORMATS)}"
             )
         return path
-
-    def _is_inside_folder(self, path: Path) -> bool:
-        """Whether a path is a file inside the folder, after symbolic links are resolved."""
-        return self._folder is not None and path.is_file() and path.resolve().is_relative_to(self._folder)
 
     def _read_file(
         self, path: Path, conventions: UnitConventions, knowledge: KnowledgeBase, *, untrusted: bool = False

@@ -14,12 +14,12 @@ from collections.abc import Callable, Collection, Container, Iterator, Mapping, 
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
-from urllib.parse import unquote, urlsplit
 
 import msgspec
 import viser
 
 from mindstage.access.limits import MAP_CHARACTERS, NEW_BODY_TIME, PAGE_STEP, STORAGE_PLACES
+from mindstage.access.resources import require_granted
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, MapNotFoundError, MindstageError
 from mindstage.knowledge import KnowledgeBase, MapDialect, MapFormat, SourceMapView, UnitConventions, write_map
 from mindstage.rendering.screenshot import LabelMode
@@ -118,8 +118,9 @@ class FileHandler:
         """Parses an uploaded map into a new knowledge base with the current ontologies.
 
         Raises:
-            InvalidArgumentError: the suffix is not that of a map, or the file refers to files of this machine.
+            InvalidArgumentError: the suffix is not that of a map.
             ReferenceRefusedError: it imports something that is not loaded.
+            ResourceRefusedError: the file refers to files of this machine.
             KnowledgeError: the file cannot be parsed, or contains no map.
         """
         suffix = Path(request.name).suffix.lower()
@@ -136,28 +137,11 @@ class FileHandler:
             path.write_text(request.text, encoding="utf-8")
             knowledge.load(path, conventions=request.conventions, untrusted=True)
             world = knowledge.world()
-            for body in world.bodies:
-                if body.mesh and _is_outside_path(body.mesh):
-                    cause = (
-                        f"the mesh of {body.id!r} is a path, and uploaded maps must not refer to files of this machine"
-                    )
-                    raise InvalidArgumentError(
-                        request.name, cause=cause, remedy="spawn such a map from the command line"
-                    )
+            require_granted(body.mesh for body in world.bodies)  # before the present world is replaced
             return knowledge, world
         except BaseException:
             knowledge.close()
             raise
-
-
-def _is_outside_path(name: str) -> bool:
-    """Whether the name of a mesh is an absolute path or leaves the folders of assets."""
-    parts = urlsplit(unquote(name).replace("\\", "/"))
-    return (
-        parts.scheme == "file"
-        or (parts.path.startswith("/") and parts.scheme != "package")
-        or ".." in parts.path.split("/")
-    )
 
 
 def _safe_filename(name: str) -> str:
