@@ -16,6 +16,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from mindstage.access.limits import RpcLimits
+from mindstage.access.policies import EDIT
 from mindstage.errors import AuthenticationError, ViewerUnavailableError
 from mindstage.viewer import server as sockets
 from mindstage.viewer.http import page_files
@@ -33,7 +34,7 @@ class Echo(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 @pytest.fixture
 def channel() -> RpcChannel:
     channel = RpcChannel(RpcLimits(message_bytes=10_000, max_sessions=2))
-    channel.register("echo", Echo, lambda _, request: request.text)
+    channel.register("echo", Echo, lambda _, request: request.text, EDIT)
     return channel
 
 

@@ -34,7 +34,7 @@ _TOO_MANY_TOKENS = "too many wrong tokens were sent from this address; wait a mi
 class RequestHeaders(Protocol):
     """Headers of a request; names are case-insensitive."""
 
-    def get(self, key: str, default: None = None, /) -> str | None:
+    def get(self, key: str, /) -> str | None:
         """The value of a header, or None."""
 
 

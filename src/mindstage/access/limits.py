@@ -237,6 +237,23 @@ OBSERVATIONS = _limit(
 PROLOG_SKILL_TIME = _limit(
     "simulated time of a skill in Prolog", 300.0, "a robot that is stuck would never end", unit="s"
 )
+PLAIN_BYTES = _limit("request that names things", 1 << 20, "names of some thousand bodies", unit="B")
+CONTROL_BYTES = _limit("operation without a payload", 64 << 10, "names and options only", unit="B")
+EDIT_BYTES = _limit("request that edits", 8 << 20, "some thousand poses or markers", unit="B")
+FILE_BYTES = _limit("request with a map", 32 << 20, "the largest message of the rosbridge", unit="B")
+FILE_TIME = _limit(
+    "time of a request with a map or a long run",
+    300.0,
+    "the largest known map needs a minute",
+    unit="s",
+)
+QUERY_SERVICE_TIME = _limit(
+    "time of a question or a query",
+    60.0,
+    "the query itself, and its place in the queue",
+    unit="s",
+)
+GOAL_TIME = _limit("time of a goal", 3600.0, "goals can be observed and canceled", unit="s")
 VISITORS = _limit("addresses that are remembered", 4096, "those that used least are forgotten first", excess=Excess.CUT)
 HANDSHAKE = _limit("time of the TLS handshake", 10.0, "a client that does not complete it occupies a socket", unit="s")
 PAGE_SPEED = _limit("speed that a page sets", 20.0, "no person can follow a faster one")

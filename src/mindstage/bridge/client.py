@@ -292,7 +292,12 @@ class RosbridgeClient(Node):
             close_timeout=2.0,
             proxy=None,
         )
-        connection = Connection(socket, self._limits, receive=self._receive, send_error=self._send_error_status)
+        connection = Connection(
+            socket,
+            self._limits,
+            receive=lambda operation, _: self._receive(operation),
+            send_error=self._send_error_status,
+        )
         self._refusals.clear()
         self._answered_again.clear()
         running = asyncio.ensure_future(connection.run())

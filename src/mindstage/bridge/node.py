@@ -21,6 +21,7 @@ from typing import Any, Protocol, TypeVar, cast
 import msgspec
 
 from mindstage.access.limits import DEFAULT_BRIDGE_LIMITS, UNHANDLED_MESSAGES, UNSENT_MESSAGES, BridgeLimits
+from mindstage.access.policies import Door, EntryPoint, Policy
 from mindstage.bridge.broker import PLAIN_FORMAT, Broker, GraphInfo, Peer, ReplyFormat, resolve_name, same_type
 from mindstage.bridge.calls import (
     ActionHandler,
@@ -48,6 +49,7 @@ from mindstage.bridge.protocol import (
     SendActionGoal,
     ServiceResponse,
     Status,
+    StatusLevel,
     Subscribe,
     Unadvertise,
     UnadvertiseAction,
@@ -86,6 +88,9 @@ class MessageSender(Protocol):
     """Whether it has disconnected since."""
 
     def __hash__(self) -> int: ...
+
+    def send_status(self, level: StatusLevel, message: str) -> None:
+        """Sends a status message."""
 
 
 class Subscription:
@@ -165,6 +170,7 @@ class Node:
         *,
         quick: bool = False,
         batched: bool = False,
+        policy: Policy | None = None,
     ) -> None:
         """Provides a service; if it exists, its handler is replaced.
 
@@ -177,12 +183,14 @@ class Node:
             quick: whether a plain function never blocks, so that it can also run on the loop.
             batched: whether the handler is a `BatchHandler`, called with the arguments of all consecutive calls of one
                 caller that wait.
+            policy: the limits of its calls; those of an edit by default.
 
         Raises:
             AdvertiseError: the name is taken.
         """
 
         def add() -> None:
+            self._declare(Door.SERVICE, name, policy)
             self._advertise(("service", resolve_name(name)), AdvertiseService(service=name, type=type))
             self._dispatcher.services[resolve_name(name)] = handler
             (self._dispatcher.quick.add if quick else self._dispatcher.quick.discard)(resolve_name(name))
@@ -235,7 +243,9 @@ class Node:
 
     # -- actions -------------------------------------------------------------------------------------------------------
 
-    def create_action_server(self, name: str, type: str, handler: ActionHandler) -> None:
+    def create_action_server(
+        self, name: str, type: str, handler: ActionHandler, *, policy: Policy | None = None
+    ) -> None:
         """Provides an action; its goals run concurrently.
 
         Args:
@@ -243,12 +253,14 @@ class Node:
             type: such as `simulation_interfaces/SimulateSteps`.
             handler: called with the `ServerGoalHandle`; sends progress by `goal.feedback`, checks
                 `goal.cancel_requested` regularly, and returns the values of the result or a `GoalResult`.
+            policy: the limits of its goals; those of an edit by default.
 
         Raises:
             AdvertiseError: the name is taken.
         """
 
         def add() -> None:
+            self._declare(Door.ACTION, name, policy)
             self._advertise(("action", resolve_name(name)), AdvertiseAction(action=name, type=type))
             self._dispatcher.actions[resolve_name(name)] = handler
 
@@ -335,6 +347,7 @@ class Node:
         queue_length: int = 0,
         compression: Compression = Compression.NONE,
         with_sender: bool = False,
+        policy: Policy | None = None,
     ) -> Subscription:
         """Subscribes to a topic.
 
@@ -346,6 +359,7 @@ class Node:
             queue_length: number of messages that the sender keeps while it throttles; it drops the oldest.
             compression: encoding of the messages.
             with_sender: whether the handler is also called with the `MessageSender`.
+            policy: the limits of the messages of clients of this process; those of an edit by default.
 
         Raises:
             MessageValidationError: the topic has another type, at a broker in this process.
@@ -366,6 +380,7 @@ class Node:
         )
 
         def subscribe() -> None:
+            self._declare(Door.TOPIC, topic, policy)
             handlers = self._subscriptions[resolve_name(topic)]
             handlers.append(subscription)  # before subscribing, since latched messages are sent at once
             try:
@@ -420,7 +435,7 @@ class Node:
             case ServiceResponse():
                 self._pending_calls.on_response(operation)
             case SendActionGoal():
-                self._dispatcher.start_goal(resolve_name(operation.action), operation)
+                self._dispatcher.start_goal(resolve_name(operation.action), operation, sender)
             case CancelActionGoal():
                 self._dispatcher.cancel(operation)
             case ActionFeedback():
@@ -451,12 +466,21 @@ class Node:
             self._unadvertise(request.id, Unsubscribe(id=request.id, topic=request.topic))
 
     def _handle_message(self, message: Publish, sender: MessageSender | None) -> None:
-        for subscription in self._subscriptions[resolve_name(message.topic)]:
+        name = resolve_name(message.topic)
+        if (refusal := self._dispatcher.refusal(Door.TOPIC, name, message.msg, sender)) is not None:
+            if sender is not None:
+                sender.send_status(StatusLevel.ERROR, str(refusal))
+            return
+        for subscription in self._subscriptions[name]:
             task = CallbackTask(subscription, message, sender)
             if subscription.is_async:
                 self._dispatcher.start_task(task.run())
             else:
                 self._executor.submit(subscription, task, max_waiting=UNHANDLED_MESSAGES.count)
+
+    def _declare(self, door: Door, name: str, policy: Policy | None) -> None:
+        """Keeps the policy of an entry point; on the loop."""
+        self._dispatcher.policies[door, resolve_name(name)] = policy
 
     def _require_other_thread(self, method: str) -> None:
         if self._loop.is_current_thread():
@@ -527,9 +551,21 @@ class LocalNode(Node):
         """Returns the current graph of nodes, services, actions and topics."""
         return self._loop.call(self.broker.graph_info)
 
-    def set_service_timeout(self, service: str, timeout_s: float) -> None:
-        """Sets the timeout of a service for calls without one, instead of the limits' `call_timeout_s` [s]."""
-        self._loop.call(self.broker.services.timeouts_s.__setitem__, resolve_name(service), timeout_s)
+    def entry_points(self) -> tuple[EntryPoint, ...]:
+        """Everything that a client of this broker can reach: operations, and what this node offers and reads now."""
+        graph, policies = self.graph_info(), self._dispatcher.policies
+        found = [
+            *((Door.SERVICE, each.name) for each in graph.services if each.provider == self.name),
+            *((Door.ACTION, each.name) for each in graph.actions if each.provider == self.name),
+            *((Door.TOPIC, each.name) for each in graph.topics if self.name in each.subscribers),
+        ]
+        offered = (EntryPoint(door, name, policies.get((door, resolve_name(name)))) for door, name in found)
+        return (*self.broker.entry_points(), *offered)
+
+    def _declare(self, door: Door, name: str, policy: Policy | None) -> None:
+        super()._declare(door, name, policy)
+        if door is Door.SERVICE and policy is not None and policy.deadline_s is not None:
+            self.broker.services.timeouts_s[resolve_name(name)] = policy.deadline_s
 
     def set_ros(self, ros: RosVersion, now: Callable[[], float]) -> None:
         """Sets the binary format and the clock [s] of messages to subscribers with the compression `cbor-raw`."""

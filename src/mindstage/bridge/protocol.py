@@ -459,6 +459,8 @@ class MessageDecoder:
     def __init__(self, limits: BridgeLimits) -> None:
         self._limits = limits
         self._fragments = FragmentBuffer(limits)
+        self.size = 0
+        """Size of the last message, after fragments were joined and compression was removed [characters]."""
 
     @property
     def pending_messages(self) -> int:
@@ -488,6 +490,7 @@ class MessageDecoder:
         return frame if isinstance(frame, str) else read_cbor(frame, depth=self._limits.depth).decode()
 
     def _parse(self, text: str) -> Operation:
+        self.size = len(text)
         if json_depth(text, limit=self._limits.depth) > self._limits.depth:
             raise MessageValidationError("message", cause=f"it nests deeper than {self._limits.depth} levels")
         try:

@@ -41,7 +41,7 @@ from mindstage.access.visitors import Visitor
 from mindstage.bridge.broker import PLAIN_FORMAT, Peer, ReplyFormat
 from mindstage.bridge.node import LocalNode
 from mindstage.bridge.protocol import Auth, Frame, Id, MessageDecoder, MessageEncoder, Operation, StatusLevel
-from mindstage.errors import BridgeError, BridgeUnavailableError
+from mindstage.errors import BridgeError, BridgeUnavailableError, RequestLimitError
 
 __all__ = ["Connection", "RosbridgeServer"]
 
@@ -58,7 +58,7 @@ class Connection:
         socket: Socket,
         limits: BridgeLimits,
         *,
-        receive: Callable[[Operation], None],
+        receive: Callable[[Operation, int], None],
         send_error: Callable[[str, Id | None], None],
         receive_delay: Callable[[int, float], float] | None = None,
     ) -> None:
@@ -67,7 +67,7 @@ class Connection:
         Args:
             socket: the websocket, of a client or a server.
             limits: limits for what the peer sends.
-            receive: called with every operation; may raise a `BridgeError`.
+            receive: called with every operation and its size [B]; may raise a `BridgeError`.
             send_error: called with the error message and the id of a message that was rejected.
             receive_delay: called with the size and the time of each frame; returns how long to wait before the next
                 one is received [s].
@@ -172,8 +172,8 @@ class Connection:
         try:
             operation = self._decoder.decode(frame, now_s)
             if operation is not None:
-                self._receive(operation)
-        except BridgeError as error:
+                self._receive(operation, self._decoder.size)
+        except (BridgeError, RequestLimitError) as error:
             id = operation.id if operation is not None else getattr(error, "id", None)
             self._send_error(str(error), id)
         except Exception as error:  # an unexpected error must not end the connection
@@ -271,7 +271,7 @@ class _ServerPeer(Peer):
     def __init__(self, socket: ServerConnection, server: RosbridgeServer, visitor: Visitor) -> None:
         super().__init__(f"/client_{next(_client_numbers)}")
         self.socket = socket
-        self.visitor = visitor
+        self.visitor: Visitor = visitor
         self.connection = Connection(
             socket,
             server.node.limits,
@@ -296,11 +296,11 @@ class _ServerPeer(Peer):
         super().set_paused(paused)
         self.connection.set_paused(paused)
 
-    def _receive(self, operation: Operation) -> None:
+    def _receive(self, operation: Operation, size: int) -> None:
         if isinstance(operation, Auth):
             self._server.authenticate(self, operation)
         elif self.authenticated:
-            self._server.node.broker.handle(self, operation)
+            self._server.node.broker.handle(self, operation, size)
         else:
             self.reject("a token is required: send it by `auth`, as ?token= or as a bearer token")
 

@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from mindstage.access.limits import ANSWER_PARTS, REQUEST_PARTS
+from mindstage.access.policies import QUERY, TRUSTED, Cost, Door, EntryPoint, Policy
+from mindstage.access.resources import is_outside_request
 from mindstage.errors import PrologGoalError, PrologTimeoutError, PrologUnavailableError, SourceParseError
 from mindstage.prolog.episode_predicates import EpisodePredicates
 from mindstage.prolog.object_predicates import ObjectPredicates
@@ -96,17 +98,20 @@ class PrologConsole:
         self.simulation = simulation
         self._at_halt = at_halt
         rdf = RdfPredicates(simulation.knowledge)
-        self.handlers: Mapping[str, Handler] = {
-            **QuestionPredicates(simulation).handlers,
-            **rdf.handlers,
-            **WorldPredicates(simulation).handlers,
-            **ObjectPredicates(simulation).handlers,
-            **PlanPredicates(simulation).handlers,
-            **RobotPredicates(simulation).handlers,
-            **EpisodePredicates(simulation).handlers,
-            "halting": self._on_halt,
-        }
+        groups: tuple[tuple[Mapping[str, Handler], Policy], ...] = (
+            (QuestionPredicates(simulation).handlers, QUERY),
+            (rdf.handlers, TRUSTED),
+            (WorldPredicates(simulation).handlers, TRUSTED),
+            (ObjectPredicates(simulation).handlers, TRUSTED),
+            (PlanPredicates(simulation).handlers, TRUSTED),
+            (RobotPredicates(simulation).handlers, TRUSTED),
+            (EpisodePredicates(simulation).handlers, TRUSTED),
+            ({"halting": self._on_halt}, TRUSTED),
+        )
+        self.handlers: Mapping[str, Handler] = {name: each for handlers, _ in groups for name, each in handlers.items()}
         """The requests that Prolog can send to Python, by name."""
+        self.policies = {name: policy for handlers, policy in groups for name in handlers}
+        """Which of them the queries of clients can send."""
         self._feed = rdf.feed
         self._busy = set[int]()
         PrologConsole._instance = self
@@ -118,6 +123,18 @@ class PrologConsole:
         except BaseException:
             self.close()
             raise
+
+    def allowed_handlers(self) -> Mapping[str, Handler]:
+        """The handlers of the requests that this thread may send: all, or those of queries of a client of a port."""
+        if not is_outside_request():
+            return self.handlers
+        policies = self.policies
+        allowed = (name for name in self.handlers if name in policies and policies[name].cost is not Cost.TRUSTED)
+        return {name: self.handlers[name] for name in allowed}
+
+    def entry_points(self) -> tuple[EntryPoint, ...]:
+        """The requests that Prolog can send to Python."""
+        return tuple(EntryPoint(Door.PREDICATE, name, self.policies.get(name)) for name in self.handlers)
 
     def solutions(self, goal: str, *, limit: int = 1000, timeout_s: float = 30.0) -> Solutions:
         """Finds the solutions of a goal, in Prolog's order; empty if it fails. May be called from any thread.
@@ -332,7 +349,8 @@ def _load_console_source(library: SwiProlog) -> None:
         with library.frame(keep=True):
             return bool(
                 library.unify(
-                    reply, _handle_request(request, library, console.handlers if console else _CLOSED_HANDLERS)
+                    reply,
+                    _handle_request(request, library, console.allowed_handlers() if console else _CLOSED_HANDLERS),
                 )
             )
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from mindstage.access.limits import ACTIONLIB_GOALS, STATUS_ENTRIES
+from mindstage.access.policies import CONTROL, Policy
 from mindstage.bridge import GoalResult, GoalStatus, Node, ServerGoalHandle
 from mindstage.bridge.node import MessageSender
 from mindstage.errors import MindstageError
@@ -64,6 +65,7 @@ class ActionlibServer:
         name: str,
         action: type[Action],
         handler: Callable[[ServerGoalHandle], GoalResult],
+        policy: Policy,
         *,
         diagnostics: DiagnosticsPublisher,
         ros: RosVersion,
@@ -75,6 +77,7 @@ class ActionlibServer:
             name: name of the action.
             action: type of the action.
             handler: executes one goal, in a thread of its own.
+            policy: the limits of its goals.
             diagnostics: publishes errors of invalid cancellations.
             ros: version of ROS for names and formats.
         """
@@ -95,8 +98,10 @@ class ActionlibServer:
         )
         self._goal_type = _message_class(ActionGoal, action.Goal)
         self._subscriptions = (
-            node.subscribe(f"{name}/goal", self._on_goal, type=type_name(self._goal_type, ros), with_sender=True),
-            node.subscribe(f"{name}/cancel", self._on_cancel, type=type_name(wire.GoalID, ros)),
+            node.subscribe(
+                f"{name}/goal", self._on_goal, type=type_name(self._goal_type, ros), with_sender=True, policy=policy
+            ),
+            node.subscribe(f"{name}/cancel", self._on_cancel, type=type_name(wire.GoalID, ros), policy=CONTROL),
         )
 
     def publish_status(self) -> None:

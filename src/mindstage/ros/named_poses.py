@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mindstage.access.limits import TESTED_PLACES
+from mindstage.access.policies import QUERY
 from mindstage.bridge.conversions import pose_message
 from mindstage.errors import NameNotFoundError
 from mindstage.knowledge.rdf import local_name
@@ -35,7 +36,6 @@ from mindstage.simulation.placement import enclosing_body_ids
 
 __all__ = ["NamedPoseServices"]
 
-_TIMEOUT_S = 120.0
 _SURFACE, _PLACEMENT, _HANDLE = "support_surface", "placement", "handle"
 _HANDLE_CLASS = knowrob("Handle")
 _ITEM_SIZE_M: Vector = (0.1, 0.1, 0.1)
@@ -63,8 +63,8 @@ class NamedPoseServices:
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
-        yield ServiceSpec(wire.GetNamedPoses, self.get_poses, timeout_s=_TIMEOUT_S)
-        yield ServiceSpec(wire.GetNamedPoseBounds, self.get_bounds, timeout_s=_TIMEOUT_S)
+        yield ServiceSpec(wire.GetNamedPoses, self.get_poses, QUERY)
+        yield ServiceSpec(wire.GetNamedPoseBounds, self.get_bounds, QUERY)
 
     def get_poses(self, request: wire.GetNamedPoses.Request) -> wire.GetNamedPoses.Response:
         """Returns the named poses with matching tags."""

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from mindstage.access.limits import PLAN_SAMPLES
+from mindstage.access.policies import GOAL
 from mindstage.errors import InvalidArgumentError, MessageValidationError, PlanError
 from mindstage.imagination.plan_files import PlanFile
 from mindstage.imagination.plans import Check, Uncertainty
@@ -47,7 +48,7 @@ class PlanActions:
 
     def actions(self) -> Iterator[ActionSpec]:
         """Yields the action."""
-        yield ActionSpec(wire.TryPlan, self.try_plan, name="mindstage/try_plan")
+        yield ActionSpec(wire.TryPlan, self.try_plan, GOAL, name="mindstage/try_plan")
 
     def try_plan(self, goal: wire.TryPlan.Goal, context: GoalContext) -> wire.TryPlan.Result:
         """Tries a plan; a plan that cannot be tried is refused, with the place in it.

@@ -20,6 +20,7 @@ from weakref import WeakKeyDictionary
 import msgspec
 
 from mindstage.access.limits import DEFAULT_SOLUTIONS, QUERY_CHARACTERS, QUERY_DEFAULT_TIME, QUERY_TIME, SOLUTIONS
+from mindstage.access.policies import QUERY
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.errors import MessageValidationError
 from mindstage.knowledge.history import time_arguments
@@ -35,7 +36,6 @@ from mindstage.simulation import Simulation
 
 __all__ = ["QueryServer", "QueryServices", "parse_arguments"]
 
-_SERVICE_TIMEOUT_S = 60.0
 _LANGUAGES = ("question", "sparql", "prolog")
 _log = logging.getLogger("mindstage.ros")
 
@@ -49,7 +49,7 @@ class QueryServices:
     def services(self) -> Iterator[ServiceSpec]:
         """Yields the service under its absolute name and under its name in the namespace."""
         for name in (f"/{QUERY_SERVICE}", QUERY_SERVICE):
-            yield ServiceSpec(mindstage_msgs.Query, self.handle_query, name=name, timeout_s=_SERVICE_TIMEOUT_S)
+            yield ServiceSpec(mindstage_msgs.Query, self.handle_query, QUERY, name=name)
 
     def handle_query(self, request: mindstage_msgs.Query.Request) -> mindstage_msgs.Query.Response:
         """Runs a query; no answer is a success.
@@ -200,5 +200,4 @@ class QueryServer:
     def _create_service(self, spec: ServiceSpec, diagnostics: DiagnosticsPublisher) -> None:
         name = spec.full_name("unreal")
         handler = service_handler(name, spec.type, spec.handler, diagnostics=diagnostics, ros=RosVersion.TWO)
-        self._node.create_service(name, type_name(spec.type), handler)
-        self._node.set_service_timeout(name, _SERVICE_TIMEOUT_S)
+        self._node.create_service(name, type_name(spec.type), handler, policy=spec.policy)

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from mindstage.access.limits import PARAMETER_CHARACTERS, PARAMETERS
+from mindstage.access.policies import EDIT, READ
 from mindstage.bridge import GraphInfo, LocalNode, TopicInfo
 from mindstage.bridge.broker import resolve_name, same_type
 from mindstage.errors import MessageValidationError, TypeNotFoundError
@@ -159,7 +160,8 @@ class RosapiServices:
             *self._parameter_services(),
             *self._other_services(),
         ):
-            yield ServiceSpec(type, answer, name=f"{_NAMESPACE}/{name}")
+            policy = EDIT if name.startswith(("set_", "delete_")) else READ
+            yield ServiceSpec(type, answer, policy, name=f"{_NAMESPACE}/{name}")
 
     def _topic_services(self) -> Iterator[tuple[str, Any, Callable[[Any], Message]]]:
         yield "topics", wire.Topics, lambda _: wire.Topics.Response(**self._topics())

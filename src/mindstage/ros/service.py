@@ -20,6 +20,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from mindstage.access.limits import NAMES_TIME
+from mindstage.access.policies import Policy
+from mindstage.access.resources import without_paths
 from mindstage.bridge import GoalResult, GoalStatus, Refusal, RosbridgeClient, ServerGoalHandle
 from mindstage.bridge.conversions import error_text, error_to_message
 from mindstage.errors import (
@@ -166,7 +168,7 @@ def _error_mapping(
                 return service.Response(result=error.result)
             case MindstageError():
                 diagnostics.report_error(name, error)
-                text = error_text(error) if isinstance(error, EngineError) else str(error)
+                text = without_paths(error_text(error) if isinstance(error, EngineError) else str(error))
                 failure = encode(failure_response(service.Response, error, text), ros=ros)
                 raise FailureResponseError(text, response=failure) from error
         raise error
@@ -387,12 +389,11 @@ class ServiceSpec:
     type: type[Service]
     handler: Callable[[Any], Any]
     """Called with the request, returns the response; see the module for its exceptions."""
+    policy: Policy
     name: str = ""
     """Relative to the namespace, or absolute if it begins with a slash; by default the type in snake case."""
     quick: bool = False
     """Whether the handler never blocks, not even for the simulation."""
-    timeout_s: float | None = None
-    """Timeout of calls without one; None for the default of the node [s]."""
     batched: bool = False
     """Whether the handler is called with the requests of all consecutive calls of one client that wait, and returns the
     response or the exception of each.
@@ -410,6 +411,7 @@ class ActionSpec:
     type: type[Action]
     handler: Callable[[Any, GoalContext], Any]
     """Called with the goal and its context, returns the result."""
+    policy: Policy
     name: str = ""
     """As of a service."""
 
@@ -463,7 +465,7 @@ def action_handler(
             return goal.aborted(encode(refusal_response(spec.type.Result, error), ros=ros))
         except EngineError as error:
             diagnostics.report_error(name, error)
-            raise MindstageError(error_text(error)) from error
+            raise MindstageError(without_paths(error_text(error))) from error
         succeeded = getattr(result, "success", True)
         return (goal.succeeded if succeeded else goal.aborted)(encode(result, ros=ros))
 

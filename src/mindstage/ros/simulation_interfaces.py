@@ -33,6 +33,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from mindstage.access.limits import PATTERN_BYTES, PATTERN_CHARACTERS
+from mindstage.access.policies import EDIT, FILE, READ, SPAWN
 from mindstage.access.resources import GrantedFolder
 from mindstage.bridge.conversions import pose_array_messages, pose_from_message, vector_from_message
 from mindstage.bridge.conversions_unreal import iri_namespace
@@ -87,7 +88,6 @@ WORLD_FRAME = "world"
 """Frame id of the world in responses."""
 _URDF_NAMESPACE = "http://mindstage.org/urdf/"
 """Beginning of the IRIs of worlds that are read from a URDF."""
-_TIMEOUT_S = 120.0
 _NAME = re.compile(r"[^\s/\x00-\x1f\x7f]+(/[^\s/\x00-\x1f\x7f]+)*")
 """Names of entities: no white space, and no empty part between slashes."""
 _NAMESPACE = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*/?", re.ASCII)
@@ -334,14 +334,14 @@ class EntityServices:
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
-        yield ServiceSpec(wire.GetEntities, self.get_entities)
-        yield ServiceSpec(wire.GetEntitiesStates, self.get_states)
-        yield ServiceSpec(wire.GetEntityState, self.get_state, quick=True)
-        yield ServiceSpec(wire.SetEntityState, self.set_state)
-        yield ServiceSpec(wire.GetEntityInfo, self.get_info)
-        yield ServiceSpec(wire.SetEntityInfo, self.set_info)
-        yield ServiceSpec(wire.GetEntityBounds, self.get_bounds)
-        yield ServiceSpec(wire.DeleteEntity, self.delete)
+        yield ServiceSpec(wire.GetEntities, self.get_entities, READ)
+        yield ServiceSpec(wire.GetEntitiesStates, self.get_states, READ)
+        yield ServiceSpec(wire.GetEntityState, self.get_state, READ, quick=True)
+        yield ServiceSpec(wire.SetEntityState, self.set_state, EDIT)
+        yield ServiceSpec(wire.GetEntityInfo, self.get_info, READ)
+        yield ServiceSpec(wire.SetEntityInfo, self.set_info, EDIT)
+        yield ServiceSpec(wire.GetEntityBounds, self.get_bounds, READ)
+        yield ServiceSpec(wire.DeleteEntity, self.delete, EDIT)
 
     def get_entities(self, request: wire.GetEntities.Request) -> wire.GetEntities.Response:
         """Returns the names of the entities that match the filters."""
@@ -556,11 +556,11 @@ class SpawnServices:
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
-        yield ServiceSpec(wire.GetSimulatorFeatures, self.get_features)
-        yield ServiceSpec(wire.GetSpawnables, self.get_spawnables, timeout_s=_TIMEOUT_S)
-        yield ServiceSpec(wire.SpawnEntity, self.spawn_entity, timeout_s=_TIMEOUT_S)
-        yield ServiceSpec(wire.SpawnEntities, self.spawn_entities, timeout_s=_TIMEOUT_S)
-        yield ServiceSpec(modul_spawner_msgs.SpawnRobot, self.spawn_robot, timeout_s=_TIMEOUT_S)
+        yield ServiceSpec(wire.GetSimulatorFeatures, self.get_features, READ)
+        yield ServiceSpec(wire.GetSpawnables, self.get_spawnables, FILE)
+        yield ServiceSpec(wire.SpawnEntity, self.spawn_entity, SPAWN)
+        yield ServiceSpec(wire.SpawnEntities, self.spawn_entities, SPAWN)
+        yield ServiceSpec(modul_spawner_msgs.SpawnRobot, self.spawn_robot, SPAWN)
 
     def get_features(self, _: wire.GetSimulatorFeatures.Request) -> wire.GetSimulatorFeatures.Response:
         """Returns the supported features."""

@@ -21,6 +21,7 @@ from contextlib import contextmanager
 from msgspec.structs import replace
 
 from mindstage.access.limits import FEEDBACK_STEPS, STEPS_TIME
+from mindstage.access.policies import EDIT, FILE, GOAL, READ, RUN
 from mindstage.errors import KnowledgeError, MindstageError, SimulationTimeoutError
 from mindstage.knowledge.rdf import local_name
 from mindstage.msgs import simulation_interfaces as wire
@@ -49,7 +50,6 @@ from mindstage.simulation import Simulation
 __all__ = ["SimulationControlServices", "WorldServices"]
 
 
-_LOAD_TIMEOUT_S = 300.0
 _MAP_TAG = "map"
 """Tag of the worlds of maps; that of a file is its suffix."""
 _RESULT_CODES = {
@@ -80,10 +80,10 @@ class WorldServices:
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
-        yield ServiceSpec(wire.LoadWorld, self.load_world, timeout_s=_LOAD_TIMEOUT_S)
-        yield ServiceSpec(wire.UnloadWorld, self.unload_world)
-        yield ServiceSpec(wire.GetCurrentWorld, self.get_current_world)
-        yield ServiceSpec(wire.GetAvailableWorlds, self.get_available_worlds, timeout_s=_LOAD_TIMEOUT_S)
+        yield ServiceSpec(wire.LoadWorld, self.load_world, FILE)
+        yield ServiceSpec(wire.UnloadWorld, self.unload_world, EDIT)
+        yield ServiceSpec(wire.GetCurrentWorld, self.get_current_world, READ)
+        yield ServiceSpec(wire.GetAvailableWorlds, self.get_available_worlds, FILE)
 
     def load_world(self, request: wire.LoadWorld.Request) -> wire.LoadWorld.Response:
         """Loads a world, which replaces the current one and everything that was spawned; it is stopped then."""
@@ -177,14 +177,14 @@ class SimulationControlServices:
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
-        yield ServiceSpec(wire.GetSimulationState, self.get_state, quick=True)
-        yield ServiceSpec(wire.SetSimulationState, self.set_state)
-        yield ServiceSpec(wire.StepSimulation, self.step, timeout_s=STEPS_TIME.maximum)
-        yield ServiceSpec(wire.ResetSimulation, self.reset)
+        yield ServiceSpec(wire.GetSimulationState, self.get_state, READ, quick=True)
+        yield ServiceSpec(wire.SetSimulationState, self.set_state, EDIT)
+        yield ServiceSpec(wire.StepSimulation, self.step, RUN)
+        yield ServiceSpec(wire.ResetSimulation, self.reset, EDIT)
 
     def actions(self) -> Iterator[ActionSpec]:
         """Yields all actions."""
-        yield ActionSpec(wire.SimulateSteps, self.simulate_steps)
+        yield ActionSpec(wire.SimulateSteps, self.simulate_steps, GOAL)
 
     def state(self) -> wire.StateCode:
         """Returns the state of the simulation."""

@@ -8,6 +8,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from mindstage.access.limits import MARKERS
+from mindstage.access.policies import EDIT
 from mindstage.bridge.conversions import color_from_message, point_from_message, pose_from_message, vector_from_message
 from mindstage.errors import BodyNotFoundError, WorldError
 from mindstage.msgs import std_msgs, visualization_msgs
@@ -63,9 +64,9 @@ class UnrealVisServices:
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
-        yield ServiceSpec(wire.DisplayBasicMarker, self.display_basic_marker)
-        yield ServiceSpec(wire.DisplayTrajectory, self.display_trajectory)
-        yield ServiceSpec(wire.RemoveMarker, self.remove_marker)
+        yield ServiceSpec(wire.DisplayBasicMarker, self.display_basic_marker, EDIT)
+        yield ServiceSpec(wire.DisplayTrajectory, self.display_trajectory, EDIT)
+        yield ServiceSpec(wire.RemoveMarker, self.remove_marker, EDIT)
 
     def display_basic_marker(self, request: wire.DisplayBasicMarker.Request) -> wire.DisplayBasicMarker.Response:
         """Adds a marker; a fully transparent color is displayed opaque."""

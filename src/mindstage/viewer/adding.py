@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from mindstage.access.limits import SURFACES
+from mindstage.access.policies import EDIT, READ
 from mindstage.errors import InvalidArgumentError, NoFreePlacementError
 from mindstage.knowledge.names import EntityType
 from mindstage.rendering.appearance import compute_appearance
@@ -108,13 +109,15 @@ class AddHandler:
         """
         self._simulation, self._session_views, self._picker = simulation, session_views, picker
         self._catalog = ClassCatalog(simulation)
-        channel.register("find_classes", FindClassesRequest, self._find, queue="catalog")
-        channel.register("class_categories", EmptyRequest, lambda _, __: self._catalog.categories, queue="catalog")
-        channel.register("thumbnail", ThumbnailRequest, self._thumbnail, queue="thumbnails")
-        channel.register("add", AddRequest, self._add)
-        channel.register("hover", HoverRequest, self._hover, queue="pick")
-        channel.register("end_hover", EmptyRequest, self._end_hover, queue="pick")
-        channel.register("drop", HoverRequest, self._drop, queue="pick")
+        channel.register("find_classes", FindClassesRequest, self._find, READ, queue="catalog")
+        channel.register(
+            "class_categories", EmptyRequest, lambda _, __: self._catalog.categories, READ, queue="catalog"
+        )
+        channel.register("thumbnail", ThumbnailRequest, self._thumbnail, READ, queue="thumbnails")
+        channel.register("add", AddRequest, self._add, EDIT)
+        channel.register("hover", HoverRequest, self._hover, READ, queue="pick")
+        channel.register("end_hover", EmptyRequest, self._end_hover, READ, queue="pick")
+        channel.register("drop", HoverRequest, self._drop, EDIT, queue="pick")
 
     # -- the catalog ---------------------------------------------------------------------------------------------------
 

@@ -25,6 +25,7 @@ from mindstage.access.limits import (
     QUERY_DEFAULT_TIME,
     ROWS,
 )
+from mindstage.access.policies import QUERY, READ
 from mindstage.errors import InvalidArgumentError, PrologUnavailableError
 from mindstage.knowledge import KnowledgeBase, RdfTerm, SparqlResult
 from mindstage.knowledge.names import EntityType, compact_iri
@@ -369,16 +370,16 @@ class AskHandler:
         self._keys = count(1)
         self._last_highlights: object = None
         self._bodies: tuple[int, Mapping[str, BodyId]] = (-1, {})
-        channel.register("ask.questions", EmptyRequest, self._list, queue="ask.words")
-        channel.register("ask.complete", CompleteNameRequest, self._complete, queue="ask.words")
-        channel.register("ask", AskRequest, self._ask, queue="ask")
-        channel.register("ask.sparql", SparqlRequest, self._query, queue="ask")
-        channel.register("ask.prolog", PrologRequest, self._prolog_query, queue="ask")
-        channel.register("ask.languages", EmptyRequest, self._languages, queue="ask.words")
-        channel.register("ask.explain", ExplainRequest, self._explain, queue="ask")
-        channel.register("ask.highlight", HighlightAnswersRequest, self._highlight, queue="ask")
-        channel.register("ask.clear_highlights", ClearHighlightRequest, self._clear_highlight, queue="ask.words")
-        channel.register("ask.tell", TellRequest, self._change_assertion, queue="ask")
+        channel.register("ask.questions", EmptyRequest, self._list, READ, queue="ask.words")
+        channel.register("ask.complete", CompleteNameRequest, self._complete, READ, queue="ask.words")
+        channel.register("ask", AskRequest, self._ask, QUERY, queue="ask")
+        channel.register("ask.sparql", SparqlRequest, self._query, QUERY, queue="ask")
+        channel.register("ask.prolog", PrologRequest, self._prolog_query, QUERY, queue="ask")
+        channel.register("ask.languages", EmptyRequest, self._languages, READ, queue="ask.words")
+        channel.register("ask.explain", ExplainRequest, self._explain, QUERY, queue="ask")
+        channel.register("ask.highlight", HighlightAnswersRequest, self._highlight, QUERY, queue="ask")
+        channel.register("ask.clear_highlights", ClearHighlightRequest, self._clear_highlight, READ, queue="ask.words")
+        channel.register("ask.tell", TellRequest, self._change_assertion, QUERY, queue="ask")
 
     def publish(self, snapshot: StateSnapshot) -> None:
         """Publishes the highlight groups if they have changed."""

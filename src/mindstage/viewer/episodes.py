@@ -21,6 +21,7 @@ import viser
 from msgspec import Meta
 
 from mindstage.access.limits import TRAIL_GHOSTS, TRAIL_POINTS
+from mindstage.access.policies import EDIT, FILE, READ
 from mindstage.episodes.recording import EpisodeEvent, EpisodeEventKind, EpisodeFrame, Recording
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, MindstageError
@@ -70,8 +71,8 @@ class RecordingHandler:
         self._simulation, self._channel, self._folder = simulation, channel, folder
         self._files: RecordingFolder | None = None
         self._recorder: Recorder | None = None
-        channel.register("recording.start", EmptyRequest, self._start, queue="recording")
-        channel.register("recording.stop", EmptyRequest, self._stop, queue="recording")
+        channel.register("recording.start", EmptyRequest, self._start, FILE, queue="recording")
+        channel.register("recording.stop", EmptyRequest, self._stop, FILE, queue="recording")
         self.publish()
 
     def publish(self) -> None:
@@ -264,13 +265,13 @@ class TimelineHandler:
         self._beside: _BesideWorld | None = None
         if replay.beside is not None:
             self._beside = _BesideWorld(replay.beside, replay.recording, replay.knowledge, server)
-        channel.register("timeline.seek", SeekRequest, self._seek, queue=_QUEUE)
-        channel.register("timeline.step_event", StepToEventRequest, self._step_to_event, queue=_QUEUE)
+        channel.register("timeline.seek", SeekRequest, self._seek, READ, queue=_QUEUE)
+        channel.register("timeline.step_event", StepToEventRequest, self._step_to_event, READ, queue=_QUEUE)
         channel.register(
-            "timeline.trail", TrailRequest, lambda _, request: self.show_trail(request.id), queue="timeline.trail"
+            "timeline.trail", TrailRequest, lambda _, request: self.show_trail(request.id), READ, queue="timeline.trail"
         )
-        channel.register("timeline.resume", EmptyRequest, self._resume)
-        channel.register("timeline.return", EmptyRequest, self._return)
+        channel.register("timeline.resume", EmptyRequest, self._resume, EDIT)
+        channel.register("timeline.return", EmptyRequest, self._return, EDIT)
         self._publish_recording(None)
         threading.Thread(target=self._find_events, name="mindstage-episode-events", daemon=True).start()
 

@@ -19,6 +19,7 @@ import msgspec
 import viser
 
 from mindstage.access.limits import MAP_CHARACTERS, NEW_BODY_TIME, PAGE_STEP, STORAGE_PLACES
+from mindstage.access.policies import EDIT, FILE, READ, RUN
 from mindstage.access.resources import require_granted
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, MapNotFoundError, MindstageError
 from mindstage.knowledge import KnowledgeBase, MapDialect, MapFormat, SourceMapView, UnitConventions, write_map
@@ -78,8 +79,8 @@ class FileHandler:
         """
         self._simulation, self._channel = simulation, channel
         self._loaded: KnowledgeBase | None = None
-        channel.register("save", SaveRequest, self._save, queue="files")
-        channel.register("load", LoadRequest, self._load, queue="files")
+        channel.register("save", SaveRequest, self._save, FILE, queue="files")
+        channel.register("load", LoadRequest, self._load, FILE, queue="files")
 
     def _save(self, _: ClientSession, request: SaveRequest) -> dict[str, str]:
         world = self._simulation.snapshot()
@@ -202,11 +203,11 @@ class WorldHandler:
         self._joint_handles: dict[BodyId, JointHandle] = {}
         self._spawn_record = SpawnRecord({}, {})
         self._revisions = 0
-        channel.register("play", PlayRequest, lambda _, request: simulation.play(speed=request.speed))
-        channel.register("pause", EmptyRequest, lambda _, __: simulation.pause())
-        channel.register("step", StepRequest, self._step)
-        channel.register("reset", EmptyRequest, lambda _, __: simulation.undo_stack.reset())
-        channel.register("details", DetailsRequest, self._details, queue="details")
+        channel.register("play", PlayRequest, lambda _, request: simulation.play(speed=request.speed), EDIT)
+        channel.register("pause", EmptyRequest, lambda _, __: simulation.pause(), EDIT)
+        channel.register("step", StepRequest, self._step, RUN)
+        channel.register("reset", EmptyRequest, lambda _, __: simulation.undo_stack.reset(), EDIT)
+        channel.register("details", DetailsRequest, self._details, READ, queue="details")
 
     # -- for the drawing thread ----------------------------------------------------------------------------------------
 
@@ -399,41 +400,46 @@ class ViewHandler:
             exists: whether a body is in the simulation, and drawn soon if it is not drawn yet.
         """
         self._views, self._channel, self._server, self._exists = views, channel, server, exists
-        channel.register("select", SelectRequest, self._select, queue="view")
+        channel.register("select", SelectRequest, self._select, READ, queue="view")
         channel.register(
             "focus",
             FocusRequest,
             self._view_handler(lambda view, request: views.focus(request.ids, client=view)),
+            READ,
             queue="view",
         )
         channel.register(
             "reset_camera",
             EmptyRequest,
             self._view_handler(lambda view, _: views.go_home(client=view)),
+            READ,
             queue="view",
         )
         channel.register(
             "view_from_top",
             EmptyRequest,
             self._view_handler(lambda view, _: views.go_top(client=view)),
+            READ,
             queue="view",
         )
         clip = self._view_handler(lambda view, request: views.set_clip_height(request.height, client=view))
-        channel.register("set_clipping_height", ClipPlaneRequest, clip, queue="view")
+        channel.register("set_clipping_height", ClipPlaneRequest, clip, READ, queue="view")
         channel.register(
             "set_labels",
             LabelRequest,
             self._view_handler(lambda view, request: views.set_labels(request.mode, client=view)),
+            READ,
             queue="view",
         )
         channel.register(
             "set_gizmo",
             GizmoRequest,
             self._view_handler(lambda view, request: views.set_gizmo(request.mode, client=view)),
+            READ,
             queue="view",
         )
-        channel.register("set_visible", SetVisibilityRequest, self._show_bodies, queue="view")
-        channel.register("show_enclosures", ShowEnclosuresRequest, self._show_enclosures, queue="view")
+        channel.register("set_visible", SetVisibilityRequest, self._show_bodies, READ, queue="view")
+        channel.register("show_enclosures", ShowEnclosuresRequest, self._show_enclosures, READ, queue="view")
         views.on_change(self._on_view_selection)
         self.publish()
 

@@ -8,15 +8,18 @@ from __future__ import annotations
 import gzip
 import hashlib
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from http import HTTPStatus
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
 from mindstage.access.gate import Denial, Gate, RequestHeaders
+from mindstage.access.policies import CONTROL, READ, Door, EntryPoint, Policy
 from mindstage.access.visitors import Visitor
+from mindstage.errors import RequestLimitError
 from mindstage.textures.baking import content_version
 from mindstage.textures.catalog import texture_names
 from mindstage.textures.images import TextureMap, texture_jpeg
@@ -102,6 +105,20 @@ def request_path(path: str) -> str:
     return path.partition("?")[0]
 
 
+class Route(NamedTuple):
+    """A path of the page."""
+
+    name: str
+    pattern: re.Pattern[str]
+    policy: Policy
+    answer: Callable[[str, RequestHeaders], HttpResponse | None]
+    """Called with the path and the headers; None leaves the response to viser."""
+
+
+SOCKETS = ((CHANNEL, re.compile(re.escape(CHANNEL)), CONTROL), ("/view/KEY", _VIEW, CONTROL))
+"""Name, pattern and policy of the paths of websockets."""
+
+
 class RequestFilter:
     """Answers requests that the gate lets in, by path and headers. Does no I/O."""
 
@@ -112,6 +129,13 @@ class RequestFilter:
             gate: decides which requests are let in.
         """
         self.gate = gate
+        self.routes = (
+            Route("/", re.compile("/"), CONTROL, self._index),
+            Route("/view/KEY", _VIEW, CONTROL, lambda path, headers: None),
+            Route("/mindstage/textures/NAME.jpg", _TEXTURE, READ, lambda path, headers: _texture_response(path)),
+            Route("/mindstage/FILE", re.compile("/mindstage/[^/]+"), CONTROL, self._named_file),
+        )
+        """The paths that are answered, the first that matches."""
 
     def socket_error(
         self, path: str, headers: RequestHeaders, *, visitor: Visitor | None = None, now_s: float = 0.0
@@ -125,7 +149,7 @@ class RequestFilter:
             now_s: the time, of any clock [s].
         """
         denial = self.gate.socket_denial(path, headers, visitor or self.gate.visitors.visitor(None), now_s)
-        if denial is None and request_path(path) != CHANNEL and view_key(path) is None:
+        if denial is None and not any(pattern.fullmatch(request_path(path)) for _, pattern, _ in SOCKETS):
             denial = Denial(HTTPStatus.NOT_FOUND, "there is no such websocket")
         return None if denial is None else _error_response(denial)
 
@@ -140,26 +164,41 @@ class RequestFilter:
             visitor: where the request comes from; by default this machine.
             now_s: the time, of any clock [s].
         """
-        route = request_path(path)
-        denial = self.gate.request_denial(path, headers, visitor or self.gate.visitors.visitor(None), now_s)
+        route, visitor = request_path(path), visitor or self.gate.visitors.visitor(None)
+        denial = self.gate.request_denial(path, headers, visitor, now_s) or self._excess(path, visitor, now_s)
         if denial is not None:
             is_login = denial.status is HTTPStatus.UNAUTHORIZED and route == "/"
             return (
                 _login_page(denial, wrong=self.gate.has_token(path, headers)) if is_login else _error_response(denial)
             )
-        if route == "/":
-            redirect = self.gate.cookie_redirect(path)
-            if redirect is None:
-                return self._file(page_files()["index.html"], headers)
-            sent = _SECURITY_HEADERS | {"Cache-Control": "no-store"} | redirect
-            return HttpResponse(HTTPStatus.SEE_OTHER, b"", sent)
-        if view_key(path) is not None:
-            return None
-        return _texture_response(route) or self._named_file(route, headers)
+        entry = next((each for each in self.routes if each.pattern.fullmatch(route)), None)
+        if entry is None:
+            return _error_response(Denial(HTTPStatus.NOT_FOUND, "there is no such page; open /"))
+        return entry.answer(path, headers)
+
+    def entry_points(self) -> tuple[EntryPoint, ...]:
+        """The paths that are answered."""
+        routes = (EntryPoint(Door.ROUTE, each.name, each.policy) for each in self.routes)
+        return (*routes, *(EntryPoint(Door.SOCKET, name, policy) for name, _, policy in SOCKETS))
+
+    def _excess(self, path: str, visitor: Visitor, now_s: float) -> Denial | None:
+        entry = next((each for each in self.routes if each.pattern.fullmatch(request_path(path))), None)
+        try:
+            (entry.policy if entry is not None else CONTROL).admit("the page", len(path), visitor, now_s)
+        except RequestLimitError as error:
+            return Denial(HTTPStatus.TOO_MANY_REQUESTS, str(error))
+        return None
 
     # -- responses -----------------------------------------------------------------------------------------------------
 
-    def _named_file(self, route: str, headers: RequestHeaders) -> HttpResponse:
+    def _index(self, path: str, headers: RequestHeaders) -> HttpResponse:
+        redirect = self.gate.cookie_redirect(path)
+        if redirect is None:
+            return self._file(page_files()["index.html"], headers)
+        return HttpResponse(HTTPStatus.SEE_OTHER, b"", _SECURITY_HEADERS | {"Cache-Control": "no-store"} | redirect)
+
+    def _named_file(self, path: str, headers: RequestHeaders) -> HttpResponse:
+        route = request_path(path)
         file = page_files().get(route.removeprefix("/mindstage/")) if route.startswith("/mindstage/") else None
         return (
             self._file(file, headers)
@@ -208,11 +247,11 @@ def _view_policy(host: str) -> str:
     )
 
 
-def _texture_response(route: str) -> HttpResponse | None:
-    """The image of a texture at a path, which may have to be computed; None if there is none."""
-    match = _TEXTURE.fullmatch(route)
+def _texture_response(path: str) -> HttpResponse:
+    """The image of a texture at a path, which may have to be computed."""
+    match = _TEXTURE.fullmatch(request_path(path))
     if match is None or match[1] not in texture_names():
-        return None
+        return _error_response(Denial(HTTPStatus.NOT_FOUND, "there is no such texture"))
     content = texture_jpeg(match[1], TextureMap(match[2]), _TEXTURE_PIXELS)
     headers = {"Content-Type": "image/jpeg", "Cache-Control": _FOREVER}
     return HttpResponse(HTTPStatus.OK, content, _SECURITY_HEADERS | headers)

@@ -16,6 +16,7 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from mindstage.access.limits import PLAN_CHARACTERS
+from mindstage.access.policies import READ, RUN, SPAWN
 from mindstage.errors import InvalidArgumentError, MindstageError
 from mindstage.imagination import Place, PlanFile, Progress, Verdict, act, imagine
 from mindstage.imagination.trials import physical_simulation, plan_from_text
@@ -91,12 +92,12 @@ class ImagineHandler:
         """How bodies are drawn that exist in the copies only."""
         self._replay: ReplayGhosts | None = None
         self._replay_start: float | None = None
-        channel.register("imagine", ImagineRequest, self._start, queue="imagine")
-        channel.register("imagine.act", ActRequest, self._act, queue="imagine")
-        channel.register("imagine.cancel", EmptyRequest, self._stop, queue="imagine.cancel")
-        channel.register("imagine.replay", EmptyRequest, self._play, queue="imagine")
-        channel.register("imagine.clear", EmptyRequest, self._clear, queue="imagine")
-        channel.register("imagine.show_copies", ShowCopiesRequest, self._show_copies, queue="imagine")
+        channel.register("imagine", ImagineRequest, self._start, SPAWN, queue="imagine")
+        channel.register("imagine.act", ActRequest, self._act, RUN, queue="imagine")
+        channel.register("imagine.cancel", EmptyRequest, self._stop, READ, queue="imagine.cancel")
+        channel.register("imagine.replay", EmptyRequest, self._play, READ, queue="imagine")
+        channel.register("imagine.clear", EmptyRequest, self._clear, READ, queue="imagine")
+        channel.register("imagine.show_copies", ShowCopiesRequest, self._show_copies, READ, queue="imagine")
         self._publish()
 
     def close(self) -> None:

@@ -13,6 +13,7 @@ from enum import IntEnum
 import msgspec
 
 from mindstage.access.limits import FACTS, REPORT_ENTRIES
+from mindstage.access.policies import READ
 from mindstage.errors import MindstageError
 from mindstage.knowledge import Severity
 from mindstage.knowledge.rdf import local_name
@@ -385,7 +386,7 @@ class StatusHandler:
         self._last_message: tuple[object, str] = ((), "")
         self._last_report_key: object = None
         self._counts: tuple[int, int, int, int] = (0, 0, 0, 0)
-        channel.register("status.report", EmptyRequest, self._get_report, queue="status")
+        channel.register("status.report", EmptyRequest, self._get_report, READ, queue="status")
 
     def publish(self, snapshot: StateSnapshot) -> None:
         """Publishes the status at intervals, and at once if bodies were added or removed or the simulation failed."""
@@ -498,7 +499,7 @@ class TourHandler:
         """
         self._simulation, self._camera = simulation, camera
         self._front: tuple[object, BodyId | None] = (None, None)
-        channel.register("tour.state", EmptyRequest, self._state, queue="status")
+        channel.register("tour.state", EmptyRequest, self._state, READ, queue="status")
 
     def _state(self, session: ClientSession, _: EmptyRequest) -> TourState:
         front, openness = self._find_front(), 0.0

@@ -20,6 +20,7 @@ import viser
 from msgspec import Meta
 
 from mindstage.access.limits import SKILL_TIME
+from mindstage.access.policies import EDIT, QUERY, READ, RUN, SPAWN, Policy
 from mindstage.errors import CommandRefusedError, InvalidArgumentError, MindstageError
 from mindstage.knowledge.names import EntityType
 from mindstage.robots.base_placement import reachable_region
@@ -336,21 +337,21 @@ class RobotHandler:
         self._dragged = threading.Event()
         self._closing = False
         self._solver: threading.Thread | None = None
-        requests: tuple[tuple[str, type[msgspec.Struct], Callable[[ClientSession, Any], object]], ...] = (
-            ("offer", EmptyRequest, self._offer),
-            ("add", AddRobotRequest, self._add),
-            ("remove", RobotRequest, self._remove),
-            ("move_joint", MoveRobotJointRequest, self._move_joint),
-            ("grip", GripRequest, self._grip),
-            ("drive", DriveRequest, self._drive),
-            ("target", GripperHandleRequest, self._show_handle),
-            ("region", RegionRequest, self._show_region),
-            ("skill", RunSkillRequest, self._run_skill),
-            ("stop", RobotRequest, self._stop),
+        requests: tuple[tuple[str, type[msgspec.Struct], Callable[[ClientSession, Any], object], Policy], ...] = (
+            ("offer", EmptyRequest, self._offer, READ),
+            ("add", AddRobotRequest, self._add, SPAWN),
+            ("remove", RobotRequest, self._remove, EDIT),
+            ("move_joint", MoveRobotJointRequest, self._move_joint, EDIT),
+            ("grip", GripRequest, self._grip, EDIT),
+            ("drive", DriveRequest, self._drive, EDIT),
+            ("target", GripperHandleRequest, self._show_handle, EDIT),
+            ("region", RegionRequest, self._show_region, QUERY),
+            ("skill", RunSkillRequest, self._run_skill, RUN),
+            ("stop", RobotRequest, self._stop, EDIT),
         )
-        for name, request_type, handler in requests:
+        for name, request_type, handler, policy in requests:
             queue = f"{_QUEUE}.{name}" if name in _SLOW else _QUEUE
-            channel.register(f"robots.{name}", request_type, handler, queue=queue)
+            channel.register(f"robots.{name}", request_type, handler, policy, queue=queue)
         self._publish_robots()
 
     def close(self) -> None:

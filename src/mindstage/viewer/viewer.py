@@ -19,6 +19,7 @@ import viser
 
 from mindstage.access.certificates import TlsCertificate
 from mindstage.access.limits import DEFAULT_VISITOR_LIMITS, UNSEEN_BODIES, VisitorLimits
+from mindstage.access.policies import EntryPoint
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.errors import InvalidArgumentError, MindstageError
 from mindstage.knowledge.rdf import local_name
@@ -135,6 +136,10 @@ class Viewer:
         self._remove_listener = simulation.clients.on_edit(self._wakeup.set)
         self._thread = threading.Thread(target=self._run, name="mindstage-viewer", daemon=True)
         self._thread.start()
+
+    def entry_points(self) -> tuple[EntryPoint, ...]:
+        """Everything that a visitor of the page can reach."""
+        return (*self._server.filter.entry_points(), *self.channel.entry_points())
 
     # -- public interface ----------------------------------------------------------------------------------------------
 
