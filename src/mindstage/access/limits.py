@@ -241,6 +241,7 @@ PLAIN_BYTES = _limit("request that names things", 1 << 20, "names of some thousa
 CONTROL_BYTES = _limit("operation without a payload", 64 << 10, "names and options only", unit="B")
 EDIT_BYTES = _limit("request that edits", 8 << 20, "some thousand poses or markers", unit="B")
 FILE_BYTES = _limit("request with a map", 32 << 20, "the largest message of the rosbridge", unit="B")
+MESSAGE_BYTES = _limit("message of the rosbridge", 32 << 20, "its payload has limits of its own", unit="B")
 FILE_TIME = _limit(
     "time of a request with a map or a long run",
     300.0,

@@ -17,6 +17,7 @@ from mindstage.access.limits import (
     FILE_BYTES,
     FILE_TIME,
     GOAL_TIME,
+    MESSAGE_BYTES,
     PLAIN_BYTES,
     QUERY_SERVICE_TIME,
     Limit,
@@ -119,5 +120,5 @@ RUN = Policy(name="run", cost=Cost.EDIT, size=PLAIN_BYTES, deadline=FILE_TIME)
 GOAL = Policy(name="goal", cost=Cost.EDIT, size=FILE_BYTES, deadline=GOAL_TIME)
 QUERY = Policy(name="query", cost=Cost.QUERY, size=PLAIN_BYTES, deadline=QUERY_SERVICE_TIME)
 FILE = Policy(name="file", cost=Cost.FILE, size=FILE_BYTES, deadline=FILE_TIME)
-PAYLOAD = Policy(name="payload", cost=Cost.READ, size=FILE_BYTES)
+PAYLOAD = Policy(name="payload", cost=Cost.READ, size=MESSAGE_BYTES)
 TRUSTED = Policy(name="trusted", cost=Cost.TRUSTED, size=FILE_BYTES)

@@ -901,7 +901,7 @@ class Broker:
         self.actions = ActionRouter(loop, limits)
         self.topics = TopicRouter(loop, limits)
         self._peers: list[Peer] = []
-        self._handlers: Mapping[type[Operation], tuple[Policy, Callable[[Peer, Any], None]]] = {
+        self.handlers: Mapping[type[Operation], tuple[Policy, Callable[[Peer, Any], None]]] = {
             Advertise: (CONTROL, self.topics.advertise),
             Unadvertise: (CONTROL, self.topics.unadvertise),
             Publish: (PAYLOAD, self.topics.publish),
@@ -919,6 +919,7 @@ class Broker:
             ActionResult: (PAYLOAD, self.actions.forward_result),
             SetLevel: (CONTROL, _set_level),
         }
+        """The policy and the handler of each operation."""
 
     def add_peer(self, peer: Peer) -> None:
         """Adds a peer."""
@@ -935,7 +936,7 @@ class Broker:
 
     def entry_points(self) -> Iterator[EntryPoint]:
         """Yields the operations."""
-        for operation, (policy, _) in self._handlers.items():
+        for operation, (policy, _) in self.handlers.items():
             yield EntryPoint(Door.OPERATION, str(operation.__struct_config__.tag), policy)
 
     def handle(self, peer: Peer, operation: Operation, size: int = 0) -> None:
@@ -951,7 +952,7 @@ class Broker:
             AdvertiseError: the peer cannot advertise this.
             MessageValidationError: the operation is not valid now.
         """
-        policy, handler = self._handlers.get(type(operation), (CONTROL, None))
+        policy, handler = self.handlers.get(type(operation), (CONTROL, None))
         policy.admit(type(operation).__name__, size, None, 0.0)
         if handler is None:
             peer.send_status(StatusLevel.WARNING, f"{type(operation).__name__} is not valid here", operation.id)

@@ -20,7 +20,7 @@ from weakref import WeakKeyDictionary
 import msgspec
 
 from mindstage.access.limits import DEFAULT_SOLUTIONS, QUERY_CHARACTERS, QUERY_DEFAULT_TIME, QUERY_TIME, SOLUTIONS
-from mindstage.access.policies import QUERY
+from mindstage.access.policies import QUERY, EntryPoint
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.errors import MessageValidationError
 from mindstage.knowledge.history import time_arguments
@@ -187,6 +187,15 @@ class QueryServer:
             cls._servers[simulation] = server
         simulation.on_close(server.close)
         return server
+
+    @property
+    def url(self) -> str:
+        """URL for a client on this machine."""
+        return self._server.url
+
+    def entry_points(self) -> tuple[EntryPoint, ...]:
+        """Everything that a client of the port can reach."""
+        return self._node.entry_points()
 
     def close(self) -> None:
         """Removes the record and closes the port; calling it again is harmless."""

@@ -80,7 +80,7 @@ class RecordingHandler:
         recorder = self._recorder
         state: dict[str, object] = {"path": None, "time_s": 0.0, "failed": False}
         if recorder is not None:
-            state = {"path": str(recorder.path), "time_s": round(recorder.time_s), "failed": not recorder.recording}
+            state = {"path": recorder.path.name, "time_s": round(recorder.time_s), "failed": not recorder.recording}
         self._channel.publish("recording", state)
 
     def close(self) -> None:
@@ -92,7 +92,7 @@ class RecordingHandler:
                 _log.error("the recording could not be finished: %s", error)
 
     def _start(self, _: ClientSession, __: EmptyRequest) -> str:
-        """Returns the path of the file, which is named like the world with the local date and time."""
+        """Returns the name of the file, which is named like the world with the local date and time."""
         if self._files is None:
             from mindstage.episodes.recorder import RecordingFolder
 
@@ -102,10 +102,10 @@ class RecordingHandler:
         path = self._files.start(f"{plain}-{datetime.now().astimezone():%Y-%m-%d-%H-%M-%S}")
         self._recorder = self._files.recorder
         self.publish()
-        return str(path)
+        return path.name
 
     def _stop(self, _: ClientSession, __: EmptyRequest) -> dict[str, object]:
-        """Returns the path of the file, its duration [s] and its size [B]."""
+        """Returns the name of the file, its duration [s] and its size [B]."""
         recorder, self._recorder = self._recorder, None
         if self._files is None or recorder is None:
             raise InvalidArgumentError("the recording", cause="there is none", remedy="start one")
@@ -113,7 +113,7 @@ class RecordingHandler:
             path = self._files.stop()
         finally:
             self.publish()
-        return {"path": str(path), "time_s": recorder.time_s, "size_bytes": path.stat().st_size}
+        return {"path": path.name, "time_s": recorder.time_s, "size_bytes": path.stat().st_size}
 
 
 class SeekRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -148,7 +148,8 @@ class RequestFilter:
             visitor: where the request comes from; by default this machine.
             now_s: the time, of any clock [s].
         """
-        denial = self.gate.socket_denial(path, headers, visitor or self.gate.visitors.visitor(None), now_s)
+        visitor = visitor or self.gate.visitors.visitor(None)
+        denial = self.gate.socket_denial(path, headers, visitor, now_s) or self._excess(path, visitor, now_s)
         if denial is None and not any(pattern.fullmatch(request_path(path)) for _, pattern, _ in SOCKETS):
             denial = Denial(HTTPStatus.NOT_FOUND, "there is no such websocket")
         return None if denial is None else _error_response(denial)
@@ -182,9 +183,11 @@ class RequestFilter:
         return (*routes, *(EntryPoint(Door.SOCKET, name, policy) for name, _, policy in SOCKETS))
 
     def _excess(self, path: str, visitor: Visitor, now_s: float) -> Denial | None:
-        entry = next((each for each in self.routes if each.pattern.fullmatch(request_path(path))), None)
+        policies = [(each.pattern, each.policy) for each in self.routes] + [each[1:] for each in SOCKETS]
         try:
-            (entry.policy if entry is not None else CONTROL).admit("the page", len(path), visitor, now_s)
+            for pattern, policy in policies:
+                if pattern.fullmatch(request_path(path)):
+                    policy.admit("the page", len(path), visitor, now_s)
         except RequestLimitError as error:
             return Denial(HTTPStatus.TOO_MANY_REQUESTS, str(error))
         return None
