@@ -2,7 +2,7 @@
 
 The rules, for the packages of the doors:
 
-- no constant with a limit (`MAX`, `LIMIT`, `TIMEOUT`, `DEADLINE` in its name) that is a number: it belongs to the table;
+- no constant with `MAX`, `LIMIT`, `TIMEOUT` or `DEADLINE` in its name that is a number: it belongs to the table;
 - no comparison of tokens, origins and hosts: `compare_digest`, `is_loopback`, and the headers `Origin`, `Host`,
   `Authorization` and `Cookie` are of the gate;
 - no search for schemes of URLs (`"file:" in text`, `startswith("http://")`): `access.resources` decides what is named;
