@@ -27,7 +27,7 @@ __all__ = ["Denial", "Gate", "RequestHeaders"]
 _HOST = re.compile(r"[A-Za-z0-9.\-_]+(:\d{1,5})?|\[[0-9A-Fa-f:.]+\](:\d{1,5})?")
 _COOKIE = "mindstage"
 _LOCAL_NAMES = "this is not a host name of this server; open http://127.0.0.1 or http://localhost"
-_TOKEN_REQUIRED = "a token is required: send it as ?token=…, as a bearer token, or by `auth`"
+_TOKEN_REQUIRED = "a token is required"
 _TOO_MANY_TOKENS = "too many wrong tokens were sent from this address; wait a minute"
 
 

@@ -17,7 +17,15 @@ from urllib.parse import unquote
 from mindstage.access.limits import LISTED_FILES
 from mindstage.errors import ResourceRefusedError
 
-__all__ = ["GrantedFolder", "from_outside", "is_inside", "is_outside_request", "require_granted", "without_paths"]
+__all__ = [
+    "GrantedFolder",
+    "from_outside",
+    "is_granted",
+    "is_inside",
+    "is_outside_request",
+    "require_granted",
+    "without_paths",
+]
 
 _outside: ContextVar[bool] = ContextVar("outside", default=False)
 _PACKAGE = "package://"
@@ -57,11 +65,12 @@ def require_granted(names: Iterable[str | None], *, known: Collection[str | None
     if not is_outside_request():
         return
     for name in dict.fromkeys(names):
-        if name and name not in known and not _is_granted(name):
+        if name and name not in known and not is_granted(name):
             raise ResourceRefusedError(name[:200])
 
 
-def _is_granted(name: str) -> bool:
+def is_granted(name: str) -> bool:
+    """Whether a text from outside may have a name of a file; decided by the text alone."""
     for _ in range(_MAX_ENCODINGS):
         decoded = unquote(name)
         if decoded == name:
@@ -122,12 +131,17 @@ class GrantedFolder:
             yield path.relative_to(self._folder).as_posix()
 
 
-def without_paths(text: str) -> str:
-    """A text for a client, in which each path of this machine is its last part."""
+def without_paths(text: str, *, given: str = "") -> str:
+    """A text for a client, in which each path of this machine is its last part.
+
+    Args:
+        text: the text.
+        given: the request; paths in it are kept.
+    """
     roots = {f"/{path.name}" for path in Path("/").iterdir()} if _PATH.search(text) else set()
 
     def shown(match: re.Match[str]) -> str:
-        root = "/" + match[0].split("/")[1]
-        return match[0].rstrip("/").rpartition("/")[2] if root in roots else match[0]
+        path, root = match[0], "/" + match[0].split("/")[1]
+        return path.rstrip("/").rpartition("/")[2] if root in roots and path not in given else path
 
     return _PATH.sub(shown, text)

@@ -168,7 +168,8 @@ def _error_mapping(
                 return service.Response(result=error.result)
             case MindstageError():
                 diagnostics.report_error(name, error)
-                text = without_paths(error_text(error) if isinstance(error, EngineError) else str(error))
+                text = error_text(error) if isinstance(error, EngineError) else str(error)
+                text = without_paths(text, given=repr(request))
                 failure = encode(failure_response(service.Response, error, text), ros=ros)
                 raise FailureResponseError(text, response=failure) from error
         raise error

@@ -561,7 +561,9 @@ class RpcChannel:
             with as_client(CLIENT):
                 return msgspec.json.encode({"id": request.id, "result": method.handler(session, arguments)})
         except MindstageError as error:
-            return _error_message(request.id, error.code, without_paths(str(error)))
+            return _error_message(
+                request.id, error.code, without_paths(str(error), given=bytes(request.arguments).decode())
+            )
         except Exception as error:  # reported to the page and logged
             _log.error("request %r failed", request.method, exc_info=error)
             return _error_message(
