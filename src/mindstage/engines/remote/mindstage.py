@@ -16,7 +16,6 @@ from typing import Any, NamedTuple, TypeVar
 from weakref import finalize
 
 import msgspec
-from msgspec.structs import replace
 
 from mindstage.access.resources import is_granted
 from mindstage.bridge.conversions import (
@@ -98,7 +97,7 @@ def encode_world(world: World) -> tuple[str, SpawnReport]:
     bodies, failed_bodies = _split_encodable(world.bodies, reasons)
     lights, failed_lights = _split_encodable(world.lights, reasons)
     joints, failed_joints = _split_encodable(world.joints, reasons)
-    rest = replace(world, bodies=bodies, lights=lights, joints=joints)
+    rest = msgspec.structs.replace(world, bodies=bodies, lights=lights, joints=joints)
     return world_to_json(rest), SpawnReport(failed_bodies=failed_bodies + failed_lights, failed_joints=failed_joints)
 
 
@@ -216,8 +215,8 @@ class MindstageRemoteEngine(RemoteEngine):
     ) -> SpawnReport:
         names = {body.id: body.mesh for body in world.bodies if body.mesh and not is_granted(body.mesh)}
         self._own_meshes |= names
-        sent = (replace(body, mesh=None) if body.id in names else body for body in world.bodies)
-        text, unsent = encode_world(replace(world, bodies=tuple(sent)) if names else world)
+        sent = (msgspec.structs.replace(body, mesh=None) if body.id in names else body for body in world.bodies)
+        text, unsent = encode_world(msgspec.structs.replace(world, bodies=tuple(sent)) if names else world)
         usable, notes = encode_geometry(geometry if "forms" in self._remote_info.takes else NO_GEOMETRY)
         if options.immovable:
             reason = f"{self.name} decides by its own ontology which dynamic bodies are immovable"
@@ -230,7 +229,7 @@ class MindstageRemoteEngine(RemoteEngine):
             )
         request = wire.SpawnWorld.Request(world=text, forms=geometry_to_json(usable, mesh=self._export_mesh))
         report = self._spawn(request, entity_count=len(world.bodies) + len(world.joints))
-        return replace(
+        return msgspec.structs.replace(
             report,
             failed_bodies=unsent.failed_bodies + report.failed_bodies,
             failed_joints=unsent.failed_joints + report.failed_joints,
@@ -261,9 +260,9 @@ class MindstageRemoteEngine(RemoteEngine):
         reply: wire.LogWorld.Response = self._call(wire.LogWorld, wire.LogWorld.Request())
         with self._client.validating("log_world"):
             world = world_from_json(reply.world)
-        own = (replace(body, mesh=body.mesh or self._own_meshes.get(body.id)) for body in world.bodies)
+        own = (msgspec.structs.replace(body, mesh=body.mesh or self._own_meshes.get(body.id)) for body in world.bodies)
         bodies = tuple(own) if self._own_meshes else world.bodies
-        return replace(world, bodies=bodies, joints=without_lost_masters(world.joints))
+        return msgspec.structs.replace(world, bodies=bodies, joints=without_lost_masters(world.joints))
 
     # -- bodies --------------------------------------------------------------------------------------------------------
 
@@ -285,7 +284,7 @@ class MindstageRemoteEngine(RemoteEngine):
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         request = wire.Highlight.Request(ids=tuple(ids))
         if color is not None:
-            request = replace(request, lit=True, color=color_message(color))
+            request = msgspec.structs.replace(request, lit=True, color=color_message(color))
         self._call(wire.Highlight, request)
 
     def highlights(self) -> Mapping[BodyId, Color]:
@@ -296,7 +295,7 @@ class MindstageRemoteEngine(RemoteEngine):
     def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
         request = wire.Push.Request(id=id, force=vector_message(force))
         if point is not None:
-            request = replace(request, at_point=True, point=point_message(point))
+            request = msgspec.structs.replace(request, at_point=True, point=point_message(point))
         self._call(wire.Push, request)
 
     # -- time and state ------------------------------------------------------------------------------------------------
