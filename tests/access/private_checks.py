@@ -43,7 +43,6 @@ NO_DOORS: Mapping[str, str] = {
     "viewer/devtools.py": "the browser that takes pictures",
     "viewer/html_export.py": "writes a file for the command line",
     "viewer/screenshot.py": "the browser that takes pictures",
-    "ros/foxglove.py": "has limits of its own",
 }
 """Modules that handle no request of a client."""
 DISPATCHERS = {"bridge/calls.py", "bridge/broker.py", "bridge/server.py", "viewer/server.py", "viewer/http.py"}
