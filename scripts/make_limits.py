@@ -13,11 +13,14 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.access.limits import LIMITS, BridgeLimits, Limit, RpcLimits, VisitorLimits
 from mindstage.access.policies import Door, EntryPoint
 from mindstage.bridge import LocalNode
+from mindstage.episodes.recording import EpisodeFrame, FrameRecording
+from mindstage.episodes.replay import EpisodeReplay
 from mindstage.prolog import PrologConsole
 from mindstage.ros import RosInterface
 from mindstage.scene import Iri, World
@@ -80,16 +83,20 @@ def page() -> str:
 
 
 def served_entry_points() -> list[EntryPoint]:
-    """What can be reached in an empty world with a robot."""
+    """What can be reached in an empty world with a robot, and on the page of an episode."""
+    empty = World(iri=Iri("http://mindstage.org/maps/empty.owl#empty"))
     with ExitStack() as stack:
         simulation = stack.enter_context(Simulation(KnowledgeBase(), MujocoEngine()))
-        simulation.spawn(World(iri=Iri("http://mindstage.org/maps/empty.owl#empty")))
+        simulation.spawn(empty)
         simulation.add_robot("mobile_manipulator", name="robot")
         node = stack.enter_context(LocalNode())
         stack.enter_context(RosInterface(simulation, node))
         viewer = stack.enter_context(Viewer(simulation, port=0))
         prolog = stack.enter_context(PrologConsole(simulation))
-        return [*viewer.entry_points(), *node.entry_points(), *prolog.entry_points()]
+        recording = FrameRecording([EpisodeFrame(time_s=0.0, structure=empty, ids=(), poses=np.zeros((0, 7)))])
+        replay = stack.enter_context(EpisodeReplay(recording, stack.enter_context(KnowledgeBase())))
+        page = stack.enter_context(Viewer(replay, port=0))
+        return [*viewer.entry_points(), *page.entry_points(), *node.entry_points(), *prolog.entry_points()]
 
 
 def limit_row(limit: Limit) -> tuple[str, ...]:

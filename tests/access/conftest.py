@@ -12,13 +12,16 @@ from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.access.limits import VisitorLimits
 from mindstage.access.policies import EntryPoint
 from mindstage.bridge import LocalNode, RosbridgeServer
+from mindstage.episodes.replay import EpisodeReplay
 from mindstage.ros import RosInterface
 from mindstage.ros.queries import QueryServer
 from mindstage.viewer import Viewer
 from tests.bridge.conftest import local_node, make_raw_client, server
+from tests.episodes.kitchenette_recording import kitchenette_recording
 from tests.kitchenette import kitchenette
+from tests.prolog.conftest import prolog
 
-__all__ = ["TOKEN", "Served", "local_node", "make_raw_client", "server"]
+__all__ = ["TOKEN", "Served", "local_node", "make_raw_client", "prolog", "server"]
 
 TOKEN = "sesame"
 
@@ -30,11 +33,13 @@ class Served(NamedTuple):
     node: LocalNode
     rosbridge: RosbridgeServer
     viewer: Viewer
+    replay: Viewer
     shell: QueryServer
 
     def entry_points(self) -> tuple[EntryPoint, ...]:
         """Everything that a client can reach now, at any port."""
-        return (*self.node.entry_points(), *self.shell.entry_points(), *self.viewer.entry_points())
+        pages = (*self.viewer.entry_points(), *self.replay.entry_points())
+        return (*self.node.entry_points(), *self.shell.entry_points(), *pages)
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +53,8 @@ def served() -> Iterator[Served]:
         stack.enter_context(RosInterface(simulation, node))
         rosbridge = stack.enter_context(RosbridgeServer(node, port=0, token=TOKEN, visitor_limits=limits))
         viewer = stack.enter_context(Viewer(simulation, port=0, token=TOKEN, visitor_limits=limits))
+        episode = stack.enter_context(EpisodeReplay(kitchenette_recording(), KnowledgeBase()))
+        replay = stack.enter_context(Viewer(episode, port=0, token=TOKEN, visitor_limits=limits))
         shell = QueryServer(simulation)
         stack.callback(shell.close)
-        yield Served(simulation, node, rosbridge, viewer, shell)
+        yield Served(simulation, node, rosbridge, viewer, replay, shell)

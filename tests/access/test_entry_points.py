@@ -7,25 +7,31 @@ operations of the rosbridge, and the services, actions and subscribed topics tha
 from __future__ import annotations
 
 import re
+import threading
 from collections.abc import Iterator
 from contextlib import closing
 from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from msgspec.structs import force_setattr
 
+from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.access.gate import Gate
-from mindstage.access.limits import CONTROL_BYTES, EDIT_BYTES, FILE_BYTES, MESSAGE_BYTES, PLAIN_BYTES
-from mindstage.access.policies import Cost, Door, EntryPoint
+from mindstage.access.limits import CONTROL_BYTES, EDIT_BYTES, FILE_BYTES, FILE_TIME, MESSAGE_BYTES, PLAIN_BYTES
+from mindstage.access.policies import EDIT, Cost, Door, EntryPoint
+from mindstage.access.resources import from_outside
 from mindstage.bridge import LocalNode
 from mindstage.bridge.protocol import Status
+from mindstage.prolog import PrologConsole
 from mindstage.viewer.http import RequestFilter, Route
 from mindstage.viewer.server import EmptyRequest, RpcChannel
 from tests.access.conftest import TOKEN, Served
 from tests.access.private_checks import private_checks
 from tests.bridge.raw_client import TIMEOUT_S, RawClient
+from tests.kitchenette import kitchenette
 from tests.viewer.page_client import RequestFailedError, connect_page_client
 
 SMALL = 3000
@@ -108,7 +114,7 @@ def test_the_list_has_what_the_servers_say_that_they_have(served: Served, client
     assert "/unreal/mindstage/try_plan" in listed[Door.ACTION]
     assert {"/unreal/highlight", "/unreal/markers"} <= listed[Door.TOPIC]
     assert any(name.endswith("follow_joint_trajectory/goal") for name in listed[Door.TOPIC])
-    assert {"ask", "ask.prolog", "ask.sparql", "add", "drop", "load", "save"} <= listed[Door.METHOD]
+    assert {"ask", "ask.prolog", "ask.sparql", "add", "drop", "load", "save", "timeline.seek"} <= listed[Door.METHOD]
     assert {"publish", "call_service", "send_action_goal", "subscribe"} <= listed[Door.OPERATION]
     assert listed[Door.ROUTE] | listed[Door.SOCKET] == set(PAGE_PATHS)
 
@@ -160,10 +166,11 @@ def test_every_operation_refuses_a_message_that_is_too_large(served: Served, cli
 
 @pytest.mark.usefixtures("small_limits")
 def test_every_method_of_the_page_refuses_a_request_that_is_too_large(served: Served) -> None:
-    with connect_page_client(served.viewer.url, headers=BEARER) as page:
-        for name in names(served, Door.METHOD):
-            with pytest.raises(RequestFailedError, match=r"TooMany.*bytes"):
-                page.ask(name, padding=PADDING)
+    for viewer in (served.viewer, served.replay):
+        with connect_page_client(viewer.url, headers=BEARER) as page:
+            for name in {each.name for each in viewer.entry_points() if each.door is Door.METHOD}:
+                with pytest.raises(RequestFailedError, match=r"TooMany.*bytes"):
+                    page.ask(name, padding=PADDING)
 
 
 @pytest.mark.usefixtures("small_limits")
@@ -190,6 +197,18 @@ def test_queries_of_one_address_are_limited_at_every_port(served: Served, monkey
         for name in names(served, Door.METHOD, *costly):
             with pytest.raises(RequestFailedError, match="too many requests"):
                 page.ask(name)
+
+
+def test_a_request_of_the_page_is_answered_at_its_deadline(served: Served) -> None:
+    release = threading.Event()
+    short = msgspec.structs.replace(EDIT, deadline=msgspec.structs.replace(FILE_TIME, maximum=0.05))
+    served.viewer.channel.register("planted.slow", EmptyRequest, lambda _, __: release.wait(TIMEOUT_S) and None, short)
+    with connect_page_client(served.viewer.url, headers=BEARER) as page:
+        try:
+            with pytest.raises(RequestFailedError, match=r"TimedOut.*within 0.05 s"):
+                page.ask("planted.slow")
+        finally:
+            release.set()
 
 
 # -- who ---------------------------------------------------------------------------------------------------------------
@@ -265,6 +284,28 @@ def test_an_operation_without_a_policy_is_found() -> None:
     with LocalNode() as node:
         node.broker.handlers = {**node.broker.handlers, Status: (planted, lambda peer, operation: None)}
         assert undeclared(node.entry_points()) == ["rosbridge: operation: status"]
+
+
+def test_a_request_of_prolog_without_a_policy_is_found_and_refused(prolog: Path) -> None:
+    with Simulation(KnowledgeBase(), NullEngine()) as simulation, PrologConsole(simulation) as console:
+        simulation.spawn(kitchenette())
+        assert undeclared(console.entry_points()) == []
+        console.handlers = {**console.handlers, "planted": lambda: True}
+        assert undeclared(console.entry_points()) == ["Prolog: request: planted"]
+        goal = "mindstage_questions:python(planted, answer(true))"
+        assert console.solutions(goal)
+        with from_outside():
+            assert not console.solutions(goal)
+
+
+def test_clients_send_requests_of_questions_only(prolog: Path) -> None:
+    with Simulation(KnowledgeBase(), NullEngine()) as simulation, PrologConsole(simulation) as console:
+        trusted = [each.name for each in console.entry_points() if each.policy and each.policy.cost is Cost.TRUSTED]
+        assert {"add_robot", "perform", "try_plan"} <= set(trusted)
+        with from_outside():
+            for name in trusted:
+                (row,) = console.solutions(f"mindstage_questions:python({name}, Reply)")
+                assert "prolog_unavailable" in str(row["Reply"]), name
 
 
 # -- handlers that decide by themselves --------------------------------------------------------------------------------

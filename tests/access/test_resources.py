@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import trimesh
 from msgspec.structs import replace
+from PIL import Image
 
 import mindstage as ms
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
@@ -217,6 +218,25 @@ def test_ros_clients_name_files_of_packages(call: Callable[..., Any], simulation
     source = next(each.source for id, each in simulation.geometry.items() if id.startswith("granted"))
     assert source is GeometrySource.MESH
     call("delete_entity", entity="granted")
+
+
+def test_files_that_a_mesh_refers_to_are_in_its_folder(
+    call: Callable[..., Any], simulation: Simulation, place: Place
+) -> None:
+    package = place.root / "packages/pkg"
+    for folder in (package, place.root / "outside"):
+        Image.new("RGB", (4, 4), "red").save(folder / "red.png")
+    for number, texture in enumerate(
+        ("red.png", "../../outside/red.png", f"{place.root}/outside/red.png", "link/red.png")
+    ):
+        (package / f"t{number}.mtl").write_text(f"newmtl m\nmap_Kd {texture}\n", encoding="utf-8")
+        lines = (f"mtllib t{number}.mtl", "v 0 0 0", "v 1 0 0", "v 0 1 0", "v 0 0 1", "vt 0 0", "usemtl m")
+        faces = ("f 1/1 3/1 2/1", "f 1/1 2/1 4/1", "f 1/1 4/1 3/1", "f 2/1 3/1 4/1")
+        (package / f"t{number}.obj").write_text("\n".join((*lines, *faces)) + "\n", encoding="utf-8")
+        assert json.loads(spawn_entity(call, f"package://pkg/t{number}.obj", f"t{number}"))["result"]["result"] == 1
+        geometry = next(each for id, each in simulation.geometry.items() if id.startswith(f"t{number}"))
+        assert (geometry.visuals[0].image is not None) == (number == 0), texture
+        call("delete_entity", entity=f"t{number}")
 
 
 def test_links_out_of_the_granted_folder_are_not_followed(call: Callable[..., Any]) -> None:
