@@ -21,7 +21,8 @@ import websockets
 from websockets.asyncio.server import ServerConnection, serve
 
 from benchmarks import Measure
-from mindstage.bridge import BridgeLimits, LocalNode, RosbridgeServer
+from mindstage.access.limits import BridgeLimits
+from mindstage.bridge import LocalNode, RosbridgeServer
 
 _BARE = f"a bare websockets {websockets.__version__} server"
 _ROUNDS = 5

@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING
 from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
-    from mindstage.bridge import TlsCertificate, VisitorLimits
+    from mindstage.access.certificates import TlsCertificate
+    from mindstage.access.limits import VisitorLimits
     from mindstage.engines import Engine
     from mindstage.knowledge import KnowledgeBase, SparqlEndpoint, UnitConventions
     from mindstage.saving import FileDialect, FileFormat
@@ -308,7 +309,7 @@ def view(
         CertificateError: the certificate cannot be used.
         ViewerUnavailableError: the server cannot listen at that address.
     """
-    from mindstage.bridge import VisitorLimits
+    from mindstage.access.limits import VisitorLimits
     from mindstage.prolog import is_installed, solve_query
     from mindstage.ros.queries import QueryServer
     from mindstage.viewer import Viewer

@@ -10,7 +10,8 @@
     │   ├── RestoreError                a deleted body cannot be restored
     │   ├── NothingToUndoError          the undo or redo stack is empty
     │   ├── HistoryChangedError         another client has edited since the history was read
-    │   └── AttachmentError             a cycle, or the child already has a parent
+    │   ├── AttachmentError             a cycle, or the child already has a parent
+    │   └── ResourceRefusedError        a text from outside names a file that is not granted
     ├── KnowledgeError                  a source of knowledge or a query cannot be used (exit code 2)
     │   ├── ReferenceRefusedError       a text that came over a port names something that would have to be read for it
     │   ├── SourceParseError            missing file, or content that does not follow its format
@@ -77,6 +78,7 @@
     │   └── BrowserCrashedError         it exited, returned an error or did not reply in time
     ├── RendererUnavailableError        a library that a renderer needs is not installed (exit code 2)
     ├── CacheError                      the cache directory cannot be written (exit code 2)
+    ├── RequestLimitError               a request of a client that is too large, or one too many (exit code 2)
     ├── InvalidRequestError             invalid request from the page (exit code 2)
     └── ViewerUnavailableError          the page's server cannot listen at that address (exit code 2)
 
@@ -148,6 +150,8 @@ __all__ = [
     "ReasonerUnavailableError",
     "ReferenceRefusedError",
     "RendererUnavailableError",
+    "RequestLimitError",
+    "ResourceRefusedError",
     "RestoreError",
     "RobotError",
     "RobotLibraryError",
@@ -388,6 +392,15 @@ class HistoryChangedError(WorldError):
 
 
 # -- knowledge ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(eq=False, repr=False)
+class ResourceRefusedError(WorldError):
+    """A text from outside names a file that is not granted; whether it exists is not said."""
+
+    code = "ResourceRefused"
+    template = "{name!r} is not granted: a text from outside names files by relative paths or package://"
+    name: str
 
 
 class KnowledgeError(MindstageError):
@@ -1241,6 +1254,17 @@ class CacheError(MindstageError):
     code = "CacheUnavailable"
     template = "the cache {folder} cannot be written: {cause}; free space, or set MINDSTAGE_CACHE to another folder"
     folder: str
+    _: KW_ONLY
+    cause: str
+
+
+@dataclass(eq=False, repr=False)
+class RequestLimitError(MindstageError):
+    """A request of a client is too large, or one too many."""
+
+    code = "TooMany"
+    template = "{subject}: {cause}"
+    subject: str
     _: KW_ONLY
     cause: str
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import trustme
 
-from mindstage.bridge import TlsCertificate
+from mindstage.access.certificates import TlsCertificate
 
 __all__ = ["Certificates", "certificates"]
 

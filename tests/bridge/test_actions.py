@@ -9,16 +9,8 @@ from typing import Any
 
 import pytest
 
-from mindstage.bridge import (
-    BridgeLimits,
-    GoalResult,
-    GoalStatus,
-    LocalNode,
-    RosbridgeClient,
-    RosbridgeServer,
-    ServerGoalHandle,
-)
-from mindstage.bridge.calls import MAX_GOALS
+from mindstage.access.limits import NODE_GOALS, BridgeLimits
+from mindstage.bridge import GoalResult, GoalStatus, LocalNode, RosbridgeClient, RosbridgeServer, ServerGoalHandle
 from mindstage.errors import ServiceCallError, ServiceNotFoundError, ServiceTimeoutError
 from tests.bridge.raw_client import RawClient, eventually
 
@@ -109,10 +101,10 @@ def test_endless_goals_do_not_block_calls_and_their_number_is_limited(
     local_node.create_action_server("/count", "x/Count", count_down)
     local_node.create_service("/quick", "x/X", lambda _: {"quick": True})
     greedy, other = make_raw_client(), make_raw_client()
-    for id in range(MAX_GOALS + 1):
+    for id in range(NODE_GOALS.count + 1):
         greedy.send_operation(op="send_action_goal", id=id, action="/count", action_type="x/Count", args={"to": 1000})
     refused = greedy.receive("action_result")
-    assert refused["id"] == MAX_GOALS
+    assert refused["id"] == NODE_GOALS.count
     assert "goals are active already; wait" in refused["values"]
     assert other.call_service("/quick")["values"] == {"quick": True}
     greedy.kill()

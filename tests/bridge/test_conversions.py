@@ -38,6 +38,7 @@ from mindstage.errors import (
     NoFreePlacementError,
     NothingToUndoError,
     PoseUnreachableError,
+    ResourceRefusedError,
     RestoreError,
     SimulationDivergedError,
     UnreachableError,
@@ -195,6 +196,7 @@ def test_a_world_error_survives_a_round_trip(error: WorldError) -> None:
 
 SIMULATION_ERRORS = [
     NoFreePlacementError("cup", "on table", reason="it is full"),
+    ResourceRefusedError("file:///a.stl"),
     RestoreError("cup", reason="its id is taken"),
     NothingToUndoError(),
     HistoryChangedError(),

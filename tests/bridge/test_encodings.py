@@ -19,9 +19,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
+from mindstage.access.limits import BridgeLimits
 from mindstage.bridge.encodings import read_cbor, read_png, write_cbor, write_png
 from mindstage.bridge.protocol import (
-    BridgeLimits,
     Compression,
     FragmentBuffer,
     MessageDecoder,

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mindstage.access.limits import BridgeLimits
 from mindstage.bridge import protocol
-from mindstage.bridge.protocol import BridgeLimits, Compression, MessageDecoder, MessageEncoder, Operation, StatusLevel
+from mindstage.bridge.protocol import Compression, MessageDecoder, MessageEncoder, Operation, StatusLevel
 from mindstage.errors import MessageValidationError
 
 Raw = msgspec.Raw

@@ -5,16 +5,16 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable
+from http.client import HTTPConnection
 from typing import Any
 
-import msgspec
 import pytest
 from websockets.exceptions import InvalidStatus
 
-from mindstage.bridge import BridgeLimits, LocalNode, RosbridgeServer
-from mindstage.bridge.access import is_loopback
-from mindstage.bridge.protocol import Auth
-from mindstage.bridge.server import TokenAuth
+from mindstage.access.gate import Gate
+from mindstage.access.limits import BridgeLimits
+from mindstage.access.visitors import is_loopback
+from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.errors import AuthenticationError, BridgeUnavailableError
 from tests.bridge.raw_client import TIMEOUT_S, RawClient, eventually, raw_subscriber
 
@@ -234,20 +234,26 @@ def test_pages_opened_as_files_may_connect_if_listed(local_node: LocalNode, make
 
 
 def test_pages_of_the_same_host_may_connect_only_with_a_token() -> None:
+    def status(gate: Gate, origin: str, host: str, path: str = "/") -> int:
+        denial = gate.socket_denial(path, {"Origin": origin, "Host": host}, gate.visitors.visitor(None), 0.0)
+        return 200 if denial is None else denial.status
+
     # The owner of a host name can let it resolve to this machine; origin and host are then equal.
-    at_home = TokenAuth(host="127.0.0.1", token=None, origins=())
-    abroad = TokenAuth(host="0.0.0.0", token="secret", origins=())
-    assert not at_home.allows_origin("http://rebound.example", "rebound.example:9090")
-    assert abroad.allows_origin("http://robot.local", "robot.local:9090")
-    assert not abroad.allows_origin("http://other.local", "robot.local:9090")
-    assert not abroad.allows_origin("http://", "")
+    at_home = Gate(host="127.0.0.1", local_pages=True)
+    abroad = Gate(host="0.0.0.0", token="secret", local_pages=True)
+    assert status(at_home, "http://rebound.example", "rebound.example:9090") == 421
+    assert status(abroad, "http://robot.local", "robot.local:9090", "/?token=secret") == 200
+    assert status(abroad, "http://other.local", "robot.local:9090", "/?token=secret") == 403
+    assert status(abroad, "http://", "robot.local:9090", "/?token=secret") == 403
 
 
-def test_a_hash_without_a_token_is_rejected() -> None:
-    access = TokenAuth(host="127.0.0.1", token=None, origins=())
-    now = int(time.time())
-    assert not access.check_auth(msgspec.convert(proof("", now), Auth), now)
-    assert not access.check_auth(Auth(token=""), now)
+@pytest.mark.parametrize("host", ["rebound.example", "rebound.example:9090", "192.168.1.7:9090"])
+def test_a_host_name_of_another_machine_is_refused(local_node: LocalNode, host: str) -> None:
+    with RosbridgeServer(local_node, port=0) as server:
+        client = HTTPConnection("127.0.0.1", server.port, timeout=TIMEOUT_S)
+        key = {"Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Version": "13"}
+        client.request("GET", "/", headers={"Host": host, "Upgrade": "websocket", "Connection": "Upgrade", **key})
+        assert client.getresponse().status == 421
 
 
 # -- limits ------------------------------------------------------------------------------------------------------------

@@ -11,7 +11,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from mindstage.bridge import BridgeLimits, LocalNode, RosbridgeServer
+from mindstage.access.limits import BridgeLimits
+from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.errors import (
     AdvertiseError,
     BodyNotFoundError,

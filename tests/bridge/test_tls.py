@@ -13,8 +13,8 @@ import roslibpy
 from cryptography.hazmat.primitives import serialization
 from websockets.sync.client import connect as open_websocket
 
-from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer, TlsCertificate
-from mindstage.bridge.access import client_tls_context
+from mindstage.access.certificates import TlsCertificate, client_tls_context
+from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
 from mindstage.engines import connect as connect_engine
 from mindstage.engines import make_engine
 from mindstage.engines.remote.client import RemoteUrl

@@ -12,7 +12,8 @@ import msgspec
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from mindstage.bridge import BridgeLimits, Compression, LocalNode, RosbridgeServer
+from mindstage.access.limits import BridgeLimits
+from mindstage.bridge import Compression, LocalNode, RosbridgeServer
 from mindstage.bridge.broker import PLAIN_FORMAT, Peer, ReplyFormat, ThrottledQueue
 from mindstage.bridge.protocol import MessageDecoder, MessageEncoder, Publish, Subscribe
 from mindstage.errors import AdvertiseError, MessageValidationError

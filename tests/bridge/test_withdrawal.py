@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from mindstage.bridge import BridgeLimits, LocalNode, RosbridgeServer
+from mindstage.access.limits import BridgeLimits
+from mindstage.bridge import LocalNode, RosbridgeServer
 from tests.bridge.raw_client import TIMEOUT_S, RawClient, eventually
 
 SHORT_S = 0.5

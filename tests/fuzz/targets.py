@@ -432,7 +432,8 @@ class RemoteReplies(FuzzTarget):
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
-        from mindstage.bridge.protocol import BridgeLimits, MessageDecoder
+        from mindstage.access.limits import BridgeLimits
+        from mindstage.bridge.protocol import MessageDecoder
 
         self._decoder = MessageDecoder(BridgeLimits())
 

@@ -6,8 +6,10 @@ import threading
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
+from mindstage.access.limits import REQUEST_PARTS
 from mindstage.errors import PrologGoalError, PrologTimeoutError, PrologUnavailableError, SourceParseError
 from mindstage.prolog import PrologConsole
 from mindstage.prolog.swipl import Compound
@@ -125,7 +127,7 @@ def test_a_deep_term_is_an_error(kitchen: PrologConsole) -> None:
 
 
 def test_a_request_that_is_too_large_is_an_error(kitchen: PrologConsole, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mindstage.prolog.console._MAX_REQUEST_PARTS", 1000)
+    monkeypatch.setattr("mindstage.prolog.console.REQUEST_PARTS", msgspec.structs.replace(REQUEST_PARTS, maximum=1000))
     with pytest.raises(PrologGoalError, match="the term is too large"):
         kitchen.solutions("numlist(1, 1000, Large), highlight(Large)")
 

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from mindstage.bridge import BridgeLimits, LocalNode, RosbridgeServer
+from mindstage.access.limits import BridgeLimits
+from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.bridge.conversions import error_from_text
 from mindstage.bridge.conversions_unreal import spawn_request
 from mindstage.engines import NullEngine

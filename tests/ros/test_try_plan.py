@@ -119,7 +119,7 @@ def test_a_plan_that_never_ends_is_unknown_at_its_budget(send: Any) -> None:
 
 def test_a_goal_ends_at_its_deadline_even_if_a_sample_does_not(send: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     released, _ = _never_ending_trial(monkeypatch)
-    monkeypatch.setattr(plan_actions, "_DEADLINE_GRACE_S", 0.1)
+    monkeypatch.setattr(plan_actions, "_END_GRACE_S", 0.1)
     outcome = send(OPEN_DOOR, budget_s=0.1).wait(TIMEOUT_S)
     released.set()
     assert outcome.status is GoalStatus.SUCCEEDED

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 import pytest
 
+from mindstage.access.limits import MARKERS
 from mindstage.bridge import LocalNode
 from mindstage.errors import ServiceCallError
 from mindstage.ros import RosInterface
@@ -111,7 +113,7 @@ def test_a_marker_expires_while_the_simulation_is_paused(send: Any, simulation: 
 def test_the_number_of_markers_is_limited(
     send: Any, call: Call, local_node: LocalNode, simulation: Simulation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mindstage.ros.unreal_vis._MAX_MARKERS", 2)
+    monkeypatch.setattr("mindstage.ros.unreal_vis.MARKERS", msgspec.structs.replace(MARKERS, maximum=2))
     diagnostics: list[Any] = []
     local_node.subscribe("/mindstage/diagnostics", diagnostics.append)
     send(*({"ns": "a", "id": id, "type": 1} for id in (1, 2, 3)), {"ns": "a", "id": 2, "type": 2})

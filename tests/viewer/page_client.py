@@ -65,9 +65,9 @@ class PageClient:
 
 @contextmanager
 def connect_page_client(
-    url: str, *, key: str | None = None, headers: dict[str, str] | None = None
+    url: str, *, key: str | None = None, headers: dict[str, str] | None = None, **options: Any
 ) -> Iterator[PageClient]:
     """Connects a client to the page at an address."""
     address = f"{url.replace('http', 'ws', 1)}/mindstage/channel?client={key or secrets.token_hex(8)}"
-    with connect(address, additional_headers=headers, open_timeout=TIMEOUT_S, max_size=None) as socket:
+    with connect(address, additional_headers=headers, open_timeout=TIMEOUT_S, max_size=None, **options) as socket:
         yield PageClient(socket)

@@ -6,6 +6,7 @@ from http import HTTPStatus
 
 import pytest
 
+from mindstage.access.gate import Gate
 from mindstage.errors import AuthenticationError
 from mindstage.textures import TextureMap
 from mindstage.viewer.http import RequestFilter, is_texture_path, texture_path, view_key
@@ -17,12 +18,12 @@ CHANNEL = "/mindstage/channel?client=0123456789abcdef"
 
 @pytest.fixture
 def request_filter() -> RequestFilter:
-    return RequestFilter(host="127.0.0.1")
+    return RequestFilter(Gate(host="127.0.0.1"))
 
 
 @pytest.fixture
 def token_filter() -> RequestFilter:
-    return RequestFilter(host="0.0.0.0", token="sesame")
+    return RequestFilter(Gate(host="0.0.0.0", token="sesame"))
 
 
 def status(request_filter: RequestFilter, path: str, headers: dict[str, str]) -> HTTPStatus | None:
@@ -57,7 +58,7 @@ def test_a_request_without_a_host_is_refused(request_filter: RequestFilter) -> N
 
 
 def test_configured_origins_are_allowed() -> None:
-    request_filter = RequestFilter(host="127.0.0.1", origins=["https://robot.example/"])
+    request_filter = RequestFilter(Gate(host="127.0.0.1", origins=["https://robot.example/"]))
     assert status(request_filter, "/", {"Host": "robot.example"}) == HTTPStatus.OK
     assert socket_status(request_filter, CHANNEL, {"Host": "robot.example", "Origin": "https://robot.example"}) is None
     assert status(request_filter, "/", {"Host": "other.example"}) == HTTPStatus.MISDIRECTED_REQUEST
@@ -103,7 +104,7 @@ def test_other_sites_may_link_to_the_page_but_not_load_its_files(request_filter:
 def test_serving_other_machines_requires_a_token() -> None:
     for token in (None, ""):
         with pytest.raises(AuthenticationError, match="token"):
-            RequestFilter(host="0.0.0.0", token=token)
+            RequestFilter(Gate(host="0.0.0.0", token=token))
 
 
 def test_without_the_token_everything_is_refused(token_filter: RequestFilter) -> None:

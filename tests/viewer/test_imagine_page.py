@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
+from mindstage.access.limits import GHOSTS
 from mindstage.imagination import Verdict, imagine
 from mindstage.scene import BodyId, Pose
 from mindstage.viewer import Viewer
 from mindstage.viewer import imagine as panel
-from mindstage.viewer.ghosts import FAILED_COLOR, MAX_GHOSTS, end_pose_ghosts
+from mindstage.viewer.ghosts import FAILED_COLOR, end_pose_ghosts
 from tests.kitchenette import kitchenette
 from tests.viewer.page_tab import PageTab
 from tests.viewer.waiting import wait_until
@@ -199,7 +200,7 @@ def test_at_most_so_many_end_poses_are_drawn(verdict: Verdict) -> None:
         "results": verdict.results * 100
     })  # fmt: skip
     (mug,) = end_pose_ghosts(many)
-    assert len(mug.poses) == MAX_GHOSTS
+    assert len(mug.poses) == GHOSTS.count
     assert any(np.allclose(color, FAILED_COLOR) for color in mug.colors)
 
 

@@ -10,8 +10,10 @@ from collections.abc import Iterator
 import msgspec
 import pytest
 
+from mindstage.access.limits import RpcLimits
+from mindstage.access.policies import EDIT
 from mindstage.errors import BodyNotFoundError
-from mindstage.viewer.server import ClientSession, RpcChannel, RpcLimits, address, serve, shut_down
+from mindstage.viewer.server import ClientSession, RpcChannel, address, serve, shut_down
 from tests.viewer.page_client import PageClient, RequestFailedError, connect_page_client
 from tests.viewer.waiting import TIMEOUT_S, wait_until
 
@@ -47,7 +49,7 @@ def test_a_mindstage_error_is_an_error_response(channel: RpcChannel, client: Pag
     def refuse(_: ClientSession, __: Nothing) -> None:
         raise BodyNotFoundError("Cupp", known=["Cup"])
 
-    channel.register("look", Nothing, refuse)
+    channel.register("look", Nothing, refuse, EDIT)
     with pytest.raises(RequestFailedError, match="BodyUnknown: no body 'Cupp'; near: 'Cup'"):
         client.ask("look")
 
@@ -58,16 +60,16 @@ def test_an_unexpected_exception_is_sent_to_the_page_and_logged(
     def fail(_: ClientSession, __: Nothing) -> None:
         raise KeyError("oops")
 
-    channel.register("fail", Nothing, fail)
+    channel.register("fail", Nothing, fail, EDIT)
     with caplog.at_level(logging.ERROR), pytest.raises(RequestFailedError, match="Defect: KeyError: 'oops'"):
         client.ask("fail")
     assert [record.exc_info is not None for record in caplog.records] == [True]
 
 
 def test_a_method_is_registered_once(channel: RpcChannel) -> None:
-    channel.register("look", Nothing, lambda *_: None)
+    channel.register("look", Nothing, lambda *_: None, EDIT)
     with pytest.raises(ValueError, match="registered already"):
-        channel.register("look", Nothing, lambda *_: None)
+        channel.register("look", Nothing, lambda *_: None, EDIT)
 
 
 def test_published_values_reach_all_sessions_and_later_ones(channel: RpcChannel, url: str, client: PageClient) -> None:
@@ -117,8 +119,8 @@ def test_a_slow_request_blocks_only_its_own_queue(channel: RpcChannel, client: P
         released.wait(TIMEOUT_S)
         done.append(request.number)
 
-    channel.register("slow", Number, wait, queue="slow")
-    channel.register("quick", Number, lambda _, request: request.number)
+    channel.register("slow", Number, wait, EDIT, queue="slow")
+    channel.register("quick", Number, lambda _, request: request.number, EDIT)
     for number in (1, 2, 3):
         client.socket.send(json.dumps({"id": -number, "method": "slow", "params": {"number": number}}))
     assert client.ask("quick", number=7) == 7
@@ -130,7 +132,7 @@ def test_a_slow_request_blocks_only_its_own_queue(channel: RpcChannel, client: P
 
 def test_too_many_pending_requests_are_refused(channel: RpcChannel, client: PageClient) -> None:
     released = threading.Event()
-    channel.register("wait", Nothing, lambda *_: released.wait(TIMEOUT_S))
+    channel.register("wait", Nothing, lambda *_: released.wait(TIMEOUT_S), EDIT)
     for number in range(-6, 0):
         client.socket.send(json.dumps({"id": number, "method": "wait"}))
     refused = [json.loads(client.socket.recv(timeout=TIMEOUT_S)) for _ in range(2)]
@@ -142,7 +144,7 @@ def test_too_many_pending_requests_are_refused(channel: RpcChannel, client: Page
 
 def test_the_rate_of_requests_is_limited() -> None:
     slow = RpcChannel(RpcLimits(max_requests_per_second=0.001))
-    slow.register("ask", Nothing, lambda *_: True)
+    slow.register("ask", Nothing, lambda *_: True, EDIT)
     server = serve("127.0.0.1", 0, title="T", channel=slow)
     try:
         with connect_page_client(address(server)) as client:

@@ -15,10 +15,12 @@ from viser.infra import _infra
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
+from mindstage.access.limits import RpcLimits
+from mindstage.access.policies import EDIT
 from mindstage.errors import AuthenticationError, ViewerUnavailableError
 from mindstage.viewer import server as sockets
 from mindstage.viewer.http import page_files
-from mindstage.viewer.server import ClientSession, RpcChannel, RpcLimits, address, serve, session_key_of, shut_down
+from mindstage.viewer.server import ClientSession, RpcChannel, address, serve, session_key_of, shut_down
 from tests.viewer.page_client import RequestFailedError, connect_page_client
 from tests.viewer.waiting import TIMEOUT_S, wait_until
 
@@ -32,7 +34,7 @@ class Echo(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 @pytest.fixture
 def channel() -> RpcChannel:
     channel = RpcChannel(RpcLimits(message_bytes=10_000, max_sessions=2))
-    channel.register("echo", Echo, lambda _, request: request.text)
+    channel.register("echo", Echo, lambda _, request: request.text, EDIT)
     return channel
 
 

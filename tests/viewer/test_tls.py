@@ -17,7 +17,9 @@ from cryptography import x509
 from cryptography.hazmat.primitives import serialization
 from playwright.sync_api import Error
 
-from mindstage.bridge.access import TlsCertificate, VisitorLimits, client_tls_context
+from mindstage.access.certificates import TlsCertificate, client_tls_context
+from mindstage.access.gate import Gate
+from mindstage.access.limits import VisitorLimits
 from mindstage.engines import NullEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.rendering.screenshot import Screenshot
@@ -77,9 +79,9 @@ def test_a_picture_of_a_page_over_tls_is_taken(secure_viewer: Viewer, chromium: 
 
 def test_wrong_tokens_of_the_page_are_limited_and_the_cookie_is_not() -> None:
     request_filter = RequestFilter(
-        host="0.0.0.0", token="sesame", secure=True, visitor_limits=VisitorLimits(failed_tokens_per_minute=2)
+        Gate(host="0.0.0.0", token="sesame", secure=True, limits=VisitorLimits(failed_tokens_per_minute=2))
     )
-    visitor = request_filter.visitors.visitor(("192.0.2.7", 1))
+    visitor = request_filter.gate.visitors.visitor(("192.0.2.7", 1))
     headers = {"Host": "robot.local"}
 
     def status(path: str, now_s: float, **more: str) -> int:

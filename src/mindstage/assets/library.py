@@ -250,7 +250,7 @@ class MeshLibrary:
             if change:
                 changes.setdefault(change, []).append(body.id)
         notes = [*self._index.notes]
-        notes += [f"the mesh {path} is left out: {reason}" for path, reason in rejected.items()]
+        notes += [f"the mesh {path.name} is left out: {reason}" for path, reason in rejected.items()]
         hulls: dict[str, list[str]] = {}
         for path, mesh in imported.items():
             if mesh.hull_reason:

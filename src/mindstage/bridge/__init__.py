@@ -1,16 +1,14 @@
 """Client and server of the rosbridge v2 protocol, with topics, services and actions."""
 
-from mindstage.bridge.access import TlsCertificate, VisitorLimits
 from mindstage.bridge.broker import GraphInfo, ProviderInfo, TopicInfo
 from mindstage.bridge.calls import ActionHandler, ClientGoalHandle, GoalResult, ServerGoalHandle, ServiceHandler
 from mindstage.bridge.client import ConnectionState, Refusal, RosbridgeClient
 from mindstage.bridge.node import LocalNode, MessageHandler, Node, Subscription
-from mindstage.bridge.protocol import BridgeLimits, Compression, GoalStatus, Status, StatusLevel
+from mindstage.bridge.protocol import Compression, GoalStatus, Status, StatusLevel
 from mindstage.bridge.server import RosbridgeServer
 
 __all__ = [
     "ActionHandler",
-    "BridgeLimits",
     "ClientGoalHandle",
     "Compression",
     "ConnectionState",
@@ -29,7 +27,5 @@ __all__ = [
     "Status",
     "StatusLevel",
     "Subscription",
-    "TlsCertificate",
     "TopicInfo",
-    "VisitorLimits",
 ]

@@ -20,6 +20,9 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import msgspec
 
+from mindstage.access.limits import QUEUE_LENGTH, BridgeLimits
+from mindstage.access.policies import CONTROL, PAYLOAD, Door, EntryPoint, Policy
+from mindstage.access.visitors import Visitor
 from mindstage.bridge.encodings import serialize, write_cbor_raw
 from mindstage.bridge.protocol import (
     ActionFeedback,
@@ -27,7 +30,6 @@ from mindstage.bridge.protocol import (
     Advertise,
     AdvertiseAction,
     AdvertiseService,
-    BridgeLimits,
     CallService,
     CancelActionGoal,
     Compression,
@@ -73,8 +75,6 @@ __all__ = [
 
 _RETRY_S = 0.02
 """Interval at which a congested peer is checked [s]."""
-_MAX_QUEUE_LENGTH = 1000
-"""Upper bound of the queue length that a client can request."""
 
 
 def resolve_name(name: str) -> str:
@@ -116,6 +116,8 @@ class Peer(ABC):
         """Whether it has disconnected."""
         self.is_paused = False
         """Whether no operations are received from it, since too many of its calls are pending."""
+        self.visitor: Visitor | None = None
+        """Where its connection comes from; None for a node of this process."""
         self.level = StatusLevel.ERROR
         """Severity of the status messages that it receives."""
 
@@ -505,7 +507,7 @@ class ThrottledQueue:
         self._throttle_s = min(each.throttle_rate or 0.0 for each in requests) / 1000.0
         length = max(each.queue_length or 0 for each in requests)
         self._queues = length > 0
-        self._waiting = deque(self._waiting, maxlen=min(max(1, length), _MAX_QUEUE_LENGTH))
+        self._waiting = deque(self._waiting, maxlen=min(max(1, length), QUEUE_LENGTH.count))
         compressions = {each.compression or Compression.NONE for each in requests}
         preference = (Compression.CBOR_RAW, Compression.CBOR, Compression.PNG, Compression.NONE)
         sizes = [each.fragment_size for each in requests if each.fragment_size is not None]
@@ -899,24 +901,25 @@ class Broker:
         self.actions = ActionRouter(loop, limits)
         self.topics = TopicRouter(loop, limits)
         self._peers: list[Peer] = []
-        self._handlers: Mapping[type, Callable[[Peer, Any], None]] = {
-            Advertise: self.topics.advertise,
-            Unadvertise: self.topics.unadvertise,
-            Publish: self.topics.publish,
-            Subscribe: self.topics.subscribe,
-            Unsubscribe: self.topics.unsubscribe,
-            AdvertiseService: self.services.advertise,
-            UnadvertiseService: self.services.unadvertise,
-            CallService: self.services.forward_call,
-            ServiceResponse: self.services.forward_response,
-            AdvertiseAction: self.actions.advertise,
-            UnadvertiseAction: self.actions.unadvertise,
-            SendActionGoal: self.actions.send_goal,
-            CancelActionGoal: self.actions.cancel_goal,
-            ActionFeedback: self.actions.forward_feedback,
-            ActionResult: self.actions.forward_result,
-            SetLevel: _set_level,
+        self.handlers: Mapping[type[Operation], tuple[Policy, Callable[[Peer, Any], None]]] = {
+            Advertise: (CONTROL, self.topics.advertise),
+            Unadvertise: (CONTROL, self.topics.unadvertise),
+            Publish: (PAYLOAD, self.topics.publish),
+            Subscribe: (CONTROL, self.topics.subscribe),
+            Unsubscribe: (CONTROL, self.topics.unsubscribe),
+            AdvertiseService: (CONTROL, self.services.advertise),
+            UnadvertiseService: (CONTROL, self.services.unadvertise),
+            CallService: (PAYLOAD, self.services.forward_call),
+            ServiceResponse: (PAYLOAD, self.services.forward_response),
+            AdvertiseAction: (CONTROL, self.actions.advertise),
+            UnadvertiseAction: (CONTROL, self.actions.unadvertise),
+            SendActionGoal: (PAYLOAD, self.actions.send_goal),
+            CancelActionGoal: (CONTROL, self.actions.cancel_goal),
+            ActionFeedback: (PAYLOAD, self.actions.forward_feedback),
+            ActionResult: (PAYLOAD, self.actions.forward_result),
+            SetLevel: (CONTROL, _set_level),
         }
+        """The policy and the handler of each operation."""
 
     def add_peer(self, peer: Peer) -> None:
         """Adds a peer."""
@@ -931,14 +934,26 @@ class Broker:
             self.actions.remove_peer(peer)
             self.topics.remove_peer(peer)
 
-    def handle(self, peer: Peer, operation: Operation) -> None:
+    def entry_points(self) -> Iterator[EntryPoint]:
+        """Yields the operations."""
+        for operation, (policy, _) in self.handlers.items():
+            yield EntryPoint(Door.OPERATION, str(operation.__struct_config__.tag), policy)
+
+    def handle(self, peer: Peer, operation: Operation, size: int = 0) -> None:
         """Handles an operation of a peer.
 
+        Args:
+            peer: the peer.
+            operation: the operation.
+            size: its size as it was received [B].
+
         Raises:
+            RequestLimitError: it is larger than its policy allows.
             AdvertiseError: the peer cannot advertise this.
             MessageValidationError: the operation is not valid now.
         """
-        handler = self._handlers.get(type(operation))
+        policy, handler = self.handlers.get(type(operation), (CONTROL, None))
+        policy.admit(type(operation).__name__, size, None, 0.0)
         if handler is None:
             peer.send_status(StatusLevel.WARNING, f"{type(operation).__name__} is not valid here", operation.id)
         else:

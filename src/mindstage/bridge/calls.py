@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
+import time
 from collections.abc import Awaitable, Callable, Coroutine, Hashable
 from concurrent.futures import Future
 from functools import partial
@@ -19,6 +20,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from mindstage.access.limits import NODE_GOALS
+from mindstage.access.policies import EDIT, Door, Policy
 from mindstage.bridge.event_loop import EventLoopThread, KeyedSerialExecutor
 from mindstage.bridge.protocol import (
     ActionFeedback,
@@ -37,13 +40,13 @@ from mindstage.errors import (
     FailureResponseError,
     MessageValidationError,
     MindstageError,
+    RequestLimitError,
     ServiceCallError,
     ServiceNotFoundError,
     ServiceTimeoutError,
 )
 
 __all__ = [
-    "MAX_GOALS",
     "ActionHandler",
     "BatchHandler",
     "ClientGoalHandle",
@@ -56,11 +59,9 @@ __all__ = [
     "encode_values",
 ]
 
-_TIMEOUT_MARGIN_S = 1.0
+_MARGIN_S = 1.0
 """Added to the timeout that is sent to the provider, so that the timeout on this side ends first [s]."""
 _log = logging.getLogger("mindstage.bridge")
-MAX_GOALS = 32
-"""Largest number of active goals at one node; more are rejected."""
 T = TypeVar("T")
 
 
@@ -197,7 +198,7 @@ class PendingCalls:
         timer = self._loop.loop.call_later(timeout_s, self._time_out, id, timeout_s)
         self._calls[id] = _Call(service, future, timer)
         try:
-            self._send(CallService(id=id, service=service, args=args, timeout=timeout_s + _TIMEOUT_MARGIN_S))
+            self._send(CallService(id=id, service=service, args=args, timeout=timeout_s + _MARGIN_S))
         except BridgeError as error:
             self._end_call(id, error)
 
@@ -332,6 +333,8 @@ class HandlerDispatcher:
             send: sends responses; called on the loop.
         """
         self.services: dict[str, ServiceHandler] = {}
+        self.policies: dict[tuple[Door, str], Policy | None] = {}
+        """The limits of services, actions and topics by their names; None for those of an edit."""
         self.quick: set[str] = set()
         """Services whose handlers never block: they run on the loop, unless an earlier call of the caller waits."""
         self.batches: dict[str, Callable[[list[tuple[Hashable, CallService]]], None]] = {}
@@ -352,17 +355,32 @@ class HandlerDispatcher:
         """Calls the handler of a quick service now and returns its response; None if it has to wait, or is another."""
         if name not in self.quick or caller in self._unanswered:
             return None
+        if (refusal := self.refusal(Door.SERVICE, name, call.args, caller)) is not None:
+            return _call_error_response(call, refusal)
         return _call_handler(self.services[name], call)
+
+    def refusal(
+        self, door: Door, name: str, raw: msgspec.Raw | msgspec.UnsetType, caller: object
+    ) -> RequestLimitError | None:
+        """Counts a request, and returns why it is beyond the limits of its policy; None if it is not."""
+        try:
+            policy, visitor = self.policies.get((door, name)) or EDIT, getattr(caller, "visitor", None)
+            policy.admit(name, len(bytes(content(raw))), visitor, time.monotonic())
+        except RequestLimitError as error:
+            return error
+        return None
 
     def call(self, name: str, call: CallService, caller: Hashable) -> None:
         """Calls the handler of a service and sends the response."""
         handler = self.services.get(name)
         if handler is None:
             self._send(_call_error_response(call, ServiceNotFoundError(call.service)))
-        elif iscoroutinefunction(handler):
-            self.start_task(self._handle_call_async(handler, call))
         elif (response := self.answer(name, call, caller)) is not None:
             self._send(response)
+        elif (refusal := self.refusal(Door.SERVICE, name, call.args, caller)) is not None:
+            self._send(_call_error_response(call, refusal))
+        elif iscoroutinefunction(handler):
+            self.start_task(self._handle_call_async(handler, call))
         else:
             self.queued[id(call)] = call
             self._unanswered[caller] = self._unanswered.get(caller, 0) + 1
@@ -371,15 +389,17 @@ class HandlerDispatcher:
             else:
                 self._executor.submit(caller, partial(self._handle_call, handler, caller, call))
 
-    def start_goal(self, name: str, request: SendActionGoal) -> None:
+    def start_goal(self, name: str, request: SendActionGoal, caller: object = None) -> None:
         """Starts the handler of an action; goals run concurrently."""
         handler = self.actions.get(name)
         id = f"goal:{next(self._next_id)}" if request.id is None else request.id
         cause = ""
         if id in self._goals:
             cause = f"the goal {id!r} is active already"
-        elif len(self._goals) >= MAX_GOALS:
-            cause = f"{MAX_GOALS} goals are active already; wait until one has ended, or cancel one"
+        elif len(self._goals) >= NODE_GOALS.count:
+            cause = f"{NODE_GOALS.count} goals are active already; wait until one has ended, or cancel one"
+        elif (refusal := self.refusal(Door.ACTION, name, request.args, caller)) is not None:
+            cause = str(refusal)
         if handler is None or cause:
             self._send(_goal_error_result(request, id, cause or f"Action {request.action} does not exist"))
             return

@@ -28,16 +28,15 @@ import msgspec
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus, InvalidURI, WebSocketException
 
-from mindstage.bridge.access import client_tls_context
+from mindstage.access.certificates import client_tls_context
+from mindstage.access.limits import DEFAULT_BRIDGE_LIMITS, BridgeLimits
 from mindstage.bridge.broker import resolve_name
 from mindstage.bridge.node import MessageSender, Node
 from mindstage.bridge.protocol import (
-    DEFAULT_LIMITS,
     ActionResult,
     Advertise,
     AdvertiseAction,
     AdvertiseService,
-    BridgeLimits,
     GoalStatus,
     Id,
     MessageEncoder,
@@ -131,7 +130,7 @@ class RosbridgeClient(Node):
         *,
         token: str | None = None,
         tls_authorities: Path | None = None,
-        limits: BridgeLimits = DEFAULT_LIMITS,
+        limits: BridgeLimits = DEFAULT_BRIDGE_LIMITS,
         max_reconnect_delay_s: float = _MAX_RECONNECT_DELAY_S,
         on_state: Callable[[ConnectionState], object] | None = None,
         on_status: Callable[[Status], object] | None = None,
@@ -293,7 +292,12 @@ class RosbridgeClient(Node):
             close_timeout=2.0,
             proxy=None,
         )
-        connection = Connection(socket, self._limits, receive=self._receive, send_error=self._send_error_status)
+        connection = Connection(
+            socket,
+            self._limits,
+            receive=lambda operation, _: self._receive(operation),
+            send_error=self._send_error_status,
+        )
         self._refusals.clear()
         self._answered_again.clear()
         running = asyncio.ensure_future(connection.run())

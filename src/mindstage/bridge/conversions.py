@@ -24,6 +24,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mindstage.access.limits import SIZE
 from mindstage.errors import (
     AttachmentError,
     BodyExistsError,
@@ -122,7 +123,6 @@ T = TypeVar("T")
 FORMAT_VERSION = World(iri=Iri("")).format_version
 """Version of the JSON of worlds."""
 _MESH_NAME = re.compile(r"[0-9a-f]{8,64}\.glb")
-_MAX_SIZE_M = 1e6
 _MESSAGE_ONLY_FIELDS = ("mesh", "material")
 
 
@@ -539,8 +539,8 @@ def _from_message(
 
 def _shape_error(shape: CollisionShape) -> str:
     """Returns why a collision shape is invalid, or an empty string."""
-    if not all(0.0 < extent <= _MAX_SIZE_M for extent in shape.size):
-        return f"its size {shape.size} is not positive and at most {_MAX_SIZE_M:g} m"
+    if not all(0.0 < extent <= SIZE.maximum for extent in shape.size):
+        return f"its size {shape.size} is not positive and at most {SIZE.maximum:g} m"
     if not _is_rigid(shape.pose):
         return "its pose is not finite, or its quaternion is not of norm 1"
     if shape.type is CollisionShapeType.HULL and len(shape.points) < 4:

@@ -15,15 +15,13 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+from mindstage.access.limits import LOOP_TIME, WORKERS
 from mindstage.errors import BridgeError
 
 __all__ = ["EventLoopThread", "KeyedSerialExecutor"]
 
 
-_MAX_WORKERS = 16
 T = TypeVar("T")
-_TIMEOUT_S = 10.0
-"""Time for the loop to run a function that does not block; if it takes longer, the loop is stuck [s]."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,7 @@ class _Batch(Generic[T]):
 class KeyedSerialExecutor:
     """A thread pool in which tasks with the same key run one after the other, in their order."""
 
-    def __init__(self, *, workers: int = _MAX_WORKERS, name: str = "mindstage-bridge-worker") -> None:
+    def __init__(self, *, workers: int = WORKERS.count, name: str = "mindstage-bridge-worker") -> None:
         """Creates the executor; threads start with the first task.
 
         Args:
@@ -160,9 +158,9 @@ class EventLoopThread:
 
         self._require_open()
         self.call_soon(run)
-        return self._result(future, _TIMEOUT_S)
+        return self._result(future, LOOP_TIME.maximum)
 
-    def run(self, coroutine: Coroutine[Any, Any, T], *, timeout_s: float = _TIMEOUT_S) -> T:
+    def run(self, coroutine: Coroutine[Any, Any, T], *, timeout_s: float = LOOP_TIME.maximum) -> T:
         """Runs a coroutine on the loop and waits for its result, from any other thread.
 
         Raises:
@@ -181,7 +179,7 @@ class EventLoopThread:
         if self.loop.is_closed() or self.is_current_thread():
             return
         self.call_soon(self.loop.stop)
-        self._thread.join(_TIMEOUT_S)
+        self._thread.join(LOOP_TIME.maximum)
 
     def _run(self) -> None:
         asyncio.set_event_loop(self.loop)

@@ -20,6 +20,8 @@ from typing import Any, Protocol, TypeVar, cast
 
 import msgspec
 
+from mindstage.access.limits import DEFAULT_BRIDGE_LIMITS, UNHANDLED_MESSAGES, UNSENT_MESSAGES, BridgeLimits
+from mindstage.access.policies import Door, EntryPoint, Policy
 from mindstage.bridge.broker import PLAIN_FORMAT, Broker, GraphInfo, Peer, ReplyFormat, resolve_name, same_type
 from mindstage.bridge.calls import (
     ActionHandler,
@@ -33,13 +35,11 @@ from mindstage.bridge.calls import (
 )
 from mindstage.bridge.event_loop import EventLoopThread, KeyedSerialExecutor
 from mindstage.bridge.protocol import (
-    DEFAULT_LIMITS,
     ActionFeedback,
     ActionResult,
     Advertise,
     AdvertiseAction,
     AdvertiseService,
-    BridgeLimits,
     CallService,
     CancelActionGoal,
     Compression,
@@ -49,6 +49,7 @@ from mindstage.bridge.protocol import (
     SendActionGoal,
     ServiceResponse,
     Status,
+    StatusLevel,
     Subscribe,
     Unadvertise,
     UnadvertiseAction,
@@ -72,10 +73,6 @@ __all__ = [
 ]
 
 _log = logging.getLogger("mindstage.bridge")
-_MAX_UNSENT = 256
-"""Largest number of published messages that wait for the loop; beyond it, `publish` blocks."""
-_MAX_UNHANDLED = 1024
-"""Largest number of messages that wait for a slow handler; beyond it, the oldest are dropped."""
 T = TypeVar("T")
 
 MessageHandler = Callable[..., object]
@@ -91,6 +88,9 @@ class MessageSender(Protocol):
     """Whether it has disconnected since."""
 
     def __hash__(self) -> int: ...
+
+    def send_status(self, level: StatusLevel, message: str) -> None:
+        """Sends a status message."""
 
 
 class Subscription:
@@ -158,7 +158,7 @@ class Node:
         """Operations that are sent again after a reconnection, in order: advertisements and subscriptions."""
         self._subscriptions: defaultdict[str, list[Subscription]] = defaultdict(list)
         self._next_id = count(1)
-        self._backlog = threading.BoundedSemaphore(_MAX_UNSENT)
+        self._backlog = threading.BoundedSemaphore(UNSENT_MESSAGES.count)
 
     # -- services ------------------------------------------------------------------------------------------------------
 
@@ -170,6 +170,7 @@ class Node:
         *,
         quick: bool = False,
         batched: bool = False,
+        policy: Policy | None = None,
     ) -> None:
         """Provides a service; if it exists, its handler is replaced.
 
@@ -182,12 +183,14 @@ class Node:
             quick: whether a plain function never blocks, so that it can also run on the loop.
             batched: whether the handler is a `BatchHandler`, called with the arguments of all consecutive calls of one
                 caller that wait.
+            policy: the limits of its calls; those of an edit by default.
 
         Raises:
             AdvertiseError: the name is taken.
         """
 
         def add() -> None:
+            self._declare(Door.SERVICE, name, policy)
             self._advertise(("service", resolve_name(name)), AdvertiseService(service=name, type=type))
             self._dispatcher.services[resolve_name(name)] = handler
             (self._dispatcher.quick.add if quick else self._dispatcher.quick.discard)(resolve_name(name))
@@ -240,7 +243,9 @@ class Node:
 
     # -- actions -------------------------------------------------------------------------------------------------------
 
-    def create_action_server(self, name: str, type: str, handler: ActionHandler) -> None:
+    def create_action_server(
+        self, name: str, type: str, handler: ActionHandler, *, policy: Policy | None = None
+    ) -> None:
         """Provides an action; its goals run concurrently.
 
         Args:
@@ -248,12 +253,14 @@ class Node:
             type: such as `simulation_interfaces/SimulateSteps`.
             handler: called with the `ServerGoalHandle`; sends progress by `goal.feedback`, checks
                 `goal.cancel_requested` regularly, and returns the values of the result or a `GoalResult`.
+            policy: the limits of its goals; those of an edit by default.
 
         Raises:
             AdvertiseError: the name is taken.
         """
 
         def add() -> None:
+            self._declare(Door.ACTION, name, policy)
             self._advertise(("action", resolve_name(name)), AdvertiseAction(action=name, type=type))
             self._dispatcher.actions[resolve_name(name)] = handler
 
@@ -340,6 +347,7 @@ class Node:
         queue_length: int = 0,
         compression: Compression = Compression.NONE,
         with_sender: bool = False,
+        policy: Policy | None = None,
     ) -> Subscription:
         """Subscribes to a topic.
 
@@ -351,6 +359,7 @@ class Node:
             queue_length: number of messages that the sender keeps while it throttles; it drops the oldest.
             compression: encoding of the messages.
             with_sender: whether the handler is also called with the `MessageSender`.
+            policy: the limits of the messages of clients of this process; those of an edit by default.
 
         Raises:
             MessageValidationError: the topic has another type, at a broker in this process.
@@ -371,6 +380,7 @@ class Node:
         )
 
         def subscribe() -> None:
+            self._declare(Door.TOPIC, topic, policy)
             handlers = self._subscriptions[resolve_name(topic)]
             handlers.append(subscription)  # before subscribing, since latched messages are sent at once
             try:
@@ -425,7 +435,7 @@ class Node:
             case ServiceResponse():
                 self._pending_calls.on_response(operation)
             case SendActionGoal():
-                self._dispatcher.start_goal(resolve_name(operation.action), operation)
+                self._dispatcher.start_goal(resolve_name(operation.action), operation, sender)
             case CancelActionGoal():
                 self._dispatcher.cancel(operation)
             case ActionFeedback():
@@ -456,12 +466,21 @@ class Node:
             self._unadvertise(request.id, Unsubscribe(id=request.id, topic=request.topic))
 
     def _handle_message(self, message: Publish, sender: MessageSender | None) -> None:
-        for subscription in self._subscriptions[resolve_name(message.topic)]:
+        name = resolve_name(message.topic)
+        if (refusal := self._dispatcher.refusal(Door.TOPIC, name, message.msg, sender)) is not None:
+            if sender is not None:
+                sender.send_status(StatusLevel.ERROR, str(refusal))
+            return
+        for subscription in self._subscriptions[name]:
             task = CallbackTask(subscription, message, sender)
             if subscription.is_async:
                 self._dispatcher.start_task(task.run())
             else:
-                self._executor.submit(subscription, task, max_waiting=_MAX_UNHANDLED)
+                self._executor.submit(subscription, task, max_waiting=UNHANDLED_MESSAGES.count)
+
+    def _declare(self, door: Door, name: str, policy: Policy | None) -> None:
+        """Keeps the policy of an entry point; on the loop."""
+        self._dispatcher.policies[door, resolve_name(name)] = policy
 
     def _require_other_thread(self, method: str) -> None:
         if self._loop.is_current_thread():
@@ -509,7 +528,7 @@ class LocalNode(Node):
     The thread of its event loop runs from its creation until `close`.
     """
 
-    def __init__(self, *, limits: BridgeLimits = DEFAULT_LIMITS, name: str = "/mindstage") -> None:
+    def __init__(self, *, limits: BridgeLimits = DEFAULT_BRIDGE_LIMITS, name: str = "/mindstage") -> None:
         """Creates a broker without other peers.
 
         Args:
@@ -532,9 +551,21 @@ class LocalNode(Node):
         """Returns the current graph of nodes, services, actions and topics."""
         return self._loop.call(self.broker.graph_info)
 
-    def set_service_timeout(self, service: str, timeout_s: float) -> None:
-        """Sets the timeout of a service for calls without one, instead of the limits' `call_timeout_s` [s]."""
-        self._loop.call(self.broker.services.timeouts_s.__setitem__, resolve_name(service), timeout_s)
+    def entry_points(self) -> tuple[EntryPoint, ...]:
+        """Everything that a client of this broker can reach: operations, and what this node offers and reads now."""
+        graph, policies = self.graph_info(), self._dispatcher.policies
+        found = [
+            *((Door.SERVICE, each.name) for each in graph.services if each.provider == self.name),
+            *((Door.ACTION, each.name) for each in graph.actions if each.provider == self.name),
+            *((Door.TOPIC, each.name) for each in graph.topics if self.name in each.subscribers),
+        ]
+        offered = (EntryPoint(door, name, policies.get((door, resolve_name(name)))) for door, name in found)
+        return (*self.broker.entry_points(), *offered)
+
+    def _declare(self, door: Door, name: str, policy: Policy | None) -> None:
+        super()._declare(door, name, policy)
+        if door is Door.SERVICE and policy is not None and policy.deadline_s is not None:
+            self.broker.services.timeouts_s[resolve_name(name)] = policy.deadline_s
 
     def set_ros(self, ros: RosVersion, now: Callable[[], float]) -> None:
         """Sets the binary format and the clock [s] of messages to subscribers with the compression `cbor-raw`."""

@@ -21,18 +21,17 @@ from typing import Annotated
 import msgspec
 from msgspec import UNSET, Meta, Raw, Struct, UnsetType
 
+from mindstage.access.limits import BridgeLimits
 from mindstage.bridge.encodings import json_depth, json_id, read_cbor, read_png, write_cbor, write_png
 from mindstage.errors import MessageValidationError
 
 __all__ = [
-    "DEFAULT_LIMITS",
     "ActionFeedback",
     "ActionResult",
     "Advertise",
     "AdvertiseAction",
     "AdvertiseService",
     "Auth",
-    "BridgeLimits",
     "CallService",
     "CancelActionGoal",
     "Compression",
@@ -61,56 +60,7 @@ __all__ = [
 ]
 
 
-_MIB = 1 << 20
 _EMPTY_OBJECT = Raw(b"{}")
-
-
-class BridgeLimits(msgspec.Struct, frozen=True, kw_only=True):
-    """Limits of a connection, a server and a broker.
-
-    The defaults are generous for a robot and its tools, and small compared with the memory of a machine.
-    """
-
-    message_bytes: int = 32 * _MIB
-    """Size of one message after fragments were joined and compression was removed."""
-    png_bytes: int = 1 * _MIB
-    """Size of the pixels of one PNG message."""
-    cbor_bytes: int = 8 * _MIB
-    """Size of one binary frame; its typed arrays become several times larger when they are decoded."""
-    depth: int = 64
-    """Nesting depth of arrays and objects."""
-    fragments: int = 4096
-    """Fragments of one message, in both directions."""
-    fragmented_messages: int = 16
-    """Incomplete messages of one connection."""
-    fragment_timeout_s: float = 30.0
-    """Time between two fragments of a message, after which the message is discarded [s]."""
-    connections: int = 256
-    """Connections of one server."""
-    calls: int = 256
-    """Pending service calls of one client."""
-    goals: int = 64
-    """Active action goals of one client."""
-    orphaned_goal_timeout_s: float = 60.0
-    """Time for the result of a goal that was canceled because its client disconnected [s]."""
-    advertisements: int = 1024
-    """Services, actions and topics that one client advertises."""
-    subscriptions: int = 1024
-    """Subscriptions of one client."""
-    waiting_messages: int = 16384
-    """Queued frames to one peer; a peer that reads so slowly that the limit is exceeded is disconnected."""
-    waiting_bytes: int = 64 * _MIB
-    """Total size of the queued frames to one peer."""
-    call_timeout_s: float = 10.0
-    """Timeout of a service call that has none of its own [s]."""
-    max_call_timeout_s: float = 3600.0
-    """Longest timeout that a service call can request [s]."""
-    auth_timeout_s: float = 10.0
-    """Time for a client to authenticate, if a token is required [s]."""
-
-
-DEFAULT_LIMITS = BridgeLimits()
-"""Limits that are used unless others are given."""
 
 
 def split_fragments(text: str, size: int, *, max_fragments: int) -> list[str]:
@@ -509,6 +459,8 @@ class MessageDecoder:
     def __init__(self, limits: BridgeLimits) -> None:
         self._limits = limits
         self._fragments = FragmentBuffer(limits)
+        self.size = 0
+        """Size of the last message, after fragments were joined and compression was removed [characters]."""
 
     @property
     def pending_messages(self) -> int:
@@ -538,6 +490,7 @@ class MessageDecoder:
         return frame if isinstance(frame, str) else read_cbor(frame, depth=self._limits.depth).decode()
 
     def _parse(self, text: str) -> Operation:
+        self.size = len(text)
         if json_depth(text, limit=self._limits.depth) > self._limits.depth:
             raise MessageValidationError("message", cause=f"it nests deeper than {self._limits.depth} levels")
         try:

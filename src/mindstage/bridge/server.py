@@ -10,15 +10,12 @@ in which they arrive. The send queue is bounded: a peer that reads so slowly tha
 from __future__ import annotations
 
 import asyncio
-import hashlib
-import hmac
 import logging
 import time
 from collections import deque
 from collections.abc import Callable, Collection
 from http import HTTPStatus
 from itertools import count
-from urllib.parse import parse_qs, urlsplit
 
 from websockets.asyncio.connection import Connection as Socket
 from websockets.asyncio.server import Server as Sockets
@@ -28,109 +25,29 @@ from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 from websockets.protocol import State
 
-from mindstage.bridge.access import (
+from mindstage.access.certificates import TlsCertificate
+from mindstage.access.gate import Denial, Gate
+from mindstage.access.limits import (
+    CLOSE_TIME,
+    CONGESTION,
     DEFAULT_VISITOR_LIMITS,
-    HANDSHAKE_TIMEOUT_S,
-    TlsCertificate,
-    Visitor,
+    HANDSHAKE,
+    READ_SLICE,
+    UNAUTHENTICATED_BYTES,
+    BridgeLimits,
     VisitorLimits,
-    VisitorRegistry,
-    is_loopback,
 )
+from mindstage.access.visitors import Visitor
 from mindstage.bridge.broker import PLAIN_FORMAT, Peer, ReplyFormat
 from mindstage.bridge.node import LocalNode
-from mindstage.bridge.protocol import (
-    Auth,
-    BridgeLimits,
-    Frame,
-    Id,
-    MessageDecoder,
-    MessageEncoder,
-    Operation,
-    StatusLevel,
-)
-from mindstage.errors import AuthenticationError, BridgeError, BridgeUnavailableError
+from mindstage.bridge.protocol import Auth, Frame, Id, MessageDecoder, MessageEncoder, Operation, StatusLevel
+from mindstage.errors import BridgeError, BridgeUnavailableError, RequestLimitError
 
-__all__ = ["Connection", "RosbridgeServer", "TokenAuth"]
+__all__ = ["Connection", "RosbridgeServer"]
 
 
-_MAX_CLOCK_SKEW_S = 5.0
-"""Largest age of a hash, as in rosauth [s]."""
-_CONGESTION_LIMIT_BYTES = 256 * 1024
-"""Size of the send queue above which a peer counts as congested."""
-_CLOSE_TIMEOUT_S = 5.0
-_MAX_READ_SLICE_S = 0.002
-"""Time for which messages of one peer are handled before other tasks of the loop run [s]."""
 _log = logging.getLogger("mindstage.bridge")
 _PING_INTERVAL_S = 20.0
-_MAX_UNAUTHENTICATED_BYTES = 16 * 1024
-"""Largest message of a client that is not authenticated yet; enough for a token."""
-
-
-class TokenAuth:
-    """Decides which clients may connect."""
-
-    def __init__(self, *, host: str, token: str | None, origins: Collection[str]) -> None:
-        """Creates the rules.
-
-        Args:
-            host: host on which the server listens.
-            token: token that a client must send, or None.
-            origins: additional origins of web pages, such as `https://robot.example`; pages of this machine are always
-                allowed. `null` is the origin of a page that was opened as a file.
-        """
-        self._local_only = is_loopback(host)
-        self._token = None if token is None else token.encode()
-        self._origins = frozenset(origin.rstrip("/").lower() for origin in origins)
-
-    @property
-    def needs_token(self) -> bool:
-        """Whether clients must send a token."""
-        return self._token is not None
-
-    def allows_origin(self, origin: str | None, host: str | None) -> bool:
-        """Whether a web page may connect.
-
-        Args:
-            origin: the header `Origin` of the handshake; None for a program.
-            host: the header `Host` of the handshake. A page of the same host is allowed if the server requires a token;
-                without one a host name proves nothing, since its owner can let it resolve to this machine.
-        """
-        if origin is None or origin.rstrip("/").lower() in self._origins:
-            return True
-        try:
-            origin_host = urlsplit(origin).hostname or ""
-            server_host = urlsplit(f"//{host or ''}").hostname or ""
-        except ValueError:
-            return False
-        return is_loopback(origin_host) or (not self._local_only and origin_host != "" and origin_host == server_host)
-
-    def check_handshake(self, path: str, authorization: str | None) -> bool | None:
-        """Whether `?token=` or `Authorization: Bearer` of the handshake is the token; None if there is neither."""
-        tokens = parse_qs(urlsplit(path).query, keep_blank_values=True).get("token", [])
-        if authorization is not None:
-            scheme, _, value = authorization.partition(" ")
-            bearer = value.strip() if scheme.lower() == "bearer" else ""
-            tokens = [bearer] if bearer or not tokens else tokens
-        return self._token_matches(tokens[0]) if tokens else None
-
-    def check_auth(self, auth: Auth, now_s: float) -> bool:
-        """Whether an `auth` operation has the token itself or rosauth's hash of it.
-
-        Args:
-            auth: the operation.
-            now_s: Unix time [s].
-        """
-        if auth.token is not None:
-            return self._token_matches(auth.token)
-        if abs(now_s - auth.t) > _MAX_CLOCK_SKEW_S or auth.end <= now_s or self._token is None:
-            return False
-        signed = f"{auth.client}{auth.dest}{auth.rand}{auth.t}{auth.level}{auth.end}"
-        expected = hashlib.sha512(self._token + signed.encode("utf-8", "surrogateescape")).hexdigest()
-        return hmac.compare_digest(expected.encode(), auth.mac.encode("utf-8", "surrogateescape"))
-
-    def _token_matches(self, token: str) -> bool:
-        return self._token is not None and hmac.compare_digest(self._token, token.encode("utf-8", "surrogateescape"))
 
 
 class Connection:
@@ -141,7 +58,7 @@ class Connection:
         socket: Socket,
         limits: BridgeLimits,
         *,
-        receive: Callable[[Operation], None],
+        receive: Callable[[Operation, int], None],
         send_error: Callable[[str, Id | None], None],
         receive_delay: Callable[[int, float], float] | None = None,
     ) -> None:
@@ -150,7 +67,7 @@ class Connection:
         Args:
             socket: the websocket, of a client or a server.
             limits: limits for what the peer sends.
-            receive: called with every operation; may raise a `BridgeError`.
+            receive: called with every operation and its size [B]; may raise a `BridgeError`.
             send_error: called with the error message and the id of a message that was rejected.
             receive_delay: called with the size and the time of each frame; returns how long to wait before the next
                 one is received [s].
@@ -177,7 +94,7 @@ class Connection:
     @property
     def congested(self) -> bool:
         """Whether the peer reads more slowly than messages are queued."""
-        return self._outbox_bytes > _CONGESTION_LIMIT_BYTES
+        return self._outbox_bytes > CONGESTION.count
 
     async def run(self) -> None:
         """Receives and sends until the connection ends; the end of a connection is not an error."""
@@ -194,7 +111,7 @@ class Connection:
                     await asyncio.sleep(delay_s)
                 if not self._may_read.is_set():
                     await self._wait_until_readable()
-                if handling_s > _MAX_READ_SLICE_S:
+                if handling_s > READ_SLICE.maximum:
                     await asyncio.sleep(0)
                     handling_s = 0.0
         except ConnectionClosed as error:
@@ -255,8 +172,8 @@ class Connection:
         try:
             operation = self._decoder.decode(frame, now_s)
             if operation is not None:
-                self._receive(operation)
-        except BridgeError as error:
+                self._receive(operation, self._decoder.size)
+        except (BridgeError, RequestLimitError) as error:
             id = operation.id if operation is not None else getattr(error, "id", None)
             self._send_error(str(error), id)
         except Exception as error:  # an unexpected error must not end the connection
@@ -305,7 +222,7 @@ class Connection:
 
     async def _close(self, code: int, reason: str) -> None:
         try:
-            async with asyncio.timeout(_CLOSE_TIMEOUT_S):
+            async with asyncio.timeout(CLOSE_TIME.maximum):
                 if self._outbox:
                     await self._flushed.wait()  # queued messages are sent before the close frame
                 await self._socket.close(code, reason[:120])
@@ -343,7 +260,6 @@ def _close_message(code: int | None, reason: str | None) -> str:
     )
 
 
-_TOO_MANY_TOKENS = "too many invalid tokens were sent from this address; wait a minute"
 _handshake_log = logging.getLogger("mindstage.bridge.handshakes")
 _handshake_log.addHandler(logging.NullHandler())  # failed handshakes are logged only if logging is configured
 _client_numbers = count(1)
@@ -355,7 +271,7 @@ class _ServerPeer(Peer):
     def __init__(self, socket: ServerConnection, server: RosbridgeServer, visitor: Visitor) -> None:
         super().__init__(f"/client_{next(_client_numbers)}")
         self.socket = socket
-        self.visitor = visitor
+        self.visitor: Visitor = visitor
         self.connection = Connection(
             socket,
             server.node.limits,
@@ -380,11 +296,11 @@ class _ServerPeer(Peer):
         super().set_paused(paused)
         self.connection.set_paused(paused)
 
-    def _receive(self, operation: Operation) -> None:
+    def _receive(self, operation: Operation, size: int) -> None:
         if isinstance(operation, Auth):
             self._server.authenticate(self, operation)
         elif self.authenticated:
-            self._server.node.broker.handle(self, operation)
+            self._server.node.broker.handle(self, operation, size)
         else:
             self.reject("a token is required: send it by `auth`, as ?token= or as a bearer token")
 
@@ -429,16 +345,12 @@ class RosbridgeServer:
             AuthenticationError: the host is not this machine, and there is no token.
             CertificateError: the certificate cannot be used.
         """
-        if not token and not is_loopback(host):
-            cause = "every host but this machine requires a token; give a token, or serve at 127.0.0.1"
-            raise AuthenticationError(host, cause=cause)
         self.node = node
         self.host = host
         self.port = port
         self._ping_interval_s = ping_interval_s
-        self._auth = TokenAuth(host=host, token=token or None, origins=origins)
+        self._gate = Gate(host=host, token=token, origins=origins, local_pages=True, limits=visitor_limits)
         self._tls = None if tls is None else tls.server_context()
-        self._visitors = VisitorRegistry(visitor_limits)
         self._sockets: Sockets | None = None
         self._clients: set[_ServerPeer] = set()
 
@@ -478,15 +390,11 @@ class RosbridgeServer:
     def authenticate(self, client: _ServerPeer, auth: Auth) -> None:
         """Handles the `auth` operation of a client."""
         now_s = asyncio.get_running_loop().time()
-        if not self._auth.needs_token or client.authenticated:
-            self._accept(client)
-        elif not client.visitor.may_try_token(now_s):
-            client.reject(_TOO_MANY_TOKENS)
-        elif self._auth.check_auth(auth, time.time()):
+        denial = self._gate.admit(auth, client.visitor, now_s=now_s, clock_s=time.time())
+        if client.authenticated or denial is None:
             self._accept(client)
         else:
-            client.visitor.add_failed_token(now_s)
-            client.reject("invalid token")
+            client.reject(denial.text)
 
     # -- on the loop ---------------------------------------------------------------------------------------------------
 
@@ -498,9 +406,9 @@ class RosbridgeServer:
                 self.port,
                 process_request=self._process_request,
                 ssl=self._tls,
-                ssl_handshake_timeout=None if self._tls is None else HANDSHAKE_TIMEOUT_S,
+                ssl_handshake_timeout=None if self._tls is None else HANDSHAKE.maximum,
                 compression=None,
-                max_size=_MAX_UNAUTHENTICATED_BYTES,
+                max_size=UNAUTHENTICATED_BYTES.count,
                 ping_interval=self._ping_interval_s,
                 ping_timeout=self._ping_interval_s,
                 close_timeout=2.0,
@@ -519,28 +427,16 @@ class RosbridgeServer:
 
     def _process_request(self, socket: ServerConnection, request: Request) -> Response | None:
         """Returns the response to a handshake that is rejected, else None."""
-        headers = request.headers
-        if not self._auth.allows_origin(headers.get("Origin"), headers.get("Host")):
-            return socket.respond(HTTPStatus.FORBIDDEN, "this origin is not allowed\n")
-        visitor, now_s = self._visitors.visitor(socket.remote_address), asyncio.get_running_loop().time()
-        if not visitor.may_connect:
-            return socket.respond(HTTPStatus.TOO_MANY_REQUESTS, "too many connections from this address\n")
-        bearer = headers.get("Authorization")
-        if self._auth.needs_token and not visitor.may_try_token(now_s):
-            return socket.respond(HTTPStatus.TOO_MANY_REQUESTS, f"{_TOO_MANY_TOKENS}\n")
-        if self._auth.needs_token and self._auth.check_handshake(request.path, bearer) is False:
-            visitor.add_failed_token(now_s)
-            why = "a token is required" if bearer is not None and not bearer.split()[1:] else "invalid token"
-            return socket.respond(HTTPStatus.UNAUTHORIZED, f"{why}\n")
-        if len(self._clients) >= self.node.limits.connections:
-            return socket.respond(HTTPStatus.SERVICE_UNAVAILABLE, "too many clients\n")
-        return None
+        visitor, now_s = self._gate.visitors.visitor(socket.remote_address), asyncio.get_running_loop().time()
+        denial = self._gate.socket_denial(request.path, request.headers, visitor, now_s, token_may_follow=True)
+        if denial is None and len(self._clients) >= self.node.limits.connections:
+            denial = Denial(HTTPStatus.SERVICE_UNAVAILABLE, "too many clients")
+        return None if denial is None else socket.respond(denial.status, f"{denial.text}\n")
 
     async def _handle_connection(self, socket: ServerConnection) -> None:
         request = socket.request
-        path, bearer = (request.path, request.headers.get("Authorization")) if request else ("", None)
-        authenticated = not self._auth.needs_token or self._auth.check_handshake(path, bearer) is True
-        visitor = self._visitors.visitor(socket.remote_address)
+        authenticated = request is not None and self._gate.is_authenticated(request.path, request.headers)
+        visitor = self._gate.visitors.visitor(socket.remote_address)
         visitor.connections += 1
         client = _ServerPeer(socket, self, visitor)
         self._clients.add(client)

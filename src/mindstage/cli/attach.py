@@ -237,7 +237,8 @@ def open_running(target: str) -> Iterator[RunningSimulation]:
         ConnectionLostError: there is no simulation at the address.
         AuthenticationError: a token is required.
     """
-    from mindstage.bridge import BridgeLimits, RosbridgeClient
+    from mindstage.access.limits import BridgeLimits
+    from mindstage.bridge import RosbridgeClient
     from mindstage.engines.remote.client import RemoteUrl
     from mindstage.run_records import QUERY_SERVICE
 

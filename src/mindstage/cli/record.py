@@ -106,7 +106,7 @@ def record(
     access = server_access(host, token, tls_cert, tls_key, limits)
     running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
     with (
-        as_client("command line"),
+        as_client("command line", trusted=True),
         spawned_map(
             maps, map_name, running, reading=reading, strict=strict, assets=assets, plain_boxes=plain_boxes,
             ground=ground,

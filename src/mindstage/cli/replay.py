@@ -250,7 +250,8 @@ def _serve_ros(
     resources: ExitStack, shown: EpisodeReplay, port: int, access: ServerAccess, *, namespace: str, ros1: bool
 ) -> str:
     """Serves the replay over rosbridge; returns the URL."""
-    from mindstage.bridge import LocalNode, RosbridgeServer, VisitorLimits
+    from mindstage.access.limits import VisitorLimits
+    from mindstage.bridge import LocalNode, RosbridgeServer
     from mindstage.msgs import RosVersion
     from mindstage.ros import RosInterface
 

@@ -258,7 +258,8 @@ def _load_knowledge(
 
 def _start_server(resources: ExitStack, node: LocalNode, port: int, access: ServerAccess) -> str:
     """Opens the port, after the services exist, so that a client never finds one without the other."""
-    from mindstage.bridge import RosbridgeServer, VisitorLimits
+    from mindstage.access.limits import VisitorLimits
+    from mindstage.bridge import RosbridgeServer
 
     host, token, origins, tls, limits = access
     server = RosbridgeServer(

@@ -27,7 +27,8 @@ from mindstage.cli.setup import knowledge_base, make_engine, simulation_from_opt
 from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
-    from mindstage.bridge.access import TlsCertificate, VisitorLimits
+    from mindstage.access.certificates import TlsCertificate
+    from mindstage.access.limits import VisitorLimits
     from mindstage.simulation import Simulation
     from mindstage.viewer import Viewer
 
@@ -81,7 +82,8 @@ def server_access(
             is a key without a certificate.
         CertificateError: the certificate cannot be used.
     """
-    from mindstage.bridge.access import TlsCertificate, is_loopback
+    from mindstage.access.certificates import TlsCertificate
+    from mindstage.access.visitors import is_loopback
 
     if not token and not is_loopback(host):
         remedy = "give a token with --token TOKEN, or omit --host"
@@ -99,7 +101,7 @@ def server_access(
 def _visitor_limits(options: Sequence[str]) -> VisitorLimits:
     import msgspec
 
-    from mindstage.bridge.access import VisitorLimits
+    from mindstage.access.limits import VisitorLimits
 
     values = {}
     for option in options:

@@ -14,8 +14,9 @@ from pathlib import Path
 from secrets import token_urlsafe
 from typing import Any
 
+from mindstage.access.limits import BridgeLimits
 from mindstage.assets.cache import cache_geometry_glb, geometry_cache_dir
-from mindstage.bridge import BridgeLimits, LocalNode, RosbridgeServer
+from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.bridge.conversions import point_message
 from mindstage.engines.godot_process import GodotProcess, find_godot, prepare_project
 from mindstage.engines.remote.client import RemoteUrl, ServiceClient

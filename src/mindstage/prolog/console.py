@@ -16,6 +16,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from mindstage.access.limits import ANSWER_PARTS, REQUEST_PARTS
+from mindstage.access.policies import QUERY, TRUSTED, Cost, Door, EntryPoint, Policy
+from mindstage.access.resources import is_outside_request
 from mindstage.errors import PrologGoalError, PrologTimeoutError, PrologUnavailableError, SourceParseError
 from mindstage.prolog.episode_predicates import EpisodePredicates
 from mindstage.prolog.object_predicates import ObjectPredicates
@@ -54,12 +57,8 @@ class Solutions(list[Solution]):
 
 _WAKE_DELAY_S = 0.05
 """Time after the end of a time limit at which a blocked goal is interrupted by a signal [s]."""
-_MIN_TIMEOUT_S = 0.1
+_SHORTEST_S = 0.1
 """The time limit of a query that has waited for others for nearly all of its time [s]."""
-_MAX_ANSWER_PARTS = 20_000_000
-"""The maximum number of terms in the solutions of a goal."""
-_MAX_REQUEST_PARTS = 200_000
-"""The maximum number of terms in the arguments of a predicate that Python answers."""
 _CONSOLE_MODULE = "mindstage_console"
 _CONSOLE_SOURCE = Path(__file__).with_name("console.pl")
 _CLOSED_HANDLERS: Mapping[str, Handler] = {"halting": lambda status: False}
@@ -99,17 +98,20 @@ class PrologConsole:
         self.simulation = simulation
         self._at_halt = at_halt
         rdf = RdfPredicates(simulation.knowledge)
-        self.handlers: Mapping[str, Handler] = {
-            **QuestionPredicates(simulation).handlers,
-            **rdf.handlers,
-            **WorldPredicates(simulation).handlers,
-            **ObjectPredicates(simulation).handlers,
-            **PlanPredicates(simulation).handlers,
-            **RobotPredicates(simulation).handlers,
-            **EpisodePredicates(simulation).handlers,
-            "halting": self._on_halt,
-        }
+        groups: tuple[tuple[Mapping[str, Handler], Policy], ...] = (
+            (QuestionPredicates(simulation).handlers, QUERY),
+            (rdf.handlers, TRUSTED),
+            (WorldPredicates(simulation).handlers, TRUSTED),
+            (ObjectPredicates(simulation).handlers, TRUSTED),
+            (PlanPredicates(simulation).handlers, TRUSTED),
+            (RobotPredicates(simulation).handlers, TRUSTED),
+            (EpisodePredicates(simulation).handlers, TRUSTED),
+            ({"halting": self._on_halt}, TRUSTED),
+        )
+        self.handlers: Mapping[str, Handler] = {name: each for handlers, _ in groups for name, each in handlers.items()}
         """The requests that Prolog can send to Python, by name."""
+        self.policies = {name: policy for handlers, policy in groups for name in handlers}
+        """Which of them the queries of clients can send."""
         self._feed = rdf.feed
         self._busy = set[int]()
         PrologConsole._instance = self
@@ -121,6 +123,18 @@ class PrologConsole:
         except BaseException:
             self.close()
             raise
+
+    def allowed_handlers(self) -> Mapping[str, Handler]:
+        """The handlers of the requests that this thread may send: all, or those of queries of a client of a port."""
+        if not is_outside_request():
+            return self.handlers
+        policies = self.policies
+        allowed = (name for name in self.handlers if name in policies and policies[name].cost is not Cost.TRUSTED)
+        return {name: self.handlers[name] for name in allowed}
+
+    def entry_points(self) -> tuple[EntryPoint, ...]:
+        """The requests that Prolog can send to Python."""
+        return tuple(EntryPoint(Door.PREDICATE, name, self.policies.get(name)) for name in self.handlers)
 
     def solutions(self, goal: str, *, limit: int = 1000, timeout_s: float = 30.0) -> Solutions:
         """Finds the solutions of a goal, in Prolog's order; empty if it fails. May be called from any thread.
@@ -157,7 +171,7 @@ class PrologConsole:
     def _solve(self, predicate: str, goal: str, limit: int, timeout_s: float) -> Solutions:
         if limit < 1 or not 0.0 < timeout_s < float("inf"):
             raise ValueError(f"limit and timeout_s must be positive and finite, not {limit} and {timeout_s} s")
-        reading = ReadLimit(max_parts=_MAX_ANSWER_PARTS, deadline_s=time.monotonic() + timeout_s)
+        reading = ReadLimit(max_parts=ANSWER_PARTS.count, deadline_s=time.monotonic() + timeout_s)
         try:
             with _wake_after(timeout_s=timeout_s if self._can_wake else None):
                 end = self._run(predicate, goal, limit, float(timeout_s), reading=reading)
@@ -302,7 +316,7 @@ def solve_query(simulation: Simulation, query: str, *, limit: int, timeout_s: fl
                 console = open_console
             else:
                 console = closing.enter_context(PrologConsole(simulation))
-            return console.answers(query, limit=limit, timeout_s=max(end_s - time.monotonic(), _MIN_TIMEOUT_S))
+            return console.answers(query, limit=limit, timeout_s=max(end_s - time.monotonic(), _SHORTEST_S))
     finally:
         _query_lock.release()
 
@@ -335,7 +349,8 @@ def _load_console_source(library: SwiProlog) -> None:
         with library.frame(keep=True):
             return bool(
                 library.unify(
-                    reply, _handle_request(request, library, console.handlers if console else _CLOSED_HANDLERS)
+                    reply,
+                    _handle_request(request, library, console.allowed_handlers() if console else _CLOSED_HANDLERS),
                 )
             )
 
@@ -350,7 +365,7 @@ def _load_console_source(library: SwiProlog) -> None:
 def _handle_request(request: int, library: SwiProlog, handlers: Mapping[str, Handler]) -> int:
     """Returns a term with the reply; exceptions must not propagate through Prolog's stack frames."""
     try:
-        reply = answer(handlers, read_term(library, request, limit=ReadLimit(max_parts=_MAX_REQUEST_PARTS)))
+        reply = answer(handlers, read_term(library, request, limit=ReadLimit(max_parts=REQUEST_PARTS.count)))
     except ValueError as error:
         reply = Compound("error_reply", (Atom("argument_refused"), str(error)))
     term, other = library.new_terms(2), library.new_terms(1)

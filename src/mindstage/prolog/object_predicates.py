@@ -19,6 +19,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mindstage.access.limits import OBSERVATIONS
 from mindstage.engines import Engine
 from mindstage.errors import (
     AmbiguousNameError,
@@ -54,8 +55,6 @@ from mindstage.simulation import Marker, MarkerType, Simulation
 
 __all__ = ["ObjectPredicates"]
 
-_MAX_OBSERVATIONS = 256
-"""The number of different states that are kept for questions about earlier times."""
 
 _SIDE_M = 0.30
 _CENTER_M = 0.20
@@ -199,7 +198,7 @@ class ObjectPredicates:
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
         self._numbers = count(1)
-        self._observations: deque[_Observation] = deque(maxlen=_MAX_OBSERVATIONS)
+        self._observations: deque[_Observation] = deque(maxlen=OBSERVATIONS.count)
         self._past: dict[tuple[str, float], _Observation] = {}
         """States of episodes."""
         self._forgotten = False
@@ -239,7 +238,7 @@ class ObjectPredicates:
         access.fetch()  # before taking the lock, since the engine may take a while
         with knowledge.lock:
             scenes = tuple(_scene(_with_rest(each, maps)) for each in access.states())
-        self._forgotten = self._forgotten or len(self._observations) == _MAX_OBSERVATIONS
+        self._forgotten = self._forgotten or len(self._observations) == OBSERVATIONS.count
         found = _Observation(
             number=next(self._numbers),
             time_s=time.time(),
@@ -265,7 +264,9 @@ class ObjectPredicates:
             return self._observe().number
         found = next((each for each in reversed(self._observations) if each.time_s <= time_s), None)
         if found is None and self._forgotten:
-            cause = f"only the latest {_MAX_OBSERVATIONS} observed states are kept, from {self._observations[0].time_s}"
+            cause = (
+                f"only the latest {OBSERVATIONS.count} observed states are kept, from {self._observations[0].time_s}"
+            )
             raise InvalidArgumentError(f"the time {time_s}", cause=cause, remedy="ask about a later time")
         return Atom("none") if found is None else found.number
 
@@ -292,7 +293,7 @@ class ObjectPredicates:
             with knowledge.lock:
                 maps = tuple(knowledge.world(map) for map in knowledge.maps())
                 scenes = tuple(_scene(_with_rest(each, maps)) for each in access.states())
-            while len(self._past) >= _MAX_OBSERVATIONS:
+            while len(self._past) >= OBSERVATIONS.count:
                 del self._past[next(iter(self._past))]
             self._past[history.name, at] = _Observation(
                 number=next(self._numbers), time_s=time_s, ids=(), poses=np.zeros((0, 7)), worlds=(), scenes=scenes
@@ -308,7 +309,7 @@ class ObjectPredicates:
         for each in (*reversed(self._observations), *self._past.values()):
             if each.number == number:
                 return each.scenes
-        cause = f"only the latest {_MAX_OBSERVATIONS} observed states are kept"
+        cause = f"only the latest {OBSERVATIONS.count} observed states are kept"
         raise InvalidArgumentError(f"the observation {number!r}", cause=cause)
 
     def _individual(self, name: Value, scenes: Sequence[_Scene]) -> Iri:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from mindstage.access.limits import PROLOG_SKILL_TIME
 from mindstage.errors import InvalidArgumentError
 from mindstage.imagination.acting import act, try_first
 from mindstage.imagination.plans import Perform, Plan, Uncertainty
@@ -19,7 +20,6 @@ from mindstage.simulation import Simulation
 __all__ = ["RobotPredicates"]
 
 _ARTICLES = frozenset({"an", "a", "the"})
-_DEADLINE_S = 300.0
 
 
 class RobotPredicates:
@@ -60,7 +60,7 @@ class RobotPredicates:
             InvalidArgumentError: the action is no skill or designator, or its arguments or options are not valid.
             PlanError: there is no such robot or thing; nothing was done.
         """
-        settings: dict[str, Any] = {"robot": "", "deadline": _DEADLINE_S}
+        settings: dict[str, Any] = {"robot": "", "deadline": PROLOG_SKILL_TIME.maximum}
         at_least: float | None = None
         others: list[Value] = []
         for each in options if isinstance(options, Sequence) and not isinstance(options, str) else (options,):

@@ -24,6 +24,7 @@ from typing import Any, Final
 
 import msgspec
 
+from mindstage.access.limits import TERM_DEPTH
 from mindstage.errors import PrologUnavailableError
 
 __all__ = [
@@ -212,7 +213,6 @@ class Compound(msgspec.Struct, frozen=True):
 Value = str | bool | int | float | None | Sequence["Value"] | Compound | Unbound
 """A term as a Python value. None, True and False are the atoms `none`, `true` and `false`."""
 
-_MAX_DEPTH = 100
 _CLOCK_INTERVAL = 256
 """The number of parts of a term between two looks at the clock."""
 _INT64_RANGE = range(-(2**63), 2**63)
@@ -267,7 +267,7 @@ def read_term(library: SwiProlog, term: int, *, limit: ReadLimit | None = None, 
         ValueError: the term is nested too deeply, cyclic, or too large.
         TimeoutError: the time of the limit is over.
     """
-    if depth > _MAX_DEPTH:
+    if depth > TERM_DEPTH.count:
         raise ValueError("the term is nested too deeply or cyclic")
     limit = limit or ReadLimit()
     limit.count_part()

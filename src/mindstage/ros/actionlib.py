@@ -8,6 +8,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from mindstage.access.limits import ACTIONLIB_GOALS, STATUS_ENTRIES
+from mindstage.access.policies import CONTROL, Policy
 from mindstage.bridge import GoalResult, GoalStatus, Node, ServerGoalHandle
 from mindstage.bridge.node import MessageSender
 from mindstage.errors import MindstageError
@@ -31,9 +33,6 @@ __all__ = ["ActionlibServer"]
 
 _STATUS_RETENTION_S = 5.0
 """Time for which the status of a goal is published after its end, as in actionlib [s]."""
-_MAX_STATUS_ENTRIES = 64
-"""Largest number of goals in a status message: active goals, and the last that have ended."""
-_MAX_GOALS = 16
 _STATUS_BY_RESULT = {
     GoalStatus.SUCCEEDED: wire.GoalStatusCode.SUCCEEDED,
     GoalStatus.CANCELED: wire.GoalStatusCode.PREEMPTED,
@@ -66,6 +65,7 @@ class ActionlibServer:
         name: str,
         action: type[Action],
         handler: Callable[[ServerGoalHandle], GoalResult],
+        policy: Policy,
         *,
         diagnostics: DiagnosticsPublisher,
         ros: RosVersion,
@@ -77,6 +77,7 @@ class ActionlibServer:
             name: name of the action.
             action: type of the action.
             handler: executes one goal, in a thread of its own.
+            policy: the limits of its goals.
             diagnostics: publishes errors of invalid cancellations.
             ros: version of ROS for names and formats.
         """
@@ -97,8 +98,10 @@ class ActionlibServer:
         )
         self._goal_type = _message_class(ActionGoal, action.Goal)
         self._subscriptions = (
-            node.subscribe(f"{name}/goal", self._on_goal, type=type_name(self._goal_type, ros), with_sender=True),
-            node.subscribe(f"{name}/cancel", self._on_cancel, type=type_name(wire.GoalID, ros)),
+            node.subscribe(
+                f"{name}/goal", self._on_goal, type=type_name(self._goal_type, ros), with_sender=True, policy=policy
+            ),
+            node.subscribe(f"{name}/cancel", self._on_cancel, type=type_name(wire.GoalID, ros), policy=CONTROL),
         )
 
     def publish_status(self) -> None:
@@ -146,13 +149,13 @@ class ActionlibServer:
             if goal.id.id in self._goals:
                 return  # a duplicate; actionlib does not reuse ids
             ended = [id for id, each in self._goals.items() if each.ended_at is not None]
-            busy = len(self._goals) - len(ended) >= _MAX_GOALS
+            busy = len(self._goals) - len(ended) >= ACTIONLIB_GOALS.count
             if not busy:
-                for id in ended[: max(0, len(self._goals) + 1 - _MAX_STATUS_ENTRIES)]:
+                for id in ended[: max(0, len(self._goals) + 1 - STATUS_ENTRIES.count)]:
                     del self._goals[id]
                 self._goals[goal.id.id] = goal
         if busy:
-            self._reject_goal(goal.id.id, f"{_MAX_GOALS} goals are active already")
+            self._reject_goal(goal.id.id, f"{ACTIONLIB_GOALS.count} goals are active already")
             return
         goal.handle = ServerGoalHandle(
             self.name, goal.id.id, encode(request.goal, ros=self._ros), self._feedback_publisher(goal)

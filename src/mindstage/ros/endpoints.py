@@ -12,16 +12,18 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from mindstage.access.limits import MASTER_TIME
+from mindstage.access.policies import Policy
 from mindstage.bridge import LocalNode, Node, RosbridgeClient, Subscription
 from mindstage.errors import MindstageError
 from mindstage.msgs import Message, RosVersion, decode, message_types, type_name
 from mindstage.ros.actionlib import ActionlibServer
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.service import ActionSpec, ServiceSpec, action_handler, batch_handler, service_handler
+from mindstage.simulation.observation import as_client
 
 __all__ = ["Endpoints"]
 
-_PARAMETER_TIMEOUT_S = 10.0
 _log = logging.getLogger("mindstage.ros")
 M = TypeVar("M", bound=Message)
 
@@ -94,9 +96,7 @@ class Endpoints:
         make_handler = batch_handler if spec.batched else service_handler
         handler = make_handler(name, spec.type, spec.handler, diagnostics=self.diagnostics, ros=self.ros)
         type = type_name(spec.type, self.ros)
-        self._node.create_service(name, type, handler, quick=spec.quick, batched=spec.batched)
-        if spec.timeout_s is not None and isinstance(self._node, LocalNode):
-            self._node.set_service_timeout(name, spec.timeout_s)
+        self._node.create_service(name, type, handler, quick=spec.quick, batched=spec.batched, policy=spec.policy)
         self._services.append(name)
 
     def create_action(self, spec: ActionSpec) -> None:
@@ -106,24 +106,30 @@ class Endpoints:
             AdvertiseError: the name is taken.
         """
         name = spec.full_name(self.namespace)
-        handler = action_handler(name, spec, diagnostics=self.diagnostics, ros=self.ros, timeout_s=self._goal_timeout_s)
+        timeout_s = min(self._goal_timeout_s, spec.policy.deadline_s or self._goal_timeout_s)
+        handler = action_handler(name, spec, diagnostics=self.diagnostics, ros=self.ros, timeout_s=timeout_s)
         # rosbridge_suite has only topics for actions in ROS 1, and no types for these topics in ROS 2.
         has_both = self.only_version is None
         if has_both or self.ros is RosVersion.TWO:
-            self._node.create_action_server(name, type_name(spec.type, self.ros), handler)
+            self._node.create_action_server(name, type_name(spec.type, self.ros), handler, policy=spec.policy)
             self._actions.append(name)
         if has_both or self.ros is RosVersion.ONE:
             self._action_servers.append(
-                ActionlibServer(self._node, name, spec.type, handler, diagnostics=self.diagnostics, ros=self.ros)
+                ActionlibServer(
+                    self._node, name, spec.type, handler, spec.policy, diagnostics=self.diagnostics, ros=self.ros
+                )
             )
 
-    def subscribe(self, name: str, type: type[M], handler: Callable[[M], object], *, other: Any = None) -> None:
+    def subscribe(
+        self, name: str, type: type[M], handler: Callable[[M], object], policy: Policy, *, other: Any = None
+    ) -> None:
         """Subscribes to a topic; errors are published on the diagnostics, since messages have no response.
 
         Args:
             name: name of the topic.
             type: type of its messages.
             handler: called with each message.
+            policy: its limits.
             other: another type that messages may have at a node in this process, which has no type for the topic then.
         """
         topic = self.full_name(name)
@@ -131,15 +137,17 @@ class Endpoints:
 
         def on_message(message: Any) -> None:
             try:
-                if is_open and isinstance(message, dict) and not message.keys() <= set(type.__struct_fields__):
-                    handler(decode(other, message))
-                else:
-                    handler(decode(type, message))
+                with as_client(f"ROS: {topic}"):
+                    decode_and_handle(message)
             except MindstageError as error:
                 self.diagnostics.report_error(topic, error)
 
+        def decode_and_handle(message: Any) -> None:
+            is_other = is_open and isinstance(message, dict) and not message.keys() <= set(type.__struct_fields__)
+            handler(decode(other if is_other else type, message))
+
         expected = None if is_open else type_name(type, self.ros)
-        self._subscriptions.append(self._node.subscribe(topic, on_message, type=expected))
+        self._subscriptions.append(self._node.subscribe(topic, on_message, type=expected, policy=policy))
 
     def publisher(self, name: str, type: type[M], *, latch: bool = False) -> Publisher[M]:
         """Announces a topic.
@@ -155,7 +163,7 @@ class Endpoints:
         """Sets a parameter at the master of ROS 1 behind another server, without waiting; elsewhere does nothing."""
         if isinstance(self._node, RosbridgeClient) and self.only_version is RosVersion.ONE:
             args = {"name": self.full_name(name), "value": msgspec.json.encode(value).decode()}
-            self._node.call_service_async("/rosapi/set_param", args, timeout_s=_PARAMETER_TIMEOUT_S)
+            self._node.call_service_async("/rosapi/set_param", args, timeout_s=MASTER_TIME.maximum)
 
     def publish_status(self) -> None:
         """Publishes the status of the goals in ROS 1; to be called regularly."""

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from mindstage.access.limits import CHECKPOINTS
+from mindstage.access.policies import EDIT, FILE, GOAL, READ, RUN, SPAWN, Policy
 from mindstage.bridge.conversions import (
     FORMAT_VERSION,
     color_from_message,
@@ -44,9 +46,6 @@ if TYPE_CHECKING:
 __all__ = ["CheckpointServices", "EngineServices", "RecordingServices", "spawn_report"]
 
 
-_MAX_CHECKPOINTS = 64
-"""Largest number of saved states; each contains a whole world."""
-_SPAWN_TIMEOUT_S = 300.0
 _RECORDING_RATE_HZ = 30.0
 _STEP_CHUNK_S = 0.1
 """Length of the steps into which a goal is divided, so that other calls run in between [s]."""
@@ -87,8 +86,8 @@ class CheckpointServices:
         """Saves the current state and returns its name, which is generated if none is given."""
         name = name or f"state_{next(self._next_number)}"
         self._require_save_support()
-        if len(self._states) >= _MAX_CHECKPOINTS and name not in self._states:
-            raise EngineError(f"{_MAX_CHECKPOINTS} states are saved already; forget one first")
+        if len(self._states) >= CHECKPOINTS.count and name not in self._states:
+            raise EngineError(f"{CHECKPOINTS.count} states are saved already; forget one first")
         self._states[name] = self._simulation.run_on_engine(lambda engine: engine.save_state(), label="save")
         return name
 
@@ -127,7 +126,7 @@ class RecordingServices:
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields the service."""
-        yield _service_spec(wire.Record, self.record, timeout_s=_SPAWN_TIMEOUT_S)
+        yield _service_spec(wire.Record, self.record, FILE)
 
     def record(self, request: wire.Record.Request) -> wire.Record.Response:
         """Starts or stops a recording.
@@ -146,7 +145,7 @@ class RecordingServices:
             path = self._recordings.stop()
         else:
             path = self._recordings.start(request.name, rate_hz=request.rate_hz or _RECORDING_RATE_HZ)
-        return wire.Record.Response(success=True, path=str(path))
+        return wire.Record.Response(success=True, path=path.name)
 
 
 class EngineServices:
@@ -163,35 +162,35 @@ class EngineServices:
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
-        yield _service_spec(wire.Describe, self.describe)
-        yield _service_spec(wire.SpawnWorld, self.spawn_world, timeout_s=_SPAWN_TIMEOUT_S)
-        yield _service_spec(wire.LogWorld, self.snapshot_world)
-        yield _service_spec(wire.Delete, self.delete)
-        yield _service_spec(wire.Clear, self.clear)
-        yield _service_spec(wire.Attach, self.attach)
-        yield _service_spec(wire.Detach, self.detach)
-        yield _service_spec(wire.SetPose, self.set_pose)
-        yield _service_spec(wire.SetPhysics, self.set_physics)
-        yield _service_spec(wire.SetMaterials, self.set_materials)
-        yield _service_spec(wire.SetLabel, self.set_label)
-        yield _service_spec(wire.Highlight, self.highlight)
-        yield _service_spec(wire.GetHighlights, self.highlights, quick=True)
-        yield _service_spec(wire.Push, self.apply_force)
-        yield _service_spec(wire.Step, self.step, timeout_s=_SPAWN_TIMEOUT_S)
-        yield _service_spec(wire.SetSpeed, self.set_speed)
-        yield _service_spec(wire.GetPoses, self.poses, quick=True)
-        yield _service_spec(wire.GetJointPositions, self.joint_positions)
-        yield _service_spec(wire.SetActuators, self.set_actuators)
-        yield _service_spec(wire.SetCommands, self.set_commands)
-        yield _service_spec(wire.GetActuatorStates, self.actuator_states)
-        yield _service_spec(wire.SaveState, self.save_state)
-        yield _service_spec(wire.RestoreState, self.restore_state)
-        yield _service_spec(wire.ForgetState, self.discard_state)
+        yield _service_spec(wire.Describe, self.describe, READ)
+        yield _service_spec(wire.SpawnWorld, self.spawn_world, SPAWN)
+        yield _service_spec(wire.LogWorld, self.snapshot_world, READ)
+        yield _service_spec(wire.Delete, self.delete, EDIT)
+        yield _service_spec(wire.Clear, self.clear, EDIT)
+        yield _service_spec(wire.Attach, self.attach, EDIT)
+        yield _service_spec(wire.Detach, self.detach, EDIT)
+        yield _service_spec(wire.SetPose, self.set_pose, EDIT)
+        yield _service_spec(wire.SetPhysics, self.set_physics, EDIT)
+        yield _service_spec(wire.SetMaterials, self.set_materials, EDIT)
+        yield _service_spec(wire.SetLabel, self.set_label, EDIT)
+        yield _service_spec(wire.Highlight, self.highlight, EDIT)
+        yield _service_spec(wire.GetHighlights, self.highlights, READ, quick=True)
+        yield _service_spec(wire.Push, self.apply_force, EDIT)
+        yield _service_spec(wire.Step, self.step, RUN)
+        yield _service_spec(wire.SetSpeed, self.set_speed, EDIT)
+        yield _service_spec(wire.GetPoses, self.poses, READ, quick=True)
+        yield _service_spec(wire.GetJointPositions, self.joint_positions, READ)
+        yield _service_spec(wire.SetActuators, self.set_actuators, EDIT)
+        yield _service_spec(wire.SetCommands, self.set_commands, EDIT)
+        yield _service_spec(wire.GetActuatorStates, self.actuator_states, READ)
+        yield _service_spec(wire.SaveState, self.save_state, EDIT)
+        yield _service_spec(wire.RestoreState, self.restore_state, EDIT)
+        yield _service_spec(wire.ForgetState, self.discard_state, EDIT)
 
     def actions(self) -> Iterator[ActionSpec]:
         """Yields all actions."""
-        yield ActionSpec(wire.SpawnMap, self.spawn_map, name=_service_name(wire.SpawnMap))
-        yield ActionSpec(wire.Simulate, self.simulate, name=_service_name(wire.Simulate))
+        yield ActionSpec(wire.SpawnMap, self.spawn_map, GOAL, name=_service_name(wire.SpawnMap))
+        yield ActionSpec(wire.Simulate, self.simulate, GOAL, name=_service_name(wire.Simulate))
 
     # -- the world -----------------------------------------------------------------------------------------------------
 
@@ -454,8 +453,8 @@ def spawn_report(report: SpawnReport) -> wire.SpawnReport:
     return msgspec.convert(fields, wire.SpawnReport)
 
 
-def _service_spec(type: type[Service], handler: Callable[[Any], Any], **options: Any) -> ServiceSpec:
-    return ServiceSpec(type, handler, name=_service_name(type), **options)
+def _service_spec(type: type[Service], handler: Callable[[Any], Any], policy: Policy, **options: Any) -> ServiceSpec:
+    return ServiceSpec(type, handler, policy, name=_service_name(type), **options)
 
 
 def _service_name(type: type[Service] | type[Action]) -> str:

@@ -14,6 +14,7 @@ from typing import Protocol
 
 import msgspec
 
+from mindstage.access.policies import EDIT, QUERY
 from mindstage.bridge import GraphInfo, LocalNode, Node, RosbridgeClient
 from mindstage.errors import MessageValidationError, MindstageError
 from mindstage.knowledge.queries import answers_to_builtins, list_questions
@@ -43,7 +44,6 @@ __all__ = ["QuestionServices", "RosInterface", "connected_clients"]
 
 _TRANSPORT = "ROS"
 _QUESTION_NAMESPACE = "/mindstage"
-_QUESTION_TIMEOUT_S = 60.0
 _log = logging.getLogger("mindstage.ros")
 
 
@@ -86,12 +86,10 @@ class QuestionServices:
         """Yields all services."""
         # Also relative to the namespace: of several simulations at one server, only one can have the absolute name.
         for name in (f"{_QUESTION_NAMESPACE}/ask", "mindstage/ask"):
-            yield ServiceSpec(mindstage_msgs.Ask, self.handle_ask, name=name, timeout_s=_QUESTION_TIMEOUT_S)
+            yield ServiceSpec(mindstage_msgs.Ask, self.handle_ask, QUERY, name=name)
         for question in list_questions():
             name = f"{_QUESTION_NAMESPACE}/{question.name}"
-            yield ServiceSpec(
-                mindstage_msgs.Ask, self._question_handler(question.name), name=name, timeout_s=_QUESTION_TIMEOUT_S
-            )
+            yield ServiceSpec(mindstage_msgs.Ask, self._question_handler(question.name), QUERY, name=name)
 
     def handle_ask(self, request: mindstage_msgs.Ask.Request) -> mindstage_msgs.Ask.Response:
         """Answers any question; an empty answer is a success."""
@@ -280,9 +278,9 @@ class RosInterface:
         ):
             self._endpoints.create_action(action)
         highlights = HighlightSubscriber(self.simulation, self._diagnostics)
-        self._endpoints.subscribe("highlight", mindstage_msgs.LitBodies, highlights.on_highlight)
-        self._endpoints.subscribe("markers", visualization_msgs.MarkerArray, self._unreal_vis.on_markers)
-        self._endpoints.subscribe("marker", visualization_msgs.Marker, self._unreal_vis.on_marker)
+        self._endpoints.subscribe("highlight", mindstage_msgs.LitBodies, highlights.on_highlight, EDIT)
+        self._endpoints.subscribe("markers", visualization_msgs.MarkerArray, self._unreal_vis.on_markers, EDIT)
+        self._endpoints.subscribe("marker", visualization_msgs.Marker, self._unreal_vis.on_marker, EDIT)
 
     def _tick(self) -> None:
         self._endpoints.publish_status()

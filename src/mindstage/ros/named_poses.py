@@ -17,6 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mindstage.access.limits import TESTED_PLACES
+from mindstage.access.policies import QUERY
 from mindstage.bridge.conversions import pose_message
 from mindstage.errors import NameNotFoundError
 from mindstage.knowledge.rdf import local_name
@@ -34,13 +36,10 @@ from mindstage.simulation.placement import enclosing_body_ids
 
 __all__ = ["NamedPoseServices"]
 
-_TIMEOUT_S = 120.0
 _SURFACE, _PLACEMENT, _HANDLE = "support_surface", "placement", "handle"
 _HANDLE_CLASS = knowrob("Handle")
 _ITEM_SIZE_M: Vector = (0.1, 0.1, 0.1)
 """Size of the cube for which free places are found."""
-_MAX_TESTED = 64
-"""Places on a surface that are tested, spread evenly over it."""
 _MAX_HEIGHT_M = 2.0
 """Height of the bounds of a surface with nothing above it."""
 _STANDING_M = 0.01
@@ -64,8 +63,8 @@ class NamedPoseServices:
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
-        yield ServiceSpec(wire.GetNamedPoses, self.get_poses, timeout_s=_TIMEOUT_S)
-        yield ServiceSpec(wire.GetNamedPoseBounds, self.get_bounds, timeout_s=_TIMEOUT_S)
+        yield ServiceSpec(wire.GetNamedPoses, self.get_poses, QUERY)
+        yield ServiceSpec(wire.GetNamedPoseBounds, self.get_bounds, QUERY)
 
     def get_poses(self, request: wire.GetNamedPoses.Request) -> wire.GetNamedPoses.Response:
         """Returns the named poses with matching tags."""
@@ -156,7 +155,7 @@ class _Scene:
             ignored = enclosing_body_ids(self._simulation)
             self._sampler = PlacementSampler(self._bodies, self._geometry, self._ids, self._poses, ignored)
         cube = Body(id=BodyId(""), iri=Iri(""), cls=Iri(""), pose=Pose(), size=_ITEM_SIZE_M)
-        candidates, _ = self._sampler.candidate_poses(cube, None, surface, max_tested=_MAX_TESTED)
+        candidates, _ = self._sampler.candidate_poses(cube, None, surface, max_tested=TESTED_PLACES.count)
         return candidates[0] if candidates else None
 
     def _free_height(self, surface: PlacementSurface) -> float:

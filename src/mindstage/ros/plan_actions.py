@@ -14,6 +14,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from mindstage.access.limits import PLAN_SAMPLES
+from mindstage.access.policies import GOAL
 from mindstage.errors import InvalidArgumentError, MessageValidationError, PlanError
 from mindstage.imagination.plan_files import PlanFile
 from mindstage.imagination.plans import Check, Uncertainty
@@ -27,14 +29,13 @@ from mindstage.simulation import Simulation
 __all__ = ["PlanActions"]
 
 _DEFAULT_SAMPLES = 100
-_MAX_SAMPLES = 1_000_000
 _DEFAULT_BUDGET_S = 60.0
 _DEFAULT_THRESHOLD = 0.9
 _POLL_S = 0.05
 """Interval at which a goal looks for its cancellation [s]."""
 _CANCEL_GRACE_S = 0.25
 """Time for the samples to end after a cancellation [s]; the goal then ends without them."""
-_DEADLINE_GRACE_S = 1.0
+_END_GRACE_S = 1.0
 """Time for the samples to end after the budget [s]; the goal then ends without them."""
 T = TypeVar("T")
 
@@ -47,7 +48,7 @@ class PlanActions:
 
     def actions(self) -> Iterator[ActionSpec]:
         """Yields the action."""
-        yield ActionSpec(wire.TryPlan, self.try_plan, name="mindstage/try_plan")
+        yield ActionSpec(wire.TryPlan, self.try_plan, GOAL, name="mindstage/try_plan")
 
     def try_plan(self, goal: wire.TryPlan.Goal, context: GoalContext) -> wire.TryPlan.Result:
         """Tries a plan; a plan that cannot be tried is refused, with the place in it.
@@ -78,7 +79,7 @@ class _SupervisedTrial:
     def run(self) -> wire.TryPlan.Result:
         """Waits for the verdict, the cancellation or the end of the budget."""
         plan, arguments = self._parsed()
-        deadline_s = time.monotonic() + self._budget_s + _DEADLINE_GRACE_S
+        deadline_s = time.monotonic() + self._budget_s + _END_GRACE_S
         threading.Thread(target=self._try, args=(plan, arguments), name="mindstage-try-plan", daemon=True).start()
         try:
             while not self._ended.wait(_POLL_S):
@@ -104,7 +105,7 @@ class _SupervisedTrial:
         plan = plan_from_text(goal.plan)
         most = os.cpu_count() or 1
         workers = _limited("workers", goal.workers or 1, most, f"this machine has {most} processors")
-        samples = _limited("samples", goal.samples or _DEFAULT_SAMPLES, _MAX_SAMPLES, "use several goals")
+        samples = _limited("samples", goal.samples or _DEFAULT_SAMPLES, PLAN_SAMPLES.count, "use several goals")
         if not 0.0 <= goal.threshold <= 1.0:
             cause = f"{goal.threshold:g} is no probability"
             raise MessageValidationError("mindstage_msgs/TryPlanGoal", path="threshold", cause=cause)

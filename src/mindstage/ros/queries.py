@@ -19,6 +19,8 @@ from weakref import WeakKeyDictionary
 
 import msgspec
 
+from mindstage.access.limits import DEFAULT_SOLUTIONS, QUERY_CHARACTERS, QUERY_DEFAULT_TIME, QUERY_TIME, SOLUTIONS
+from mindstage.access.policies import QUERY, EntryPoint
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.errors import MessageValidationError
 from mindstage.knowledge.history import time_arguments
@@ -34,12 +36,6 @@ from mindstage.simulation import Simulation
 
 __all__ = ["QueryServer", "QueryServices", "parse_arguments"]
 
-_MAX_CHARACTERS = 20_000
-_MAX_TIMEOUT_S = 30.0
-_DEFAULT_TIMEOUT_S = 20.0
-_MAX_SOLUTIONS = 10_000
-_DEFAULT_SOLUTIONS = 500
-_SERVICE_TIMEOUT_S = 60.0
 _LANGUAGES = ("question", "sparql", "prolog")
 _log = logging.getLogger("mindstage.ros")
 
@@ -53,7 +49,7 @@ class QueryServices:
     def services(self) -> Iterator[ServiceSpec]:
         """Yields the service under its absolute name and under its name in the namespace."""
         for name in (f"/{QUERY_SERVICE}", QUERY_SERVICE):
-            yield ServiceSpec(mindstage_msgs.Query, self.handle_query, name=name, timeout_s=_SERVICE_TIMEOUT_S)
+            yield ServiceSpec(mindstage_msgs.Query, self.handle_query, QUERY, name=name)
 
     def handle_query(self, request: mindstage_msgs.Query.Request) -> mindstage_msgs.Query.Response:
         """Runs a query; no answer is a success.
@@ -62,10 +58,12 @@ class QueryServices:
             MessageValidationError: the language is unknown, or the text too long.
             MindstageError: the query cannot be answered.
         """
-        if len(request.query) > _MAX_CHARACTERS:
-            cause = f"it has {len(request.query):,} characters, and a query at most {_MAX_CHARACTERS:,}"
+        if len(request.query) > QUERY_CHARACTERS.count:
+            cause = f"it has {len(request.query):,} characters, and a query at most {QUERY_CHARACTERS.count:,}"
             raise MessageValidationError("mindstage_msgs/QueryRequest", path="query", cause=cause)
-        timeout_s = min(request.timeout_s if request.timeout_s > 0.0 else _DEFAULT_TIMEOUT_S, _MAX_TIMEOUT_S)
+        timeout_s = min(
+            request.timeout_s if request.timeout_s > 0.0 else QUERY_DEFAULT_TIME.maximum, QUERY_TIME.maximum
+        )
         match request.language:
             case "question":
                 result = self._ask(request)
@@ -74,7 +72,7 @@ class QueryServices:
                 table = self._simulation.sparql(request.query, timeout_s=timeout_s, **when)
                 result = {"columns": table.columns, "rows": table.rows, "truth": table.boolean} | self._findings()
             case "prolog":
-                limit = min(request.limit or _DEFAULT_SOLUTIONS, _MAX_SOLUTIONS)
+                limit = min(request.limit or DEFAULT_SOLUTIONS.count, SOLUTIONS.count)
                 found = solve_query(self._simulation, request.query, limit=limit, timeout_s=timeout_s)
                 result = {"goal": request.query, "solutions": found, "complete": found.complete} | self._findings()
             case other:
@@ -190,6 +188,15 @@ class QueryServer:
         simulation.on_close(server.close)
         return server
 
+    @property
+    def url(self) -> str:
+        """URL for a client on this machine."""
+        return self._server.url
+
+    def entry_points(self) -> tuple[EntryPoint, ...]:
+        """Everything that a client of the port can reach."""
+        return self._node.entry_points()
+
     def close(self) -> None:
         """Removes the record and closes the port; calling it again is harmless."""
         if self._file is not None:
@@ -202,5 +209,4 @@ class QueryServer:
     def _create_service(self, spec: ServiceSpec, diagnostics: DiagnosticsPublisher) -> None:
         name = spec.full_name("unreal")
         handler = service_handler(name, spec.type, spec.handler, diagnostics=diagnostics, ros=RosVersion.TWO)
-        self._node.create_service(name, type_name(spec.type), handler)
-        self._node.set_service_timeout(name, _SERVICE_TIMEOUT_S)
+        self._node.create_service(name, type_name(spec.type), handler, policy=spec.policy)

@@ -11,6 +11,7 @@ from enum import IntEnum
 from functools import partial
 from math import hypot
 
+from mindstage.access.policies import EDIT, GOAL
 from mindstage.bridge.conversions import pose_from_message, pose_message
 from mindstage.errors import CommandRefusedError, UnreachableError
 from mindstage.msgs import (
@@ -82,13 +83,13 @@ class RobotBaseInterface:
         self._namespace = endpoints.namespace
         twist, stamped, pose = geometry_msgs.Twist, geometry_msgs.TwistStamped, geometry_msgs.PoseStamped
         for topic in _VELOCITY_TOPICS:
-            endpoints.subscribe(topic, twist, self._on_velocity, other=stamped)
+            endpoints.subscribe(topic, twist, self._on_velocity, EDIT, other=stamped)
         for topic in _GOAL_TOPICS:
-            endpoints.subscribe(topic, pose, self._on_goal)
+            endpoints.subscribe(topic, pose, self._on_goal, EDIT)
         if endpoints.only_version is not RosVersion.TWO:
-            endpoints.create_action(ActionSpec(move_base_msgs.MoveBase, self.move_base, name="move_base"))
+            endpoints.create_action(ActionSpec(move_base_msgs.MoveBase, self.move_base, GOAL, name="move_base"))
         if endpoints.only_version is not RosVersion.ONE:
-            navigate = ActionSpec(nav2_msgs.NavigateToPose, self.navigate_to_pose, name="navigate_to_pose")
+            navigate = ActionSpec(nav2_msgs.NavigateToPose, self.navigate_to_pose, GOAL, name="navigate_to_pose")
             endpoints.create_action(navigate)
         self._odometry = [endpoints.publisher(name, nav_msgs.Odometry) for name in ("odom", "base_controller/odom")]
 

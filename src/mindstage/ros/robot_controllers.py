@@ -18,6 +18,7 @@ from math import inf
 import msgspec
 import numpy as np
 
+from mindstage.access.policies import EDIT, GOAL, READ
 from mindstage.engines import Capability, Engine
 from mindstage.engines.base import ActuatorState
 from mindstage.errors import CommandRefusedError
@@ -44,7 +45,7 @@ _POLL_S = 0.005
 """Interval at which the end of a motion is noticed [s]."""
 _FEEDBACK_INTERVAL_S = 0.05
 """Interval of feedback, as of `joint_trajectory_controller` [s]."""
-_CANCEL_TIMEOUT_S = 0.15
+_CANCEL_WAIT_S = 0.15
 """Time for a canceled motion to end; while the simulation is paused, it ends when that goes on [s]."""
 _DEFAULT_GOAL_TIME_TOLERANCE_S = 2.0
 _START_SLACK_S = 0.01
@@ -176,7 +177,7 @@ def await_motion(motion: MotionGoal, context: GoalContext, make_feedback: Callab
 
 
 def _await_end(motion: MotionGoal) -> None:
-    deadline_s = time.monotonic() + _CANCEL_TIMEOUT_S
+    deadline_s = time.monotonic() + _CANCEL_WAIT_S
     while motion.result is None and time.monotonic() < deadline_s:
         time.sleep(_POLL_S)
 
@@ -209,26 +210,27 @@ class RobotControllers:
             for action in self._actions(spec):
                 endpoints.create_action(action)
             for topic in ("command", "joint_trajectory"):
-                endpoints.subscribe(f"{spec.name}/{topic}", trajectory, partial(self._on_trajectory, spec))
+                endpoints.subscribe(f"{spec.name}/{topic}", trajectory, partial(self._on_trajectory, spec), EDIT)
             for topic in ("state", "controller_state"):
                 self._states.append((spec, endpoints.publisher(f"{spec.name}/{topic}", state)))
         endpoints.create_service(
             ServiceSpec(
                 manager.ListControllers,
                 partial(self.list_controllers, ros=endpoints.ros),
+                READ,
                 name="controller_manager/list_controllers",
             )
         )
 
     def _actions(self, spec: ControllerSpec) -> Iterator[ActionSpec]:
         follow = partial(self.follow, spec)
-        yield ActionSpec(_Follow, follow, name=f"{spec.name}/follow_joint_trajectory")
+        yield ActionSpec(_Follow, follow, GOAL, name=f"{spec.name}/follow_joint_trajectory")
         if spec.gripper:
             grip = partial(self.grip, spec)
             for name in ("gripper_cmd", "gripper_action"):  # of ROS 2 and MoveIt, and of older drivers
-                yield ActionSpec(control_msgs.GripperCommand, grip, name=f"{spec.name}/{name}")
+                yield ActionSpec(control_msgs.GripperCommand, grip, GOAL, name=f"{spec.name}/{name}")
         if spec.has_head:
-            yield ActionSpec(control_msgs.PointHead, self.point_head, name=f"{spec.name}/point_head_action")
+            yield ActionSpec(control_msgs.PointHead, self.point_head, GOAL, name=f"{spec.name}/point_head_action")
 
     # -- the list of controllers ---------------------------------------------------------------------------------------
 

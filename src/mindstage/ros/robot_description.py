@@ -56,7 +56,7 @@ __all__ = [
 
 _DEFAULT_SIZE_M: Vector = (0.05, 0.05, 0.05)
 _GRAY: Color = (0.7, 0.7, 0.7)
-_UNLIMITED = 1000.0
+_UNBOUNDED = 1000.0
 """Limit of efforts [N or Nm], velocities [m/s or rad/s] and free translations [m]."""
 _ROUND_TOLERANCE = 0.01
 """Relative difference up to which two extents are equal."""
@@ -64,7 +64,7 @@ _LEVEL_EPSILON = 1e-9
 """Cosine of the pitch below which roll and yaw are about the same axis."""
 _INTERVAL_S = 1.0
 """Interval at which changes are published [s]."""
-_JOIN_TIMEOUT_S = 10.0
+_JOIN_WAIT_S = 10.0
 _log = logging.getLogger("mindstage.ros")
 _TOPIC = "robot_description"
 _PRIMITIVES = {
@@ -188,7 +188,7 @@ class DescriptionPublisher:
     def close(self) -> None:
         """Ends the publication; calling it again is harmless."""
         self._closing.set()
-        self._thread.join(_JOIN_TIMEOUT_S)
+        self._thread.join(_JOIN_WAIT_S)
         for topic in list(self._publishers):
             self._remove(topic)
 
@@ -303,7 +303,7 @@ class _Writer:
             ElementTree.SubElement(joint, "axis", xyz=_numbers(axis))
         if limit is not None:
             ends = {"lower": _number(limit[0]), "upper": _number(limit[1])}
-            ElementTree.SubElement(joint, "limit", ends, effort=_number(_UNLIMITED), velocity=_number(_UNLIMITED))
+            ElementTree.SubElement(joint, "limit", ends, effort=_number(_UNBOUNDED), velocity=_number(_UNBOUNDED))
 
 
 def _add_model_motion(element: ElementTree.Element, joint: RobotJoint) -> None:
@@ -311,8 +311,8 @@ def _add_model_motion(element: ElementTree.Element, joint: RobotJoint) -> None:
     ends = {
         name: _number(value) for name, value in (("lower", joint.lower), ("upper", joint.upper)) if value is not None
     }
-    velocity = _UNLIMITED if joint.velocity is None else joint.velocity
-    effort = _UNLIMITED if joint.effort is None else joint.effort
+    velocity = _UNBOUNDED if joint.velocity is None else joint.velocity
+    effort = _UNBOUNDED if joint.effort is None else joint.effort
     ElementTree.SubElement(element, "limit", ends, effort=_number(effort), velocity=_number(velocity))
     if joint.damping or joint.friction:
         ElementTree.SubElement(element, "dynamics", damping=_number(joint.damping), friction=_number(joint.friction))
@@ -339,7 +339,7 @@ def _motion(each: JointFrame) -> tuple[str, Vector | None, tuple[float, float] |
     axis = (direction[0], direction[1], direction[2])
     is_limited = motion is AxisMotion.LIMITED
     if free[0] < 3:
-        return "prismatic", axis, (middle - limit, middle + limit) if is_limited else (-_UNLIMITED, _UNLIMITED)
+        return "prismatic", axis, (middle - limit, middle + limit) if is_limited else (-_UNBOUNDED, _UNBOUNDED)
     return ("revolute", axis, (middle - limit, middle + limit)) if is_limited else ("continuous", axis, None)
 
 

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from mindstage.access.limits import SKILL_REPLACEMENT
+from mindstage.access.policies import GOAL, READ, SPAWN
 from mindstage.bridge.conversions import pose_from_message
 from mindstage.errors import InvalidArgumentError, MessageValidationError, MindstageError, RobotError
 from mindstage.msgs import mindstage_msgs as wire
@@ -33,10 +35,6 @@ ROBOT_SUFFIXES = (".urdf", ".xml")
 
 _POLL_S = 0.005
 """Interval at which a skill notices that simulated time has passed [s]."""
-_REPLACE_TIMEOUT_S = 5.0
-"""Time for a skill to end after a newer one has come [s]."""
-_ADD_TIMEOUT_S = 120.0
-"""Time for reading a robot and its meshes [s]."""
 
 
 class _Performance:
@@ -68,19 +66,19 @@ class RobotSkills:
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields the services."""
-        yield ServiceSpec(wire.ListSkills, self.list_skills, name="mindstage/list_skills")
-        yield ServiceSpec(wire.AddRobot, self.add_robot, name="mindstage/add_robot", timeout_s=_ADD_TIMEOUT_S)
+        yield ServiceSpec(wire.ListSkills, self.list_skills, READ, name="mindstage/list_skills")
+        yield ServiceSpec(wire.AddRobot, self.add_robot, SPAWN, name="mindstage/add_robot")
 
     def actions(self) -> Iterator[ActionSpec]:
         """Yields the action of all skills."""
-        yield ActionSpec(wire.Perform, partial(self.perform, ""), name="mindstage/perform")
+        yield ActionSpec(wire.Perform, partial(self.perform, ""), GOAL, name="mindstage/perform")
 
     def skill_actions(self) -> Iterator[ActionSpec]:
         """Yields the action of each skill."""
         from mindstage.robots.skills.catalog import SKILLS
 
         for name in SKILLS:
-            yield ActionSpec(wire.Perform, partial(self.perform, name), name=f"mindstage/skills/{name}")
+            yield ActionSpec(wire.Perform, partial(self.perform, name), GOAL, name=f"mindstage/skills/{name}")
 
     def list_skills(self, _: wire.ListSkills.Request) -> wire.ListSkills.Response:
         """Returns the skills with their arguments, and the robots."""
@@ -173,7 +171,7 @@ class RobotSkills:
             self._performances[robot.name] = performance = _Performance()
         if before is not None:
             before.replaced.set()
-            before.ended.wait(_REPLACE_TIMEOUT_S)
+            before.ended.wait(SKILL_REPLACEMENT.maximum)
         return performance
 
     def _run(

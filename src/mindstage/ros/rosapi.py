@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from mindstage.access.limits import PARAMETER_CHARACTERS, PARAMETERS
+from mindstage.access.policies import EDIT, READ
 from mindstage.bridge import GraphInfo, LocalNode, TopicInfo
 from mindstage.bridge.broker import resolve_name, same_type
 from mindstage.errors import MessageValidationError, TypeNotFoundError
@@ -34,9 +36,6 @@ from mindstage.simulation import Simulation
 __all__ = ["ParameterServer", "RosapiServices"]
 
 _NAMESPACE = "/rosapi"
-_MAX_PARAMETERS = 10_000
-_MAX_VALUE = 1 << 20
-"""Largest number of characters of a value."""
 
 
 class ParameterServer:
@@ -54,8 +53,8 @@ class ParameterServer:
         """
         *branches, leaf = _name_parts(name)
         with self._lock:
-            if len(_leaves(self._root, "")) + len(_leaves(value, "x")) > _MAX_PARAMETERS:
-                cause = f"there would be more than {_MAX_PARAMETERS} parameters"
+            if len(_leaves(self._root, "")) + len(_leaves(value, "x")) > PARAMETERS.count:
+                cause = f"there would be more than {PARAMETERS.count} parameters"
                 raise MessageValidationError("set_param", path="value", cause=cause, remedy="delete some")
             branch = self._root
             for part in branches:
@@ -161,7 +160,8 @@ class RosapiServices:
             *self._parameter_services(),
             *self._other_services(),
         ):
-            yield ServiceSpec(type, answer, name=f"{_NAMESPACE}/{name}")
+            policy = EDIT if name.startswith(("set_", "delete_")) else READ
+            yield ServiceSpec(type, answer, policy, name=f"{_NAMESPACE}/{name}")
 
     def _topic_services(self) -> Iterator[tuple[str, Any, Callable[[Any], Message]]]:
         yield "topics", wire.Topics, lambda _: wire.Topics.Response(**self._topics())
@@ -298,8 +298,10 @@ class RosapiServices:
 
     def _set_parameter(self, request: wire.SetParam.Request) -> wire.SetParam.Response:
         subject, remedy = "set_param", 'send JSON, such as 7, "text" or {"x": 1}'
-        if len(request.value) > _MAX_VALUE:
-            raise MessageValidationError(subject, path="value", cause=f"it has more than {_MAX_VALUE} characters")
+        if len(request.value) > PARAMETER_CHARACTERS.count:
+            raise MessageValidationError(
+                subject, path="value", cause=f"it has more than {PARAMETER_CHARACTERS.count} characters"
+            )
         try:
             value = msgspec.json.decode(request.value)
         except (msgspec.DecodeError, RecursionError) as error:

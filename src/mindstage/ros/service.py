@@ -19,6 +19,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from mindstage.access.limits import NAMES_TIME
+from mindstage.access.policies import Policy
+from mindstage.access.resources import without_paths
 from mindstage.bridge import GoalResult, GoalStatus, Refusal, RosbridgeClient, ServerGoalHandle
 from mindstage.bridge.conversions import error_text, error_to_message
 from mindstage.errors import (
@@ -71,10 +74,6 @@ __all__ = [
 OK = simulation_interfaces.Result(result=simulation_interfaces.ResultCode.RESULT_OK)
 FEEDBACK_INTERVAL_S = 0.4
 """Longest time between two feedback messages [s]."""
-_NAMES_TIMEOUT_S = 3.0
-"""Time for the list of services, and for a message of another simulation: it publishes an idle world once a second, at
-most a second after the first subscriber came [s].
-"""
 _log = logging.getLogger("mindstage.ros")
 
 
@@ -170,6 +169,7 @@ def _error_mapping(
             case MindstageError():
                 diagnostics.report_error(name, error)
                 text = error_text(error) if isinstance(error, EngineError) else str(error)
+                text = without_paths(text, given=repr(request))
                 failure = encode(failure_response(service.Response, error, text), ros=ros)
                 raise FailureResponseError(text, response=failure) from error
         raise error
@@ -230,7 +230,7 @@ def names_elsewhere(node: RosbridgeClient, names: Iterable[str], *, namespace: s
         AdvertiseError: another simulation in the same namespace is running at the server.
     """
     try:
-        existing = set(node.call_service("/rosapi/services", {}, timeout_s=_NAMES_TIMEOUT_S)["services"])
+        existing = set(node.call_service("/rosapi/services", {}, timeout_s=NAMES_TIME.maximum)["services"])
     except (BridgeError, KeyError, TypeError) as error:
         _log.info("%s does not list its services, so name clashes are not detected: %s", node.url, error)
         return frozenset()
@@ -256,7 +256,7 @@ def _is_published(node: RosbridgeClient, topic: str, *, ros: RosVersion) -> bool
     type = type_name(visualization_msgs.MarkerArray, ros)
     subscription = node.subscribe(topic, lambda _: arrived.set(), type=type)
     try:
-        return arrived.wait(_NAMES_TIMEOUT_S)
+        return arrived.wait(NAMES_TIME.maximum)
     finally:
         subscription.close()
 
@@ -390,12 +390,11 @@ class ServiceSpec:
     type: type[Service]
     handler: Callable[[Any], Any]
     """Called with the request, returns the response; see the module for its exceptions."""
+    policy: Policy
     name: str = ""
     """Relative to the namespace, or absolute if it begins with a slash; by default the type in snake case."""
     quick: bool = False
     """Whether the handler never blocks, not even for the simulation."""
-    timeout_s: float | None = None
-    """Timeout of calls without one; None for the default of the node [s]."""
     batched: bool = False
     """Whether the handler is called with the requests of all consecutive calls of one client that wait, and returns the
     response or the exception of each.
@@ -413,6 +412,7 @@ class ActionSpec:
     type: type[Action]
     handler: Callable[[Any, GoalContext], Any]
     """Called with the goal and its context, returns the result."""
+    policy: Policy
     name: str = ""
     """As of a service."""
 
@@ -466,7 +466,7 @@ def action_handler(
             return goal.aborted(encode(refusal_response(spec.type.Result, error), ros=ros))
         except EngineError as error:
             diagnostics.report_error(name, error)
-            raise MindstageError(error_text(error)) from error
+            raise MindstageError(without_paths(error_text(error))) from error
         succeeded = getattr(result, "success", True)
         return (goal.succeeded if succeeded else goal.aborted)(encode(result, ros=ros))
 

@@ -32,6 +32,9 @@ import re2
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from mindstage.access.limits import PATTERN_BYTES, PATTERN_CHARACTERS
+from mindstage.access.policies import EDIT, FILE, READ, SPAWN
+from mindstage.access.resources import GrantedFolder
 from mindstage.bridge.conversions import pose_array_messages, pose_from_message, vector_from_message
 from mindstage.bridge.conversions_unreal import iri_namespace
 from mindstage.engines import SpawnReport
@@ -79,18 +82,12 @@ __all__ = [
 
 FORMATS = {".owl": "owl", ".rdf": "rdf", ".ttl": "ttl", ".urdf": "urdf"}
 """Formats that can be loaded, by suffix of the file name."""
-_MAX_FILES = 1000
-_MAX_PATTERN = 4096
-"""Largest number of characters of a pattern."""
-_MAX_PROGRAM = 1 << 20
-"""Largest memory of a compiled pattern [byte]."""
 _COLLATING = re.compile(r"\[[^\]]*\[[.=]")
 """Collating symbols and equivalence classes, which RE2 reads as literal characters."""
 WORLD_FRAME = "world"
 """Frame id of the world in responses."""
 _URDF_NAMESPACE = "http://mindstage.org/urdf/"
 """Beginning of the IRIs of worlds that are read from a URDF."""
-_TIMEOUT_S = 120.0
 _NAME = re.compile(r"[^\s/\x00-\x1f\x7f]+(/[^\s/\x00-\x1f\x7f]+)*")
 """Names of entities: no white space, and no empty part between slashes."""
 _NAMESPACE = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*/?", re.ASCII)
@@ -131,26 +128,16 @@ class ResourceLoader:
             folder: folder with files that may be loaded; None for no files.
         """
         self.knowledge = knowledge
-        self._folder = folder.resolve() if folder else None
+        self._folder = GrantedFolder(folder)
 
     def files(self) -> Iterator[str]:
         """Yields the paths of all files that can be loaded, relative to the folder."""
-        if self._folder is None:
-            return
-        found = (
-            path
-            for path in sorted(self._folder.rglob("*"))
-            if path.suffix.lower() in FORMATS and self._is_inside_folder(path)
-        )
-        for _, path in zip(range(_MAX_FILES), found, strict=False):
-            yield path.relative_to(self._folder).as_posix()
+        return self._folder.files(FORMATS)
 
     def find_file(self, name: str, suffixes: Collection[str]) -> Path | None:
         """Returns the file of a name in the folder, with one of some suffixes; None if there is none."""
-        if self._folder is None:
-            return None
-        path = (self._folder / name.removeprefix("file://")).resolve()
-        return path if self._is_inside_folder(path) and path.suffix.lower() in suffixes else None
+        path = self._folder.find(name)
+        return path if path is not None and path.suffix.lower() in suffixes else None
 
     def find_body(self, name: str) -> tuple[World, Body] | None:
         """Returns the body with an IRI or id, and the world of its map; None if no map has it."""
@@ -191,22 +178,15 @@ class ResourceLoader:
             return self._read_file(path, conventions, knowledge, untrusted=True)
 
     def _path(self, uri: str) -> Path:
-        name = uri.removeprefix("file://")
-        known = ", ".join([*map(local_name, self.knowledge.maps()), *self.files()][:10]) or "nothing"
-        if self._folder is None:
-            raise ResourceError(ResourceErrorType.NOT_FOUND, f"no map {uri!r}, and no folder is open; there is {known}")
-        path = (self._folder / name).resolve()
-        if not self._is_inside_folder(path):
+        path = self._folder.find(uri)
+        if path is None:
+            known = ", ".join([*map(local_name, self.knowledge.maps()), *self.files()][:10]) or "nothing"
             raise ResourceError(ResourceErrorType.NOT_FOUND, f"no map or file {uri!r}; there is {known}")
         if path.suffix.lower() not in FORMATS:
             raise ResourceError(
                 ResourceErrorType.UNSUPPORTED_FORMAT, f"the format of {path.name} is none of {', '.join(FORMATS)}"
             )
         return path
-
-    def _is_inside_folder(self, path: Path) -> bool:
-        """Whether a path is a file inside the folder, after symbolic links are resolved."""
-        return self._folder is not None and path.is_file() and path.resolve().is_relative_to(self._folder)
 
     def _read_file(
         self, path: Path, conventions: UnitConventions, knowledge: KnowledgeBase, *, untrusted: bool = False
@@ -278,10 +258,10 @@ def name_matcher(pattern: str) -> Callable[[str], bool]:
     options = re2.Options()
     options.posix_syntax = options.one_line = options.dot_nl = options.never_capture = True
     options.log_errors = False
-    options.max_mem = _MAX_PROGRAM
+    options.max_mem = PATTERN_BYTES.count
     try:
-        if len(pattern) > _MAX_PATTERN:
-            raise re2.error(f"longer than {_MAX_PATTERN} characters")
+        if len(pattern) > PATTERN_CHARACTERS.count:
+            raise re2.error(f"longer than {PATTERN_CHARACTERS.count} characters")
         if _COLLATING.search(pattern):
             raise re2.error("collating symbols are not supported")
         compiled = re2.compile(pattern, options)
@@ -354,14 +334,14 @@ class EntityServices:
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
-        yield ServiceSpec(wire.GetEntities, self.get_entities)
-        yield ServiceSpec(wire.GetEntitiesStates, self.get_states)
-        yield ServiceSpec(wire.GetEntityState, self.get_state, quick=True)
-        yield ServiceSpec(wire.SetEntityState, self.set_state)
-        yield ServiceSpec(wire.GetEntityInfo, self.get_info)
-        yield ServiceSpec(wire.SetEntityInfo, self.set_info)
-        yield ServiceSpec(wire.GetEntityBounds, self.get_bounds)
-        yield ServiceSpec(wire.DeleteEntity, self.delete)
+        yield ServiceSpec(wire.GetEntities, self.get_entities, READ)
+        yield ServiceSpec(wire.GetEntitiesStates, self.get_states, READ)
+        yield ServiceSpec(wire.GetEntityState, self.get_state, READ, quick=True)
+        yield ServiceSpec(wire.SetEntityState, self.set_state, EDIT)
+        yield ServiceSpec(wire.GetEntityInfo, self.get_info, READ)
+        yield ServiceSpec(wire.SetEntityInfo, self.set_info, EDIT)
+        yield ServiceSpec(wire.GetEntityBounds, self.get_bounds, READ)
+        yield ServiceSpec(wire.DeleteEntity, self.delete, EDIT)
 
     def get_entities(self, request: wire.GetEntities.Request) -> wire.GetEntities.Response:
         """Returns the names of the entities that match the filters."""
@@ -576,11 +556,11 @@ class SpawnServices:
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
-        yield ServiceSpec(wire.GetSimulatorFeatures, self.get_features)
-        yield ServiceSpec(wire.GetSpawnables, self.get_spawnables, timeout_s=_TIMEOUT_S)
-        yield ServiceSpec(wire.SpawnEntity, self.spawn_entity, timeout_s=_TIMEOUT_S)
-        yield ServiceSpec(wire.SpawnEntities, self.spawn_entities, timeout_s=_TIMEOUT_S)
-        yield ServiceSpec(modul_spawner_msgs.SpawnRobot, self.spawn_robot, timeout_s=_TIMEOUT_S)
+        yield ServiceSpec(wire.GetSimulatorFeatures, self.get_features, READ)
+        yield ServiceSpec(wire.GetSpawnables, self.get_spawnables, FILE)
+        yield ServiceSpec(wire.SpawnEntity, self.spawn_entity, SPAWN)
+        yield ServiceSpec(wire.SpawnEntities, self.spawn_entities, SPAWN)
+        yield ServiceSpec(modul_spawner_msgs.SpawnRobot, self.spawn_robot, SPAWN)
 
     def get_features(self, _: wire.GetSimulatorFeatures.Request) -> wire.GetSimulatorFeatures.Response:
         """Returns the supported features."""

@@ -20,6 +20,8 @@ from contextlib import contextmanager
 
 from msgspec.structs import replace
 
+from mindstage.access.limits import FEEDBACK_STEPS, STEPS_TIME
+from mindstage.access.policies import EDIT, FILE, GOAL, READ, RUN
 from mindstage.errors import KnowledgeError, MindstageError, SimulationTimeoutError
 from mindstage.knowledge.rdf import local_name
 from mindstage.msgs import simulation_interfaces as wire
@@ -48,7 +50,6 @@ from mindstage.simulation import Simulation
 __all__ = ["SimulationControlServices", "WorldServices"]
 
 
-_LOAD_TIMEOUT_S = 300.0
 _MAP_TAG = "map"
 """Tag of the worlds of maps; that of a file is its suffix."""
 _RESULT_CODES = {
@@ -60,9 +61,6 @@ _RESULT_CODES = {
 _KNOWN_SCOPES = wire.ResetScope.SCOPE_TIME | wire.ResetScope.SCOPE_STATE | wire.ResetScope.SCOPE_SPAWNED
 _STEP_CHUNK_S = 0.1
 """Approximate length into which steps are divided, so that other calls run in between [s]."""
-_TIMEOUT_S = 300.0
-_MAX_STEPS_WITH_FEEDBACK = 1000
-"""Longer goals send feedback periodically, since 500 messages in each simulated second would displace others."""
 
 
 class WorldServices:
@@ -82,10 +80,10 @@ class WorldServices:
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
-        yield ServiceSpec(wire.LoadWorld, self.load_world, timeout_s=_LOAD_TIMEOUT_S)
-        yield ServiceSpec(wire.UnloadWorld, self.unload_world)
-        yield ServiceSpec(wire.GetCurrentWorld, self.get_current_world)
-        yield ServiceSpec(wire.GetAvailableWorlds, self.get_available_worlds, timeout_s=_LOAD_TIMEOUT_S)
+        yield ServiceSpec(wire.LoadWorld, self.load_world, FILE)
+        yield ServiceSpec(wire.UnloadWorld, self.unload_world, EDIT)
+        yield ServiceSpec(wire.GetCurrentWorld, self.get_current_world, READ)
+        yield ServiceSpec(wire.GetAvailableWorlds, self.get_available_worlds, FILE)
 
     def load_world(self, request: wire.LoadWorld.Request) -> wire.LoadWorld.Response:
         """Loads a world, which replaces the current one and everything that was spawned; it is stopped then."""
@@ -179,14 +177,14 @@ class SimulationControlServices:
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
-        yield ServiceSpec(wire.GetSimulationState, self.get_state, quick=True)
-        yield ServiceSpec(wire.SetSimulationState, self.set_state)
-        yield ServiceSpec(wire.StepSimulation, self.step, timeout_s=_TIMEOUT_S)
-        yield ServiceSpec(wire.ResetSimulation, self.reset)
+        yield ServiceSpec(wire.GetSimulationState, self.get_state, READ, quick=True)
+        yield ServiceSpec(wire.SetSimulationState, self.set_state, EDIT)
+        yield ServiceSpec(wire.StepSimulation, self.step, RUN)
+        yield ServiceSpec(wire.ResetSimulation, self.reset, EDIT)
 
     def actions(self) -> Iterator[ActionSpec]:
         """Yields all actions."""
-        yield ActionSpec(wire.SimulateSteps, self.simulate_steps)
+        yield ActionSpec(wire.SimulateSteps, self.simulate_steps, GOAL)
 
     def state(self) -> wire.StateCode:
         """Returns the state of the simulation."""
@@ -246,11 +244,11 @@ class SimulationControlServices:
 
     def step(self, request: wire.StepSimulation.Request) -> wire.StepSimulation.Response:
         """Advances a simulation that is not playing by a number of steps."""
-        end_s = time.monotonic() + _TIMEOUT_S
+        end_s = time.monotonic() + STEPS_TIME.maximum
         with self._exclusive():
             for count in _step_chunks(request.steps, self._step_s):
                 if time.monotonic() > end_s:
-                    raise SimulationTimeoutError("step_simulation", timeout_s=_TIMEOUT_S)
+                    raise SimulationTimeoutError("step_simulation", timeout_s=STEPS_TIME.maximum)
                 self._simulation.step(count * self._step_s)
         return wire.StepSimulation.Response(result=OK)
 
@@ -274,7 +272,7 @@ class SimulationControlServices:
         def feedback() -> wire.SimulateSteps.Feedback:
             return wire.SimulateSteps.Feedback(completed_steps=done, remaining_steps=goal.steps - done)
 
-        after_each = goal.steps <= _MAX_STEPS_WITH_FEEDBACK
+        after_each = goal.steps <= FEEDBACK_STEPS.count
         with self._exclusive():
             for count in _step_chunks(goal.steps, self._step_s, single=after_each):
                 context.check(None if after_each else feedback)

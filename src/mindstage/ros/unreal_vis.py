@@ -7,6 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from msgspec.structs import replace
 
+from mindstage.access.limits import MARKERS
+from mindstage.access.policies import EDIT
 from mindstage.bridge.conversions import color_from_message, point_from_message, pose_from_message, vector_from_message
 from mindstage.errors import BodyNotFoundError, WorldError
 from mindstage.msgs import std_msgs, visualization_msgs
@@ -23,8 +25,6 @@ __all__ = ["UnrealVisServices", "marker_from_message"]
 _DEFAULT_SIZE_M = 0.1
 """Size of a marker without a scale [m]."""
 _DEFAULT_LINE_WIDTH_M = 0.01
-_MAX_MARKERS = 10_000
-"""Largest number of markers."""
 _BASIC_MARKER_TYPES = {
     wire.BasicMarkerType.POINT: MarkerType.SPHERE,
     wire.BasicMarkerType.CUBE: MarkerType.CUBE,
@@ -64,9 +64,9 @@ class UnrealVisServices:
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
-        yield ServiceSpec(wire.DisplayBasicMarker, self.display_basic_marker)
-        yield ServiceSpec(wire.DisplayTrajectory, self.display_trajectory)
-        yield ServiceSpec(wire.RemoveMarker, self.remove_marker)
+        yield ServiceSpec(wire.DisplayBasicMarker, self.display_basic_marker, EDIT)
+        yield ServiceSpec(wire.DisplayTrajectory, self.display_trajectory, EDIT)
+        yield ServiceSpec(wire.RemoveMarker, self.remove_marker, EDIT)
 
     def display_basic_marker(self, request: wire.DisplayBasicMarker.Request) -> wire.DisplayBasicMarker.Response:
         """Adds a marker; a fully transparent color is displayed opaque."""
@@ -147,9 +147,9 @@ class UnrealVisServices:
             WorldError: there are too many markers.
         """
         markers = self._simulation.state.markers
-        if len(markers) >= _MAX_MARKERS and all(each.id != marker.id for each in markers):
-            raise WorldError(f"{_MAX_MARKERS} markers exist already; remove some first")
-        if len(self._from_messages) > 2 * _MAX_MARKERS:  # most have expired
+        if len(markers) >= MARKERS.count and all(each.id != marker.id for each in markers):
+            raise WorldError(f"{MARKERS.count} markers exist already; remove some first")
+        if len(self._from_messages) > 2 * MARKERS.count:  # most have expired
             self._from_messages.intersection_update(each.id for each in markers)
         self._simulation.add_markers([marker], lifetime_s=lifetime_s)
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
+from mindstage.access.policies import EDIT, READ, SPAWN
 from mindstage.bridge.conversions import color_from_code, pose_array_messages, pose_from_message
 from mindstage.bridge.conversions_unreal import (
     attachment_from_message,
@@ -41,7 +42,6 @@ _CONTACT_TOLERANCE_M = 1e-3
 """Penetration up to which bodies only touch [m]."""
 _DEFAULT_SIZE = (0.05, 0.05, 0.05)
 """Size of a body without one [m]."""
-_SPAWN_TIMEOUT_S = 300.0
 """Timeout of a spawn call without one [s]; a large world takes long."""
 
 
@@ -118,23 +118,23 @@ class WorldControlServices:
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
-        yield ServiceSpec(wire.SpawnSemanticMap, self.spawn_semantic_map, timeout_s=_SPAWN_TIMEOUT_S)
-        yield ServiceSpec(wire.SpawnModel, self.spawn_models, batched=True)
-        yield ServiceSpec(wire.SpawnProMesh, self.spawn_pro_mesh)
-        yield ServiceSpec(wire.SpawnPhysicsConstraint, self.spawn_physics_constraint)
-        yield ServiceSpec(wire.AttachModelToParent, self.attach)
-        yield ServiceSpec(wire.DeleteModel, self.delete_model)
-        yield ServiceSpec(wire.DeleteAll, self.delete_all)
-        yield ServiceSpec(wire.SetModelPose, self.set_model_pose)
-        yield ServiceSpec(wire.GetModelPose, self.get_model_pose, quick=True)
-        yield ServiceSpec(wire.GetModelSocketPose, self.get_model_socket_pose)
-        yield ServiceSpec(wire.SetPhysicsProperties, self.set_physics)
-        yield ServiceSpec(wire.SetMaterial, self.set_material, name="change_material")
-        yield ServiceSpec(wire.HighlightModel, self.highlight, name="highlight_models")
-        yield ServiceSpec(wire.ObjectToObjectState, self.object_to_object_state)
-        yield ServiceSpec(wire.Checkpoint, self.checkpoint)
-        yield ServiceSpec(wire.ResetLevel, self.reset_level)
-        yield ServiceSpec(wire.MoveObject, self.move_object)
+        yield ServiceSpec(wire.SpawnSemanticMap, self.spawn_semantic_map, SPAWN)
+        yield ServiceSpec(wire.SpawnModel, self.spawn_models, EDIT, batched=True)
+        yield ServiceSpec(wire.SpawnProMesh, self.spawn_pro_mesh, EDIT)
+        yield ServiceSpec(wire.SpawnPhysicsConstraint, self.spawn_physics_constraint, EDIT)
+        yield ServiceSpec(wire.AttachModelToParent, self.attach, EDIT)
+        yield ServiceSpec(wire.DeleteModel, self.delete_model, EDIT)
+        yield ServiceSpec(wire.DeleteAll, self.delete_all, EDIT)
+        yield ServiceSpec(wire.SetModelPose, self.set_model_pose, EDIT)
+        yield ServiceSpec(wire.GetModelPose, self.get_model_pose, READ, quick=True)
+        yield ServiceSpec(wire.GetModelSocketPose, self.get_model_socket_pose, READ)
+        yield ServiceSpec(wire.SetPhysicsProperties, self.set_physics, EDIT)
+        yield ServiceSpec(wire.SetMaterial, self.set_material, EDIT, name="change_material")
+        yield ServiceSpec(wire.HighlightModel, self.highlight, EDIT, name="highlight_models")
+        yield ServiceSpec(wire.ObjectToObjectState, self.object_to_object_state, READ)
+        yield ServiceSpec(wire.Checkpoint, self.checkpoint, EDIT)
+        yield ServiceSpec(wire.ResetLevel, self.reset_level, EDIT)
+        yield ServiceSpec(wire.MoveObject, self.move_object, EDIT)
 
     # -- spawning ------------------------------------------------------------------------------------------------------
 

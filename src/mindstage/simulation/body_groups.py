@@ -146,9 +146,6 @@ def paste_group(simulation: EngineSession, group: BodyGroup, *, verb: str = "pas
     Raises:
         InvalidArgumentError: a body cannot be spawned; none is spawned then.
     """
-    for body in group.bodies:
-        if body.mesh and ("/" in body.mesh or "\\" in body.mesh) and not body.mesh.startswith("package://"):
-            raise InvalidArgumentError(body.id, cause="its mesh is a path, and a pasted group must not refer to files")
     world = _renamed(simulation, group)
     world = _moved(world, _free_offset(simulation, world))
     report = simulation.spawn(world, persistent=False)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
+from mindstage.access.resources import require_granted
 from mindstage.engines.base import SpawnFailure, SpawnNote, SpawnNoteKind, SpawnOptions, SpawnReport
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import NO_GEOMETRY, BodyGeometry, BodyId, GeometryMap, GeometrySource, World
@@ -41,6 +42,7 @@ class GeometryProvider:
         """
         self._knowledge = knowledge
         self._shapes, self._meshes = shapes, meshes
+        self._mesh_names: frozenset[str | None] = frozenset()
         self._geometry: dict[BodyId, BodyGeometry] = {}
         self._immovable: frozenset[BodyId] = frozenset()
         self._excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset()
@@ -52,7 +54,7 @@ class GeometryProvider:
         copy = GeometryProvider(self._knowledge, shapes=self._shapes, meshes=self._meshes)
         with self._lock:
             copy._geometry, copy._immovable, copy._cached = dict(self._geometry), self._immovable, self._cached
-            copy._excluded_pairs = self._excluded_pairs
+            copy._excluded_pairs, copy._mesh_names = self._excluded_pairs, self._mesh_names
         return copy
 
     def __getstate__(self) -> dict[str, Any]:
@@ -66,9 +68,16 @@ class GeometryProvider:
         self._knowledge = knowledge
 
     def fit(self, world: World, *, geometry: GeometryMap | None = None) -> FittedGeometry:
-        """Fits geometry to the bodies of a world, unless it is given."""
+        """Fits geometry to the bodies of a world, unless it is given.
+
+        Raises:
+            ResourceRefusedError: a client of a port names a mesh that is not granted.
+        """
         from mindstage.geometry.fit import FitNote, FittedGeometry, fit_geometry
 
+        names = {body.mesh for body in world.bodies}
+        require_granted(names, known=self._mesh_names)
+        self._mesh_names |= names
         if geometry is not None:
             return FittedGeometry(geometry)
         if self._shapes:

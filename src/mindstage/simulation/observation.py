@@ -13,6 +13,7 @@ from typing import Any, Protocol, cast
 
 import msgspec
 
+from mindstage.access.resources import from_outside
 from mindstage.engines.base import DEFAULT_SPAWN_OPTIONS, Actuator, Engine, SavedState, SpawnOptions, SpawnReport
 from mindstage.knowledge.questions import Answers
 from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, World
@@ -41,11 +42,17 @@ _MAX_ANSWERS = 200
 
 
 @contextmanager
-def as_client(name: str) -> Iterator[None]:
-    """In the context, edits and questions of this thread are those of a client, such as "viewer"; else of "Python"."""
+def as_client(name: str, *, trusted: bool = False) -> Iterator[None]:
+    """In the context, edits and questions of this thread are those of a client, such as "viewer"; else of "Python".
+
+    Args:
+        name: the name of the client.
+        trusted: whether its texts may name every file, as those of the command line; see `access.resources`.
+    """
     token = _client.set(name)
     try:
-        yield
+        with from_outside(not trusted):
+            yield
     finally:
         _client.reset(token)
 

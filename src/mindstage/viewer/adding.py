@@ -9,6 +9,8 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from mindstage.access.limits import SURFACES
+from mindstage.access.policies import EDIT, READ
 from mindstage.errors import InvalidArgumentError, NoFreePlacementError
 from mindstage.knowledge.names import EntityType
 from mindstage.rendering.appearance import compute_appearance
@@ -27,8 +29,6 @@ _Extent = Annotated[float, msgspec.Meta(ge=0.001, le=1000.0)]
 _Size = tuple[_Extent, _Extent, _Extent]
 _ClassName = Annotated[str, msgspec.Meta(min_length=1, max_length=2000)]
 _CLEARANCE_M = 0.002
-_MAX_SURFACES = 6
-"""How many support surfaces near the pointer are tried."""
 _MAX_HOVER_DISTANCE_M = 0.6
 """A free place that is farther from the pointer is not what was meant."""
 _OFFERED_S = 5.0
@@ -109,13 +109,15 @@ class AddHandler:
         """
         self._simulation, self._session_views, self._picker = simulation, session_views, picker
         self._catalog = ClassCatalog(simulation)
-        channel.register("find_classes", FindClassesRequest, self._find, queue="catalog")
-        channel.register("class_categories", EmptyRequest, lambda _, __: self._catalog.categories, queue="catalog")
-        channel.register("thumbnail", ThumbnailRequest, self._thumbnail, queue="thumbnails")
-        channel.register("add", AddRequest, self._add)
-        channel.register("hover", HoverRequest, self._hover, queue="pick")
-        channel.register("end_hover", EmptyRequest, self._end_hover, queue="pick")
-        channel.register("drop", HoverRequest, self._drop, queue="pick")
+        channel.register("find_classes", FindClassesRequest, self._find, READ, queue="catalog")
+        channel.register(
+            "class_categories", EmptyRequest, lambda _, __: self._catalog.categories, READ, queue="catalog"
+        )
+        channel.register("thumbnail", ThumbnailRequest, self._thumbnail, READ, queue="thumbnails")
+        channel.register("add", AddRequest, self._add, EDIT)
+        channel.register("hover", HoverRequest, self._hover, READ, queue="pick")
+        channel.register("end_hover", EmptyRequest, self._end_hover, READ, queue="pick")
+        channel.register("drop", HoverRequest, self._drop, EDIT, queue="pick")
 
     # -- the catalog ---------------------------------------------------------------------------------------------------
 
@@ -243,7 +245,7 @@ class AddHandler:
         places = FreePlaces(self._simulation)
         reasons: list[str] = []
         for target in self._targets(picked, direction):
-            for surface in places.surfaces(target.id, inside=None, near=target.point)[:_MAX_SURFACES]:
+            for surface in places.surfaces(target.id, inside=None, near=target.point)[: SURFACES.count]:
                 if surface.distance(target.point) > _MAX_HOVER_DISTANCE_M:
                     continue
                 poses, reason = places.sampler.candidate_poses(

@@ -16,6 +16,16 @@ from typing import Any, Protocol
 
 import msgspec
 
+from mindstage.access.limits import (
+    COMPLETIONS,
+    KEPT_ANSWERS,
+    LABEL_CHARACTERS,
+    PROLOG_TIME,
+    QUERY_CHARACTERS,
+    QUERY_DEFAULT_TIME,
+    ROWS,
+)
+from mindstage.access.policies import QUERY, READ
 from mindstage.errors import InvalidArgumentError, PrologUnavailableError
 from mindstage.knowledge import KnowledgeBase, RdfTerm, SparqlResult
 from mindstage.knowledge.names import EntityType, compact_iri
@@ -29,7 +39,6 @@ from mindstage.simulation import Simulation, StateSnapshot
 from mindstage.viewer.server import BoundedExecutor, ClientSession, EmptyRequest, RpcChannel
 
 __all__ = [
-    "MAX_ROWS",
     "AnswerTable",
     "AskHandler",
     "AskRequest",
@@ -52,8 +61,6 @@ __all__ = [
 ]
 
 
-MAX_ROWS = 500
-"""Maximum number of rows that are sent to the page; `AnswerTable.total` has the number of all."""
 _CLASS_COLUMN_TITLE = "class of {}"
 
 
@@ -145,7 +152,7 @@ def answer_table(kb: KnowledgeBase, answers: Answers[Any], bodies: Mapping[str, 
     """
     about = subject_column(answers)
     columns = _columns(kb, answers, about)
-    shown = answers[:MAX_ROWS]
+    shown = answers[: ROWS.count]
     rows = [[_cell(getattr(row, name), bodies) for name in columns] for row in shown]
     if about and answers.question.columns[about] is EntityType.INDIVIDUAL and not {"cls", "classes"} & {*columns}:
         for cells, row in zip(rows, shown, strict=True):
@@ -198,7 +205,7 @@ def _columns(kb: KnowledgeBase, answers: Answers[Any], individual: str | None) -
 
 def sparql_table(result: SparqlResult, bodies: Mapping[str, BodyId], *, title: str) -> AnswerTable:
     """Converts the result of a SPARQL query to a table."""
-    rows = [tuple(_term_cell(term, bodies) for term in row) for row in result.rows[:MAX_ROWS]]
+    rows = [tuple(_term_cell(term, bodies) for term in row) for row in result.rows[: ROWS.count]]
     ids = tuple(map(_row_id, rows))
     total = len(result.rows)
     return AnswerTable(
@@ -313,15 +320,8 @@ class ClearHighlightRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=T
     label: str | None = None
 
 
-_MAX_KEPT_ANSWERS = 8
-"""Number of recent answers kept for each client, to be explained and highlighted."""
 _KEPT_KEY = "answers"
 """Key of the kept answers in a session's `state`."""
-_QUERY_TIMEOUT_S = 20.0
-_PROLOG_TIMEOUT_S = 10.0
-_MAX_NAMES = 50
-_MAX_TEXT_LENGTH = 20_000
-_MAX_LABEL_LENGTH = 60
 
 
 class _KeptAnswers(msgspec.Struct, frozen=True):
@@ -370,16 +370,16 @@ class AskHandler:
         self._keys = count(1)
         self._last_highlights: object = None
         self._bodies: tuple[int, Mapping[str, BodyId]] = (-1, {})
-        channel.register("ask.questions", EmptyRequest, self._list, queue="ask.words")
-        channel.register("ask.complete", CompleteNameRequest, self._complete, queue="ask.words")
-        channel.register("ask", AskRequest, self._ask, queue="ask")
-        channel.register("ask.sparql", SparqlRequest, self._query, queue="ask")
-        channel.register("ask.prolog", PrologRequest, self._prolog_query, queue="ask")
-        channel.register("ask.languages", EmptyRequest, self._languages, queue="ask.words")
-        channel.register("ask.explain", ExplainRequest, self._explain, queue="ask")
-        channel.register("ask.highlight", HighlightAnswersRequest, self._highlight, queue="ask")
-        channel.register("ask.clear_highlights", ClearHighlightRequest, self._clear_highlight, queue="ask.words")
-        channel.register("ask.tell", TellRequest, self._change_assertion, queue="ask")
+        channel.register("ask.questions", EmptyRequest, self._list, READ, queue="ask.words")
+        channel.register("ask.complete", CompleteNameRequest, self._complete, READ, queue="ask.words")
+        channel.register("ask", AskRequest, self._ask, QUERY, queue="ask")
+        channel.register("ask.sparql", SparqlRequest, self._query, QUERY, queue="ask")
+        channel.register("ask.prolog", PrologRequest, self._prolog_query, QUERY, queue="ask")
+        channel.register("ask.languages", EmptyRequest, self._languages, READ, queue="ask.words")
+        channel.register("ask.explain", ExplainRequest, self._explain, QUERY, queue="ask")
+        channel.register("ask.highlight", HighlightAnswersRequest, self._highlight, QUERY, queue="ask")
+        channel.register("ask.clear_highlights", ClearHighlightRequest, self._clear_highlight, READ, queue="ask.words")
+        channel.register("ask.tell", TellRequest, self._change_assertion, QUERY, queue="ask")
 
     def publish(self, snapshot: StateSnapshot) -> None:
         """Publishes the highlight groups if they have changed."""
@@ -405,7 +405,7 @@ class AskHandler:
         found: list[dict[str, str]] = []
         with kb.lock:
             for kind in _kinds(request.kind):
-                for name, iri in kb.names.complete(request.prefix, kind, limit=min(request.limit, _MAX_NAMES)):
+                for name, iri in kb.names.complete(request.prefix, kind, limit=min(request.limit, COMPLETIONS.count)):
                     cls = kb.reasoner.class_of(iri) if kind is EntityType.INDIVIDUAL else None
                     description = local_name(cls) if cls else kind.value
                     found.append({"name": name, "iri": iri, "description": description})
@@ -427,13 +427,13 @@ class AskHandler:
         return self._remember(session, self._executor.run(answer, label=f"the question {title!r}"))
 
     def _query(self, session: ClientSession, request: SparqlRequest) -> AnswerTable:
-        if len(request.query) > _MAX_TEXT_LENGTH:
+        if len(request.query) > QUERY_CHARACTERS.count:
             raise InvalidArgumentError(
-                "a query", cause=f"it has more than {_MAX_TEXT_LENGTH} characters", remedy="shorten it"
+                "a query", cause=f"it has more than {QUERY_CHARACTERS.count} characters", remedy="shorten it"
             )
 
         def answer() -> _KeptAnswers:
-            result = self._simulation.sparql(request.query, timeout_s=_QUERY_TIMEOUT_S)
+            result = self._simulation.sparql(request.query, timeout_s=QUERY_DEFAULT_TIME.maximum)
             return _KeptAnswers(sparql_table(result, self._body_by_iri(), title=_title(request.query)), None)
 
         return self._remember(session, self._executor.run(answer, label="the query"))
@@ -443,7 +443,7 @@ class AskHandler:
             raise PrologUnavailableError("this page was opened without it")
 
         def answer() -> _KeptAnswers:
-            rows = solve(self._simulation, request.line, limit=MAX_ROWS, timeout_s=_PROLOG_TIMEOUT_S)
+            rows = solve(self._simulation, request.line, limit=ROWS.count, timeout_s=PROLOG_TIME.maximum)
             return _KeptAnswers(prolog_table(rows, self._body_by_iri(), title=_title(request.line)), None)
 
         return self._remember(session, self._executor.run(answer, label="the query"))
@@ -513,14 +513,14 @@ class AskHandler:
         table = msgspec.structs.replace(answered.table, key=next(self._keys))
         kept: OrderedDict[int, _KeptAnswers] = session.state.setdefault(_KEPT_KEY, OrderedDict())
         kept[table.key] = _KeptAnswers(table, answered.answers)
-        while len(kept) > _MAX_KEPT_ANSWERS:
+        while len(kept) > KEPT_ANSWERS.count:
             kept.popitem(last=False)
         return table
 
 
 def _title(text: str) -> str:
     line = " ".join(text.split())
-    return line if len(line) <= _MAX_LABEL_LENGTH else f"{line[: _MAX_LABEL_LENGTH - 1]}…"
+    return line if len(line) <= LABEL_CHARACTERS.count else f"{line[: LABEL_CHARACTERS.count - 1]}…"
 
 
 def _kinds(name: str) -> tuple[EntityType, ...]:

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 
 import msgspec
 
+from mindstage.access.limits import FOUND_CLASSES
 from mindstage.files import atomic_write, cache_dir
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.names import name_words
@@ -41,7 +42,6 @@ _OTHER = "Other"
 _NO_THINGS = frozenset({"Event", "Situation", "TemporalThing"})
 _THUMBNAIL_VERSION = 1
 _THUMBNAIL_PX = 96
-_MAX_FOUND = 120
 
 
 class AddableClass(msgspec.Struct, frozen=True, kw_only=True, rename={"cls": "class"}):
@@ -108,7 +108,7 @@ class ClassCatalog:
                 )
                 ranked.append((order, msgspec.structs.replace(entry, used=is_used)))
         ranked.sort(key=lambda pair: pair[0])
-        return [entry for _, entry in ranked[:_MAX_FOUND]] if query else [entry for _, entry in ranked]
+        return [entry for _, entry in ranked[: FOUND_CLASSES.count]] if query else [entry for _, entry in ranked]
 
     @property
     def categories(self) -> list[str]:

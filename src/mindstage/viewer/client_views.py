@@ -21,6 +21,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from mindstage.access.limits import LABELS
 from mindstage.errors import BodyNotFoundError
 from mindstage.rendering.appearance import BodyAppearance, merge_visuals
 from mindstage.rendering.camera import (
@@ -71,8 +72,6 @@ _SELECTED_COLORS = ((250, 160, 90), _ACCENT)
 """Colors of the boxes of selected bodies: of the further ones, and of the one whose details are shown."""
 _PART_COLOR = (222, 190, 168)
 _BOX_EDGES = 12
-_MAX_LABELS = 1000
-"""Maximum number of labels that a page receives, of the largest bodies; it draws those that have space."""
 _MIN_FOCUS_SIZE_M = 0.25
 """Smallest extent that the camera zooms to [m]."""
 _IN_PICTURE = 0.92
@@ -511,10 +510,10 @@ class ClientView:
         drawn = [id for id in self._rows if id in self._appearances and id not in self.culled]
         match self._label_mode:
             case LabelMode.ALL:
-                return sorted(drawn, key=lambda each: -max(self._appearances[each].size))[:_MAX_LABELS]
+                return sorted(drawn, key=lambda each: -max(self._appearances[each].size))[: LABELS.count]
             case LabelMode.CLASS if self.selected is not None:
                 name = self._names.get(self.selected)
-                return [id for id in drawn if self._names.get(id) == name][:_MAX_LABELS]
+                return [id for id in drawn if self._names.get(id) == name][: LABELS.count]
             case LabelMode.SELECTED:
                 return list(self.selection)
             case _:

@@ -12,6 +12,8 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
+from mindstage.access.limits import PASTE_CHARACTERS
+from mindstage.access.policies import EDIT, READ, SPAWN
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError
 from mindstage.rendering.camera import corners
 from mindstage.scene import Body, BodyId, BodyPhysics, Material, Mobility, Pose, Quaternion, Vector
@@ -34,7 +36,6 @@ _SLIDER_SETTLE_S = 2.0
 """Time for which a joint is pulled on after its slider was released [s]."""
 _JOINT_TOLERANCE = 0.004
 _CLEARANCE_M = 0.001
-_MAX_TEXT_LENGTH = 5_000_000
 
 
 class MoveRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -121,7 +122,7 @@ class DeleteRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class PasteRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `paste`: the text that `copy` returned."""
 
-    text: Annotated[str, msgspec.Meta(max_length=_MAX_TEXT_LENGTH)]
+    text: Annotated[str, msgspec.Meta(max_length=PASTE_CHARACTERS.count)]
 
 
 class GoToRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -185,21 +186,21 @@ class EditHandler:
         self._simulation, self._find_joint = simulation, find_joint
         self._joint_drags: dict[BodyId, _JointDrag] = {}
         undo_stack = simulation.undo_stack
-        channel.register("move", MoveRequest, self._move)
-        channel.register("set_physics", SetPhysicsRequest, self._set_physics)
-        channel.register("set_material", SetMaterialRequest, self._set_material)
-        channel.register("rename", RenameRequest, lambda _, request: undo_stack.rename(request.id, request.label))
-        channel.register("move_joint", MoveJointRequest, self._move_joint)
-        channel.register("attach", AttachRequest, self._attach)
-        channel.register("move_all", MoveAllRequest, self._move_all)
-        channel.register("delete", DeleteRequest, self._delete)
-        channel.register("dependents", BodiesRequest, self._dependents, queue="details")
-        channel.register("copy", BodiesRequest, lambda _, request: self._group(request.ids).text)
-        channel.register("duplicate", BodiesRequest, self._duplicate)
-        channel.register("paste", PasteRequest, self._paste)
-        channel.register("go_to_step", GoToRequest, self._go_to)
-        channel.register("undo", EmptyRequest, lambda _, __: undo_stack.undo())
-        channel.register("redo", EmptyRequest, lambda _, __: undo_stack.redo())
+        channel.register("move", MoveRequest, self._move, EDIT)
+        channel.register("set_physics", SetPhysicsRequest, self._set_physics, EDIT)
+        channel.register("set_material", SetMaterialRequest, self._set_material, EDIT)
+        channel.register("rename", RenameRequest, lambda _, request: undo_stack.rename(request.id, request.label), EDIT)
+        channel.register("move_joint", MoveJointRequest, self._move_joint, EDIT)
+        channel.register("attach", AttachRequest, self._attach, EDIT)
+        channel.register("move_all", MoveAllRequest, self._move_all, EDIT)
+        channel.register("delete", DeleteRequest, self._delete, EDIT)
+        channel.register("dependents", BodiesRequest, self._dependents, READ, queue="details")
+        channel.register("copy", BodiesRequest, lambda _, request: self._group(request.ids).text, READ)
+        channel.register("duplicate", BodiesRequest, self._duplicate, EDIT)
+        channel.register("paste", PasteRequest, self._paste, SPAWN)
+        channel.register("go_to_step", GoToRequest, self._go_to, EDIT)
+        channel.register("undo", EmptyRequest, lambda _, __: undo_stack.undo(), EDIT)
+        channel.register("redo", EmptyRequest, lambda _, __: undo_stack.redo(), EDIT)
         channel.on_disconnect(self._release)
 
     def publish(self, snapshot: StateSnapshot) -> None:

@@ -20,6 +20,8 @@ import numpy as np
 import viser
 from msgspec import Meta
 
+from mindstage.access.limits import TRAIL_GHOSTS, TRAIL_POINTS
+from mindstage.access.policies import EDIT, FILE, READ
 from mindstage.episodes.recording import EpisodeEvent, EpisodeEventKind, EpisodeFrame, Recording
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, MindstageError
@@ -43,8 +45,6 @@ _TRAIL = "trail"
 """The layer of ghosts, and the marker, of a path."""
 _TRAIL_COLOR: Color = (0.76, 0.25, 0.05)
 _TRAIL_WIDTH_M = 0.005
-_MAX_TRAIL_POINTS = 2_000
-_MAX_TRAIL_GHOSTS = 12
 _MIN_STEP_M = 0.002
 """Shorter motions are not drawn as segments of a path [m]."""
 _QUEUE = "timeline"
@@ -71,8 +71,8 @@ class RecordingHandler:
         self._simulation, self._channel, self._folder = simulation, channel, folder
         self._files: RecordingFolder | None = None
         self._recorder: Recorder | None = None
-        channel.register("recording.start", EmptyRequest, self._start, queue="recording")
-        channel.register("recording.stop", EmptyRequest, self._stop, queue="recording")
+        channel.register("recording.start", EmptyRequest, self._start, FILE, queue="recording")
+        channel.register("recording.stop", EmptyRequest, self._stop, FILE, queue="recording")
         self.publish()
 
     def publish(self) -> None:
@@ -80,7 +80,7 @@ class RecordingHandler:
         recorder = self._recorder
         state: dict[str, object] = {"path": None, "time_s": 0.0, "failed": False}
         if recorder is not None:
-            state = {"path": str(recorder.path), "time_s": round(recorder.time_s), "failed": not recorder.recording}
+            state = {"path": recorder.path.name, "time_s": round(recorder.time_s), "failed": not recorder.recording}
         self._channel.publish("recording", state)
 
     def close(self) -> None:
@@ -92,7 +92,7 @@ class RecordingHandler:
                 _log.error("the recording could not be finished: %s", error)
 
     def _start(self, _: ClientSession, __: EmptyRequest) -> str:
-        """Returns the path of the file, which is named like the world with the local date and time."""
+        """Returns the name of the file, which is named like the world with the local date and time."""
         if self._files is None:
             from mindstage.episodes.recorder import RecordingFolder
 
@@ -102,10 +102,10 @@ class RecordingHandler:
         path = self._files.start(f"{plain}-{datetime.now().astimezone():%Y-%m-%d-%H-%M-%S}")
         self._recorder = self._files.recorder
         self.publish()
-        return str(path)
+        return path.name
 
     def _stop(self, _: ClientSession, __: EmptyRequest) -> dict[str, object]:
-        """Returns the path of the file, its duration [s] and its size [B]."""
+        """Returns the name of the file, its duration [s] and its size [B]."""
         recorder, self._recorder = self._recorder, None
         if self._files is None or recorder is None:
             raise InvalidArgumentError("the recording", cause="there is none", remedy="start one")
@@ -113,7 +113,7 @@ class RecordingHandler:
             path = self._files.stop()
         finally:
             self.publish()
-        return {"path": str(path), "time_s": recorder.time_s, "size_bytes": path.stat().st_size}
+        return {"path": path.name, "time_s": recorder.time_s, "size_bytes": path.stat().st_size}
 
 
 class SeekRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -157,7 +157,7 @@ def path_of(recording: Recording, id: BodyId) -> Array:
             rows.append(pose.copy())
     if id not in known:
         raise BodyNotFoundError(id, known=known, world=recording.name)
-    chosen = np.linspace(0, len(rows) - 1, min(len(rows), _MAX_TRAIL_POINTS)).round().astype(int)
+    chosen = np.linspace(0, len(rows) - 1, min(len(rows), TRAIL_POINTS.count)).round().astype(int)
     path: Array = np.array(rows)[chosen]
     return path
 
@@ -265,13 +265,13 @@ class TimelineHandler:
         self._beside: _BesideWorld | None = None
         if replay.beside is not None:
             self._beside = _BesideWorld(replay.beside, replay.recording, replay.knowledge, server)
-        channel.register("timeline.seek", SeekRequest, self._seek, queue=_QUEUE)
-        channel.register("timeline.step_event", StepToEventRequest, self._step_to_event, queue=_QUEUE)
+        channel.register("timeline.seek", SeekRequest, self._seek, READ, queue=_QUEUE)
+        channel.register("timeline.step_event", StepToEventRequest, self._step_to_event, READ, queue=_QUEUE)
         channel.register(
-            "timeline.trail", TrailRequest, lambda _, request: self.show_trail(request.id), queue="timeline.trail"
+            "timeline.trail", TrailRequest, lambda _, request: self.show_trail(request.id), READ, queue="timeline.trail"
         )
-        channel.register("timeline.resume", EmptyRequest, self._resume)
-        channel.register("timeline.return", EmptyRequest, self._return)
+        channel.register("timeline.resume", EmptyRequest, self._resume, EDIT)
+        channel.register("timeline.return", EmptyRequest, self._return, EDIT)
         self._publish_recording(None)
         threading.Thread(target=self._find_events, name="mindstage-episode-events", daemon=True).start()
 
@@ -294,7 +294,7 @@ class TimelineHandler:
             raise InvalidArgumentError(
                 id, cause="it does not move in this recording", remedy="select a body that moves"
             )
-        chosen = np.linspace(0, len(path) - 1, min(len(path), _MAX_TRAIL_GHOSTS)).round().astype(int)
+        chosen = np.linspace(0, len(path) - 1, min(len(path), TRAIL_GHOSTS.count)).round().astype(int)
         colors = np.tile(np.array(_TRAIL_COLOR), (len(chosen), 1))
         self._trail = (GhostGroup(id, path[chosen], colors),)
         self._trail_id = id

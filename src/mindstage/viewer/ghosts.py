@@ -16,6 +16,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from mindstage.access.limits import GHOSTS, IMAGINED_BODIES
 from mindstage.rendering.appearance import BodyAppearance, merge_visuals
 from mindstage.scene import BodyId, Color
 from mindstage.scene.colors import srgb_to_linear
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FAILED_COLOR",
-    "MAX_GHOSTS",
     "GhostGroup",
     "GhostNodes",
     "ImaginationGhosts",
@@ -36,10 +36,6 @@ __all__ = [
     "trail_ghosts",
 ]
 
-MAX_GHOSTS = 200
-"""Maximum number of end poses that are drawn for each body."""
-_MAX_IMAGINED = 300
-"""Maximum number of bodies that are drawn for each open copy."""
 _OPACITY = 0.3
 _SUCCEEDED_COLOR: Color = (0.13, 0.62, 0.33)
 FAILED_COLOR: Color = (0.86, 0.2, 0.18)
@@ -138,12 +134,12 @@ class GhostNodes:
 
 
 def end_pose_ghosts(verdict: Verdict) -> tuple[GhostGroup, ...]:
-    """Where bodies end in the samples of a verdict, at most `MAX_GHOSTS` of them, colored by outcome."""
+    """Where bodies end in the samples of a verdict, at most `limits.GHOSTS` of them, colored by outcome."""
     from mindstage.imagination import Outcome
 
     colors = {Outcome.SUCCEEDED: _SUCCEEDED_COLOR, Outcome.FAILED: FAILED_COLOR, Outcome.UNKNOWN: _UNKNOWN_COLOR}
     results = verdict.results
-    chosen = sorted(set(np.linspace(0, len(results) - 1, min(len(results), MAX_GHOSTS)).round().astype(int).tolist()))
+    chosen = sorted(set(np.linspace(0, len(results) - 1, min(len(results), GHOSTS.count)).round().astype(int).tolist()))
     poses: dict[BodyId, list[tuple[float, ...]]] = {}
     drawn: dict[BodyId, list[Color]] = {}
     for index in chosen:
@@ -246,7 +242,7 @@ class ImaginationGhosts:
             differing = _differing_rows(snapshot, state)
             if copy in shown:
                 layers.add(layer)
-                rows, tint = differing[:_MAX_IMAGINED], np.array([color])
+                rows, tint = differing[: IMAGINED_BODIES.count], np.array([color])
                 groups = (GhostGroup(state.ids[row], state.poses[row : row + 1], tint) for row in rows)
                 self._nodes.show(layer, groups, appearances)
             found.append({"number": number, "color": color, "time_s": state.time_s, "differing": len(differing)})

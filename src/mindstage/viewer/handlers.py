@@ -14,11 +14,13 @@ from collections.abc import Callable, Collection, Container, Iterator, Mapping, 
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
-from urllib.parse import unquote, urlsplit
 
 import msgspec
 import viser
 
+from mindstage.access.limits import MAP_CHARACTERS, NEW_BODY_TIME, PAGE_STEP, STORAGE_PLACES
+from mindstage.access.policies import EDIT, FILE, READ, RUN
+from mindstage.access.resources import require_granted
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, MapNotFoundError, MindstageError
 from mindstage.knowledge import KnowledgeBase, MapDialect, MapFormat, SourceMapView, UnitConventions, write_map
 from mindstage.rendering.screenshot import LabelMode
@@ -45,7 +47,6 @@ __all__ = ["SELECTED", "ClockMessage", "FileHandler", "Handlers", "ViewHandler",
 
 
 _SUFFIXES = (".owl", ".rdf", ".xml", ".ttl", ".urdf")
-_MAX_TEXT_LENGTH = 20_000_000
 _FILE_TYPES = {MapFormat.RDF_XML: (".owl", "application/rdf+xml"), MapFormat.TURTLE: (".ttl", "text/turtle")}
 
 
@@ -61,7 +62,7 @@ class LoadRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `load`: a file of the client."""
 
     name: Annotated[str, msgspec.Meta(max_length=300)]
-    text: Annotated[str, msgspec.Meta(max_length=_MAX_TEXT_LENGTH)]
+    text: Annotated[str, msgspec.Meta(max_length=MAP_CHARACTERS.count)]
     conventions: UnitConventions = UnitConventions()
     """Conventions of the map; what is not given is inferred."""
 
@@ -78,8 +79,8 @@ class FileHandler:
         """
         self._simulation, self._channel = simulation, channel
         self._loaded: KnowledgeBase | None = None
-        channel.register("save", SaveRequest, self._save, queue="files")
-        channel.register("load", LoadRequest, self._load, queue="files")
+        channel.register("save", SaveRequest, self._save, FILE, queue="files")
+        channel.register("load", LoadRequest, self._load, FILE, queue="files")
 
     def _save(self, _: ClientSession, request: SaveRequest) -> dict[str, str]:
         world = self._simulation.snapshot()
@@ -118,8 +119,9 @@ class FileHandler:
         """Parses an uploaded map into a new knowledge base with the current ontologies.
 
         Raises:
-            InvalidArgumentError: the suffix is not that of a map, or the file refers to files of this machine.
+            InvalidArgumentError: the suffix is not that of a map.
             ReferenceRefusedError: it imports something that is not loaded.
+            ResourceRefusedError: the file refers to files of this machine.
             KnowledgeError: the file cannot be parsed, or contains no map.
         """
         suffix = Path(request.name).suffix.lower()
@@ -136,28 +138,11 @@ class FileHandler:
             path.write_text(request.text, encoding="utf-8")
             knowledge.load(path, conventions=request.conventions, untrusted=True)
             world = knowledge.world()
-            for body in world.bodies:
-                if body.mesh and _is_outside_path(body.mesh):
-                    cause = (
-                        f"the mesh of {body.id!r} is a path, and uploaded maps must not refer to files of this machine"
-                    )
-                    raise InvalidArgumentError(
-                        request.name, cause=cause, remedy="spawn such a map from the command line"
-                    )
+            require_granted(body.mesh for body in world.bodies)  # before the present world is replaced
             return knowledge, world
         except BaseException:
             knowledge.close()
             raise
-
-
-def _is_outside_path(name: str) -> bool:
-    """Whether the name of a mesh is an absolute path or leaves the folders of assets."""
-    parts = urlsplit(unquote(name).replace("\\", "/"))
-    return (
-        parts.scheme == "file"
-        or (parts.path.startswith("/") and parts.scheme != "package")
-        or ".." in parts.path.split("/")
-    )
 
 
 def _safe_filename(name: str) -> str:
@@ -167,11 +152,8 @@ def _safe_filename(name: str) -> str:
 
 SELECTED = "selected"
 """Key of the selected body in the `state` of a session."""
-_MAX_STEP_S = 10.0
-_NEW_BODY_TIMEOUT_S = 5.0
 _NEW_BODY_POLL_S = 0.03
 _STORAGE_QUESTION = "storage_place_in_environment"
-_MAX_STORAGE_PLACES = 12
 
 
 class PlayRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -183,7 +165,7 @@ class PlayRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class StepRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `step`."""
 
-    duration_s: Annotated[float, msgspec.Meta(gt=0.0, le=_MAX_STEP_S)] = 0.1
+    duration_s: Annotated[float, msgspec.Meta(gt=0.0, le=PAGE_STEP.maximum)] = 0.1
 
 
 class DetailsRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -221,11 +203,11 @@ class WorldHandler:
         self._joint_handles: dict[BodyId, JointHandle] = {}
         self._spawn_record = SpawnRecord({}, {})
         self._revisions = 0
-        channel.register("play", PlayRequest, lambda _, request: simulation.play(speed=request.speed))
-        channel.register("pause", EmptyRequest, lambda _, __: simulation.pause())
-        channel.register("step", StepRequest, self._step)
-        channel.register("reset", EmptyRequest, lambda _, __: simulation.undo_stack.reset())
-        channel.register("details", DetailsRequest, self._details, queue="details")
+        channel.register("play", PlayRequest, lambda _, request: simulation.play(speed=request.speed), EDIT)
+        channel.register("pause", EmptyRequest, lambda _, __: simulation.pause(), EDIT)
+        channel.register("step", StepRequest, self._step, RUN)
+        channel.register("reset", EmptyRequest, lambda _, __: simulation.undo_stack.reset(), EDIT)
+        channel.register("details", DetailsRequest, self._details, READ, queue="details")
 
     # -- for the drawing thread ----------------------------------------------------------------------------------------
 
@@ -297,7 +279,7 @@ class WorldHandler:
         Raises:
             BodyNotFoundError: there is no such body.
         """
-        end = time.monotonic() + _NEW_BODY_TIMEOUT_S
+        end = time.monotonic() + NEW_BODY_TIME.maximum
         while id not in self._bodies and id in self._simulation.state.ids and time.monotonic() < end:
             time.sleep(_NEW_BODY_POLL_S)
         world, body = self._world, self._bodies.get(id)
@@ -313,7 +295,7 @@ class WorldHandler:
             rows = list(self._simulation.ask(_STORAGE_QUESTION, item=cls))
         except MindstageError:
             return  # a class that no ontology declares
-        for row in rows[:_MAX_STORAGE_PLACES]:
+        for row in rows[: STORAGE_PLACES.count]:
             if row.individual in ids:
                 places.setdefault(row.place, []).append(ids[row.individual])
         for place, bodies in places.items():
@@ -418,41 +400,46 @@ class ViewHandler:
             exists: whether a body is in the simulation, and drawn soon if it is not drawn yet.
         """
         self._views, self._channel, self._server, self._exists = views, channel, server, exists
-        channel.register("select", SelectRequest, self._select, queue="view")
+        channel.register("select", SelectRequest, self._select, READ, queue="view")
         channel.register(
             "focus",
             FocusRequest,
             self._view_handler(lambda view, request: views.focus(request.ids, client=view)),
+            READ,
             queue="view",
         )
         channel.register(
             "reset_camera",
             EmptyRequest,
             self._view_handler(lambda view, _: views.go_home(client=view)),
+            READ,
             queue="view",
         )
         channel.register(
             "view_from_top",
             EmptyRequest,
             self._view_handler(lambda view, _: views.go_top(client=view)),
+            READ,
             queue="view",
         )
         clip = self._view_handler(lambda view, request: views.set_clip_height(request.height, client=view))
-        channel.register("set_clipping_height", ClipPlaneRequest, clip, queue="view")
+        channel.register("set_clipping_height", ClipPlaneRequest, clip, READ, queue="view")
         channel.register(
             "set_labels",
             LabelRequest,
             self._view_handler(lambda view, request: views.set_labels(request.mode, client=view)),
+            READ,
             queue="view",
         )
         channel.register(
             "set_gizmo",
             GizmoRequest,
             self._view_handler(lambda view, request: views.set_gizmo(request.mode, client=view)),
+            READ,
             queue="view",
         )
-        channel.register("set_visible", SetVisibilityRequest, self._show_bodies, queue="view")
-        channel.register("show_enclosures", ShowEnclosuresRequest, self._show_enclosures, queue="view")
+        channel.register("set_visible", SetVisibilityRequest, self._show_bodies, READ, queue="view")
+        channel.register("show_enclosures", ShowEnclosuresRequest, self._show_enclosures, READ, queue="view")
         views.on_change(self._on_view_selection)
         self.publish()
 
@@ -500,7 +487,7 @@ class ViewHandler:
     def _select(self, session: ClientSession, request: SelectRequest) -> None:
         """Selects a body; waits for one that was added after the last `on_rebuild`."""
         before, session.state[SELECTED] = session.state.get(SELECTED), request.id
-        end = time.monotonic() + _NEW_BODY_TIMEOUT_S
+        end = time.monotonic() + NEW_BODY_TIME.maximum
         while True:
             try:
                 self._select_in_views(session, request)

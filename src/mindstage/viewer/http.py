@@ -1,29 +1,25 @@
-"""HTTP of the page: static files, the filter of requests (host, origin, token), and viser's page with added scripts.
+"""HTTP of the page: static files, and viser's page with added scripts, for requests that the gate lets in.
 
-Any web page can make a browser send requests to this machine. Therefore a request is allowed only if its `Host` is a
-name of this machine (DNS rebinding), a websocket only from the page's own origin, and both need the token unless the
-server listens on a loopback address. Paths are looked up in a fixed list of files, never on the disk.
+Paths are looked up in a fixed list of files, never on the disk.
 """
 
 from __future__ import annotations
 
 import gzip
 import hashlib
-import hmac
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from http import HTTPStatus
-from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
-from typing import Protocol
-from urllib.parse import parse_qsl, urlencode, urlsplit
+from typing import NamedTuple
 
 import msgspec
 
-from mindstage.bridge.access import DEFAULT_VISITOR_LIMITS, Visitor, VisitorLimits, VisitorRegistry, is_loopback
-from mindstage.bridge.server import TokenAuth
-from mindstage.errors import AuthenticationError
+from mindstage.access.gate import Denial, Gate, RequestHeaders
+from mindstage.access.policies import CONTROL, READ, Door, EntryPoint, Policy
+from mindstage.access.visitors import Visitor
+from mindstage.errors import RequestLimitError
 from mindstage.textures.baking import content_version
 from mindstage.textures.catalog import texture_names
 from mindstage.textures.images import TextureMap, texture_jpeg
@@ -32,7 +28,6 @@ __all__ = [
     "CHANNEL",
     "HttpResponse",
     "RequestFilter",
-    "RequestHeaders",
     "StaticFile",
     "ViserPage",
     "page_files",
@@ -89,17 +84,6 @@ CHANNEL = "/mindstage/channel"
 """Path of the page's websocket."""
 
 _VIEW = re.compile(r"/view/([a-z0-9]{8,40})/?")
-_HOST = re.compile(r"[A-Za-z0-9.\-_]+(:\d{1,5})?|\[[0-9A-Fa-f:.]+\](:\d{1,5})?")
-_TOKEN_REQUIRED = "a token is required; open the page with ?token=… first"
-_TOO_MANY_TOKENS = "too many wrong tokens were sent from this address; wait a minute"
-_COOKIE_MAX_AGE_S = 30 * 24 * 3600
-
-
-class RequestHeaders(Protocol):
-    """Headers of a request; names are case-insensitive."""
-
-    def get(self, key: str, default: None = None, /) -> str | None:
-        """The value of a header, or None."""
 
 
 class HttpResponse(msgspec.Struct, frozen=True):
@@ -121,44 +105,37 @@ def request_path(path: str) -> str:
     return path.partition("?")[0]
 
 
-class RequestFilter:
-    """Decides by path and headers which requests are allowed. Does no I/O."""
+class Route(NamedTuple):
+    """A path of the page."""
 
-    def __init__(
-        self,
-        *,
-        host: str,
-        token: str | None = None,
-        origins: Collection[str] = (),
-        secure: bool = False,
-        visitor_limits: VisitorLimits = DEFAULT_VISITOR_LIMITS,
-    ) -> None:
+    name: str
+    pattern: re.Pattern[str]
+    policy: Policy
+    answer: Callable[[str, RequestHeaders], HttpResponse | None]
+    """Called with the path and the headers; None leaves the response to viser."""
+
+
+SOCKETS = ((CHANNEL, re.compile(re.escape(CHANNEL)), CONTROL), ("/view/KEY", _VIEW, CONTROL))
+"""Name, pattern and policy of the paths of websockets."""
+
+
+class RequestFilter:
+    """Answers requests that the gate lets in, by path and headers. Does no I/O."""
+
+    def __init__(self, gate: Gate) -> None:
         """Creates the filter.
 
         Args:
-            host: the address that the server listens on; any other than a loopback address needs a token.
-            token: the token that clients need, or None.
-            origins: further origins of the page, such as `https://robot.example` for a reverse proxy.
-            secure: whether the server uses TLS; the cookie is then sent over TLS only.
-            visitor_limits: limits of each client address.
-
-        Raises:
-            AuthenticationError: the host is not a loopback address, and there is no token.
+            gate: decides which requests are let in.
         """
-        if not token and not is_loopback(host):
-            raise AuthenticationError(
-                host, cause="everyone in the network could open the page; give a token, or serve at 127.0.0.1"
-            )
-        self._auth = TokenAuth(host=host, token=token or None, origins=())
-        self._local_only = is_loopback(host)
-        self._origins = frozenset(origin.rstrip("/").lower() for origin in origins)
-        self._host_names = frozenset(urlsplit(origin).netloc for origin in self._origins)
-        self._cookie_attributes = "; Secure" if secure else ""
-        self.visitors = VisitorRegistry(visitor_limits)
-        """The addresses that requests come from."""
-        self._cookie_value = hmac.new(token.encode(), b"mindstage page", hashlib.sha256).hexdigest() if token else ""
-
-    # -- checks --------------------------------------------------------------------------------------------------------
+        self.gate = gate
+        self.routes = (
+            Route("/", re.compile("/"), CONTROL, self._index),
+            Route("/view/KEY", _VIEW, CONTROL, lambda path, headers: None),
+            Route("/mindstage/textures/NAME.jpg", _TEXTURE, READ, lambda path, headers: _texture_response(path)),
+            Route("/mindstage/FILE", re.compile("/mindstage/[^/]+"), CONTROL, self._named_file),
+        )
+        """The paths that are answered, the first that matches."""
 
     def socket_error(
         self, path: str, headers: RequestHeaders, *, visitor: Visitor | None = None, now_s: float = 0.0
@@ -171,22 +148,11 @@ class RequestFilter:
             visitor: where the request comes from; by default this machine.
             now_s: the time, of any clock [s].
         """
-        visitor = visitor or self.visitors.visitor(None)
-        refusal = self._host_error(headers)
-        if refusal is None and not visitor.may_connect:
-            refusal = _error_response(HTTPStatus.TOO_MANY_REQUESTS, "too many pages are open at this address")
-        if refusal is not None:
-            return refusal
-        origin = headers.get("Origin")
-        if origin is not None and not self._is_same_origin(origin, headers.get("Host") or ""):
-            return _error_response(HTTPStatus.FORBIDDEN, "this origin is not allowed; open the page of this server")
-        is_blocked = not visitor.may_try_token(now_s)
-        if not self._is_authenticated(path, headers, visitor, now_s):
-            status = HTTPStatus.TOO_MANY_REQUESTS if is_blocked else HTTPStatus.UNAUTHORIZED
-            return _error_response(status, _TOO_MANY_TOKENS if is_blocked else _TOKEN_REQUIRED)
-        if request_path(path) != CHANNEL and view_key(path) is None:
-            return _error_response(HTTPStatus.NOT_FOUND, "there is no such websocket")
-        return None
+        visitor = visitor or self.gate.visitors.visitor(None)
+        denial = self.gate.socket_denial(path, headers, visitor, now_s) or self._excess(path, visitor, now_s)
+        if denial is None and not any(pattern.fullmatch(request_path(path)) for _, pattern, _ in SOCKETS):
+            denial = Denial(HTTPStatus.NOT_FOUND, "there is no such websocket")
+        return None if denial is None else _error_response(denial)
 
     def respond(
         self, path: str, headers: RequestHeaders, *, visitor: Visitor | None = None, now_s: float = 0.0
@@ -199,98 +165,48 @@ class RequestFilter:
             visitor: where the request comes from; by default this machine.
             now_s: the time, of any clock [s].
         """
-        visitor = visitor or self.visitors.visitor(None)
-        if (refusal := self._host_error(headers)) is not None:
-            return refusal
-        site = headers.get("Sec-Fetch-Site")
-        route = request_path(path)
-        if site in {"cross-site", "same-site"} and route != "/":
-            return _error_response(HTTPStatus.FORBIDDEN, "other sites may only link to /")
-        is_blocked = not visitor.may_try_token(now_s)
-        if not self._is_authenticated(path, headers, visitor, now_s):
-            return self._login_page(route, wrong=self._has_token(path, headers), is_blocked=is_blocked)
-        if route == "/":
-            return self._cookie(path) or self._file(page_files()["index.html"], headers)
-        if view_key(path) is not None:
-            return None
-        return _texture_response(route) or self._named_file(route, headers)
+        route, visitor = request_path(path), visitor or self.gate.visitors.visitor(None)
+        denial = self.gate.request_denial(path, headers, visitor, now_s) or self._excess(path, visitor, now_s)
+        if denial is not None:
+            is_login = denial.status is HTTPStatus.UNAUTHORIZED and route == "/"
+            return (
+                _login_page(denial, wrong=self.gate.has_token(path, headers)) if is_login else _error_response(denial)
+            )
+        entry = next((each for each in self.routes if each.pattern.fullmatch(route)), None)
+        if entry is None:
+            return _error_response(Denial(HTTPStatus.NOT_FOUND, "there is no such page; open /"))
+        return entry.answer(path, headers)
 
-    # -- host, origin and token ----------------------------------------------------------------------------------------
+    def entry_points(self) -> tuple[EntryPoint, ...]:
+        """The paths that are answered."""
+        routes = (EntryPoint(Door.ROUTE, each.name, each.policy) for each in self.routes)
+        return (*routes, *(EntryPoint(Door.SOCKET, name, policy) for name, _, policy in SOCKETS))
 
-    def _host_error(self, headers: RequestHeaders) -> HttpResponse | None:
-        host = (headers.get("Host") or "").lower()
-        if _HOST.fullmatch(host) is not None:
-            name = urlsplit(f"//{host}").hostname or ""
-            if host in self._host_names or is_loopback(name) or not self._local_only:
-                return None
-        text = "this is not a host name of this server; open http://127.0.0.1 or http://localhost"
-        return _error_response(HTTPStatus.MISDIRECTED_REQUEST, text)
-
-    def _is_same_origin(self, origin: str, host: str) -> bool:
+    def _excess(self, path: str, visitor: Visitor, now_s: float) -> Denial | None:
+        policies = [(each.pattern, each.policy) for each in self.routes] + [each[1:] for each in SOCKETS]
         try:
-            page = urlsplit(origin.lower())
-        except ValueError:
-            return False
-        own = page.scheme in {"http", "https"} and page.netloc == host.lower()
-        return own or origin.rstrip("/").lower() in self._origins
-
-    def _has_token(self, path: str, headers: RequestHeaders) -> bool:
-        return self._auth.check_handshake(path, headers.get("Authorization")) is not None
-
-    def _is_authenticated(self, path: str, headers: RequestHeaders, visitor: Visitor, now_s: float) -> bool:
-        if not self._auth.needs_token:
-            return True
-        if not self._has_token(path, headers):
-            return self._has_cookie(headers)
-        if not visitor.may_try_token(now_s):
-            return False
-        allowed = self._auth.check_handshake(path, headers.get("Authorization")) is True
-        if not allowed:
-            visitor.add_failed_token(now_s)
-        return allowed
-
-    def _has_cookie(self, headers: RequestHeaders) -> bool:
-        try:
-            cookie = SimpleCookie(headers.get("Cookie") or "")
-        except CookieError:
-            return False
-        return any(
-            hmac.compare_digest(self._cookie_value.encode(), morsel.value.encode("utf-8", "surrogateescape"))
-            for name, morsel in cookie.items()
-            if name == "mindstage"
-        )
-
-    def _cookie(self, path: str) -> HttpResponse | None:
-        """Redirects a request with a token in its query: to the address without it, with an HttpOnly cookie instead."""
-        query = parse_qsl(path.partition("?")[2], keep_blank_values=True)
-        if not self._auth.needs_token or "token" not in dict(query):
-            return None
-        rest = urlencode([(name, value) for name, value in query if name != "token"])
-        cookie = f"mindstage={self._cookie_value}; Path=/; HttpOnly; SameSite=Strict; Max-Age={_COOKIE_MAX_AGE_S}"
-        cookie += self._cookie_attributes
-        headers = {"Location": f"/?{rest}" if rest else "/", "Set-Cookie": cookie, "Cache-Control": "no-store"}
-        return HttpResponse(HTTPStatus.SEE_OTHER, b"", _SECURITY_HEADERS | headers)
-
-    def _login_page(self, path: str, *, wrong: bool, is_blocked: bool) -> HttpResponse:
-        if is_blocked:
-            return _error_response(HTTPStatus.TOO_MANY_REQUESTS, _TOO_MANY_TOKENS)
-        message = "That is not the token." if wrong else "A token is needed."
-        if path != "/":
-            return _error_response(HTTPStatus.UNAUTHORIZED, message)
-        body = page_files()["sign-in.html"].content.replace(b"{{message}}", message.encode())
-        style = hashlib.sha256(body.partition(b"<style>")[2].partition(b"</style>")[0]).digest()
-        policy = f"default-src 'none'; style-src 'sha256-{_base64(style)}'; form-action 'self'; frame-ancestors 'none'"
-        headers = {"Content-Type": "text/html; charset=utf-8", "Content-Security-Policy": policy}
-        return HttpResponse(HTTPStatus.UNAUTHORIZED, body, _SECURITY_HEADERS | {"Cache-Control": "no-store"} | headers)
+            for pattern, policy in policies:
+                if pattern.fullmatch(request_path(path)):
+                    policy.admit("the page", len(path), visitor, now_s)
+        except RequestLimitError as error:
+            return Denial(HTTPStatus.TOO_MANY_REQUESTS, str(error))
+        return None
 
     # -- responses -----------------------------------------------------------------------------------------------------
 
-    def _named_file(self, route: str, headers: RequestHeaders) -> HttpResponse:
+    def _index(self, path: str, headers: RequestHeaders) -> HttpResponse:
+        redirect = self.gate.cookie_redirect(path)
+        if redirect is None:
+            return self._file(page_files()["index.html"], headers)
+        return HttpResponse(HTTPStatus.SEE_OTHER, b"", _SECURITY_HEADERS | {"Cache-Control": "no-store"} | redirect)
+
+    def _named_file(self, path: str, headers: RequestHeaders) -> HttpResponse:
+        route = request_path(path)
         file = page_files().get(route.removeprefix("/mindstage/")) if route.startswith("/mindstage/") else None
         return (
             self._file(file, headers)
             if file
-            else _error_response(HTTPStatus.NOT_FOUND, "there is no such page; open /")
+            else _error_response(Denial(HTTPStatus.NOT_FOUND, "there is no such page; open /"))
         )
 
     def _file(self, file: StaticFile, headers: RequestHeaders) -> HttpResponse:
@@ -334,19 +250,28 @@ def _view_policy(host: str) -> str:
     )
 
 
-def _texture_response(route: str) -> HttpResponse | None:
-    """The image of a texture at a path, which may have to be computed; None if there is none."""
-    match = _TEXTURE.fullmatch(route)
+def _texture_response(path: str) -> HttpResponse:
+    """The image of a texture at a path, which may have to be computed."""
+    match = _TEXTURE.fullmatch(request_path(path))
     if match is None or match[1] not in texture_names():
-        return None
+        return _error_response(Denial(HTTPStatus.NOT_FOUND, "there is no such texture"))
     content = texture_jpeg(match[1], TextureMap(match[2]), _TEXTURE_PIXELS)
     headers = {"Content-Type": "image/jpeg", "Cache-Control": _FOREVER}
     return HttpResponse(HTTPStatus.OK, content, _SECURITY_HEADERS | headers)
 
 
-def _error_response(status: HTTPStatus, text: str) -> HttpResponse:
+def _error_response(denial: Denial) -> HttpResponse:
     headers = {"Content-Type": "text/plain; charset=utf-8", "Cache-Control": "no-store"}
-    return HttpResponse(status, f"{text}\n".encode(), _SECURITY_HEADERS | headers)
+    return HttpResponse(denial.status, f"{denial.text}\n".encode(), _SECURITY_HEADERS | headers)
+
+
+def _login_page(denial: Denial, *, wrong: bool) -> HttpResponse:
+    message = "That is not the token." if wrong else "A token is needed."
+    body = page_files()["sign-in.html"].content.replace(b"{{message}}", message.encode())
+    style = hashlib.sha256(body.partition(b"<style>")[2].partition(b"</style>")[0]).digest()
+    policy = f"default-src 'none'; style-src 'sha256-{_base64(style)}'; form-action 'self'; frame-ancestors 'none'"
+    headers = {"Content-Type": "text/html; charset=utf-8", "Content-Security-Policy": policy}
+    return HttpResponse(denial.status, body, _SECURITY_HEADERS | {"Cache-Control": "no-store"} | headers)
 
 
 def _base64(digest: bytes) -> str:

@@ -15,6 +15,8 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
+from mindstage.access.limits import PLAN_CHARACTERS
+from mindstage.access.policies import READ, RUN, SPAWN
 from mindstage.errors import InvalidArgumentError, MindstageError
 from mindstage.imagination import Place, PlanFile, Progress, Verdict, act, imagine
 from mindstage.imagination.trials import physical_simulation, plan_from_text
@@ -38,14 +40,13 @@ from mindstage.viewer.server import CLIENT, ClientSession, EmptyRequest, RpcChan
 __all__ = ["ImagineHandler"]
 
 _TOPIC = "imagine"
-_MAX_PLAN_LENGTH = 200_000
 _END_POSES, _REPLAY = "end poses", "replay"
 
 
 class ImagineRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `imagine`."""
 
-    plan: Annotated[str, Meta(max_length=_MAX_PLAN_LENGTH)]
+    plan: Annotated[str, Meta(max_length=PLAN_CHARACTERS.count)]
     """JSON or YAML."""
     samples: Annotated[int, Meta(ge=1, le=100_000)] = 100
     seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
@@ -57,7 +58,7 @@ class ImagineRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class ActRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `imagine.act`."""
 
-    plan: Annotated[str, Meta(max_length=_MAX_PLAN_LENGTH)]
+    plan: Annotated[str, Meta(max_length=PLAN_CHARACTERS.count)]
     """JSON or YAML."""
 
 
@@ -91,12 +92,12 @@ class ImagineHandler:
         """How bodies are drawn that exist in the copies only."""
         self._replay: ReplayGhosts | None = None
         self._replay_start: float | None = None
-        channel.register("imagine", ImagineRequest, self._start, queue="imagine")
-        channel.register("imagine.act", ActRequest, self._act, queue="imagine")
-        channel.register("imagine.cancel", EmptyRequest, self._stop, queue="imagine.cancel")
-        channel.register("imagine.replay", EmptyRequest, self._play, queue="imagine")
-        channel.register("imagine.clear", EmptyRequest, self._clear, queue="imagine")
-        channel.register("imagine.show_copies", ShowCopiesRequest, self._show_copies, queue="imagine")
+        channel.register("imagine", ImagineRequest, self._start, SPAWN, queue="imagine")
+        channel.register("imagine.act", ActRequest, self._act, RUN, queue="imagine")
+        channel.register("imagine.cancel", EmptyRequest, self._stop, READ, queue="imagine.cancel")
+        channel.register("imagine.replay", EmptyRequest, self._play, READ, queue="imagine")
+        channel.register("imagine.clear", EmptyRequest, self._clear, READ, queue="imagine")
+        channel.register("imagine.show_copies", ShowCopiesRequest, self._show_copies, READ, queue="imagine")
         self._publish()
 
     def close(self) -> None:

@@ -12,6 +12,8 @@ from enum import IntEnum
 
 import msgspec
 
+from mindstage.access.limits import FACTS, REPORT_ENTRIES
+from mindstage.access.policies import READ
 from mindstage.errors import MindstageError
 from mindstage.knowledge import Severity
 from mindstage.knowledge.rdf import local_name
@@ -45,7 +47,6 @@ __all__ = [
 ]
 
 
-_MAX_FACTS = 200
 _POSITION_DIGITS = 4
 _ROTATION_DIGITS = 5
 
@@ -156,7 +157,7 @@ def body_details(
         attached_bodies=tuple(link.child for link in world.attachments if link.parent == body.id),
         joints=tuple(_joint(joint, body.id) for joint in joints),
         tags=tuple((tag.type, tag.key, tag.value) for tag in body.tags),
-        facts=tuple(_fact_row(fact, ids) for fact in body.facts[:_MAX_FACTS]),
+        facts=tuple(_fact_row(fact, ids) for fact in body.facts[: FACTS.count]),
         storage_places=tuple(storage_places),
         geometry=geometry,
     )
@@ -316,8 +317,6 @@ def _ancestors(id: BodyId, parents: Mapping[BodyId, tuple[BodyId, ParentLink, Bo
     return seen
 
 
-_MAX_ENTRIES = 5000
-"""Maximum number of entries that are sent; `ReportMessage.total` has the number of all."""
 _PUBLISH_INTERVAL_S = 0.5
 """Minimum time between two status messages [s]."""
 _CLIENTS_INTERVAL_S = 2.0
@@ -387,7 +386,7 @@ class StatusHandler:
         self._last_message: tuple[object, str] = ((), "")
         self._last_report_key: object = None
         self._counts: tuple[int, int, int, int] = (0, 0, 0, 0)
-        channel.register("status.report", EmptyRequest, self._get_report, queue="status")
+        channel.register("status.report", EmptyRequest, self._get_report, READ, queue="status")
 
     def publish(self, snapshot: StateSnapshot) -> None:
         """Publishes the status at intervals, and at once if bodies were added or removed or the simulation failed."""
@@ -447,7 +446,7 @@ def simulation_report(simulation: Simulation) -> ReportMessage:
     for entry in entries:
         counts[entry.group] += 1
     groups = tuple(ReportGroup(name, count) for name, count in counts.items())
-    return ReportMessage(groups=groups, entries=tuple(entries[:_MAX_ENTRIES]), total=len(entries))
+    return ReportMessage(groups=groups, entries=tuple(entries[: REPORT_ENTRIES.count]), total=len(entries))
 
 
 def report_entries(simulation: Simulation) -> Iterator[ReportEntry]:
@@ -500,7 +499,7 @@ class TourHandler:
         """
         self._simulation, self._camera = simulation, camera
         self._front: tuple[object, BodyId | None] = (None, None)
-        channel.register("tour.state", EmptyRequest, self._state, queue="status")
+        channel.register("tour.state", EmptyRequest, self._state, READ, queue="status")
 
     def _state(self, session: ClientSession, _: EmptyRequest) -> TourState:
         front, openness = self._find_front(), 0.0

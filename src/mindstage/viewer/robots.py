@@ -19,6 +19,8 @@ import numpy as np
 import viser
 from msgspec import Meta
 
+from mindstage.access.limits import SKILL_TIME
+from mindstage.access.policies import EDIT, QUERY, READ, RUN, SPAWN, Policy
 from mindstage.errors import CommandRefusedError, InvalidArgumentError, MindstageError
 from mindstage.knowledge.names import EntityType
 from mindstage.robots.base_placement import reachable_region
@@ -43,8 +45,6 @@ _SLOW = frozenset({"add", "region"})
 """Requests that take seconds; the others, such as `stop`, do not wait for them."""
 _Name = Annotated[str, Meta(min_length=1, max_length=300)]
 _Share = Annotated[float, Meta(ge=-1.0, le=1.0)]
-_DEADLINE_S = 600.0
-"""Simulated time after which a skill fails [s]."""
 _POLL_S = 0.005
 _HAND_SPEED = 0.5
 """Speed of joints that are moved by hand, as a share of their largest ones."""
@@ -177,7 +177,7 @@ class _SkillRun:
         self._error = ""
         self.name, self._args, self._robot_name = name, dict(args), robot.name
         self._end_s: float | None = None
-        motion = start_skill(robot, name, args, deadline_s=_DEADLINE_S, on_step=self._on_step)
+        motion = start_skill(robot, name, args, deadline_s=SKILL_TIME.maximum, on_step=self._on_step)
         self._thread = threading.Thread(target=self._run, args=(motion,), name=f"mindstage-{name}", daemon=True)
         self._thread.start()
 
@@ -337,21 +337,21 @@ class RobotHandler:
         self._dragged = threading.Event()
         self._closing = False
         self._solver: threading.Thread | None = None
-        requests: tuple[tuple[str, type[msgspec.Struct], Callable[[ClientSession, Any], object]], ...] = (
-            ("offer", EmptyRequest, self._offer),
-            ("add", AddRobotRequest, self._add),
-            ("remove", RobotRequest, self._remove),
-            ("move_joint", MoveRobotJointRequest, self._move_joint),
-            ("grip", GripRequest, self._grip),
-            ("drive", DriveRequest, self._drive),
-            ("target", GripperHandleRequest, self._show_handle),
-            ("region", RegionRequest, self._show_region),
-            ("skill", RunSkillRequest, self._run_skill),
-            ("stop", RobotRequest, self._stop),
+        requests: tuple[tuple[str, type[msgspec.Struct], Callable[[ClientSession, Any], object], Policy], ...] = (
+            ("offer", EmptyRequest, self._offer, READ),
+            ("add", AddRobotRequest, self._add, SPAWN),
+            ("remove", RobotRequest, self._remove, EDIT),
+            ("move_joint", MoveRobotJointRequest, self._move_joint, EDIT),
+            ("grip", GripRequest, self._grip, EDIT),
+            ("drive", DriveRequest, self._drive, EDIT),
+            ("target", GripperHandleRequest, self._show_handle, EDIT),
+            ("region", RegionRequest, self._show_region, QUERY),
+            ("skill", RunSkillRequest, self._run_skill, RUN),
+            ("stop", RobotRequest, self._stop, EDIT),
         )
-        for name, request_type, handler in requests:
+        for name, request_type, handler, policy in requests:
             queue = f"{_QUEUE}.{name}" if name in _SLOW else _QUEUE
-            channel.register(f"robots.{name}", request_type, handler, queue=queue)
+            channel.register(f"robots.{name}", request_type, handler, policy, queue=queue)
         self._publish_robots()
 
     def close(self) -> None:

@@ -40,19 +40,26 @@ import msgspec
 import viser
 from viser.infra import _infra as _viser
 
-from mindstage.bridge.access import (
+from mindstage.access.certificates import TlsCertificate
+from mindstage.access.gate import Gate
+from mindstage.access.limits import (
     DEFAULT_VISITOR_LIMITS,
-    HANDSHAKE_TIMEOUT_S,
-    TlsCertificate,
-    TokenBucket,
-    Visitor,
+    HANDSHAKE,
+    PORT_TRIES,
+    UNSENT_EVENTS,
+    WINDOW,
+    RpcLimits,
     VisitorLimits,
 )
+from mindstage.access.policies import CONTROL, Door, EntryPoint, Policy
+from mindstage.access.resources import without_paths
+from mindstage.access.visitors import TokenBucket, Visitor
 from mindstage.errors import (
     InvalidRequestError,
     MindstageError,
     QueryLimitError,
     QuestionTimeoutError,
+    RequestLimitError,
     ViewerUnavailableError,
 )
 from mindstage.simulation.observation import as_client
@@ -74,8 +81,8 @@ __all__ = [
     "EmptyRequest",
     "Handler",
     "HttpRoutes",
+    "PageServer",
     "RpcChannel",
-    "RpcLimits",
     "WebSocket",
     "address",
     "event_message",
@@ -183,7 +190,7 @@ class HttpRoutes:
             channel: serves a page's websocket until it is closed.
             tls: the certificate of the server; None serves without encryption.
         """
-        self._filter, self._channel = request_filter, channel
+        self.filter, self._channel = request_filter, channel
         self._tls = tls
         self._view: ViserPage | None = None
         self.patched = False
@@ -194,7 +201,7 @@ class HttpRoutes:
         page = options["process_request"]
 
         async def handle(socket: Any) -> None:
-            visitor = self._filter.visitors.visitor(socket.remote_address)
+            visitor = self.filter.gate.visitors.visitor(socket.remote_address)
             visitor.connections += 1
             try:
                 is_channel = request_path(socket.request.path) == CHANNEL
@@ -208,18 +215,18 @@ class HttpRoutes:
         self.patched = True
         ours: dict[str, Any] = {"process_request": process, "server_header": None, "logger": _handshake_log}
         if self._tls is not None:
-            ours |= {"ssl": self._tls, "ssl_handshake_timeout": HANDSHAKE_TIMEOUT_S}
+            ours |= {"ssl": self._tls, "ssl_handshake_timeout": HANDSHAKE.maximum}
         return _serve(handle, *args, **options | ours)
 
     def _process(self, socket: Any, request: Any, page: Callable[[Any, Any], Any]) -> Any:
         headers = request.headers
-        visitor, now_s = self._filter.visitors.visitor(socket.remote_address), time.monotonic()
+        visitor, now_s = self.filter.gate.visitors.visitor(socket.remote_address), time.monotonic()
         if (headers.get("Upgrade") or "").lower() == "websocket":
-            refusal = self._filter.socket_error(request.path, headers, visitor=visitor, now_s=now_s)
+            refusal = self.filter.socket_error(request.path, headers, visitor=visitor, now_s=now_s)
             return None if refusal is None else _response(socket, refusal)
         if is_texture_path(request.path):
             return self._texture(socket, request, visitor, now_s)
-        answer = self._filter.respond(request.path, headers, visitor=visitor, now_s=now_s)
+        answer = self.filter.respond(request.path, headers, visitor=visitor, now_s=now_s)
         if answer is None:
             answer = self._view_answer(request, lambda plain: page(socket, plain))
         return _response(socket, answer)
@@ -227,7 +234,7 @@ class HttpRoutes:
     async def _texture(self, socket: Any, request: Any, visitor: Visitor, now_s: float) -> Any:
         """Serves an image of a texture, in a thread: the first request of all computes it."""
         answer = await asyncio.to_thread(
-            self._filter.respond, request.path, request.headers, visitor=visitor, now_s=now_s
+            self.filter.respond, request.path, request.headers, visitor=visitor, now_s=now_s
         )
         assert answer is not None
         return _response(socket, answer)
@@ -237,7 +244,7 @@ class HttpRoutes:
         if self._view is None:
             plain = page(replace(request, path="/", headers=type(request.headers)()))
             self._view = ViserPage(plain.body)
-        return self._view.answer(request.headers, self._filter.view_headers(request.headers))
+        return self._view.answer(request.headers, self.filter.view_headers(request.headers))
 
 
 def _response(socket: Any, answer: HttpResponse) -> Any:
@@ -273,10 +280,6 @@ def patched_viser(routes: HttpRoutes) -> Iterator[None]:
             yield
         finally:
             _infra.websockets = library
-
-
-_MAX_QUEUE = 1000
-"""Number of unsent messages at which a slow page is disconnected; it reconnects."""
 
 
 def event_message(topic: str, value: object) -> bytes:
@@ -346,7 +349,7 @@ class ClientSession:
             while await self._has_output.wait():
                 self._has_output.clear()
                 while self._queue or self._latest:
-                    if len(self._queue) > _MAX_QUEUE:
+                    if len(self._queue) > UNSENT_EVENTS.count:
                         await self._socket.close(1013, "the page is too slow")
                         return
                     text = self._queue.popleft() if self._queue else self._latest.pop(next(iter(self._latest)))
@@ -362,22 +365,6 @@ Handler = Callable[[ClientSession, R], object]
 _log = logging.getLogger(__name__)
 
 
-_EXPENSIVE_QUEUES = frozenset({"ask", "files"})
-"""Queues of requests that may compute for long: questions, queries, loading and saving maps."""
-
-
-class RpcLimits(msgspec.Struct, frozen=True, kw_only=True):
-    """Limits of a channel."""
-
-    max_sessions: int = 64
-    message_bytes: int = 24 * 1024 * 1024
-    """Maximum size of a message; maps are uploaded in one message [B]."""
-    max_pending: int = 64
-    """Unanswered requests per session."""
-    max_requests_per_second: float = 120.0
-    """Sustained rate per session; bursts of twice as many are allowed [1/s]."""
-
-
 class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"arguments": "params"}):
     id: int
     method: str
@@ -388,6 +375,7 @@ class _Method(msgspec.Struct, frozen=True):
     request_type: type[msgspec.Struct]
     handler: Handler[Any]
     queue: str
+    policy: Policy
 
 
 class EmptyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -411,17 +399,20 @@ class RpcChannel:
         self._disconnect_callbacks: list[Callable[[ClientSession], None]] = []
         self._executor = ThreadPoolExecutor(max_workers=32, thread_name_prefix="mindstage-page")
         # Pages send it when nothing was received for some seconds, to notice that a server or network has stalled.
-        self.register("ping", EmptyRequest, lambda _, __: None, queue="ping")
+        self.register("ping", EmptyRequest, lambda _, __: None, CONTROL, queue="ping")
 
     # -- requests ------------------------------------------------------------------------------------------------------
 
-    def register(self, name: str, request_type: type[R], handler: Handler[R], *, queue: str = "world") -> None:
+    def register(
+        self, name: str, request_type: type[R], handler: Handler[R], policy: Policy, *, queue: str = "world"
+    ) -> None:
         """Registers the handler of a method.
 
         Args:
             name: the `method` of requests.
             request_type: the type of their `params`; it should forbid unknown fields.
             handler: called in a worker thread.
+            policy: the limits of its requests.
             queue: requests of one session in the same queue are handled one after the other.
 
         Raises:
@@ -429,7 +420,11 @@ class RpcChannel:
         """
         if name in self._methods:
             raise ValueError(f"the method {name!r} is registered already")
-        self._methods[name] = _Method(request_type, handler, queue)
+        self._methods[name] = _Method(request_type, handler, queue, policy)
+
+    def entry_points(self) -> tuple[EntryPoint, ...]:
+        """The methods that pages can call."""
+        return tuple(EntryPoint(Door.METHOD, name, method.policy) for name, method in self._methods.items())
 
     def on_connect(self, callback: Callable[[ClientSession], None]) -> None:
         """Registers a callback for new sessions; called in a worker thread."""
@@ -512,12 +507,15 @@ class RpcChannel:
             request = self._read(message, session)
             if request is None:
                 continue
-            now_s, queue = time.monotonic(), self._methods[request.method].queue
-            is_too_many = len(pending) >= self.limits.max_pending or not rate.try_take(now_s)
-            if is_too_many or (queue in _EXPENSIVE_QUEUES and not visitor.may_query(now_s)):
-                session.send(_error_message(request.id, "TooMany", "too many requests at once; wait for the responses"))
+            now_s, method = time.monotonic(), self._methods[request.method]
+            try:
+                if len(pending) >= self.limits.max_pending or not rate.try_take(now_s):
+                    raise RequestLimitError(request.method, cause="too many requests at once; wait for the responses")
+                method.policy.admit(request.method, len(bytes(request.arguments)), visitor, now_s)
+            except RequestLimitError as error:
+                session.send(_error_message(request.id, error.code, str(error)))
                 continue
-            task = asyncio.create_task(self._reply(session, request, queues[queue]))
+            task = asyncio.create_task(self._reply(session, request, queues[method.queue]))
             pending.add(task)
             task.add_done_callback(pending.discard)
             tasks[1:] = pending
@@ -539,12 +537,18 @@ class RpcChannel:
 
     async def _reply(self, session: ClientSession, request: _Request, queue: asyncio.Lock) -> None:
         async with queue:
-            loop = asyncio.get_running_loop()
+            loop, deadline_s = asyncio.get_running_loop(), self._methods[request.method].policy.deadline_s
             try:
-                text = await loop.run_in_executor(self._executor, self._run_handler, session, request)
+                running = loop.run_in_executor(self._executor, self._run_handler, session, request)
+                done, _ = await asyncio.wait([running], timeout=deadline_s)
+                if not done:
+                    text = f"{request.method} has not ended within {deadline_s:g} s; it goes on"
+                    session.enqueue(_error_message(request.id, "TimedOut", text))
+                    await running  # requests of a queue keep their order
+                    return
+                session.enqueue(running.result())
             except RuntimeError:  # the executor is shut down
                 return
-        session.enqueue(text)
 
     def _run_handler(self, session: ClientSession, request: _Request) -> bytes:
         method = self._methods[request.method]
@@ -557,11 +561,13 @@ class RpcChannel:
             with as_client(CLIENT):
                 return msgspec.json.encode({"id": request.id, "result": method.handler(session, arguments)})
         except MindstageError as error:
-            return _error_message(request.id, error.code, str(error))
+            return _error_message(
+                request.id, error.code, without_paths(str(error), given=bytes(request.arguments).decode())
+            )
         except Exception as error:  # reported to the page and logged
             _log.error("request %r failed", request.method, exc_info=error)
             return _error_message(
-                request.id, "Defect", f"{type(error).__name__}: {error}; this is a defect of Mindstage"
+                request.id, "Defect", without_paths(f"{type(error).__name__}: {error}; this is a defect of Mindstage")
             )
 
     async def _run_callbacks(self, callbacks: list[Callable[[ClientSession], None]], session: ClientSession) -> None:
@@ -582,16 +588,16 @@ def _session_key(path: str) -> str:
     return key if re.fullmatch("[a-z0-9]{8,40}", key) else secrets.token_hex(8)
 
 
-_MAX_PORT_TRIES = 200
-"""Number of consecutive ports that are tried."""
-_MAX_WINDOW = 16
-"""Maximum number of viser's messages that are sent together: a page shows none of them before all have arrived."""
 _output_lock = threading.Lock()
 
 
-class _Server(viser.ViserServer):
+class PageServer(viser.ViserServer):
+    """Viser's server with the routes of Mindstage."""
+
     secure = False
     """Whether it serves https://."""
+    filter: RequestFilter
+    """Decides which requests are answered."""
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Returns None: viser would publish the page on the internet whenever a client asks for it."""
@@ -608,7 +614,7 @@ def serve(
     origins: Collection[str] = (),
     tls: TlsCertificate | None = None,
     visitor_limits: VisitorLimits = DEFAULT_VISITOR_LIMITS,
-) -> viser.ViserServer:
+) -> PageServer:
     """Starts a server at the port, or at the next free one.
 
     Args:
@@ -626,21 +632,19 @@ def serve(
         CertificateError: the certificate cannot be used.
         ViewerUnavailableError: the host is not an address of this machine, or no port is free.
     """
-    request_filter = RequestFilter(
-        host=host, token=token, origins=origins, secure=tls is not None, visitor_limits=visitor_limits
-    )
+    gate = Gate(host=host, token=token, origins=origins, secure=tls is not None, limits=visitor_limits)
     context = None if tls is None else tls.server_context()
-    routes = HttpRoutes(request_filter, channel=channel.serve_session, tls=context)
+    routes = HttpRoutes(RequestFilter(gate), channel=channel.serve_session, tls=context)
     free = _free_port(host, port)
     with _without_output(), patched_viser(routes):
-        server = _Server(host=host, port=free, label=title, verbose=False)
+        server = PageServer(host=host, port=free, label=title, verbose=False)
     if not routes.patched:
         shut_down(server)
         raise ViewerUnavailableError(
             host, port, cause="this release of viser cannot be patched with the request filter"
         )
-    server.secure = tls is not None
-    server._websock_server._broadcast_buffer.max_window_size = _MAX_WINDOW
+    server.secure, server.filter = tls is not None, routes.filter
+    server._websock_server._broadcast_buffer.max_window_size = WINDOW.count
     server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(232, 93, 4))
     return server
 
@@ -659,14 +663,14 @@ def shut_down(server: viser.ViserServer) -> None:
 
 def address(server: viser.ViserServer) -> str:
     """The URL of the page."""
-    scheme = "https" if isinstance(server, _Server) and server.secure else "http"
+    scheme = "https" if isinstance(server, PageServer) and server.secure else "http"
     host = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}.get(server.get_host(), server.get_host())
     return f"{scheme}://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
 
 
 def _free_port(host: str, port: int) -> int:
     cause: OSError | None = None
-    for candidate in range(port, min(port + _MAX_PORT_TRIES, 65536)):
+    for candidate in range(port, min(port + PORT_TRIES.count, 65536)):
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             with socket.create_server((host, candidate), family=family):

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 import viser
 
+from mindstage.access.policies import READ
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError
 from mindstage.rendering.appearance import BodyAppearance, VisiblePart
 from mindstage.rendering.camera import CameraPose, corners, focus_camera
@@ -294,14 +295,14 @@ class ViewToolHandler:
         """
         self._simulation, self._session_views, self._picker = simulation, session_views, picker
         self._views = session_views.views
-        channel.register("pick", PickRequest, self._pick, queue="pick")
-        channel.register("bodies_in_box", SelectBoxRequest, self._bodies_in_box, queue="pick")
-        channel.register("measure", MeasureRequest, self._measure, queue="view")
-        channel.register("measure_gap", GapRequest, self._measure_gap, queue="view")
-        channel.register("camera", EmptyRequest, self._camera, queue="view")
-        channel.register("set_camera", CameraRequest, self._set_camera, queue="view")
-        channel.register("standard_view", StandardViewRequest, self._standard_view, queue="view")
-        channel.register("set_snapping", SnappingRequest, self._set_snapping, queue="view")
+        channel.register("pick", PickRequest, self._pick, READ, queue="pick")
+        channel.register("bodies_in_box", SelectBoxRequest, self._bodies_in_box, READ, queue="pick")
+        channel.register("measure", MeasureRequest, self._measure, READ, queue="view")
+        channel.register("measure_gap", GapRequest, self._measure_gap, READ, queue="view")
+        channel.register("camera", EmptyRequest, self._camera, READ, queue="view")
+        channel.register("set_camera", CameraRequest, self._set_camera, READ, queue="view")
+        channel.register("standard_view", StandardViewRequest, self._standard_view, READ, queue="view")
+        channel.register("set_snapping", SnappingRequest, self._set_snapping, READ, queue="view")
 
     def _pick(self, session: ClientSession, request: PickRequest) -> PickResult | None:
         origin, direction = self._session_views.ray(session, request.pointer)

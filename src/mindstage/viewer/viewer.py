@@ -17,7 +17,9 @@ import msgspec
 import numpy as np
 import viser
 
-from mindstage.bridge.access import DEFAULT_VISITOR_LIMITS, TlsCertificate, VisitorLimits
+from mindstage.access.certificates import TlsCertificate
+from mindstage.access.limits import DEFAULT_VISITOR_LIMITS, UNSEEN_BODIES, VisitorLimits
+from mindstage.access.policies import EntryPoint
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.errors import InvalidArgumentError, MindstageError
 from mindstage.knowledge.rdf import local_name
@@ -52,8 +54,6 @@ _TEXT_INTERVAL_S = 0.1
 """Interval at which panels are updated, longer than that of the 3D scene [s]."""
 _RETRY_DELAY_S = 1.0
 """Pause after a failed update [s]."""
-_MAX_UNSEEN = 500
-"""Maximum number of bodies that a page is asked to frame."""
 _PAUSED = "The simulation is paused: press Play to pull bodies."
 
 _log = logging.getLogger(__name__)
@@ -136,6 +136,10 @@ class Viewer:
         self._remove_listener = simulation.clients.on_edit(self._wakeup.set)
         self._thread = threading.Thread(target=self._run, name="mindstage-viewer", daemon=True)
         self._thread.start()
+
+    def entry_points(self) -> tuple[EntryPoint, ...]:
+        """Everything that a visitor of the page can reach."""
+        return (*self._server.filter.entry_points(), *self.channel.entry_points())
 
     # -- public interface ----------------------------------------------------------------------------------------------
 
@@ -269,7 +273,7 @@ class Viewer:
 
     def _report_unseen(self, highlights: Collection[BodyId]) -> None:
         """Sends the highlighted bodies to pages in whose view none is noticed; they move the camera or offer it."""
-        ids = list(highlights)[:_MAX_UNSEEN]
+        ids = list(highlights)[: UNSEEN_BODIES.count]
         for client in self.views.clients_not_seeing(ids) if ids else ():
             if (session := self._handlers.session_of_view(client)) is not None:
                 session.send_event("unseen_answers", ids)

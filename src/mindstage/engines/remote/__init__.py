@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mindstage.bridge.access import is_loopback
+from mindstage.access.visitors import is_loopback
 from mindstage.engines.remote.client import SCHEME, RemoteProfile, RemoteUrl, ServiceClient
 from mindstage.engines.remote.compiled import CompiledRemoteEngine
 from mindstage.engines.remote.engine import RemoteEngine

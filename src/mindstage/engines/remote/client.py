@@ -22,7 +22,8 @@ from urllib.parse import SplitResult, parse_qs, quote, unquote, urlsplit
 
 import msgspec
 
-from mindstage.bridge import BridgeLimits, ConnectionState, RosbridgeClient
+from mindstage.access.limits import BridgeLimits
+from mindstage.bridge import ConnectionState, RosbridgeClient
 from mindstage.bridge.conversions import error_from_text
 from mindstage.errors import (
     BridgeError,

@@ -17,6 +17,7 @@ from weakref import finalize
 
 import msgspec
 
+from mindstage.access.resources import is_granted
 from mindstage.bridge.conversions import (
     color_from_message,
     color_message,
@@ -170,6 +171,8 @@ class MindstageRemoteEngine(RemoteEngine):
         self._export_mesh = export_mesh
         self._control_time = control_time
         self._speed_before = 0.0
+        self._own_meshes: dict[BodyId, str] = {}
+        """Names of meshes in files of this machine, which the other process neither has nor accepts."""
         self._ids: tuple[BodyId, ...] = ()
         self._saved_states: set[_StateHandle] = set()
         """States saved on the remote side."""
@@ -210,7 +213,10 @@ class MindstageRemoteEngine(RemoteEngine):
     def spawn(
         self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
     ) -> SpawnReport:
-        text, unsent = encode_world(world)
+        names = {body.id: body.mesh for body in world.bodies if body.mesh and not is_granted(body.mesh)}
+        self._own_meshes |= names
+        sent = (msgspec.structs.replace(body, mesh=None) if body.id in names else body for body in world.bodies)
+        text, unsent = encode_world(msgspec.structs.replace(world, bodies=tuple(sent)) if names else world)
         usable, notes = encode_geometry(geometry if "forms" in self._remote_info.takes else NO_GEOMETRY)
         if options.immovable:
             reason = f"{self.name} decides by its own ontology which dynamic bodies are immovable"
@@ -254,7 +260,9 @@ class MindstageRemoteEngine(RemoteEngine):
         reply: wire.LogWorld.Response = self._call(wire.LogWorld, wire.LogWorld.Request())
         with self._client.validating("log_world"):
             world = world_from_json(reply.world)
-        return msgspec.structs.replace(world, joints=without_lost_masters(world.joints))
+        own = (msgspec.structs.replace(body, mesh=body.mesh or self._own_meshes.get(body.id)) for body in world.bodies)
+        bodies = tuple(own) if self._own_meshes else world.bodies
+        return msgspec.structs.replace(world, bodies=bodies, joints=without_lost_masters(world.joints))
 
     # -- bodies --------------------------------------------------------------------------------------------------------
 

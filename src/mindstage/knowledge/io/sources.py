@@ -24,6 +24,7 @@ from urllib.parse import quote
 import msgspec
 import pyoxigraph as ox
 
+from mindstage.access.resources import is_inside, is_outside_request
 from mindstage.errors import InvalidArgumentError, ReferenceRefusedError, SourceParseError, StoreError
 from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
 from mindstage.knowledge.dialects.membership import (
@@ -599,11 +600,15 @@ class SourceRegistry:
         """Returns the file that a map refers to: in a package, or relative to a map; None if it does not exist."""
         if name.startswith("package:"):
             try:
-                return self._package_path.find(name)
+                path = self._package_path.find(name)
             except ValueError:
                 return None
-        beside = (file_from_iri(name, source.path) for source in self.sources.values() if source.is_map)
-        return next((path for path in beside if path is not None and path.is_file()), None)
+            found = [(path, folder) for folder in self._package_path.folders] if path is not None else []
+        else:
+            maps = (source.path for source in self.sources.values() if source.is_map)
+            found = [(path, map.parent) for map in maps if (path := file_from_iri(name, map)) is not None]
+        outside = is_outside_request()
+        return next((path for path, root in found if path.is_file() and (not outside or is_inside(path, root))), None)
 
     def package_folder(self, name: str) -> Path | None:
         """The folder of a ROS package among the folders that are searched; None if there is none."""

@@ -14,6 +14,7 @@ from urllib.parse import unquote, urlsplit
 
 import numpy as np
 
+from mindstage.access.resources import is_inside, is_outside_request
 from mindstage.assets.mesh_import import ImportedMesh, import_meshes
 from mindstage.knowledge.io.ros_packages import RosPackagePath
 from mindstage.knowledge.urdf.model import UrdfGeometry, UrdfGeometryType, UrdfRobot
@@ -124,8 +125,10 @@ def _mesh_file(name: str, urdf_path: Path, packages: RosPackagePath) -> Path | N
     if parts.scheme not in ("", "file"):
         return None
     # Files that are included from a folder of macros are relative to the folder above it.
-    candidates = (folder / unquote(parts.path) for folder in list(urdf_path.resolve().parents)[:2])
-    return next((each for each in candidates if each.is_file()), None)
+    folders = list(urdf_path.resolve().parents)[:2]
+    candidates = ((folder / unquote(parts.path), folder) for folder in folders)
+    outside = is_outside_request()
+    return next((each for each, at in candidates if each.is_file() and (not outside or is_inside(each, at))), None)
 
 
 def _missing_notes(robot: UrdfRobot, found: Mapping[str, Path]) -> list[ModelNote]:

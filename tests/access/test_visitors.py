@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from mindstage.bridge import LocalNode, RosbridgeServer, VisitorLimits
-from mindstage.bridge.access import TokenBucket, VisitorRegistry
+from mindstage.access.limits import VISITORS, VisitorLimits
+from mindstage.access.visitors import TokenBucket, VisitorRegistry
+from mindstage.bridge import LocalNode, RosbridgeServer
 from tests.bridge.raw_client import TIMEOUT_S, RawClient
 
 HERE, THERE = ("127.0.0.1", 4000), ("192.0.2.7", 4000)
@@ -21,7 +23,7 @@ HERE, THERE = ("127.0.0.1", 4000), ("192.0.2.7", 4000)
 @pytest.fixture
 def from_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lets connections of this machine count as those of another one."""
-    monkeypatch.setattr("mindstage.bridge.access.is_loopback", lambda host: False)
+    monkeypatch.setattr("mindstage.access.visitors.is_loopback", lambda host: False)
 
 
 @given(
@@ -92,7 +94,7 @@ def test_an_address_is_one_visitor(one: str, other: str, same: bool) -> None:
 
 
 def test_few_visitors_are_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mindstage.bridge.access._MAX_VISITORS", 3)
+    monkeypatch.setattr("mindstage.access.visitors.VISITORS", msgspec.structs.replace(VISITORS, maximum=3))
     registry = VisitorRegistry()
     connected = registry.visitor(("192.0.2.1", 1))
     connected.connections = 1
