@@ -13,6 +13,7 @@
     │   └── AttachmentError             a cycle, or the child already has a parent
     ├── KnowledgeError                  a source of knowledge or a query cannot be used (exit code 2)
     │   ├── SourceParseError            missing file, or content that does not follow its format
+    │   │   └── XacroRefusedError       a robot description contains xacro, whose expansion was not asked for
     │   ├── MapNotFoundError            no semantic map of that name, or none at all
     │   ├── AmbiguousMapError           several maps are loaded and none was selected
     │   ├── MapRejectedError            a map has findings and strict mode is on
@@ -174,6 +175,7 @@ __all__ = [
     "WorldError",
     "closest_names",
     "suggestion",
+    "XacroRefusedError",
 ]
 
 
@@ -409,6 +411,13 @@ class SourceParseError(KnowledgeError):
     def place(self) -> str:
         """Part of the message: the source and the line."""
         return f"{self.source}, line {self.line}" if self.line is not None else self.source
+
+
+@dataclass(eq=False, repr=False)
+class XacroRefusedError(SourceParseError):
+    """A robot description contains xacro, and nobody has asked for its expansion."""
+
+    code = "XacroRefused"
 
 
 @dataclass(eq=False, repr=False)

@@ -247,6 +247,7 @@ class KnowledgeBase:
         ontologies: StrPath | Iterable[StrPath] = (),
         conventions: UnitConventions = UnitConventions(),  # noqa: B008 - it is frozen
         urdf_files: StrPath | Iterable[StrPath] = (),
+        xacro: bool | None = None,
         follow_imports: bool = True,
     ) -> None:
         """Reads files and everything that they import, transitively and each file once.
@@ -261,6 +262,9 @@ class KnowledgeBase:
             conventions: units, handedness and quaternion order of these maps; what is None is detected from the maps
                 and listed by `assumptions`.
             urdf_files: robot descriptions that hold the poses and joints of maps that only name links.
+            xacro: whether these robot descriptions are expanded if they contain xacro; by default those whose name ends
+                in `.xacro`. Give False for names that the user has not chosen. The macros can only compute, and read
+                files beside the description, in its package and in the given folders of packages.
             follow_imports: False for untrusted files: no other file is read then, whatever they import.
 
         Raises:
@@ -274,6 +278,7 @@ class KnowledgeBase:
                 conventions,
                 _as_list(urdf_files),
                 follow_imports=follow_imports,
+                xacro=xacro,
                 builds_index="reasoner" not in self.__dict__,
             )
             self._invalidate_all(read)

@@ -35,7 +35,13 @@ from numpy.typing import NDArray
 from mindstage.bridge.conversions import pose_array_messages, pose_from_message, vector_from_message
 from mindstage.bridge.conversions_unreal import iri_namespace
 from mindstage.engines import SpawnReport
-from mindstage.errors import BodyNotFoundError, KnowledgeError, PoseUnreachableError
+from mindstage.errors import (
+    BodyNotFoundError,
+    KnowledgeError,
+    PoseUnreachableError,
+    SourceParseError,
+    XacroRefusedError,
+)
 from mindstage.knowledge import KnowledgeBase, UnitConventions
 from mindstage.knowledge.rdf import local_name
 from mindstage.msgs import builtin_interfaces, geometry_msgs, modul_spawner_msgs, std_msgs
@@ -178,11 +184,6 @@ class ResourceLoader:
             return self._read_file(self._path(uri), conventions)
         if not text.strip():
             raise ResourceError(ResourceErrorType.NOT_GIVEN, "neither a URI nor a text is given")
-        if "xacro" in text:
-            raise ResourceError(
-                ResourceErrorType.UNSUPPORTED_FORMAT,
-                "xacro is not supported in a text, since it can include other files",
-            )
         with TemporaryDirectory(prefix="mindstage-") as folder:
             path = Path(folder, f"resource{_guess_suffix(text)}")
             path.write_text(text, encoding="utf-8")
@@ -209,7 +210,12 @@ class ResourceLoader:
     def _read_file(self, path: Path, conventions: UnitConventions, *, follow_imports: bool = True) -> World:
         with KnowledgeBase() as knowledge:
             try:
-                knowledge.load(path, conventions=conventions, follow_imports=follow_imports)
+                knowledge.load(path, conventions=conventions, xacro=False, follow_imports=follow_imports)
+            except SourceParseError as error:  # without the path on this machine
+                is_xacro = isinstance(error, XacroRefusedError)
+                type = ResourceErrorType.UNSUPPORTED_FORMAT if is_xacro else ResourceErrorType.PARSE_ERROR
+                text = str(SourceParseError(path.name, cause=error.cause, line=error.line))
+                raise ResourceError(type, text) from error
             except KnowledgeError as error:
                 raise ResourceError(ResourceErrorType.PARSE_ERROR, str(error)) from error
             return self._read(knowledge, None)

@@ -7,7 +7,7 @@ link is inferred from the words of its name.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -104,6 +104,8 @@ class UrdfSources:
 
     packages: RosPackagePath
     class_names: ClassNameIndex
+    xacro_paths: Collection[Path] = frozenset()
+    """The files that are expanded if they contain xacro: those that the user has named and asked for."""
     urdf_robots: dict[Path, UrdfRobot] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
     assumptions: list[Assumption] = field(default_factory=list)
@@ -116,7 +118,7 @@ class UrdfSources:
         """
         from mindstage.knowledge.urdf.parse import read_urdf
 
-        self.urdf_robots[path] = read_urdf(path, self.packages)
+        self.urdf_robots[path] = read_urdf(path, self.packages, xacro=path in self.xacro_paths)
 
     def urdf_as_map(self, path: Path) -> SourceFile:
         """Converts a robot description to a map.
@@ -128,7 +130,8 @@ class UrdfSources:
         from mindstage.knowledge.urdf.parse import read_urdf
         from mindstage.knowledge.urdf.to_world import urdf_to_world
 
-        urdf_world = urdf_to_world(read_urdf(path, self.packages), class_of=self.class_names.class_of_link)
+        robot = read_urdf(path, self.packages, xacro=path in self.xacro_paths)
+        urdf_world = urdf_to_world(robot, class_of=self.class_names.class_of_link)
         self._report_issues(path, urdf_world)
         if urdf_world.class_of_link:
             classes = [f"{link} is a {local_name(cls)}" for link, cls in urdf_world.class_of_link.items()]
