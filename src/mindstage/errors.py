@@ -173,9 +173,9 @@ __all__ = [
     "UnsupportedByEngineError",
     "ViewerUnavailableError",
     "WorldError",
+    "XacroRefusedError",
     "closest_names",
     "suggestion",
-    "XacroRefusedError",
 ]
 
 
