@@ -205,7 +205,7 @@ def _start() -> subprocess.Popen[bytes]:
     specs = [find_spec(name) for name in ("mindstage", "msgspec", "xacro", "yaml")]
     folders = [str(Path(spec.origin).resolve().parents[1]) for spec in specs if spec is not None and spec.origin]
     return subprocess.Popen(
-        [sys.executable, "-I", "-B", "-X", "utf8", "-c", _START, json.dumps(list(dict.fromkeys(folders)))],
+        [sys.executable, "-I", "-S", "-B", "-X", "utf8", "-c", _START, json.dumps(list(dict.fromkeys(folders)))],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -266,7 +266,7 @@ class _GrantedFiles:
 
     def _refusal(self, path: Path) -> Reply:
         folder = path.resolve().parent
-        cause = f"{path} is outside of the folders that may be read; to grant its folder, give --ontology {folder}"
+        cause = f"it is outside of the folders that may be read; to grant its folder, give --ontology {folder}"
         return Reply(problem=cause)
 
     def _matching(self, pattern: str) -> Reply:
@@ -283,12 +283,12 @@ class _GrantedFiles:
         if real != self._path and not self._is_granted(real):
             return self._refusal(path)
         if not real.is_file():  # reading a pipe or a device might never end
-            return Reply(problem=f"there is no file {path}")
+            return Reply(problem="there is no such file")
         limit = min(_FILE_LIMIT, self._remaining)
         with real.open("rb") as file:
             data = file.read(limit + 1)
         if len(data) > limit:
-            whole = f"the files that it reads have more than {_TOTAL_LIMIT:,} bytes"
-            return Reply(problem=f"{path} has more than {limit:,} bytes" if limit == _FILE_LIMIT else whole)
+            whole = f"all files together have more than {_TOTAL_LIMIT:,} bytes"
+            return Reply(problem=f"it has more than {limit:,} bytes" if limit == _FILE_LIMIT else whole)
         self._remaining -= len(data)
         return Reply(data=data)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import errno
 import gc
 import os
@@ -28,7 +29,7 @@ __all__ = ["main"]
 
 _MEMORY_LIMIT = 2 * 1024**3
 """Address space limit [bytes]."""
-_ENCODINGS = ("ascii", "cp1252", "iso8859_15", "latin_1", "utf_8_sig", "utf_16", "utf_16_be", "utf_16_le", "utf_32")
+_ENCODINGS = ("ascii", "cp1252", "iso8859_15", "latin_1", "utf_8", "utf_8_sig", "utf_16", "utf_16_be", "utf_16_le")
 """The encodings of files, whose codecs are loaded on first use."""
 
 
@@ -52,7 +53,7 @@ def _outcome(task: Task) -> Outcome:
 
     expander = XacroExpander(read_file=_read_file, list_files=_list_files, find_package=_find_package)
     for encoding in _ENCODINGS:
-        b"".decode(encoding)
+        codecs.lookup(encoding)
     if problem := _limit_resources(task) or confine():
         return Outcome(problem=problem, is_unconfined=True)
     try:
@@ -83,6 +84,13 @@ def _limit_resources(task: Task) -> str | None:
 # -- the parent --------------------------------------------------------------------------------------------------------
 
 
+class _RefusedError(OSError):
+    """The parent has not read a file."""
+
+    def __str__(self) -> str:
+        return str(self.strerror)
+
+
 def _ask(request: FileRequest | PatternRequest | PackageRequest) -> Reply:
     write_message(sys.stdout.buffer, request)
     return msgspec.msgpack.decode(read_message(sys.stdin.buffer), type=Reply)
@@ -91,14 +99,14 @@ def _ask(request: FileRequest | PatternRequest | PackageRequest) -> Reply:
 def _read_file(path: str) -> bytes:
     reply = _ask(FileRequest(path=path))
     if reply.problem:
-        raise OSError(errno.EACCES, reply.problem)
+        raise _RefusedError(errno.EACCES, reply.problem)
     return reply.data
 
 
 def _list_files(pattern: str) -> Sequence[str]:
     reply = _ask(PatternRequest(pattern=pattern))
     if reply.problem:
-        raise OSError(errno.EACCES, reply.problem)
+        raise _RefusedError(errno.EACCES, reply.problem)
     return reply.paths
 
 
