@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -204,10 +205,8 @@ def test_nothing_runs_in_a_description_that_is_loaded(tmp_path: Path, kind: str,
 def test_nothing_runs_in_a_description_that_is_expanded_on_request(tmp_path: Path, kind: str) -> None:
     marker, path = tmp_path / "marker", tmp_path / "robot.urdf"
     path.write_text(hostile_urdf(kind, marker), encoding="utf-8")
-    try:
-        read_urdf(path, RosPackagePath(), xacro=True)
-    except SourceParseError as error:
-        assert "root:" not in str(error)
+    with suppress(SourceParseError):  # some of it expands to a valid description
+        assert "root:" not in read_urdf(path, RosPackagePath(), xacro=True).source_xml
     assert not marker.exists()
 
 

@@ -11,6 +11,7 @@ Messages and warnings of the library are dropped. Document types are refused in 
 from __future__ import annotations
 
 import keyword
+import math
 import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,6 +21,7 @@ from typing import Any
 from xml.dom import expatbuilder, minidom
 from xml.parsers.expat import ExpatError
 
+from mindstage.access.limits import XACRO_VALUE_SIZE
 from mindstage.errors import SourceParseError
 from mindstage.knowledge.urdf.xacro_expressions import (
     MATH,
@@ -364,7 +366,7 @@ def _text_length(node: Any) -> int:
     return len(node.nodeValue or "")
 
 
-def _tokenize(run: Interpreter, text: Value, sep: Value = ",; ", skip_empty: Value = True) -> list[str]:
+def _tokenize(run: Interpreter, text: Value, sep: Value = ",; ", skip_empty: Value = True) -> list[str]:  # noqa: FBT002
     text, separators = run.text(text), run.text(sep)
     items = re.split(f"[{re.escape(separators)}]", text)
     return run.new([item for item in items if item or not skip_empty])  # type: ignore[no-any-return]

@@ -597,9 +597,7 @@ class Interpreter:
                 continue
             field = field or str(next(numbers))
             if not _FIELD.fullmatch(field):
-                raise ExpressionError(
-                    f"the field {field!r} of a format is not supported: it must be a number or a name"
-                )
+                raise ExpressionError(f"the field {field!r} of a format is not supported: it must be a number or a name")
             value = arguments[int(field)] if field.isdecimal() else keywords[field]
             if spec and "{" in spec:
                 if counter is not None:
@@ -840,7 +838,7 @@ def _repr(run: Interpreter, value: Value) -> str:
     return run.new(repr(value))  # type: ignore[no-any-return]
 
 
-def _bool(run: Interpreter, value: Value = False) -> bool:  # the name and the order are Python's
+def _bool(run: Interpreter, value: Value = False) -> bool:  # noqa: FBT002  # the name and the order are Python's
     return bool(run.plain(value))
 
 
