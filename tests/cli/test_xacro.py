@@ -23,7 +23,7 @@ def _verbs(path: Path) -> list[tuple[object, ...]]:
         ("check", path),
         ("ask", "storage-place", "CowsMilk", "--map", path),
         ("convert", path, out),
-        ("diff", path, path),
+        ("compare", path, path),
         ("sparql", "ASK {}", "--map", path),
         ("validate", MAP, "--urdf", path),
         ("do", "go_to x=1 y=0", MAP, "--robot", path),
@@ -40,7 +40,7 @@ def test_nothing_runs_on_any_verb(run: Run, tmp_path: Path, kind: str) -> None:
         for flags in ((), ("--xacro",)):
             result = run(*verb, *flags)
             assert result.exit_code == 2, (verb, flags, result.output)
-            assert str(path) in result.stderr
+            assert str(path) in result.stderr, (verb, result.stderr)
             if not flags:
                 assert "is written in xacro" in result.stderr
                 assert "--xacro" in result.stderr

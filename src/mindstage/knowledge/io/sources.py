@@ -262,7 +262,7 @@ class LoadTransaction:
                 )
 
     def _load_urdfs(self) -> UrdfSources:
-        robots = UrdfSources(self.packages, ClassNameIndex(self.store), self.xacro_paths)
+        robots = UrdfSources(self.packages, ClassNameIndex(self.store), self.xacro_paths, not self.follow_imports)
         for path in self.urdf_paths:
             robots.add(path.resolve())
         return robots

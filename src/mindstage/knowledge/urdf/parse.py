@@ -124,20 +124,30 @@ def _vertex_lines(data: bytes, keyword: bytes) -> Array | None:
 _FORMATS = {".obj": _obj_vertices, ".stl": _stl_vertices}
 
 
-def parse_robot(root: Element, path: Path, packages: RosPackagePath, *, measure_meshes: bool = True) -> UrdfRobot:
-    """Parses a `<robot>` element; `measure_meshes` is whether mesh files are read for the sizes of geometries.
+def parse_robot(
+    root: Element,
+    path: Path,
+    packages: RosPackagePath,
+    *,
+    measure_meshes: bool = True,
+    packages_only: bool = False,
+) -> UrdfRobot:
+    """Parses a `<robot>` element; for the arguments see `read_urdf`.
 
     Raises:
         SourceParseError: it has no link.
     """
-    return _UrdfParser(root, path, packages, measure_meshes=measure_meshes).parse()
+    schemes = () if not measure_meshes else ("package:",) if packages_only else ("",)
+    return _UrdfParser(root, path, packages, measured=schemes).parse()
 
 
 class _UrdfParser:
     """Parser of one `<robot>` element."""
 
-    def __init__(self, root: Element, path: Path, packages: RosPackagePath, *, measure_meshes: bool) -> None:
-        self.root, self.path, self.packages, self.measure_meshes = root, path, packages, measure_meshes
+    def __init__(self, root: Element, path: Path, packages: RosPackagePath, *, measured: tuple[str, ...]) -> None:
+        self.root, self.path, self.packages = root, path, packages
+        self.measured = measured
+        """How the names of meshes begin whose files are read."""
         self.issues: list[UrdfIssue] = []
         self.current_name = ""
         named = ((material.get("name", ""), self._color(material)) for material in root.findall("material"))
@@ -209,7 +219,7 @@ class _UrdfParser:
         origin = self._origin(element)
         if geometry_type is UrdfGeometryType.MESH:
             mesh = shape.get("filename") or None
-            box = mesh_bounds(mesh, self.path, self.packages) if mesh and self.measure_meshes else None
+            box = mesh_bounds(mesh, self.path, self.packages) if mesh and mesh.startswith(self.measured) else None
             if mesh is None:
                 self._add_issue("a mesh has no file name", "it is omitted", missing=True)
                 return None
@@ -400,7 +410,14 @@ def _element_text(element: Element) -> str:
     return ElementTree.tostring(element, encoding="unicode").strip()
 
 
-def read_urdf(path: Path, packages: RosPackagePath, *, xacro: bool = False, measure_meshes: bool = True) -> UrdfRobot:
+def read_urdf(
+    path: Path,
+    packages: RosPackagePath,
+    *,
+    xacro: bool = False,
+    measure_meshes: bool = True,
+    packages_only: bool = False,
+) -> UrdfRobot:
     """Reads a robot description.
 
     Args:
@@ -409,6 +426,7 @@ def read_urdf(path: Path, packages: RosPackagePath, *, xacro: bool = False, meas
         xacro: whether the file is expanded if it contains xacro: only where the user has named it and asked for it,
             never for a text that comes from a port, nor for a file that another file refers to.
         measure_meshes: whether mesh files are read for the sizes of geometries.
+        packages_only: whether only those in packages are read: for a text that comes from a port.
 
     Raises:
         SourceParseError: the file does not exist, is too long or not well-formed, contains a document type, or needs
@@ -429,7 +447,7 @@ def read_urdf(path: Path, packages: RosPackagePath, *, xacro: bool = False, meas
 
         data = expand_xacro(path, packages)
         root = parse_xml(path, data)
-    robot = parse_robot(root, path, packages, measure_meshes=measure_meshes)
+    robot = parse_robot(root, path, packages, measure_meshes=measure_meshes, packages_only=packages_only)
     return replace(robot, source_xml=data.decode("utf-8", "replace"))
 
 
