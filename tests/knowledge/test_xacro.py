@@ -19,8 +19,8 @@ from mindstage.knowledge.io.ros_packages import RosPackagePath
 from mindstage.knowledge.urdf import xacro_process
 from mindstage.knowledge.urdf.parse import read_urdf
 from mindstage.knowledge.urdf.xacro_process import (
+    Expansion,
     FileRequest,
-    Outcome,
     Reply,
     Request,
     Task,
@@ -342,7 +342,7 @@ def test_code_in_the_process_can_do_nothing_but_ask_for_files() -> None:
         assert asked == FileRequest(path="robot.xacro")
         write_message(process.stdin, Reply(data=b"sent"))
         outcome = msgspec.msgpack.decode(read_message(process.stdout), type=Request)
-    assert isinstance(outcome, Outcome)
+    assert isinstance(outcome, Expansion)
     assert json.loads(outcome.text) == ["sent", *["denied"] * 5]
 
 

@@ -24,8 +24,8 @@ from mindstage.errors import SourceParseError
 from mindstage.knowledge.io.ros_packages import RosPackagePath
 
 __all__ = [
+    "Expansion",
     "FileRequest",
-    "Outcome",
     "PackageRequest",
     "PatternRequest",
     "Reply",
@@ -84,7 +84,7 @@ class PackageRequest(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     name: str
 
 
-class Outcome(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+class Expansion(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     """The end of the expansion."""
 
     text: bytes = b""
@@ -94,7 +94,7 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     """Whether the problem is that the process cannot be confined."""
 
 
-Request = FileRequest | PatternRequest | PackageRequest | Outcome
+Request = FileRequest | PatternRequest | PackageRequest | Expansion
 """A message from the process."""
 
 
@@ -165,7 +165,7 @@ def expand_xacro(path: Path, packages: RosPackagePath, *, timeout_s: float = _TI
     timer = threading.Timer(timeout_s, expire)
     timer.daemon = True
     timer.start()
-    outcome: Outcome | None = None
+    outcome: Expansion | None = None
     reason = ""
     try:
         outcome = _serve(process, Task(path=str(path), cpu_s=int(timeout_s) + 1, result_limit=_RESULT_LIMIT), files)
@@ -214,21 +214,21 @@ def _start() -> subprocess.Popen[bytes]:
     )
 
 
-def _serve(process: subprocess.Popen[bytes], task: Task, files: _GrantedFiles) -> Outcome:
+def _serve(process: subprocess.Popen[bytes], task: Task, files: _GrantedFiles) -> Expansion:
     """Answers the requests of the process until it has ended."""
     assert process.stdin is not None
     assert process.stdout is not None
     write_message(process.stdin, task)
     for _ in range(_REQUEST_LIMIT):
         request: Request = msgspec.msgpack.decode(read_message(process.stdout), type=Request)
-        if isinstance(request, Outcome):
+        if isinstance(request, Expansion):
             return request
         try:
             reply = files.answer(request)
         except (OSError, ValueError, RuntimeError) as error:  # a loop of symbolic links; a name with a zero byte
             reply = Reply(problem=getattr(error, "strerror", None) or str(error))
         write_message(process.stdin, reply)
-    return Outcome(problem=f"it reads more than {_REQUEST_LIMIT:,} files")
+    return Expansion(problem=f"it reads more than {_REQUEST_LIMIT:,} files")
 
 
 class _GrantedFiles:

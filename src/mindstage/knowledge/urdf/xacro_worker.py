@@ -14,8 +14,8 @@ import msgspec
 
 from mindstage.errors import SourceParseError
 from mindstage.knowledge.urdf.xacro_process import (
+    Expansion,
     FileRequest,
-    Outcome,
     PackageRequest,
     PatternRequest,
     Reply,
@@ -40,31 +40,31 @@ def main() -> None:
         outcome = _outcome(task)
     except MemoryError:
         gc.collect()
-        outcome = Outcome(problem="it needs too much memory")
+        outcome = Expansion(problem="it needs too much memory")
     except Exception as error:  # a library may raise anything
-        outcome = Outcome(problem=" ".join(f"{type(error).__name__}: {error}".split())[:2000])
+        outcome = Expansion(problem=" ".join(f"{type(error).__name__}: {error}".split())[:2000])
     with suppress(OSError, EOFError):  # the parent has ended
         write_message(sys.stdout.buffer, outcome)
     os._exit(0)
 
 
-def _outcome(task: Task) -> Outcome:
+def _outcome(task: Task) -> Expansion:
     from mindstage.knowledge.urdf.xacro_expansion import XacroExpander
 
     expander = XacroExpander(read_file=_read_file, list_files=_list_files, find_package=_find_package)
     for encoding in _ENCODINGS:
         codecs.lookup(encoding)
     if problem := _limit_resources(task) or confine():
-        return Outcome(problem=problem, is_unconfined=True)
+        return Expansion(problem=problem, is_unconfined=True)
     try:
         data = expander.expand(task.path).encode()
     except SourceParseError as error:
-        return Outcome(problem=error.cause)
+        return Expansion(problem=error.cause)
     except RecursionError:
-        return Outcome(problem="its macros are nested too deep")
+        return Expansion(problem="its macros are nested too deep")
     if len(data) > task.result_limit:
-        return Outcome(problem=f"it has {len(data):,} bytes when expanded; at most {task.result_limit:,} are allowed")
-    return Outcome(text=data)
+        return Expansion(problem=f"it has {len(data):,} bytes when expanded; at most {task.result_limit:,} are allowed")
+    return Expansion(text=data)
 
 
 def _limit_resources(task: Task) -> str | None:
