@@ -1,17 +1,17 @@
 """Expansion of xacro files by the library `xacro`, without evaluation of Python and without access to files.
 
-The library evaluates expressions by `eval`, opens files, and has no limits. While a file is expanded here, the functions of
-the library that do so are replaced: expressions go to `mindstage.knowledge.urdf.xacro_expressions`, files are read by
+The library evaluates expressions by `eval`, opens files, and has no limits. While a file is expanded here, the functions
+of the library that do so are replaced: expressions go to `mindstage.knowledge.urdf.xacro_expressions`, files are read by
 functions that the caller gives, and the budget of steps of the interpreter also covers nodes, texts and files.
 
-The environment is empty: `$(optenv NAME default)` is the default and `$(env NAME)` an error; `$(cwd)` is an error too.
+The environment is empty: `$(optenv NAME default)` is the default and `$(env NAME)` an error.
 Messages and warnings of the library are dropped. Document types are refused in every file.
 """
 
 from __future__ import annotations
 
 import keyword
-import math
+import os
 import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,7 +21,6 @@ from typing import Any
 from xml.dom import expatbuilder, minidom
 from xml.parsers.expat import ExpatError
 
-from mindstage.access.limits import XACRO_VALUE_SIZE
 from mindstage.errors import SourceParseError
 from mindstage.knowledge.urdf.xacro_expressions import (
     MATH,
@@ -72,9 +71,9 @@ class XacroExpander:
         """Initializes an expander.
 
         Args:
-            read_file: returns the content of the file at a path: the file itself, one that it includes, or YAML. The path
-                is absolute if that of the expanded file is; it may contain "..". Raises `OSError` for a file that does not
-                exist or must not be read; an optional include is then omitted.
+            read_file: returns the content of the file at a path: the file itself, one that it includes, or YAML. The
+                path is absolute if that of the expanded file is; it may contain "..". Raises `OSError` for a file that
+                does not exist or must not be read; an optional include is then omitted.
             list_files: returns the paths that match the pattern of an include, as `glob.glob` does.
             find_package: returns the folder of a package; raises `LookupError`.
 
@@ -89,6 +88,7 @@ class XacroExpander:
         self._substitutions: Any = substitution_args
         self._yaml: Any = yaml
         self._read_file, self._list_files, self._find_package = read_file, list_files, find_package
+        self._working_folder = os.getcwd()
         self._interpreter = Interpreter()
 
     def expand(self, path: str, arguments: Mapping[str, str] | None = None) -> str:
@@ -237,9 +237,7 @@ class XacroExpander:
 
     def _extension(self, text: str) -> str:
         if text == "$(cwd)":
-            raise self._library.XacroException(
-                "$(cwd) is not supported; use $(find PACKAGE) or a path relative to the file"
-            )
+            return self._working_folder
         try:
             result = self._substitutions.resolve_args(text, context=self._library.substitution_args_context)
         except self._substitutions.ArgException as error:
@@ -305,7 +303,8 @@ class XacroExpander:
         except OSError as error:
             self._library.filestack.pop()
             # The library recognizes the missing file of an optional include by `exc`.
-            raise self._library.XacroException(f"{error.strerror or error}: {path}", exc=error) from error
+            suffix = "" if path in str(error) else f"\nwhen reading {path!r}"
+            raise self._library.XacroException(exc=error, suffix=suffix) from error
         try:
             text: str | bytes = data.decode("utf-8-sig")
         except UnicodeDecodeError:
@@ -366,7 +365,7 @@ def _text_length(node: Any) -> int:
     return len(node.nodeValue or "")
 
 
-def _tokenize(run: Interpreter, text: Value, sep: Value = ",; ", skip_empty: Value = True) -> list[str]:  # noqa: FBT002
+def _tokenize(run: Interpreter, text: Value, sep: Value = ",; ", skip_empty: Value = True) -> list[str]:
     text, separators = run.text(text), run.text(sep)
     items = re.split(f"[{re.escape(separators)}]", text)
     return run.new([item for item in items if item or not skip_empty])  # type: ignore[no-any-return]

@@ -1,16 +1,16 @@
 """Interpreter of the Python expressions in xacro files.
 
-An expression is parsed to a syntax tree, which is walked here: nothing is compiled to code or evaluated by Python. Values
-are plain data: numbers, strings, booleans, None, dates, ranges, lists, tuples, sets and mappings. Supported are
+An expression is parsed to a syntax tree, which is walked here: nothing is compiled to code or evaluated by Python.
+Values are plain data: numbers, strings, booleans, None, dates, ranges, lists, tuples, sets and mappings. Supported are
 
 - literals, names, arithmetic, comparisons, `and`, `or`, `not`, conditional expressions, subscripts, slices,
 - comprehensions and generator expressions, `*` and `**` in calls and displays, f-strings, `%` and `str.format`,
 - calls of the listed functions and of the listed methods of strings, numbers, lists, tuples, sets and mappings,
 - a dot for a name of a namespace (`math`, `python`, `xacro`, an included file) and for a key of a YAML mapping.
 
-Refused are `lambda`, assignments (`:=`), bytes, complex numbers, every other attribute, and what begins with `_` after a
-dot. Steps, the length of expressions, the size of values and the bits of integers are limited (`mindstage.access`), each
-before the work is done; the steps are counted over all expressions that an interpreter evaluates.
+Refused are `lambda`, assignments (`:=`), bytes, complex numbers, every other attribute, and what begins with `_` after
+a dot. Steps, the length of expressions, the size of values and the bits of integers are limited (`mindstage.access`),
+each before the work is done; the steps are counted over all expressions that an interpreter evaluates.
 """
 
 from __future__ import annotations
@@ -79,6 +79,7 @@ class Interpreter:
     def __init__(
         self,
         *,
+        steps: int = int(XACRO_STEPS.maximum),
         namespace_types: Iterable[type] = (),
         mapping_types: Iterable[type[dict[Any, Any]]] = (),
         list_types: Iterable[type[list[Any]]] = (),
@@ -86,11 +87,12 @@ class Interpreter:
         """Initializes an interpreter.
 
         Args:
+            steps: the budget.
             namespace_types: more types of namespaces, beside `Namespace`.
             mapping_types: subclasses of `dict` whose keys are reached through a dot.
             list_types: subclasses of `list`.
         """
-        self._steps = int(XACRO_STEPS.maximum)
+        self._budget = self._steps = steps
         self._namespaces = frozenset({Namespace, *namespace_types})
         self._dotted = frozenset(mapping_types)
         self._lists = frozenset({list, *list_types})
@@ -158,7 +160,7 @@ class Interpreter:
         """
         self._steps -= max(0, int(steps))
         if self._steps < 0:
-            raise _excess(XACRO_STEPS.maximum, "steps to expand it")
+            raise _excess(self._budget, "steps to expand it")
 
     def copy(self, length: float) -> None:
         """Checks the length of a text that is about to be made, and takes the steps for it."""
@@ -597,7 +599,9 @@ class Interpreter:
                 continue
             field = field or str(next(numbers))
             if not _FIELD.fullmatch(field):
-                raise ExpressionError(f"the field {field!r} of a format is not supported: it must be a number or a name")
+                raise ExpressionError(
+                    f"the field {field!r} of a format is not supported: it must be a number or a name"
+                )
             value = arguments[int(field)] if field.isdecimal() else keywords[field]
             if spec and "{" in spec:
                 if counter is not None:
@@ -672,9 +676,9 @@ _METHODS: dict[type, frozenset[str]] = {
     kind: frozenset(names.split())
     for kind, names in {
         str: "capitalize casefold center count endswith find format index isalnum isalpha isascii isdecimal isdigit "
-        "isidentifier islower isnumeric isprintable isspace istitle isupper join ljust lower lstrip partition removeprefix "
-        "removesuffix replace rfind rindex rjust rpartition rsplit rstrip split splitlines startswith strip swapcase title "
-        "upper zfill",
+        "isidentifier islower isnumeric isprintable isspace istitle isupper join ljust lower lstrip partition "
+        "removeprefix removesuffix replace rfind rindex rjust rpartition rsplit rstrip split splitlines startswith "
+        "strip swapcase title upper zfill",
         float: "is_integer",
         list: "copy count index pop",
         tuple: "count index",
@@ -791,8 +795,8 @@ def _power(_: Interpreter, base: Value, exponent: Value) -> float:
 
 
 _PLAIN_MATH = (
-    "acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh degrees erf erfc exp exp2 expm1 fabs floor fmod "
-    "frexp gamma gcd hypot isfinite isinf isnan isqrt ldexp lgamma log log10 log1p log2 modf nextafter radians "
+    "acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh degrees erf erfc exp exp2 expm1 fabs floor "
+    "fmod frexp gamma gcd hypot isfinite isinf isnan isqrt ldexp lgamma log log10 log1p log2 modf nextafter radians "
     "remainder sin sinh sqrt tan tanh trunc ulp"
 )
 
@@ -838,7 +842,7 @@ def _repr(run: Interpreter, value: Value) -> str:
     return run.new(repr(value))  # type: ignore[no-any-return]
 
 
-def _bool(run: Interpreter, value: Value = False) -> bool:  # noqa: FBT002  # the name and the order are Python's
+def _bool(run: Interpreter, value: Value = False) -> bool:  # the name and the order are Python's
     return bool(run.plain(value))
 
 
