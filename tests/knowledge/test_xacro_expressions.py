@@ -112,8 +112,29 @@ strings = st.text("ab {}%$é", max_size=4).map(repr)
 
 def _operations(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
     binary = st.sampled_from(
-        ["+", "-", "*", "/", "//", "%", "**", "<<", ">>", "&", "|", "^", "<", "==", "!=", ">=", "in", "not in", "is"]
-        + ["and", "or"]
+        [
+            "+",
+            "-",
+            "*",
+            "/",
+            "//",
+            "%",
+            "**",
+            "<<",
+            ">>",
+            "&",
+            "|",
+            "^",
+            "<",
+            "==",
+            "!=",
+            ">=",
+            "in",
+            "not in",
+            "is",
+            "and",
+            "or",
+        ]
     )
     functions = st.sampled_from(
         [

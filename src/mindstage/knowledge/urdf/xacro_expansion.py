@@ -1,8 +1,8 @@
 """Expansion of xacro files by the library `xacro`, without evaluation of Python and without access to files.
 
-The library evaluates expressions by `eval`, opens files, and has no limits. While a file is expanded here, the functions
-of the library that do so are replaced: expressions go to `mindstage.knowledge.urdf.xacro_expressions`, files are read by
-functions that the caller gives, and the budget of steps of the interpreter also covers nodes, texts and files.
+The library evaluates expressions by `eval`, opens files, and has no limits. While a file is expanded here, functions of
+the library that do so are replaced: expressions go to `mindstage.knowledge.urdf.xacro_expressions`, files are read by
+functions that the caller gives, and the interpreter's budget of steps also covers nodes, texts and files.
 
 The environment is empty: `$(optenv NAME default)` is the default and `$(env NAME)` an error.
 Messages and warnings of the library are dropped. Document types are refused in every file.
@@ -34,8 +34,8 @@ from mindstage.knowledge.urdf.xacro_expressions import (
 
 __all__ = ["XacroExpander"]
 
-_STEPS_PER_NODE = 10
-"""Steps for a copy of an XML node, which takes about 1 kB."""
+_STEPS_PER_NODE = 50
+"""Steps for an XML node that is copied or evaluated."""
 _STEPS_PER_YAML_BYTE = 2
 """PyYAML's parser in Python is slow."""
 _MESSAGE_LIMIT = 2_000
@@ -270,7 +270,7 @@ class XacroExpander:
         substitutions = self._substitutions
         arguments = context.setdefault("arg", {})
         self._interpreter.spend(len(arguments))
-        functions = {
+        functions: dict[str, Callable[..., Value]] = {
             "arg": lambda run, name: run.new(substitutions.convert_value(arguments[run.text(name)], "auto")),
             "dirname": lambda run: run.new(substitutions._eval_dirname(context.get("filename"))),
             "env": lambda run, name: self._environment(run.text(name)),
@@ -332,7 +332,7 @@ class XacroExpander:
         """A loader of YAML without exponential merges of mappings (`<<`), and with units."""
         run, yaml, symbols = self._interpreter, self._yaml, self._library._global_symbols
 
-        class Loader(yaml.SafeLoader):  # type: ignore[misc]
+        class Loader(yaml.SafeLoader):  # type: ignore[misc, name-defined]
             def flatten_mapping(self, node: Any) -> None:
                 for key, value in list(node.value):
                     if key.tag == "tag:yaml.org,2002:merge":
@@ -352,7 +352,7 @@ class XacroExpander:
         return Loader
 
 
-class _DocumentBuilder(expatbuilder.ExpatBuilderNS):  # type: ignore[misc]
+class _DocumentBuilder(expatbuilder.ExpatBuilderNS):
     """Builder of a DOM that refuses document types, whose entities could grow without a limit."""
 
     def start_doctype_decl_handler(self, *_: object) -> None:
