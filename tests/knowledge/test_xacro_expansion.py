@@ -58,7 +58,7 @@ ROBOT = """<?xml version="1.0"?>
 <values a="${[1, 2.5, 'x']}" b="${xacro.tokenize('a, b;c')}" c="${python.sorted(config.joints.keys())}"
         d="${xacro.arg('name')}" e="$(eval 1 + 2)" f="${xacro.dotify(dict(a=dict(b=3))).a.b}" g="${True and 'true'}"
         h="${'%.3f' % (1.0 / 3)}" i="${max(1, 2) if 'arm' in prefix else min(1, 2)}" j="${1e400 > 1}"/>
-<xacro:element xacro:name="${'dyn' + 'amic'}"><xacro:attribute name="size" value="${2 ** 8}"/></xacro:element>
+<xacro:element xacro:name="${'dyn' + 'amic'}"><xacro:attribute name="size" value="${2 ** 8} m"/></xacro:element>
 <!-- xacro:eval-comments -->
 <!-- ${1 + 1} -->
 </robot>"""

@@ -81,12 +81,11 @@ class XacroExpander:
             ImportError: xacro is not installed.
         """
         import xacro
-        import yaml
         from xacro import substitution_args
 
         self._library: Any = xacro
         self._substitutions: Any = substitution_args
-        self._yaml: Any = yaml
+        self._yaml: Any = substitution_args.yaml
         self._read_file, self._list_files, self._find_package = read_file, list_files, find_package
         self._working_folder = os.getcwd()
         self._interpreter = Interpreter()
@@ -361,7 +360,9 @@ class _DocumentBuilder(expatbuilder.ExpatBuilderNS):
 
 def _text_length(node: Any) -> int:
     if node.nodeType == minidom.Node.ELEMENT_NODE:
-        return sum(len(name) + len(value) for name, value in node.attributes.items()) if node.hasAttributes() else 0
+        return (
+            sum(len(name) + len(str(value)) for name, value in node.attributes.items()) if node.hasAttributes() else 0
+        )
     return len(node.nodeValue or "")
 
 
