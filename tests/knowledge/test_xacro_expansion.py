@@ -95,7 +95,9 @@ class Files:
         return "/parts"
 
     def expand(self, path: str, **arguments: str) -> str:
-        expander = XacroExpander(read_file=self.read_file, list_files=self.list_files, find_package=self.find_package)
+        expander = XacroExpander(
+            read_file=self.read_file, list_files=self.list_files, find_package=self.find_package, steps=500_000
+        )
         return expander.expand(path, arguments)
 
 

@@ -21,6 +21,7 @@ from typing import Any
 from xml.dom import expatbuilder, minidom
 from xml.parsers.expat import ExpatError
 
+from mindstage.access.limits import XACRO_STEPS
 from mindstage.errors import SourceParseError
 from mindstage.knowledge.urdf.xacro_expressions import (
     MATH,
@@ -67,6 +68,7 @@ class XacroExpander:
         read_file: Callable[[str], bytes],
         list_files: Callable[[str], Sequence[str]],
         find_package: Callable[[str], str],
+        steps: int = int(XACRO_STEPS.maximum),
     ) -> None:
         """Initializes an expander.
 
@@ -76,6 +78,7 @@ class XacroExpander:
                 does not exist or must not be read; an optional include is then omitted.
             list_files: returns the paths that match the pattern of an include, as `glob.glob` does.
             find_package: returns the folder of a package; raises `LookupError`.
+            steps: the budget of each expansion.
 
         Raises:
             ImportError: xacro is not installed.
@@ -88,6 +91,7 @@ class XacroExpander:
         self._yaml: Any = substitution_args.yaml
         self._read_file, self._list_files, self._find_package = read_file, list_files, find_package
         self._working_folder = os.getcwd()
+        self._steps = steps
         self._interpreter = Interpreter()
 
     def expand(self, path: str, arguments: Mapping[str, str] | None = None) -> str:
@@ -102,6 +106,7 @@ class XacroExpander:
         """
         library = self._library
         self._interpreter = Interpreter(
+            steps=self._steps,
             namespace_types=[library.NameSpace],
             mapping_types=[library.YamlDictWrapper],
             list_types=[library.YamlListWrapper],
