@@ -1,8 +1,8 @@
 """Expansion of xacro files by the library `xacro`, without evaluation of Python and without access to files.
 
-The library evaluates expressions by `eval`, opens files, and has no limits. While a file is expanded here, the functions
-of the library that do so are replaced: expressions go to `mindstage.knowledge.urdf.xacro_expressions`, files are read by
-functions that the caller gives, and the budget of steps of the interpreter also covers nodes, texts and files.
+The library evaluates expressions by `eval`, opens files, and has no limits. While a file is expanded here, functions of
+the library that do so are replaced: expressions go to `mindstage.knowledge.urdf.xacro_expressions`, files are read by
+functions that the caller gives, and the interpreter's budget of steps also covers nodes, texts and files.
 
 The environment is empty: `$(optenv NAME default)` is the default and `$(env NAME)` an error.
 Messages and warnings of the library are dropped. Document types are refused in every file.
@@ -21,6 +21,7 @@ from typing import Any
 from xml.dom import expatbuilder, minidom
 from xml.parsers.expat import ExpatError
 
+from mindstage.access.limits import XACRO_STEPS
 from mindstage.errors import SourceParseError
 from mindstage.knowledge.urdf.xacro_expressions import (
     MATH,
@@ -34,8 +35,8 @@ from mindstage.knowledge.urdf.xacro_expressions import (
 
 __all__ = ["XacroExpander"]
 
-_STEPS_PER_NODE = 10
-"""Steps for a copy of an XML node, which takes about 1 kB."""
+_STEPS_PER_NODE = 50
+"""Steps for an XML node that is copied or evaluated."""
 _STEPS_PER_YAML_BYTE = 2
 """PyYAML's parser in Python is slow."""
 _MESSAGE_LIMIT = 2_000
@@ -67,6 +68,7 @@ class XacroExpander:
         read_file: Callable[[str], bytes],
         list_files: Callable[[str], Sequence[str]],
         find_package: Callable[[str], str],
+        steps: int = int(XACRO_STEPS.maximum),
     ) -> None:
         """Initializes an expander.
 
@@ -76,19 +78,20 @@ class XacroExpander:
                 does not exist or must not be read; an optional include is then omitted.
             list_files: returns the paths that match the pattern of an include, as `glob.glob` does.
             find_package: returns the folder of a package; raises `LookupError`.
+            steps: the budget of each expansion.
 
         Raises:
             ImportError: xacro is not installed.
         """
         import xacro
-        import yaml
         from xacro import substitution_args
 
         self._library: Any = xacro
         self._substitutions: Any = substitution_args
-        self._yaml: Any = yaml
+        self._yaml: Any = substitution_args.yaml
         self._read_file, self._list_files, self._find_package = read_file, list_files, find_package
         self._working_folder = os.getcwd()
+        self._steps = steps
         self._interpreter = Interpreter()
 
     def expand(self, path: str, arguments: Mapping[str, str] | None = None) -> str:
@@ -103,6 +106,7 @@ class XacroExpander:
         """
         library = self._library
         self._interpreter = Interpreter(
+            steps=self._steps,
             namespace_types=[library.NameSpace],
             mapping_types=[library.YamlDictWrapper],
             list_types=[library.YamlListWrapper],
@@ -270,7 +274,7 @@ class XacroExpander:
         substitutions = self._substitutions
         arguments = context.setdefault("arg", {})
         self._interpreter.spend(len(arguments))
-        functions = {
+        functions: dict[str, Callable[..., Value]] = {
             "arg": lambda run, name: run.new(substitutions.convert_value(arguments[run.text(name)], "auto")),
             "dirname": lambda run: run.new(substitutions._eval_dirname(context.get("filename"))),
             "env": lambda run, name: self._environment(run.text(name)),
@@ -332,7 +336,7 @@ class XacroExpander:
         """A loader of YAML without exponential merges of mappings (`<<`), and with units."""
         run, yaml, symbols = self._interpreter, self._yaml, self._library._global_symbols
 
-        class Loader(yaml.SafeLoader):  # type: ignore[misc]
+        class Loader(yaml.SafeLoader):  # type: ignore[misc, name-defined]
             def flatten_mapping(self, node: Any) -> None:
                 for key, value in list(node.value):
                     if key.tag == "tag:yaml.org,2002:merge":
@@ -352,7 +356,7 @@ class XacroExpander:
         return Loader
 
 
-class _DocumentBuilder(expatbuilder.ExpatBuilderNS):  # type: ignore[misc]
+class _DocumentBuilder(expatbuilder.ExpatBuilderNS):
     """Builder of a DOM that refuses document types, whose entities could grow without a limit."""
 
     def start_doctype_decl_handler(self, *_: object) -> None:
@@ -361,7 +365,9 @@ class _DocumentBuilder(expatbuilder.ExpatBuilderNS):  # type: ignore[misc]
 
 def _text_length(node: Any) -> int:
     if node.nodeType == minidom.Node.ELEMENT_NODE:
-        return sum(len(name) + len(value) for name, value in node.attributes.items()) if node.hasAttributes() else 0
+        return (
+            sum(len(name) + len(str(value)) for name, value in node.attributes.items()) if node.hasAttributes() else 0
+        )
     return len(node.nodeValue or "")
 
 

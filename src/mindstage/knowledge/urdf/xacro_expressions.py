@@ -531,7 +531,8 @@ class Interpreter:
 
     def join(self, separator: str, parts: Iterable[Value]) -> str:
         """Returns `separator.join(parts)`."""
-        texts, length = [], 0
+        texts: list[str] = []
+        length = 0
         for part in parts:
             if type(part) is not str:
                 raise TypeError(f"sequence item {len(texts)}: expected str instance, {type(part).__name__} found")
