@@ -23,11 +23,11 @@ pytest_options ?= -raR -n auto --dist worksteal
 random_tests ?= $(addprefix tests/,scene msgs bridge geometry simulation)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-random check docs bench mutants fuzz kitchen pictures pin clean
+.PHONY: help demo test test-random test-slow check docs bench mutants fuzz kitchen pictures pin clean
 .DELETE_ON_ERROR:
 
 help:  ## list the targets
-	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/  make \1\t\2/' | expand -t 16
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
 
 demo: .venv/run.stamp  ## the bundled kitchen in the browser
 	@.venv/bin/mindstage demo
@@ -44,6 +44,9 @@ test-random: .venv/dev.stamp  ## quick packages in random order, with new random
 	@seed=$${RANDOM_SEED:-$$RANDOM}; echo "mindstage: repeat this order and these inputs with RANDOM_SEED=$$seed"; \
 	HYPOTHESIS_PROFILE=random $(python) -m pytest $(pytest_options) -p randomly --randomly-seed=$$seed \
 		--hypothesis-seed=$$seed $(random_tests)
+
+test-slow: .venv/dev.stamp  ## the tests that `make test` leaves out: advisories about the pinned packages, full lengths
+	@$(python) -m pytest $(pytest_options) -m slow
 
 check: .venv/dev.stamp  ## style, types, package structure, and that generated files are up to date
 	@$(python) -m ruff check .

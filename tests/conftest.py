@@ -1,7 +1,8 @@
 """What all tests share: the sample maps, the outside programs, and how hard hypothesis tries.
 
-A component that is missing skips the tests that need it, with the reason; where CI is set, which promises to have all
-of them, it fails them instead.
+A program that is missing skips the tests that need it, with the reason; where CI is set, which promises that
+`make test` has installed all of them, it fails them instead. What a clone cannot have is named by a variable, and its
+absence is a skip everywhere: sample maps by `MINDSTAGE_DATA`, a running rosbridge by `MINDSTAGE_ROSBRIDGE`.
 """
 
 from __future__ import annotations
@@ -20,13 +21,18 @@ ROOT = Path(__file__).resolve().parent.parent
 
 OUTSIDE_PROGRAMS = frozenset({"browser", "panel_browser", "chromium", "open_page", "godot", "cluster", "roslibjs"})
 """Fixtures of programs that are not ours and whose speed is not in our hands."""
-OUTSIDE_MODULES = ("imagination/test_ray.py", "ros/test_real_rosbridge.py", "cli/test_shot.py")
+OUTSIDE_MODULES = (
+    "imagination/test_ray.py",
+    "ros/test_real_rosbridge.py",
+    "ros/test_real_robot.py",
+    "cli/test_shot.py",
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Repeats a failed test of an outside program once; the summary of the run lists it as RERUN.
 
-    On a busy machine a browser, a Ray cluster or a ROS master may take longer than any sensible timeout. A test that is
+    On a busy machine a browser, a Ray cluster or a rosbridge may take longer than any sensible timeout. A test that is
     listed often has a defect, which has to be found.
     """
     for item in items:
@@ -51,10 +57,13 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """The sample maps and ontologies of other systems, which are not part of this project."""
-    folder = Path(os.environ.get("MINDSTAGE_DATA") or ROOT.parent / "shared" / "data")
-    if not (folder / "maps").is_dir():
-        pytest.skip(f"no sample maps in {folder}; name their folder with MINDSTAGE_DATA")
-    return folder
+    named = os.environ.get("MINDSTAGE_DATA")
+    folder = Path(named or ROOT.parent / "shared" / "data")
+    if (folder / "maps").is_dir():
+        return folder
+    if named:
+        pytest.fail(f"MINDSTAGE_DATA names {folder}, which has no folder maps")
+    pytest.skip(f"no sample maps in {folder}; name their folder with MINDSTAGE_DATA")
 
 
 @pytest.fixture(scope="session")

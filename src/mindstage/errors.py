@@ -12,6 +12,7 @@
     │   ├── HistoryChangedError         another client has edited since the history was read
     │   └── AttachmentError             a cycle, or the child already has a parent
     ├── KnowledgeError                  a source of knowledge or a query cannot be used (exit code 2)
+    │   ├── ReferenceRefusedError       a text that came over a port names something that would have to be read for it
     │   ├── SourceParseError            missing file, or content that does not follow its format
     │   │   └── XacroRefusedError       a robot description contains xacro, whose expansion was not asked for
     │   ├── MapNotFoundError            no semantic map of that name, or none at all
@@ -57,7 +58,6 @@
     │   └── SimulationTimeoutError      a call into the simulation thread did not finish in time
     ├── BridgeError                     failure of a bridge, its peer or the connection (exit code 2)
     │   ├── BridgeUnavailableError      the server cannot listen at that address
-    │   ├── FoxgloveUnavailableError    the Foxglove SDK is not installed, or its server cannot listen
     │   ├── AuthenticationError         missing or invalid token
     │   ├── CertificateError            a file with a certificate or a key cannot be used
     │   ├── ConnectionLostError         no connection, or a closed one
@@ -122,7 +122,6 @@ __all__ = [
     "EpisodeFileError",
     "EpisodeTimeError",
     "FailureResponseError",
-    "FoxgloveUnavailableError",
     "HistoryChangedError",
     "ImaginationError",
     "InvalidArgumentError",
@@ -148,6 +147,7 @@ __all__ = [
     "QuestionNotFoundError",
     "QuestionTimeoutError",
     "ReasonerUnavailableError",
+    "ReferenceRefusedError",
     "RendererUnavailableError",
     "RestoreError",
     "RobotError",
@@ -418,6 +418,19 @@ class XacroRefusedError(SourceParseError):
     """A robot description contains xacro, and nobody has asked for its expansion."""
 
     code = "XacroRefused"
+
+
+@dataclass(eq=False, repr=False)
+class ReferenceRefusedError(KnowledgeError):
+    """A text that came over a port names something that would have to be read for it, such as an import."""
+
+    code = "ReferenceRefused"
+    template = "{source} {reference}; what came over a port is read without anything else{hint}"
+    source: str
+    reference: str
+    """The verb and what is named, such as `imports file:///a.owl`."""
+    _: KW_ONLY
+    remedy: str = ""
 
 
 @dataclass(eq=False, repr=False)
@@ -973,17 +986,6 @@ class BridgeUnavailableError(BridgeError):
     port: int
     _: KW_ONLY
     cause: str
-
-
-@dataclass(eq=False, repr=False)
-class FoxgloveUnavailableError(BridgeError):
-    """The Foxglove SDK is not installed, or its server cannot listen at that address."""
-
-    code = "FoxgloveUnavailable"
-    template = "Foxglove cannot be served: {cause}{hint}"
-    cause: str
-    _: KW_ONLY
-    remedy: str = ""
 
 
 @dataclass(eq=False, repr=False)

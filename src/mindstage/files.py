@@ -32,11 +32,14 @@ def cache_dir(name: str = "") -> Path:
     """
     preferred = _home() / name
     with suppress(OSError):
+        _home().mkdir(mode=0o700, parents=True, exist_ok=True)  # the mode is that of the last part only
         preferred.mkdir(mode=0o700, parents=True, exist_ok=True)
         if os.access(preferred, os.W_OK | os.X_OK):
             return preferred
     user = os.getuid() if hasattr(os, "getuid") else 0
-    fallback = Path(tempfile.gettempdir()) / f"mindstage-{user}" / name
+    fallback = Path(tempfile.gettempdir()) / f"mindstage-{user}"
+    fallback.mkdir(mode=0o700, parents=True, exist_ok=True)
+    fallback /= name
     fallback.mkdir(mode=0o700, parents=True, exist_ok=True)
     return fallback
 

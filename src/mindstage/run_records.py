@@ -6,8 +6,10 @@ that was killed is recognized by the process's id and start.
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
+import stat
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -75,13 +77,17 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
         """Writes the file.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: it cannot be written, or others may write to its folder.
         """
-        file = cache_dir(_DIRECTORY) / f"{self.process}-{self.port}.json"
+        file = _folder() / f"{self.process}-{self.port}.json"
         part = file.with_suffix(f".{time.monotonic_ns()}.part")
-        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
-            stream.write(msgspec.json.encode(self))
-        part.replace(file)
+        try:
+            with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
+                stream.write(msgspec.json.encode(self))
+            part.replace(file)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
         return file
 
     def __str__(self) -> str:
@@ -92,7 +98,11 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
 def running_simulations() -> tuple[RunRecord, ...]:
     """Returns the simulations of this user on this machine, the oldest first, and removes stale records."""
     found: list[tuple[float, RunRecord]] = []
-    for file in cache_dir(_DIRECTORY).glob("*.json"):
+    try:
+        files = list(_folder().glob("*.json"))
+    except OSError:  # records in it may be those of others
+        return ()
+    for file in files:
         try:
             modified_s, record = file.stat().st_mtime, msgspec.json.decode(file.read_bytes(), type=RunRecord)
         except (OSError, msgspec.MsgspecError):  # removed meanwhile, or of another version
@@ -105,6 +115,21 @@ def running_simulations() -> tuple[RunRecord, ...]:
         else:
             found.append((modified_s, record))
     return tuple(record for _, record in sorted(found, key=lambda each: (each[0], each[1].port)))
+
+
+def _folder() -> Path:
+    """The folder of the records, which only the user can read and change.
+
+    Raises:
+        OSError: it belongs to someone else, or is a link.
+    """
+    folder = cache_dir(_DIRECTORY)
+    status = folder.lstat()
+    if hasattr(os, "getuid") and (not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid()):
+        raise OSError(errno.EPERM, "it is a link, or the folder of another user", str(folder))
+    if status.st_mode & 0o077:
+        folder.chmod(0o700)
+    return folder
 
 
 def _start_of(process: int) -> str:

@@ -1,6 +1,6 @@
 """What the servers of rosbridge_suite accept and how they refuse; and what Mindstage's own server refuses like them.
 
-`tests/ros/test_real_rosbridge.py` runs the real one of ROS 1; Debian has none of ROS 2.
+`tests/ros/test_real_rosbridge.py` uses a real one that is running, if its address is given.
 """
 
 from __future__ import annotations

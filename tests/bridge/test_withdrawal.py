@@ -12,7 +12,7 @@ import pytest
 from mindstage.bridge import BridgeLimits, LocalNode, RosbridgeServer
 from tests.bridge.raw_client import TIMEOUT_S, RawClient, eventually
 
-SHORT_S = 0.1
+SHORT_S = 0.5
 
 
 class Gate:

@@ -285,6 +285,63 @@ def record(**changes: Any) -> RunRecord:
     return msgspec.structs.replace(RunRecord.of_this_process(port=1, token="t", maps=["kitchen"]), **changes)
 
 
+@pytest.mark.skipif(os.name != "posix", reason="the permissions of POSIX")
+@pytest.mark.parametrize("exists", [False, True])
+def test_only_the_user_can_read_a_token_whatever_the_umask_and_earlier_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exists: bool
+) -> None:
+    cache = tmp_path / "caches" / "mindstage"
+    monkeypatch.setenv("MINDSTAGE_CACHE", str(cache))
+    folder = cache / "running"
+    before = os.umask(0)
+    try:
+        if exists:
+            folder.mkdir(parents=True, mode=0o777)
+            (folder / f"{os.getpid()}-1.json").write_text("{}", encoding="utf-8")
+            (folder / f"{os.getpid()}-1.json").chmod(0o666)
+        else:
+            (tmp_path / "caches").mkdir()
+        file = record(port=1).write()
+    finally:
+        os.umask(before)
+    assert file.stat().st_mode & 0o777 == 0o600
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert exists or cache.stat().st_mode & 0o777 == 0o700
+    assert [each.token for each in running_simulations()] == ["t"]
+    assert list(folder.iterdir()) == [file]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="symbolic links")
+def test_a_token_is_not_written_to_where_a_link_leads(empty_cache: Path, tmp_path: Path) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (empty_cache / "running").symlink_to(elsewhere)
+    with pytest.raises(OSError, match="it is a link"):
+        record().write()
+    assert list(elsewhere.iterdir()) == []
+    assert running_simulations() == ()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the permissions of POSIX")
+def test_a_served_simulation_keeps_its_token_private(tmp_path: Path) -> None:
+    command = f"umask 0; exec {sys.executable} -m mindstage serve --engine null --port 0 --for 0.2 --json"
+    watch = (
+        "import os, sys, subprocess, pathlib\n"
+        "server = subprocess.Popen(['sh', '-c', sys.argv[1]], stdout=subprocess.DEVNULL)\n"
+        "modes = set()\n"
+        "while server.poll() is None:\n"
+        "    for file in pathlib.Path(os.environ['MINDSTAGE_CACHE'], 'running').glob('*'):\n"
+        "        try: modes.add(oct(file.stat().st_mode & 0o777))\n"
+        "        except FileNotFoundError: pass\n"
+        "print(*modes)\n"
+    )
+    environment = os.environ | {"MINDSTAGE_CACHE": str(tmp_path / "cache")}
+    seen = subprocess.run(
+        [sys.executable, "-c", watch, command], env=environment, capture_output=True, text=True, timeout=120, check=True
+    )
+    assert seen.stdout.split() == ["0o600"], seen.stderr
+
+
 def test_without_a_running_simulation_it_says_how_to_start_one(run: Run, empty_cache: Path) -> None:
     result = run("ask", "handle_of", "--running")
     assert result.exit_code == 2

@@ -424,52 +424,6 @@ class HttpRequests(PageRequests):
         self._errors.raise_if_any()
 
 
-class FoxgloveMessages(FuzzTarget):
-    """Messages to the Foxglove server; afterwards it accepts a client."""
-
-    uses_network = True
-    memory_limit = None
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder)
-        from mindstage.engines import NullEngine
-        from mindstage.knowledge import KnowledgeBase
-        from mindstage.ros.foxglove import FoxgloveServer
-        from mindstage.simulation import Simulation
-        from tests.kitchenette import kitchenette
-
-        self._errors = ErrorRecords()
-        self._stack = ExitStack()
-        simulation = self._stack.enter_context(Simulation(KnowledgeBase(), NullEngine()))
-        simulation.spawn(kitchenette())
-        self._url = self._stack.enter_context(FoxgloveServer(simulation, port=0)).url
-
-    def seeds(self) -> Iterator[bytes]:
-        for message in (
-            {"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 1}]},
-            {"op": "unsubscribe", "subscriptionIds": [1]},
-            {"op": "getParameters", "parameterNames": ["paused"], "id": "1"},
-            {"op": "setParameters", "parameters": [{"name": "speed", "value": 2.0, "type": "float64"}], "id": "2"},
-        ):
-            yield json.dumps(message).encode()
-        yield b"\0\2" + (1).to_bytes(4, "little") + (7).to_bytes(4, "little") + (4).to_bytes(4, "little") + b"json{}"
-
-    def process(self, data: bytes) -> None:
-        from websockets.exceptions import ConnectionClosed
-        from websockets.sync.client import connect
-
-        options: Any = {"subprotocols": ["foxglove.sdk.v1"], "open_timeout": _REPLY_TIMEOUT_S, "max_size": None}
-        with suppress(ConnectionClosed), connect(self._url, **options) as client:
-            client.send(data[1:] if data[:1] == b"\0" else data.decode("utf-8", "replace"))
-            client.recv(timeout=_REPLY_TIMEOUT_S)
-        with connect(self._url, **options) as client:
-            client.recv(timeout=_REPLY_TIMEOUT_S)
-        self._errors.raise_if_any()
-
-    def close(self) -> None:
-        self._stack.close()
-
-
 class RemoteReplies(FuzzTarget):
     """Frames that a rosbridge server sends to our client."""
 
@@ -518,8 +472,7 @@ class ErrorRecords(logging.Handler):
         self.setFormatter(formatter)
 
     def emit(self, record: logging.LogRecord) -> None:
-        # Handshakes of clients that close the connection too early, and messages that Foxglove's SDK refuses.
-        if record.name.endswith(".handshakes") or record.name.startswith("foxglove"):
+        if record.name.endswith(".handshakes"):  # of clients that close the connection too early
             return
         self._records.append(self.format(record))
 
@@ -541,7 +494,6 @@ TARGETS: dict[str, type[FuzzTarget]] = {
     "rosbridge": RosbridgeFrames,
     "page": PageRequests,
     "http": HttpRequests,
-    "foxglove": FoxgloveMessages,
     "replies": RemoteReplies,
 }
 """Everything that is fuzzed, by name."""

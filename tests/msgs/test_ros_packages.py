@@ -24,8 +24,12 @@ from mindstage.msgs import (
 )
 from mindstage.msgs.base import Action, Message, Service, fields_of, struct_of
 from tests.conftest import ROOT, missing
-from tests.ros.real_rosbridge import GENACTION, GENPY, ROS_PYTHON, SHIPPED, build_ros1_packages
 
+ROS_PYTHON = "/usr/bin/python3"
+GENPY = Path("/usr/lib/genpy")
+GENACTION = Path("/usr/lib/actionlib_msgs/genaction.py")
+SHIPPED = {path.name: path for path in sorted((ROOT / "ros").glob("*")) + sorted((ROOT / "ros" / "ros1").glob("*"))}
+SHIPPED = {name: path for name, path in SHIPPED.items() if (path / "package.xml").is_file()}
 BOTH = ("mindstage_msgs", "modul_spawner_msgs", "unreal_vis_msgs", "world_control_msgs")
 MODULES = (mindstage_msgs, modul_spawner_msgs, simulation_interfaces, unreal_vis_msgs, world_control_msgs)
 FIELD = re.compile(r"(?P<type>[\w/]+)(?P<array>\[\d*\])? (?P<name>\w+)")
@@ -157,6 +161,32 @@ for name in sys.argv[1:]:
                 cls()  # the fields of a new message are those of the messages that it contains
 print(json.dumps(found))
 """
+
+
+def build_ros1_packages(names: list[str], generated: Path, sources: Path) -> None:
+    """Builds packages of `ros/` with genpy, as catkin does, and copies their sources to where ROS looks for them."""
+    for name in names:
+        source = sources / name
+        shutil.copytree(SHIPPED[name], source, dirs_exist_ok=True)
+        for action in sorted(source.glob("action/*.action")):
+            _run(ROS_PYTHON, GENACTION, action, "-o", source / "msg")
+    for name in names:
+        source, target = sources / name, generated / name
+        target.mkdir(parents=True, exist_ok=True)
+        (target / "__init__.py").touch()
+        includes = [f"-I{each}:/usr/share/{each}/msg" for each in ("std_msgs", "geometry_msgs", "actionlib_msgs")]
+        includes += [f"-I{each}:{sources / each}/msg" for each in SHIPPED]
+        for kind in ("msg", "srv"):
+            files = sorted(source.glob(f"{kind}/*.{kind}"))
+            if files:
+                (target / kind).mkdir(exist_ok=True)
+                _run(ROS_PYTHON, GENPY / f"gen{kind}_py.py", "-p", name, "-o", target / kind, *includes, *files)
+                _run(ROS_PYTHON, GENPY / "genmsg_py.py", "--initpy", "-p", name, "-o", target / kind)
+
+
+def _run(*command: str | Path) -> None:
+    done = subprocess.run([str(each) for each in command], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{command[1]} failed: {done.stdout}\n{done.stderr}"
 
 
 def test_genpy_builds_the_packages_for_ros_1(tmp_path: Path) -> None:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +12,6 @@ from mindstage.prolog import PrologConsole
 
 KITCHEN = "http://mindstage.org/maps/kitchen.owl#"
 KNOWROB = "http://knowrob.org/kb/knowrob.owl#"
-
-NOT_LOADABLE = {
-    "addons/knowrob_memory_graph/prolog/init.pl": "a package name with a dot, which is a dict since SWI-Prolog 7",
-    "addons/knowrob_meshes/prolog/init.pl": "knowrob_meshes and knowrob_vis export the same predicates",
-    "addons/knowrob_motion_constraints/prolog/robohow-workshop.pl": "notes of queries, which are no Prolog",
-    "addons/knowrob_robohow/prolog/init.pl": "loads knowrob_meshes",
-    "addons/knowrob_robosherlock/prolog/init.pl": "loads rs_plan_pipeline.pl",
-    "addons/knowrob_robosherlock/prolog/rs_plan_pipeline.pl": "exports predicates that it does not define",
-    "addons/knowrob_roslog_launch/prolog/init.pl": "loads knowrob_meshes",
-    "addons/knowrob_sim_games/prolog/init.pl": "loads knowrob_meshes and pizza_queries.pl",
-    "addons/knowrob_sim_games/prolog/pizza_queries.pl": "exports a name without an arity",
-}
-"""The sample files with errors, and the reasons, each in the file itself."""
 
 
 def load(console: PrologConsole, folder: Path, text: str, name: str = "pkg/prolog/rules.pl") -> int:
@@ -41,23 +25,7 @@ def values(console: PrologConsole, goal: str, variable: str = "X") -> list[Any]:
     return [solution[variable] for solution in console.solutions(goal, limit=100_000)]
 
 
-# -- sample files ------------------------------------------------------------------------------------------------------
-
-
-def test_sample_files_load_except_those_with_errors_of_their_own(shared_data: Path, prolog: Path) -> None:
-    files = sorted((shared_data / "prolog").rglob("*.pl"))
-    if not files:
-        pytest.skip(f"no Prolog files in {shared_data}")
-    command = [sys.executable, str(Path(__file__).with_name("load_files.py")), *map(str, files)]
-    ran = subprocess.run(command, capture_output=True, timeout=300.0, check=True)
-    failed = {
-        Path(file).relative_to(shared_data / "prolog").as_posix(): messages
-        for file, (errors, messages) in json.loads(ran.stdout).items()
-        if errors
-    }
-    assert set(failed) <= set(NOT_LOADABLE), failed
-    assert len(files) - len(failed) >= 95
-
+# -- packages ----------------------------------------------------------------------------------------------------------
 
 PACKAGES = Path(__file__).with_name("packages")
 FRIDGE_DOOR = f"'{KITCHEN}fridge_door'"

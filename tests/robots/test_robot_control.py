@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import pickle
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -618,9 +617,7 @@ def test_a_robot_moves_while_the_simulation_plays(model: RobotModel) -> None:
     with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
         robot = sim.add_robot(model)
         sim.play(speed=4.0)
-        started_s = time.monotonic()
         assert robot.run(robot.moving_to({"lift_joint": 0.7}))
-        assert time.monotonic() - started_s < 10.0
         assert sim.state.playing
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
-import shutil
+import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
-from pathlib import Path
+from contextlib import ExitStack, closing
 from typing import Any
 
 import pytest
@@ -15,15 +13,17 @@ import pytest
 from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
 from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.msgs import RosVersion
 from mindstage.ros import RosInterface
 from mindstage.scene import Pose
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, RawClient
-from tests.conftest import ROOT, missing
 from tests.kitchenette import kitchenette
-from tests.ros.real_rosbridge import PrepareError, RealRosbridge
 from tests.ros.robot_client import RobotClient
 from tests.ros.ros_messages import Ask, Call, question_caller
+
+ROS_PYTHON = "/usr/bin/python3"
+RunRospy = Callable[..., str]
 
 
 @pytest.fixture(scope="session")
@@ -34,42 +34,32 @@ def knowledge() -> Iterator[KnowledgeBase]:
 
 
 @pytest.fixture(scope="session")
-def real_rosbridge(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealRosbridge]:
-    """A real ROS 1 with rosbridge_suite; one for each process of pytest-xdist, prepared once for all of them."""
-    with _started_rosbridge(tmp_path_factory) as rosbridge:
-        yield rosbridge
+def real_rosbridge() -> str:
+    """The address of a rosbridge that is running already, as `MINDSTAGE_ROSBRIDGE` names it."""
+    return os.environ.get("MINDSTAGE_ROSBRIDGE") or pytest.skip(
+        "no running rosbridge is named; name one with MINDSTAGE_ROSBRIDGE=ws://HOST:PORT"
+    )
 
 
-@pytest.fixture(scope="module")
-def own_rosbridge(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealRosbridge]:
-    """One for the tests of a module, since it keeps the services of closed connections."""
-    with _started_rosbridge(tmp_path_factory) as rosbridge:
-        yield rosbridge
+@pytest.fixture(scope="session")
+def ros_version(real_rosbridge: str) -> RosVersion:
+    """The version of the named rosbridge: that of the sourced ROS, otherwise 2."""
+    return RosVersion(int(os.environ.get("ROS_VERSION") or RosVersion.TWO))
 
 
-@contextmanager
-def _started_rosbridge(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealRosbridge]:
-    script = Path(os.environ.get("MINDSTAGE_DATA") or ROOT.parent / "shared" / "data").parent / "rosbridge" / "start.sh"
-    if not script.is_file():
-        missing(f"no rosbridge for tests at {script}; name the folder beside it with MINDSTAGE_DATA")
-    base = tmp_path_factory.getbasetemp()
-    shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "rosbridge"
-    shared.mkdir(exist_ok=True)
-    with (shared / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        try:
-            RealRosbridge(script, shared).prepare()
-        except PrepareError as error:
-            missing(str(error))
-    folder = tmp_path_factory.mktemp("ros1")
-    for name in ("src", "generated"):
-        shutil.copytree(shared / name, folder / name, dirs_exist_ok=True)
-    rosbridge = RealRosbridge(script, folder)
-    try:
-        rosbridge.start()
-        yield rosbridge
-    finally:
-        rosbridge.stop()
+@pytest.fixture(scope="session")
+def run_rospy(ros_version: RosVersion) -> RunRospy:
+    """Runs a Python script with rospy in the sourced ROS 1, and returns what it prints."""
+    if ros_version is not RosVersion.ONE or not os.environ.get("ROS_MASTER_URI"):
+        pytest.skip("the named rosbridge is not of a sourced ROS 1 (ROS_VERSION=1, ROS_MASTER_URI)")
+
+    def run(script: str, *arguments: str) -> str:
+        command = [ROS_PYTHON, "-", *arguments]
+        done = subprocess.run(command, input=script, capture_output=True, text=True, timeout=300.0, check=False)
+        assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+        return done.stdout
+
+    return run
 
 
 @pytest.fixture

@@ -243,11 +243,11 @@ def test_what_timed_out_at_a_stuck_engine_never_happens(held: tuple[HeldEngine, 
     engine, simulation, url = held
     ids = simulation.state.ids
     with closing(RawClient(url)) as client:
-        send(client, "spawn_model", 100, model("held"), timeout=0.1)
+        send(client, "spawn_model", 100, model("held"), timeout=2.0)
         assert engine.begun.wait(TIMEOUT_S)
         for number in range(20):
             args = model(f"cube{number}") if service == "spawn_model" else {"id": ids[number % len(ids)]}
-            send(client, service, number, args, timeout=0.1)
+            send(client, service, number, args, timeout=2.5)  # the first one's time ends before
         late = answers(client, 20)
         assert not any(each["result"] for each in late)
         assert all("it was withdrawn" in each["values"] for each in late)

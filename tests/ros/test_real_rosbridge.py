@@ -1,6 +1,7 @@
-"""At a real rosbridge: rosbridge_suite of ROS 1 with rospy clients, the original message packages, and those of `ros/`.
+"""At a real rosbridge that is running already: the one that `MINDSTAGE_ROSBRIDGE` names by its address.
 
-Each test must leave no error in the log of the rosbridge, unless it provokes one.
+It needs the packages of `ros/`, and no other simulation in the namespaces of these tests. `ROS_VERSION` is that
+of the rosbridge, as a sourced ROS sets it. Tests with rospy need a ROS 1 that is sourced.
 """
 
 from __future__ import annotations
@@ -9,14 +10,14 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
-from mindstage.bridge import ConnectionState, RosbridgeClient
+from mindstage.bridge import GoalStatus, RosbridgeClient
 from mindstage.engines import MujocoEngine
-from mindstage.errors import AdvertiseError
+from mindstage.errors import AdvertiseError, BridgeError, ServiceCallError, ServiceNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import RosVersion
 from mindstage.ros import RosInterface
@@ -24,9 +25,10 @@ from mindstage.ros.interface import connected_clients
 from mindstage.scene import BodyId, Pose
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, eventually
+from tests.conftest import ROOT
 from tests.kitchenette import kitchenette
-from tests.ros.real_rosbridge import ROOT, RealRosbridge
-from tests.ros.ros_messages import diagnostic_texts
+from tests.ros.conftest import RunRospy
+from tests.ros.ros_messages import diagnostic_texts, pose_message
 
 HEAD = """
 import json, math, sys, threading
@@ -49,63 +51,6 @@ def do(service, type, /, **fields):
 def pose(x, y, z):
     return Pose(position=Point(x, y, z), orientation=Quaternion(0, 0, math.sin(math.pi / 12), math.cos(math.pi / 12)))
 """
-
-ALL_SERVICES = (
-    HEAD
-    + """
-import unreal_vis_msgs.srv as vis
-import modul_spawner_msgs.srv as modul
-import world_control_msgs.srv as srv
-from world_control_msgs.msg import *
-
-physics = PhysicsProperties(mobility=2, gravity=True, mass=0.5)
-tag = Tag(type="SemLog", key="Class", value="Bowl")
-constraint = ConstraintDescription(id="hinge", pose=pose(3, 5, 1), constraint_details=PhysicsConstraintDetails(
-    id_first_model="a", id_second_model="b",
-    linear_limits=LinearLimits(x_motion=1, y_motion=2, z_motion=2, limit=0.1),
-    angular_limits=AngularLimits(swing_1_motion=2, swing_2_motion=2, twist_motion=2)))
-r = call("object_to_object_state", srv.ObjectToObjectState, source_object_id="Mug", other_object_id="Cupboard")
-found["object_to_object_state"] = [r.success, r.state]
-r = call("spawn_semantic_map", srv.SpawnSemanticMap,
-    models=[ModelDescription(name="Bowl", id="bowl", pose=pose(0, 5, 1), tags=[tag], physics_properties=physics),
-            ModelDescription(name="Table", id="table", pose=pose(0, 6, 1)),
-            ModelDescription(name="Cup", id="Mug")],
-    relations=[RelationDescription(parent_id="table", child_id="bowl")])
-found["spawn_semantic_map"] = [r.success, r.failed_model_ids, r.failed_constraint_ids, len(r.failed_relations)]
-r = call("spawn_model", srv.SpawnModel, name="Cup", id="a", pose=pose(1, 5, 1), tags=[tag], physics_properties=physics)
-found["spawn_model"] = [r.success, r.id, r.etype]
-r = call("spawn_model", srv.SpawnModel, name="Cup", id="a", pose=pose(1, 5, 1))
-found["spawn_model twice"] = [r.success, r.id, r.etype]
-r = call("spawn_pro_mesh", srv.SpawnProMesh, id="b", width=0.3, depth=0.4, height=0.2, pose=pose(3, 5, 1))
-found["spawn_pro_mesh"] = [r.success, r.id]
-do("spawn_physics_constraint", srv.SpawnPhysicsConstraint, constraint_description=constraint)
-do("attach_model_to_parent", srv.AttachModelToParent, parent_id="table", child_id="Mug")
-do("set_model_pose", srv.SetModelPose, id="table", pose=pose(1, 2, 3))
-r = call("get_model_pose", srv.GetModelPose, id="table")
-p, q = r.pose.position, r.pose.orientation
-found["get_model_pose"] = [r.success, [round(each, 4) for each in (p.x, p.y, p.z, q.x, q.y, q.z, q.w)]]
-found["get_model_pose of nothing"] = call("get_model_pose", srv.GetModelPose, id="nothing").success
-r = call("get_model_socket_pose", srv.GetModelSocketPose, id="Drawer", socket="DrawerHandle")
-found["get_model_socket_pose"] = [r.success, round(r.pose.position.x, 3)]
-do("set_physics_properties", srv.SetPhysicsProperties, id="a", physics_properties=physics)
-do("change_material", srv.SetMaterial, id="a", material_names=["Red"], material_paths=[""])
-do("highlight_models", srv.HighlightModel, id="a", color=4)
-do("checkpoint", srv.Checkpoint, command="save", args="here")
-do("move_object", srv.MoveObject, Name="table", pose=pose(1, 2, 4))
-found["display_basic_marker"] = call("display_basic_marker", vis.DisplayBasicMarker, marker_type=2, scale=0.25,
-    pose=pose(0, 0, 2), color=ColorRGBA(1, 0, 0, 1), marker_id="ball").marker_id
-found["display_trajectory"] = call("display_trajectory", vis.DisplayTrajectory, marker_id="path",
-    points=[Point(0, 0, 1), Point(1, 0, 1)], color_begin=ColorRGBA(1, 0, 0, 1),
-    color_end=ColorRGBA(0, 0, 1, 1)).marker_id
-do("remove_marker", vis.RemoveMarker, marker_id="path")
-r = call("spawn_robot", modul.SpawnRobot, id="robot", name="<robot name='r'><link name='base'/></robot>")
-found["spawn_robot"] = [r.success, r.id]
-do("delete_model", srv.DeleteModel, id="b")
-do("delete_all", srv.DeleteAll, type_to_delete="SemLog", key_to_delete="Class", value_to_delete="Bowl")
-do("reset_level", srv.ResetLevel, id="")
-print(json.dumps(found))
-"""
-)
 
 TOPICS = (
     HEAD
@@ -208,36 +153,7 @@ print(json.dumps([
 """
 )
 
-MALFORMED = (
-    HEAD
-    + """
-from mindstage_msgs.srv import Ask
-from simulation_interfaces.srv import StepSimulation
-from world_control_msgs.srv import SetModelPose, DeleteModel
-
-nan = float("nan")
-found["nan"] = call("set_model_pose", SetModelPose, id="Mug", pose=pose(nan, 0, 0)).success
-answer = call("/mindstage/ask", Ask, question="where_is", args="not JSON")
-found["ask"] = [answer.success, answer.refusal.kind, answer.refusal.text]
-if len(sys.argv) > 2:
-    do("broken", DeleteModel, id="x")
-print(json.dumps(found))
-"""
-)
-
 SUCCEEDED, PREEMPTED = 3, 2
-
-
-@pytest.fixture(autouse=True)
-def expected_errors(real_rosbridge: RealRosbridge) -> Iterator[list[str]]:
-    """Parts of error messages that the test provokes; any other error in the log of the rosbridge is a failure."""
-    expected: list[str] = []
-    before = len(real_rosbridge.log_errors)
-    yield expected
-    errors = (
-        real_rosbridge.log_errors[before:] if before <= len(real_rosbridge.log_errors) else real_rosbridge.log_errors
-    )
-    assert [line for line in errors if not any(part in line for part in expected)] == []
 
 
 @pytest.fixture(scope="module")
@@ -248,83 +164,121 @@ def simulation(knowledge: KnowledgeBase) -> Iterator[Simulation]:
 
 
 @pytest.fixture(scope="module")
-def client(real_rosbridge: RealRosbridge) -> Iterator[RosbridgeClient]:
+def client(real_rosbridge: str) -> Iterator[RosbridgeClient]:
     """The client of the simulation, for all tests: a rosbridge of ROS 1 keeps the services of a closed connection."""
-    with RosbridgeClient(real_rosbridge.url, max_reconnect_delay_s=0.5) as client:
+    with RosbridgeClient(real_rosbridge) as client:
         yield client.wait_connected(TIMEOUT_S)
 
 
 @pytest.fixture(scope="module")
-def offered(client: RosbridgeClient, simulation: Simulation) -> Iterator[RosInterface]:
-    with RosInterface(simulation, client, ros=RosVersion.ONE) as interface:
+def offered(client: RosbridgeClient, simulation: Simulation, ros_version: RosVersion) -> Iterator[RosInterface]:
+    with RosInterface(simulation, client, ros=ros_version) as interface:
         yield interface
 
 
 @pytest.fixture
-def second(real_rosbridge: RealRosbridge, offered: RosInterface) -> Iterator[RosbridgeClient]:
-    """Another client."""
-    with RosbridgeClient(real_rosbridge.url) as second:
-        yield second.wait_connected(TIMEOUT_S)
+def second(real_rosbridge: str, offered: RosInterface) -> Iterator[RosbridgeClient]:
+    """Another client, which calls the simulation."""
+    with RosbridgeClient(real_rosbridge) as second:
+        second.wait_connected(TIMEOUT_S)
+        eventually(lambda: poses_at(second, "Mug", namespace="unreal"), timeout_s=60.0)
+        yield second
 
 
-def services_at(client: RosbridgeClient) -> set[str]:
-    return set(client.call_service("/rosapi/services", {}, timeout_s=TIMEOUT_S)["services"])
+def poses_at(client: RosbridgeClient, body: str, *, namespace: str) -> bool:
+    """Whether a simulation answers there."""
+    try:
+        return bool(client.call_service(f"/{namespace}/get_model_pose", {"id": body}, timeout_s=1.0)["success"])
+    except BridgeError:
+        return False
 
 
-def all_offered(client: RosbridgeClient, interface: RosInterface) -> bool:
-    return set(interface.service_names) <= services_at(client)
-
-
-def test_every_service_answers_rospy_with_the_original_definitions(
-    real_rosbridge: RealRosbridge, client: RosbridgeClient, offered: RosInterface, simulation: Simulation
+def test_services_answer_through_the_rosbridge(
+    second: RosbridgeClient, client: RosbridgeClient, simulation: Simulation
 ) -> None:
-    eventually(lambda: all_offered(client, offered))
-    found = json.loads(real_rosbridge.run(ALL_SERVICES))
-    assert client.refusals == ()
-    assert found == {
-        "spawn_semantic_map": [False, ["Mug"], [], 0],
-        "spawn_model": [True, "a", ""],
-        "spawn_model twice": [False, "a", "1"],
-        "spawn_pro_mesh": [True, "b"],
-        "spawn_physics_constraint": True,
-        "attach_model_to_parent": True,
-        "set_model_pose": True,
-        "get_model_pose": [True, [1.0, 2.0, 3.0, 0.0, 0.0, 0.2588, 0.9659]],
-        "get_model_pose of nothing": False,
-        "get_model_socket_pose": [True, 1.68],
-        "set_physics_properties": True,
-        "change_material": True,
-        "highlight_models": True,
-        "object_to_object_state": [True, "on"],
-        "checkpoint": True,
-        "move_object": True,
-        "display_basic_marker": "ball",
-        "display_trajectory": "path",
-        "remove_marker": True,
-        "spawn_robot": [True, "robot"],
-        "delete_model": True,
-        "delete_all": True,
-        "reset_level": True,
-    }
+    def call(service: str, /, **args: Any) -> Any:
+        return second.call_service(f"/unreal/{service}", args, timeout_s=TIMEOUT_S)
+
+    physics = {"mobility": 2, "gravity": True, "mass": 0.5}
+    tags = [{"type": "SemLog", "key": "Class", "value": "Bowl"}]
+    turned = pose_message(1, 2, 3, {"x": 0.0, "y": 0.0, "z": 0.2588190451, "w": 0.9659258263})
+    details = {"id_first_model": "a", "id_second_model": "b"}
+    joint = {"id": "hinge", "pose": pose_message(3, 5, 1), "constraint_details": details}
+    points = [{"x": 0.0, "y": 0.0, "z": 1.0}, {"x": 1.0, "y": 0.0, "z": 1.0}]
+    assert call("object_to_object_state", source_object_id="Mug", other_object_id="Cupboard")["state"] == "on"
+    cup = {"name": "Cup", "id": "a", "pose": pose_message(1, 5, 1), "tags": tags, "physics_properties": physics}
+    assert call("spawn_model", **cup)["id"] == "a"
+    again = call("spawn_model", **cup)
+    assert (again["success"], again["etype"]) == (False, "1")
+    assert call("spawn_pro_mesh", id="b", width=0.3, depth=0.4, height=0.2, pose=pose_message(3, 5, 1))["id"] == "b"
+    assert call("spawn_physics_constraint", constraint_description=joint)["success"]
+    assert call("set_model_pose", id="a", pose=turned)["success"]
+    pose = call("get_model_pose", id="a")["pose"]
+    assert list(pose["position"].values()) == pytest.approx([1.0, 2.0, 3.0])
+    assert pose["orientation"]["w"] == pytest.approx(0.9659258263)
+    assert not call("get_model_pose", id="nothing")["success"]
+    socket = call("get_model_socket_pose", id="Drawer", socket="DrawerHandle")["pose"]["position"]
+    assert socket["x"] == pytest.approx(1.68, abs=0.001)
+    assert call("set_physics_properties", id="a", physics_properties=physics)["success"]
+    assert call("highlight_models", id="a", color=4)["success"]
+    assert call("display_basic_marker", marker_type=2, scale=0.25, marker_id="ball")["marker_id"] == "ball"
+    assert call("display_trajectory", marker_id="path", points=points)["marker_id"] == "path"
+    assert call("remove_marker", marker_id="path")["success"]
+    robot = "<robot name='r'><link name='base'/></robot>"
+    assert call("spawn_robot", id="robot", name=robot)["id"] == "robot"
+    assert call("delete_model", id="b")["success"]
+    assert call("reset_level", id="")["success"]
+    assert client.refusals == second.refusals == ()
+
+
+def test_topics_pass_the_rosbridge_in_both_directions(second: RosbridgeClient, simulation: Simulation) -> None:
+    frames: set[str] = set()
+
+    def note(message: Any) -> None:
+        frames.update(each["child_frame_id"] for each in message["transforms"])
+
+    for topic in ("/tf", "/tf_static"):
+        second.subscribe(topic, note, type="tf2_msgs/TFMessage")
+    eventually(lambda: set(simulation.state.ids) <= frames)
+    second.advertise("/unreal/highlight", "mindstage_msgs/LitBodies")
+    color = {"r": 0.0, "g": 0.0, "b": 1.0, "a": 1.0}
+    eventually(lambda: second.has_subscribers("/unreal/highlight"))
+    second.publish("/unreal/highlight", "mindstage_msgs/LitBodies", {"ids": ["Mug"], "color": color, "label": "blue"})
+    eventually(lambda: {group.label: group.ids for group in simulation.state.highlight_groups}.get("blue") == ("Mug",))
+
+
+def test_a_goal_is_done_and_another_one_canceled(
+    second: RosbridgeClient, simulation: Simulation, ros_version: RosVersion
+) -> None:
+    if ros_version is RosVersion.ONE:
+        pytest.skip("a rosbridge of ROS 1 has no operations for actions; actionlib uses topics")
+    before, feedback = simulation.state.time_s, list[Any]()
+    steps = ("/unreal/simulate_steps", "simulation_interfaces/SimulateSteps")
+    assert second.send_goal(*steps, {"steps": 20}).wait(TIMEOUT_S).status is GoalStatus.SUCCEEDED
+    assert simulation.state.time_s == pytest.approx(before + 0.04)
+    goal = second.send_goal(*steps, {"steps": 10**9}, on_feedback=feedback.append)
+    eventually(lambda: feedback)
+    goal.cancel()
+    assert goal.wait(TIMEOUT_S).status is GoalStatus.CANCELED
 
 
 def test_topics_and_actions_work_with_rospy(
-    real_rosbridge: RealRosbridge, client: RosbridgeClient, offered: RosInterface, simulation: Simulation
+    run_rospy: RunRospy, client: RosbridgeClient, offered: RosInterface, simulation: Simulation
 ) -> None:
     before = len(simulation.state.markers)
-    missing_frames = real_rosbridge.run(TOPICS, "/unreal", "1", json.dumps(simulation.state.ids))
+    missing_frames = run_rospy(TOPICS, "/unreal", "1", json.dumps(simulation.state.ids))
     assert json.loads(missing_frames) == []
     eventually(lambda: len(simulation.state.markers) == before + 3)
     eventually(lambda: [group.label for group in simulation.state.highlight_groups] == ["from rospy"])
     assert simulation.state.highlight_groups[0].ids == ("Mug",)
-    outcomes = json.loads(real_rosbridge.run(ACTIONS))
+    outcomes = json.loads(run_rospy(ACTIONS))
     assert outcomes["canceled"] == [True, True, PREEMPTED, "", True]
     assert outcomes["done"] == [None, True, SUCCEEDED, "", True]
     assert client.refusals == ()
 
 
 def test_plans_are_tried_canceled_and_refused_for_rospy(
-    real_rosbridge: RealRosbridge, offered: RosInterface, simulation: Simulation
+    run_rospy: RunRospy, offered: RosInterface, simulation: Simulation
 ) -> None:
     opens = json.dumps({"steps": [{"do": "open", "thing": "FridgeDoor"}]})
     moved = {"do": "move", "thing": "Mug", "to": {"position": [1.72, 0.2, 0.85]}}
@@ -334,7 +288,7 @@ def test_plans_are_tried_canceled_and_refused_for_rospy(
     simulation.run_on_engine(lambda engine: engine.detach(mug), edits=True)
     simulation.run_on_engine(lambda engine: engine.set_pose(mug, Pose(position=(2.0, 0.0, 0.85))), edits=True)
     before, revision = simulation.state.time_s, simulation.state.revision
-    succeeded, failed, canceled, refused = json.loads(real_rosbridge.run(PLANS, "/unreal", opens, edge))
+    succeeded, failed, canceled, refused = json.loads(run_rospy(PLANS, "/unreal", opens, edge))
     assert (succeeded["state"], succeeded["outcome"], succeeded["samples"]) == (SUCCEEDED, "succeeded", 1)
     assert (failed["state"], failed["outcome"], failed["thing"]) == (SUCCEEDED, "failed", "Mug")
     assert failed["done"] in ([10], [10, 20])  # the last feedback may arrive after the result
@@ -346,38 +300,47 @@ def test_plans_are_tried_canceled_and_refused_for_rospy(
     print(f"a plan is canceled within {canceled['cancel_s']:.2f} s")
 
 
-def test_a_failed_call_returns(
-    real_rosbridge: RealRosbridge,
-    client: RosbridgeClient,
-    second: RosbridgeClient,
-    expected_errors: list[str],
-) -> None:
-    found = json.loads(real_rosbridge.run(MALFORMED))
-    assert found["nan"] is False
-    success, kind, text = found["ask"]
-    assert (success, kind) == (False, "MessageRefused")
-    assert "args" in text
+def test_a_failed_call_returns(second: RosbridgeClient, client: RosbridgeClient, ros_version: RosVersion) -> None:
+    malformed = {"question": "where_is", "args": "not JSON"}
+    if ros_version is RosVersion.ONE:
+        refusal = second.call_service("/mindstage/ask", malformed, timeout_s=TIMEOUT_S)["refusal"]
+        assert (refusal["kind"], "args" in refusal["text"]) == ("MessageRefused", True)
+    else:
+        with pytest.raises(ServiceCallError, match="args: JSON is malformed"):
+            second.call_service("/mindstage/ask", malformed, timeout_s=TIMEOUT_S)
     assert client.refusals == ()
     # A response that the rosbridge refuses is replaced by an empty one, since its caller would wait forever.
-    expected_errors.append("does not have a field nonsense")
     second.create_service("/unreal/broken", "world_control_msgs/DeleteModel", lambda _: {"nonsense": 1})
-    assert json.loads(real_rosbridge.run(MALFORMED, "/unreal", "broken"))["broken"] is False
+    answers: list[Any] = []
+
+    def answered() -> bool:
+        try:
+            answers.append(client.call_service("/unreal/broken", {"id": "x"}, timeout_s=TIMEOUT_S))
+        except ServiceNotFoundError:  # it is not offered yet
+            return False
+        except BridgeError as error:
+            answers.append(error)
+        return True
+
+    eventually(answered)
+    if answers == [{"nonsense": 1}]:
+        pytest.skip("this rosbridge does not compare messages with their types")
     eventually(lambda: second.refusals)
     assert [(each.operation, each.name) for each in second.refusals] == [("service_response", "/unreal/broken")]
     assert "nonsense" in second.refusals[0].cause
 
 
 def test_refusals_are_shown(
-    second: RosbridgeClient, client: RosbridgeClient, simulation: Simulation, expected_errors: list[str]
+    second: RosbridgeClient, client: RosbridgeClient, simulation: Simulation, ros_version: RosVersion
 ) -> None:
-    expected_errors += ["no_such_msgs", "not_a_type"]
     diagnostics: list[Any] = []
-    with RosInterface(simulation, second, namespace="second", ros=RosVersion.ONE):
+    with RosInterface(simulation, second, namespace="second", ros=ros_version):
         before = second.refusals
-        topic = "/mindstage/diagnostics"
-        client.subscribe(topic, diagnostics.append, type="diagnostic_msgs/DiagnosticArray")
-        eventually(lambda: client.call_service("/rosapi/subscribers", {"topic": topic})["subscribers"])
+        client.subscribe("/mindstage/diagnostics", diagnostics.append, type="diagnostic_msgs/DiagnosticArray")
         second.create_service("/second/unknown_type", "no_such_msgs/Nothing", dict)
+        second.call_service("/unreal/get_model_pose", {"id": "Mug"}, timeout_s=TIMEOUT_S)  # after a refusal, if any
+        if second.refusals == before:
+            pytest.skip("this rosbridge does not look up types")
         second.advertise("/second/words", "not_a_type")
         second.subscribe("/second/more", print, type="no_such_msgs/Other")
         eventually(lambda: len(second.refusals) == len(before) + 3)
@@ -394,29 +357,17 @@ def test_refusals_are_shown(
         eventually(lambda: any("no_such_msgs" in text for _, text in diagnostic_texts(diagnostics)))
 
 
-def test_everything_is_offered_again_after_the_rosbridge_was_killed(
-    real_rosbridge: RealRosbridge, client: RosbridgeClient, offered: RosInterface, simulation: Simulation
-) -> None:
-    eventually(lambda: all_offered(client, offered))
-    real_rosbridge.kill()
-    eventually(lambda: client.state is ConnectionState.LOST)
-    real_rosbridge.start()
-    eventually(lambda: client.connected and all_offered(client, offered))
-    before = len(simulation.state.markers)
-    real_rosbridge.run(TOPICS, "/unreal", "11", json.dumps(simulation.state.ids))
-    eventually(lambda: len(simulation.state.markers) == before + 3)
-    assert json.loads(real_rosbridge.run(MALFORMED))["nan"] is False
-    assert client.refusals == ()
-
-
 def test_a_second_simulation_must_have_another_namespace(
-    client: RosbridgeClient, second: RosbridgeClient, offered: RosInterface, simulation: Simulation
+    second: RosbridgeClient, simulation: Simulation, ros_version: RosVersion
 ) -> None:
-    eventually(lambda: all_offered(client, offered))
+    try:
+        second.call_service("/rosapi/services", {}, timeout_s=TIMEOUT_S)
+    except ServiceNotFoundError:
+        pytest.skip("there is no rosapi, which lists the names that are taken")
     with pytest.raises(AdvertiseError, match=r"'/unreal/\w+' cannot be advertised.* and \d+ more; .*--namespace"):
-        RosInterface(simulation, second, ros=RosVersion.ONE)
-    with RosInterface(simulation, second, namespace="other", ros=RosVersion.ONE) as other:
-        eventually(lambda: all_offered(second, other))
+        RosInterface(simulation, second, ros=ros_version)
+    with RosInterface(simulation, second, namespace="other", ros=ros_version) as other:
+        eventually(lambda: poses_at(second, "Mug", namespace="other"), timeout_s=60.0)
         kept = {each.name for each in second.refusals}
         assert "/mindstage/ask" in kept
         assert all(name.startswith("/mindstage/") for name in kept)
@@ -425,41 +376,14 @@ def test_a_second_simulation_must_have_another_namespace(
 
 
 def test_the_command_line_joins_a_rosbridge(
-    real_rosbridge: RealRosbridge, second: RosbridgeClient, run_ros: Callable[..., str]
+    real_rosbridge: str, second: RosbridgeClient, ros_version: RosVersion
 ) -> None:
-    command = [sys.executable, "-m", "mindstage", "serve", "bundled:kitchen", "--ros1", "--namespace", "kitchen"]
-    with subprocess.Popen(
-        [*command, "--connect", real_rosbridge.url], cwd=ROOT, stderr=subprocess.PIPE, text=True
-    ) as process:
+    command = [sys.executable, "-m", "mindstage", "serve", "bundled:kitchen", "--namespace", "kitchen"]
+    command += ["--connect", real_rosbridge, *(["--ros1"] if ros_version is RosVersion.ONE else [])]
+    with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
         try:
-            eventually(lambda: "/kitchen/mindstage/ask" in services_at(second), timeout_s=60.0)
-            assert "/kitchen/spawn_model" in run_ros("rosservice", "list").split()
-            found = run_ros("rosservice", "call", "/kitchen/get_model_pose", "id: fridge_door")
-            assert "success: True" in found
-            assert "child_frame_id" in run_ros("rostopic", "echo", "-n1", "/tf")
+            eventually(lambda: poses_at(second, "fridge_door", namespace="kitchen"), timeout_s=60.0)
         finally:
             process.send_signal(signal.SIGINT)
-            _, errors = process.communicate(timeout=TIMEOUT_S)
-    assert (
-        "refused" not in errors.replace("use /kitchen/mindstage/ask", "").split("another client")[0]
-        or "another client" in errors
-    )
-
-
-@pytest.fixture
-def run_ros(real_rosbridge: RealRosbridge) -> Callable[..., str]:
-    """Runs one of ROS's own commands."""
-
-    def run(program: str, *arguments: str) -> str:
-        done = subprocess.run(
-            ["/usr/bin/python3", f"/usr/bin/{program}", *arguments],
-            env=real_rosbridge.environment(),
-            capture_output=True,
-            text=True,
-            timeout=TIMEOUT_S,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
-        return done.stdout
-
-    return run
+            _, errors = process.communicate(timeout=60.0)
+    assert "Traceback" not in errors

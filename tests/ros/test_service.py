@@ -135,12 +135,12 @@ class SlowEngine(NullEngine):
 def test_a_call_times_out_and_the_next_one_works(knowledge: KnowledgeBase) -> None:
     engine = SlowEngine()
     with (
-        Simulation(knowledge, engine, timeout_s=0.2) as simulation,
+        Simulation(knowledge, engine, timeout_s=2.0) as simulation,
         LocalNode() as local_node,
         RosInterface(simulation, local_node),
     ):
         simulation.spawn(kitchenette())
-        with pytest.raises(ServiceCallError, match=r"log.* 0\.2 s"):
+        with pytest.raises(ServiceCallError, match=r"log.* 2 s"):
             local_node.call_service("/unreal/mindstage/log_world", {}, timeout_s=TIMEOUT_S)
         assert local_node.call_service("/unreal/get_model_pose", {"id": "Mug"})[
             "success"
@@ -156,7 +156,7 @@ def test_a_call_without_a_timeout_has_the_default_timeout(knowledge: KnowledgeBa
     engine = SlowEngine()
     with (
         Simulation(knowledge, engine) as simulation,
-        LocalNode(limits=BridgeLimits(call_timeout_s=0.2)) as local_node,
+        LocalNode(limits=BridgeLimits(call_timeout_s=1.0)) as local_node,
         RosInterface(simulation, local_node),
         RosbridgeServer(local_node, port=0) as server,
     ):
@@ -165,7 +165,7 @@ def test_a_call_without_a_timeout_has_the_default_timeout(knowledge: KnowledgeBa
         client.send_operation(op="call_service", id="worlds", service="/unreal/get_available_worlds")
         answer = client.call_service("/unreal/mindstage/clear")
         assert answer["result"] is False
-        assert "did not begin within 0.2 s" in answer["values"]
+        assert "did not begin within 1 s" in answer["values"]
         engine.may_log.set()
         # Listing worlds reads files, so it may wait as long as loading them.
         assert client.receive("service_response", id="worlds")["result"] is True
@@ -177,7 +177,7 @@ def test_a_call_without_a_timeout_has_the_default_timeout(knowledge: KnowledgeBa
 def test_the_end_of_a_call_that_takes_too_long_is_reported(knowledge: KnowledgeBase) -> None:
     engine = SlowEngine()
     with (
-        Simulation(knowledge, engine, timeout_s=0.1) as simulation,
+        Simulation(knowledge, engine, timeout_s=1.0) as simulation,
         LocalNode() as local_node,
         RosInterface(simulation, local_node),
     ):

@@ -416,8 +416,28 @@ def test_a_text_cannot_import_local_files(worlds: Call, simulation: Simulation, 
     (tmp_path / "worlds" / "importing.ttl").write_text(text, encoding="utf-8")
     assert code(worlds("load_world", world_resource={"uri": "importing.ttl"})) == OK
     before = simulation.state.ids
-    assert code(worlds("load_world", world_resource={"resource_string": text})) == 103
+    reply = worlds("load_world", world_resource={"resource_string": text})
+    assert code(reply) == 103
+    assert f"imports {map.as_uri()}" in reply["result"]["error_message"]
     assert simulation.state.ids == before
+    reply = worlds("spawn_entity", name="a", entity_resource={"resource_string": text})
+    assert code(reply) == 106
+    assert f"imports {map.as_uri()}" in reply["result"]["error_message"]
+    assert simulation.state.ids == before
+
+
+def test_a_text_may_import_an_ontology_that_the_server_has_loaded(
+    worlds: Call, simulation: Simulation, tmp_path: Path
+) -> None:
+    ontology = tmp_path / "onto.ttl"
+    ontology.write_text("<http://x.org/onto> a <http://www.w3.org/2002/07/owl#Ontology> .", encoding="utf-8")
+    map = tmp_path / "map.ttl"
+    save_map(kitchenette(), map)
+    text = map.read_text(encoding="utf-8") + "\n<> <http://www.w3.org/2002/07/owl#imports> <http://x.org/onto> ."
+    assert code(worlds("load_world", world_resource={"resource_string": text})) == 103
+    simulation.knowledge.load((), ontologies=ontology)
+    assert code(worlds("load_world", world_resource={"resource_string": text})) == OK
+    assert "Mug" in simulation.state.ids
 
 
 def test_available_worlds_are_filtered_by_tags(worlds: Call) -> None:

@@ -76,7 +76,7 @@ def test_updates_come_while_it_plays(sim: Simulation) -> None:
     counter = Counter()
     sim.add_controller("counter", counter)
     sim.play(speed=5.0)
-    deadline = time.monotonic() + 10.0
+    deadline = time.monotonic() + 60.0
     while len(counter.times) < 50 and time.monotonic() < deadline:
         time.sleep(0.02)
     sim.pause()

@@ -55,7 +55,7 @@ def test_a_marker_expires_in_a_playing_and_in_a_paused_simulation(sim: Simulatio
             sim.play()
         sim.add_markers([cube("short")], lifetime_s=0.05)
         sim.add_markers([cube("long")])
-        end = time.monotonic() + 10.0
+        end = time.monotonic() + 60.0
         while len(sim.state.markers) > 1:
             assert time.monotonic() < end
             time.sleep(0.005)

@@ -24,11 +24,11 @@ def knowledge() -> KnowledgeBase:
 
 @pytest.fixture
 def sim(knowledge: KnowledgeBase) -> Iterator[Simulation]:
-    with Simulation(knowledge, MujocoEngine(), timeout_s=5.0) as sim:
+    with Simulation(knowledge, MujocoEngine(), timeout_s=60.0) as sim:
         yield sim
 
 
-def wait_until(condition: object, timeout_s: float = 10.0) -> None:
+def wait_until(condition: object, timeout_s: float = 60.0) -> None:
     deadline = time.monotonic() + timeout_s
     while not condition():  # type: ignore[operator]
         assert time.monotonic() < deadline, "it did not happen in time"
@@ -68,14 +68,14 @@ def test_calls_from_many_threads_are_all_executed(sim: Simulation) -> None:
 
 def test_a_call_that_takes_too_long_times_out_and_the_next_works(knowledge: KnowledgeBase) -> None:
     release = threading.Event()
-    with Simulation(knowledge, NullEngine(), timeout_s=0.2) as sim:
+    with Simulation(knowledge, NullEngine(), timeout_s=1.0) as sim:
         with pytest.raises(SimulationTimeoutError, match="slow"):
-            sim.run_on_engine(lambda engine: release.wait(5), label="slow")
+            sim.run_on_engine(lambda engine: release.wait(60), label="slow")
         ran: list[str] = []
         with pytest.raises(SimulationTimeoutError):
             sim.run_on_engine(lambda engine: ran.append("late"), label="queued behind")
         release.set()
-        sim.run_on_engine(lambda engine: None, timeout_s=5.0)
+        sim.run_on_engine(lambda engine: None, timeout_s=60.0)
         assert ran == [], "a canceled call was executed"
 
 
@@ -86,11 +86,12 @@ def test_what_the_engine_raises_reaches_the_caller(sim: Simulation) -> None:
 
 def test_a_playing_simulation_keeps_real_time_and_a_paused_one_stops(sim: Simulation) -> None:
     sim.spawn(room())
+    started_s = time.monotonic()
     sim.play()
-    time.sleep(1.0)
+    wait_until(lambda: sim.state.time_s > 0.5)
     sim.pause()
     passed = sim.state.time_s
-    assert 0.5 < passed < 1.5
+    assert passed < time.monotonic() - started_s + 0.1  # a busy machine may only make it slower
     time.sleep(0.1)
     assert sim.state.time_s == passed
 

@@ -161,12 +161,6 @@ AddedRobots = Annotated[
 ]
 Paused = Annotated[bool, typer.Option("--paused", help="Start paused.")]
 WithPage = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page too.")]
-WithFoxglove = Annotated[
-    bool, typer.Option("--foxglove", help="Serve the Foxglove app on this machine too (extra foxglove).")
-]
-FoxglovePort = Annotated[
-    int, typer.Option("--foxglove-port", metavar="PORT", min=0, max=65535, help="The port of the Foxglove server.")
-]
 PagePort = Annotated[int, typer.Option("--page-port", metavar="PORT", min=0, max=65535, help="The port of the page.")]
 
 
@@ -196,8 +190,6 @@ def serve(
     paused: Paused = False,
     with_viewport: WithPage = False,
     page_port: PagePort = 8080,
-    with_foxglove: WithFoxglove = False,
-    foxglove_port: FoxglovePort = 8765,
     seconds: Seconds = None,
     as_json: AsJson = False,
 ) -> ExitCode:
@@ -224,8 +216,6 @@ def serve(
         if with_viewport:
             output["page"] = _serve_page(resources, simulation, page_port, access)
         _answer_queries(simulation, page=output.get("page", ""))
-        if with_foxglove:
-            output["foxglove"] = _serve_foxglove(resources, simulation, foxglove_port)
         _announce(output, connected=connect is not None, seconds=seconds, as_json=as_json)
         _run_until_end(simulation, quitting, url, refused, paused=paused, seconds=seconds, quiet=as_json)
     return ExitCode.OK
@@ -289,12 +279,6 @@ def _answer_queries(simulation: Simulation, *, page: object) -> None:
     QueryServer.start(simulation, page=str(page))
 
 
-def _serve_foxglove(resources: ExitStack, simulation: Simulation, port: int) -> str:
-    from mindstage.ros.foxglove import FoxgloveServer
-
-    return resources.enter_context(FoxgloveServer(simulation, port=port)).url
-
-
 def _connect(url: str, token: str | None, authorities: Path | None, refused: list[Refusal]) -> RosbridgeClient:
     """Connects to a rosbridge; the caller closes the client."""
     from mindstage.bridge import ConnectionState, RosbridgeClient
@@ -354,8 +338,6 @@ def _announce(summary: dict[str, object], *, connected: bool, seconds: float | N
         return
     if "page" in summary:
         print_line(f"The world is served at {summary['page']}")
-    if "foxglove" in summary:
-        print_line(f"Foxglove connects to {summary['foxglove']}")
     verb = "Connected to" if connected else "Listening at"
     print_line(f"{verb} {summary['url']}; services are below /{summary['namespace']}")
     print_line("Press Ctrl-C to exit." if seconds is None else f"Exits after {seconds:g} s.")

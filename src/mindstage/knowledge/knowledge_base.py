@@ -249,6 +249,7 @@ class KnowledgeBase:
         urdf_files: StrPath | Iterable[StrPath] = (),
         xacro: bool | None = None,
         follow_imports: bool = True,
+        untrusted: bool = False,
     ) -> None:
         """Reads files and everything that they import, transitively and each file once.
 
@@ -265,10 +266,14 @@ class KnowledgeBase:
             xacro: whether these robot descriptions are expanded if they contain xacro; by default those whose name ends
                 in `.xacro`. Give False for names that the user has not chosen. The macros can only compute, and read
                 files beside the description, in its package and in the given folders of packages.
-            follow_imports: False for untrusted files: no other file is read then, whatever they import.
+            follow_imports: whether what they import is read; otherwise it is a finding.
+            untrusted: True for files that came over a port: nothing else is read for them, and one that refers to
+                something else is refused. An import of an ontology that is loaded already is accepted, by its IRI, its
+                version or the end of its path in a package; a path (`file:`) never is.
 
         Raises:
             SourceParseError: one of the files cannot be read, for the stated reason; nothing has changed then.
+            ReferenceRefusedError: an untrusted file refers to something that is not loaded; nothing has changed then.
             StoreError: the folder is read-only.
         """
         with self.lock:
@@ -279,6 +284,7 @@ class KnowledgeBase:
                 _as_list(urdf_files),
                 follow_imports=follow_imports,
                 xacro=xacro,
+                untrusted=untrusted,
                 builds_index="reasoner" not in self.__dict__,
             )
             self._invalidate_all(read)

@@ -79,8 +79,9 @@ role(Event, Row) :-
 %
 %   The task of an action, or the type of a state or process; each event has its own.
 executes_task(Event, Task) :-
+    ( var(Event) -> Given = Event ; once(happened(Event, event(Given, _, _, _, _))) ),
+    expand_prefixes(Task, Wanted),
     request(event_tasks, Rows),
-    expand_prefixes([Event, Task], [Given, Wanted]),
     member(Given-Wanted, Rows),
     ( var(Event) -> Event = Given ; true ),
     ( var(Task) -> Task = Wanted ; true ).

@@ -10,6 +10,7 @@
             log_message/2, log_error/1, log_warning/1, log_info/1, log_debug/1 ]).
 :- use_module(questions).
 :- use_module(library(apply)).
+:- use_module(library(debug)).
 :- use_module(library(error)).
 :- use_module(library(lists)).
 :- use_module(library(option)).
@@ -491,10 +492,9 @@ begin_rdf_tests(Name, Source, Options) :-
     (   select(namespace(Start), Options, Rest) -> true
     ;   atom_concat(Source, #, Start), Rest = Options
     ),
-    mindstage:rdf_register_prefix(test, Start),
-    (   select(setup(Given), Rest, Others) -> Setup = ( Given, mindstage:owl_parse(Source) )
-    ;   Setup = mindstage:owl_parse(Source), Others = Rest
-    ),
+    mindstage:rdf_register_prefix(test, Start),  % for goals that are expanded when they are loaded
+    Begin = ( mindstage:rdf_register_prefix(test, Start), mindstage:owl_parse(Source) ),  % another unit may have changed it
+    (   select(setup(Given), Rest, Others) -> Setup = ( Given, Begin ) ; Setup = Begin, Others = Rest ),
     load_files(library(plunit), [if(not_loaded), imports([]), silent(true)]),  % not before, for the time it takes
     plunit:begin_tests(Name, [setup(Setup)|Others]).
 end_rdf_tests(Name) :- plunit:end_tests(Name).
@@ -504,7 +504,7 @@ log_message(Level, Term) :- print_message(Level, mindstage_log(Term)).
 log_error(Term) :- log_message(error, Term).
 log_warning(Term) :- log_message(warning, Term).
 log_info(Term) :- log_message(informational, Term).
-log_debug(Term) :- log_message(debug(knowrob), Term).
+log_debug(Term) :- debug(knowrob, "~p", [Term]).  % printed after debug(knowrob)
 
 % A prefix may be registered by another file that is loaded later. Goals then keep the prefixed name, which the predicates of
 % Mindstage expand when they are called.

@@ -181,13 +181,15 @@ class ResourceLoader:
         uri, _, query = uri.partition("?")
         conventions = _conventions_from_query(query)
         if uri:
-            return self._read_file(self._path(uri), conventions)
+            return self._read_file(self._path(uri), conventions, KnowledgeBase())
         if not text.strip():
             raise ResourceError(ResourceErrorType.NOT_GIVEN, "neither a URI nor a text is given")
         with TemporaryDirectory(prefix="mindstage-") as folder:
             path = Path(folder, f"resource{_guess_suffix(text)}")
             path.write_text(text, encoding="utf-8")
-            return self._read_file(path, conventions, follow_imports=False)
+            # An import of an ontology that is loaded is accepted; without one, no ontologies have to be loaded again.
+            knowledge = self.knowledge.ontologies_only() if "imports" in text else KnowledgeBase()
+            return self._read_file(path, conventions, knowledge, untrusted=True)
 
     def _path(self, uri: str) -> Path:
         name = uri.removeprefix("file://")
@@ -207,10 +209,12 @@ class ResourceLoader:
         """Whether a path is a file inside the folder, after symbolic links are resolved."""
         return self._folder is not None and path.is_file() and path.resolve().is_relative_to(self._folder)
 
-    def _read_file(self, path: Path, conventions: UnitConventions, *, follow_imports: bool = True) -> World:
-        with KnowledgeBase() as knowledge:
+    def _read_file(
+        self, path: Path, conventions: UnitConventions, knowledge: KnowledgeBase, *, untrusted: bool = False
+    ) -> World:
+        with knowledge:
             try:
-                knowledge.load(path, conventions=conventions, xacro=False, follow_imports=follow_imports)
+                knowledge.load(path, conventions=conventions, xacro=False, untrusted=untrusted)
             except SourceParseError as error:  # without the path on this machine
                 is_xacro = isinstance(error, XacroRefusedError)
                 type = ResourceErrorType.UNSUPPORTED_FORMAT if is_xacro else ResourceErrorType.PARSE_ERROR

@@ -1,8 +1,8 @@
 """Handlers of the requests of pages: editing, files, simulation control, details, and the client's 3D view.
 
 Edits go through `Simulation.undo_stack`, so that they can be undone. An uploaded map is untrusted: its size is limited,
-imports are not followed, and no file of this machine is read for it. It is parsed before the current world is replaced,
-so that an invalid map changes nothing.
+one that imports what is not loaded is refused, and no file of this machine is read for it. It is parsed before the
+current world is replaced, so that an invalid map changes nothing.
 """
 
 from __future__ import annotations
@@ -125,6 +125,7 @@ class FileHandler:
 
         Raises:
             InvalidArgumentError: the suffix is not that of a map, or the file refers to files of this machine.
+            ReferenceRefusedError: it imports something that is not loaded.
             KnowledgeError: the file cannot be parsed, or contains no map.
         """
         suffix = Path(request.name).suffix.lower()
@@ -138,7 +139,7 @@ class FileHandler:
             path = Path(folder.name, f"{_safe_filename(Path(request.name).stem) or 'map'}{suffix}")
             path.write_text(request.text, encoding="utf-8")
             try:
-                knowledge.load(path, conventions=request.conventions, xacro=False, follow_imports=False)
+                knowledge.load(path, conventions=request.conventions, xacro=False, untrusted=True)
             except SourceParseError as error:  # without the path on this machine
                 raise type(error)(request.name, cause=error.cause, line=error.line) from error
             world = knowledge.world()

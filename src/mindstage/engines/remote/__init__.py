@@ -37,7 +37,7 @@ def connect(
     Args:
         address: address of the engine, such as `ros://127.0.0.1:9090/unreal`.
         profile: the set of services to use; by default the one in the address, otherwise the one that is offered there.
-        timeout_s: the timeout of a call; a spawn has more time, by the size of its world [s].
+        timeout_s: the timeout of the connection and of a call; a spawn has more time, by the size of its world [s].
         control_time: whether simulated time passes there only by `step`, from now until `close`; False observes a
             world that runs by itself. Unreal's time always runs by itself.
 

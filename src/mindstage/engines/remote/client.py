@@ -142,8 +142,6 @@ _LIMITS = BridgeLimits(message_bytes=256 << 20, waiting_bytes=256 << 20)
 """A whole world may come in one message, and the peer was chosen by the user."""
 _MAX_MESSAGE_BYTES = BridgeLimits().message_bytes
 """The message size that a server with default limits accepts."""
-_CONNECT_TIMEOUT_S = 5.0
-"""Timeout of the first connection attempt [s]."""
 _RECONNECT_INTERVAL_S = 1.0
 """Longest delay between attempts to reconnect [s]."""
 _RECONNECT_WAIT_S = 2.0
@@ -203,7 +201,7 @@ class ServiceClient:
             on_state=self._on_state,
         )
         try:
-            self._transport.wait_connected(min(timeout_s, _CONNECT_TIMEOUT_S))
+            self._transport.wait_connected(timeout_s)
         except BridgeError as error:
             self._transport.close()
             remedy = _NOT_RUNNING_REMEDY if isinstance(error, ConnectionLostError) else _TOKEN_REMEDY

@@ -453,6 +453,11 @@ class Source:
             quad.object.value for quad in self._quads_with_predicate(IMPORTS) if isinstance(quad.object, ox.NamedNode)
         )
 
+    def import_names(self) -> set[str]:
+        """Returns what it imports, also if that is stated as a text instead of an IRI."""
+        named = (quad.object for quad in self._quads_with_predicate(IMPORTS))
+        return {name.value for name in named if isinstance(name, ox.NamedNode | ox.Literal)}
+
     def maps(self) -> frozenset[Iri]:
         """Returns the maps that it describes or has members of; an unnamed map is given by its blank node label."""
         nodes: set[object] = {quad.subject for quad in self._quads_with_predicate(TYPE, SEMANTIC_MAP)}

@@ -24,7 +24,7 @@ from urllib.parse import quote
 import msgspec
 import pyoxigraph as ox
 
-from mindstage.errors import InvalidArgumentError, SourceParseError, StoreError
+from mindstage.errors import InvalidArgumentError, ReferenceRefusedError, SourceParseError, StoreError
 from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
 from mindstage.knowledge.dialects.membership import (
     MapMembers,
@@ -47,6 +47,7 @@ from mindstage.knowledge.io.files import (
     soma_alignment,
 )
 from mindstage.knowledge.io.ros_packages import RosPackagePath, file_from_iri
+from mindstage.knowledge.io.xml import external_reference
 from mindstage.knowledge.names import NameIndex
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH
 from mindstage.knowledge.rdf import (
@@ -92,6 +93,7 @@ _END_TAG = re.compile(rb"</([\w.-]+:)?RDF\s*>")
 _BEGIN_IMPLIED, _END_IMPLIED = "The statements below are implied:", "The statements above are implied."
 _IMPLIED = re.compile(rf"(?:<!--|#) {_BEGIN_IMPLIED}(?: -->)?\n(.*?)(?:<!--|#) {_END_IMPLIED}".encode(), re.DOTALL)
 """The statements that `preprocess` has appended to a text, between two comments."""
+_MAX_REFUSED_NAMES = 5
 _ALIGNED_NAMESPACES = (*SOMA_NAMESPACES, DUL)
 _ALIGNED_MARKERS = tuple(namespace.rpartition("/")[2].rstrip("#").encode() for namespace in _ALIGNED_NAMESPACES)
 """The names of the files of SOMA and DUL: a text that uses their terms contains one, whatever its prefixes are."""
@@ -210,6 +212,8 @@ class LoadTransaction:
     """The robot descriptions that are expanded if they contain xacro, by resolved path."""
     follow_imports: bool = True
     """Whether imported files that are not loaded yet are loaded."""
+    untrusted: bool = False
+    """Whether files that refer to anything that is not loaded are refused."""
     index_builder: IndexBuilder | None = None
     """Indexes what is loaded."""
     ontology_names: bool = True
@@ -247,6 +251,9 @@ class LoadTransaction:
                 for path, is_map, is_explicit in batch:
                     self._load(path, robots, is_map=is_map, is_explicit=is_explicit)
                 self._follow_imports(known)
+            if self.untrusted:
+                for path, _, _ in requested:
+                    self._refuse_imports(self.sources[path])
             self._align_soma()
             self.findings += robots.findings
             self.assumptions += robots.assumptions
@@ -274,6 +281,8 @@ class LoadTransaction:
             is_map, is_explicit = known.is_map or is_map, known.is_explicit or is_explicit
             self.sources[path] = replace(known, is_map=is_map, is_explicit=is_explicit)
             return
+        if self.untrusted and is_explicit and (reference := external_reference(path.read_bytes())):
+            raise ReferenceRefusedError(path.name, reference, remedy="remove it")
         file = read_map_file(path, urdf_sources) if is_map and urdf_sources else read_file(path)
         header = read_header(file)
         graph = self._graph_name(path, header)
@@ -390,6 +399,20 @@ class LoadTransaction:
             return path
         self._unresolved_imports.append((importer, iri))
         return None
+
+    def _refuse_imports(self, importer: Source) -> None:
+        """Checks that everything that a source imports is loaded; a path is refused in any case.
+
+        Raises:
+            ReferenceRefusedError: something is not.
+        """
+        names = importer.import_names()
+        refused = self._not_loaded(names) | {name for name in names if name.startswith("file:")}
+        if refused:
+            shown, more = sorted(refused)[:_MAX_REFUSED_NAMES], len(refused) - _MAX_REFUSED_NAMES
+            reference = f"imports {', '.join(shown)}{f' and {more} more' if more > 0 else ''}"
+            remedy = "remove the import, or load that ontology together with the map on the command line"
+            raise ReferenceRefusedError(importer.path.name, reference, remedy=remedy)
 
     def _not_loaded(self, iris: Collection[str]) -> set[str]:
         """Returns the imports that do not match an ontology IRI, a version IRI or the end of a path either."""
@@ -518,6 +541,7 @@ class SourceRegistry:
         follow_imports: bool = True,
         *,
         xacro: bool | None = False,
+        untrusted: bool = False,
         builds_index: bool = True,
     ) -> list[ox.NamedNode]:
         """Loads files and everything that they import, and returns the graphs that are new.
@@ -530,10 +554,12 @@ class SourceRegistry:
             follow_imports: whether imported files are loaded.
             xacro: whether the given robot descriptions are expanded if they contain xacro; None for those whose name
                 ends in `.xacro`.
+            untrusted: whether files that refer to anything that is not loaded are refused.
             builds_index: whether the index of a store folder is updated; otherwise `save_index` does so later.
 
         Raises:
             SourceParseError: one of the files cannot be read; nothing has changed then.
+            ReferenceRefusedError: an untrusted file refers to something else; nothing has changed then.
             StoreError: the store folder is read-only.
         """
         entries = [os.fspath(entry) for entry in ontologies]
@@ -546,8 +572,9 @@ class SourceRegistry:
         robots = [_resolve_entry(os.fspath(entry), packages) for entry in urdf_files]
         urdf_paths = dict.fromkeys(path.resolve() for path in robots)
         transaction.urdf_paths = list(urdf_paths)
-        transaction.xacro_paths = {path.resolve() for path in (*paths, *robots) if is_requested(path, xacro)}
-        transaction.follow_imports = follow_imports
+        asked = False if untrusted else xacro
+        transaction.xacro_paths = {path.resolve() for path in (*paths, *robots) if is_requested(path, asked)}
+        transaction.follow_imports, transaction.untrusted = follow_imports and not untrusted, untrusted
         if builds_index and new and self._directory and (self._directory.is_new or self.saved_index()):
             from mindstage.knowledge.store_index import IndexBuilder
 

@@ -1,0 +1,2 @@
+:- module(shelf, [shelves/2]).
+shelves(cupboard, 3).

@@ -1,0 +1,1 @@
+:- interface(shelf_finder, [ free_shelf/1 ]).
