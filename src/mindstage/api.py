@@ -44,6 +44,7 @@ def open(
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
     robots: StrPath | Iterable[StrPath] = (),
+    xacro: bool | None = None,
     conventions: UnitConventions | Sequence[UnitConventions] | None = None,
     store: StrPath | None = None,
     endpoint: SparqlEndpoint | str | None = None,
@@ -65,6 +66,8 @@ def open(
         ontologies: further ontology files, or folders of ROS packages in which `package://` URLs are resolved.
         bundled_ontology: whether the bundled household ontology is loaded.
         robots: robot descriptions (URDF, xacro) that define the links which the maps refer to.
+        xacro: whether the robot descriptions among `maps` and `robots` are expanded if they contain xacro; by default
+            those whose name ends in `.xacro`, so False never runs a macro.
         conventions: units, frame and quaternion order of the maps, which are otherwise inferred: one for all maps, or
             one per map.
         store: the folder of a persistent knowledge base.
@@ -90,6 +93,7 @@ def open(
             ontologies=ontologies,
             bundled_ontology=bundled_ontology,
             robots=robots,
+            xacro=xacro,
             conventions=conventions,
             store=store,
             endpoint=endpoint,
@@ -114,6 +118,7 @@ def connect(
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
     robots: StrPath | Iterable[StrPath] = (),
+    xacro: bool | None = None,
     conventions: UnitConventions | Sequence[UnitConventions] | None = None,
     control_time: bool = False,
     timeout_s: float = 10.0,
@@ -129,6 +134,7 @@ def connect(
         ontologies: see `open`.
         bundled_ontology: see `open`.
         robots: see `open`.
+        xacro: see `open`.
         conventions: see `open`.
         control_time: whether the remote time advances only by `step` until the connection is closed. By default the
             remote simulation keeps running.
@@ -144,7 +150,12 @@ def connect(
         engine = connect_engine(url, timeout_s=timeout_s, control_time=control_time)
         on_error.callback(engine.close)
         knowledge = load_knowledge(
-            maps, ontologies=ontologies, bundled_ontology=bundled_ontology, robots=robots, conventions=conventions
+            maps,
+            ontologies=ontologies,
+            bundled_ontology=bundled_ontology,
+            robots=robots,
+            xacro=xacro,
+            conventions=conventions,
         )
         on_error.callback(knowledge.close)
         sim = make_simulation(knowledge, engine, timeout_s=timeout_s)
@@ -160,6 +171,7 @@ def load(
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
     robots: StrPath | Iterable[StrPath] = (),
+    xacro: bool | None = None,
     conventions: UnitConventions | Sequence[UnitConventions] | None = None,
 ) -> World:
     """Loads one map as a world: bodies, joints, lights, and all other statements of the map as facts.
@@ -170,6 +182,7 @@ def load(
         ontologies: see `open`.
         bundled_ontology: see `open`.
         robots: see `open`.
+        xacro: see `open`.
         conventions: see `open`.
 
     Raises:
@@ -178,7 +191,12 @@ def load(
         AmbiguousMapError: the files contain several maps, and `map_name` is not given.
     """
     with load_knowledge(
-        maps, ontologies=ontologies, bundled_ontology=bundled_ontology, robots=robots, conventions=conventions
+        maps,
+        ontologies=ontologies,
+        bundled_ontology=bundled_ontology,
+        robots=robots,
+        xacro=xacro,
+        conventions=conventions,
     ) as knowledge:
         return knowledge.world(map_name)
 
@@ -240,6 +258,7 @@ def diff(
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
     robots: StrPath | Iterable[StrPath] = (),
+    xacro: bool | None = None,
     conventions: UnitConventions | Sequence[UnitConventions] | None = None,
 ) -> WorldDiff:
     """Compares two worlds: bodies, joints, attachments, lights and facts. `print` the result for a summary.
@@ -250,6 +269,7 @@ def diff(
         ontologies: for maps given by path; see `open`.
         bundled_ontology: see `open`.
         robots: see `open`.
+        xacro: see `open`.
         conventions: for maps given by path: one for both, or one for `a` and one for `b`.
 
     Raises:
@@ -268,7 +288,12 @@ def diff(
         if isinstance(each, Simulation):
             return each.snapshot()
         return load(
-            each, ontologies=ontologies, bundled_ontology=bundled_ontology, robots=robots, conventions=conventions
+            each,
+            ontologies=ontologies,
+            bundled_ontology=bundled_ontology,
+            robots=robots,
+            xacro=xacro,
+            conventions=conventions,
         )
 
     of_a, of_b = _conventions_of(conventions, 2)
@@ -333,6 +358,7 @@ def load_knowledge(
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
     robots: StrPath | Iterable[StrPath] = (),
+    xacro: bool | None = None,
     conventions: UnitConventions | Sequence[UnitConventions] | None = None,
     store: StrPath | None = None,
     endpoint: SparqlEndpoint | str | None = None,
@@ -345,6 +371,7 @@ def load_knowledge(
         ontologies: see `open`.
         bundled_ontology: see `open`.
         robots: see `open`.
+        xacro: see `open`.
         conventions: see `open`.
         store: see `open`.
         endpoint: see `open`.
@@ -368,11 +395,15 @@ def load_knowledge(
     try:
         if len(set(each)) <= 1:  # in one call, so that imports shared by the maps are read once
             knowledge.load(
-                listed, ontologies=ontologies, urdf_files=robots, conventions=each[0] if each else UnitConventions()
+                listed,
+                ontologies=ontologies,
+                urdf_files=robots,
+                xacro=xacro,
+                conventions=each[0] if each else UnitConventions(),
             )
         else:
             for path, own in zip(listed, each, strict=True):
-                knowledge.load(path, ontologies=ontologies, urdf_files=robots, conventions=own)
+                knowledge.load(path, ontologies=ontologies, urdf_files=robots, xacro=xacro, conventions=own)
         if closure:
             knowledge.derive()
     except BaseException:

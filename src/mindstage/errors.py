@@ -15,6 +15,7 @@
     ├── KnowledgeError                  a source of knowledge or a query cannot be used (exit code 2)
     │   ├── ReferenceRefusedError       a text that came over a port names something that would have to be read for it
     │   ├── SourceParseError            missing file, or content that does not follow its format
+    │   │   └── XacroRefusedError       a robot description contains xacro, whose expansion was not asked for
     │   ├── MapNotFoundError            no semantic map of that name, or none at all
     │   ├── AmbiguousMapError           several maps are loaded and none was selected
     │   ├── MapRejectedError            a map has findings and strict mode is on
@@ -176,6 +177,7 @@ __all__ = [
     "UnsupportedByEngineError",
     "ViewerUnavailableError",
     "WorldError",
+    "XacroRefusedError",
     "closest_names",
     "suggestion",
 ]
@@ -422,6 +424,13 @@ class SourceParseError(KnowledgeError):
     def place(self) -> str:
         """Part of the message: the source and the line."""
         return f"{self.source}, line {self.line}" if self.line is not None else self.source
+
+
+@dataclass(eq=False, repr=False)
+class XacroRefusedError(SourceParseError):
+    """A robot description contains xacro, and nobody has asked for its expansion."""
+
+    code = "XacroRefused"
 
 
 @dataclass(eq=False, repr=False)

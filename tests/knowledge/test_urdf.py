@@ -12,7 +12,7 @@ import pytest
 from mindstage.engines import NullEngine
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import InvalidArgumentError, SourceParseError
-from mindstage.knowledge import save_map
+from mindstage.knowledge import KnowledgeBase, save_map
 from mindstage.knowledge.urdf import is_urdf
 from mindstage.knowledge.urdf.model import UrdfLink, UrdfRobot
 from mindstage.knowledge.urdf.to_world import urdf_to_world
@@ -405,3 +405,24 @@ def test_a_description_is_recognized_by_its_root_element(tmp_path: Path) -> None
     path.write_text("<!--a-->" * 5000 + "<robots/>", encoding="utf-8")
     assert not is_urdf(path)
     assert not is_urdf(tmp_path / "gone")
+
+
+def test_an_untrusted_description_measures_no_mesh_outside_of_packages(tmp_path: Path) -> None:
+    package = tmp_path / "packages" / "parts"
+    package.mkdir(parents=True)
+    corners = b"v 0 0 0\nv 1 2 3\n"
+    (package / "part.obj").write_bytes(corners)
+    (tmp_path / "secret.obj").write_bytes(corners)
+    names = {"granted": "package://parts/part.obj", "beside": "secret.obj", "file": (tmp_path / "secret.obj").as_uri()}
+    links = [
+        link_urdf(name, f'<visual><geometry><mesh filename="{mesh}"/></geometry></visual>')
+        for name, mesh in names.items()
+    ]
+    path = tmp_path / "robot.urdf"
+    path.write_text(robot_urdf(*links), encoding="utf-8")
+    for is_trusted in (True, False):
+        with KnowledgeBase() as knowledge:
+            knowledge.load(path, ontologies=tmp_path / "packages", follow_imports=is_trusted)
+            sizes = {body.id: body.size for body in knowledge.world().bodies}
+        assert sizes["granted"] == (1.0, 2.0, 3.0)
+        assert {sizes["beside"], sizes["file"]} == ({(1.0, 2.0, 3.0)} if is_trusted else {None})

@@ -15,6 +15,7 @@ from mindstage.ros import RosInterface
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S
 from tests.kitchenette import kitchenette
+from tests.knowledge.hostile_urdf import HOSTILE, hostile_urdf
 from tests.ros.ros_messages import TURNED, Call, pose_message, position_of
 
 UNSUPPORTED, OK, NOT_FOUND, INCORRECT_STATE, FAILED = range(5)
@@ -164,7 +165,7 @@ def test_an_entity_is_spawned_from_a_text(call: Call, simulation: Simulation) ->
             '<box size="1 1 0.5"/>', '<mesh filename="package://nowhere/base.stl"/>')}}, 107),
         ({"name": "a", "entity_resource": {"resource_string": "<robot"}}, 106),
         ({"name": "a", "entity_resource": {"resource_string": "no map at all"}}, 106),
-        ({"name": "a", "entity_resource": {"resource_string": ROBOT.replace("<robot", "<robot xmlns:xacro='x'")}}, 103),
+        ({"name": "a", "entity_resource": {"resource_string": ROBOT.replace("cart", "cart${1}")}}, 103),
         ({"name": "a", "entity_resource": {"resource_string": ROBOT},
           "initial_pose": {"header": {"frame_id": "nobody"}}}, 109),
         ({"name": "a", "entity_resource": {"resource_string": ROBOT},
@@ -176,6 +177,24 @@ def test_spawn_failures_have_result_codes(call: Call, simulation: Simulation, re
     reply = call("spawn_entity", **request_)
     assert code(reply) == expected, reply
     assert reply["result"]["error_message"]
+    assert simulation.state.ids == before
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_nothing_runs_in_a_description_of_a_client(
+    call: Call, simulation: Simulation, tmp_path: Path, kind: str
+) -> None:
+    before = simulation.state.ids
+    text = hostile_urdf(kind, tmp_path / "marker")
+    resource = {"resource_string": text}
+    spawned = call("spawn_entity", name="a", entity_resource=resource)
+    assert code(spawned) == 103
+    assert not call("spawn_robot", name=text, id="a")["success"]
+    for reply in (spawned, call("load_world", world_resource=resource)):
+        assert code(reply) != OK
+        assert "is written in xacro" in reply["result"]["error_message"]
+        assert "mindstage-" not in reply["result"]["error_message"], "the path of a folder on the server"
+    assert not (tmp_path / "marker").exists()
     assert simulation.state.ids == before
 
 
@@ -367,6 +386,27 @@ def test_a_map_that_cannot_be_read_fails_the_list_of_worlds_unless_errors_are_ac
     assert code(reply) == OK
     assert "broken" in reply["result"]["error_message"]
     assert "cart.urdf" in {each["name"] for each in reply["worlds"]}
+
+
+def test_nothing_runs_in_a_file_that_a_client_names(worlds: Call, simulation: Simulation, tmp_path: Path) -> None:
+    before, marker = simulation.state.ids, tmp_path / "marker"
+    text = hostile_urdf("an expression", marker)
+    for name in ("hostile.urdf", "hostile.xacro", "hostile.urdf.xacro"):
+        (tmp_path / "worlds" / name).write_text(text, encoding="utf-8")
+        resource = {"uri": name}
+        replies = [
+            worlds("spawn_entity", name="a", entity_resource=resource)["result"],
+            worlds("load_world", world_resource=resource)["result"],
+            worlds("mindstage/add_robot", source=name) if name.endswith("f") else {"refusal": {"text": ""}},
+        ]
+        for reply in replies:
+            text_of_reply = str(reply.get("error_message") or reply["refusal"]["text"])
+            assert reply.get("result") != OK
+            assert not reply.get("success")
+            assert str(tmp_path) not in text_of_reply
+            assert "is written in xacro" in text_of_reply or name != "hostile.urdf"
+    assert not marker.exists()
+    assert simulation.state.ids == before
 
 
 def test_a_text_cannot_import_local_files(worlds: Call, simulation: Simulation, tmp_path: Path) -> None:

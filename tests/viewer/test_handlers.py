@@ -6,6 +6,7 @@ import json
 import re
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -22,6 +23,7 @@ from mindstage.knowledge import bundled_kitchen, write_map
 from mindstage.scene import BodyId, Iri, Mobility, Pose, World, diff
 from mindstage.viewer import Viewer
 from tests.kitchenette import KNOWROB, kitchenette
+from tests.knowledge.hostile_urdf import HOSTILE, hostile_urdf
 from tests.viewer.page_client import PageClient, RequestFailedError, connect_page_client
 from tests.viewer.waiting import wait_until
 
@@ -434,10 +436,7 @@ RDF = '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
         ("kitchen.ttl", "<a> <b> ."),
         ("../../etc/passwd", "x"),
         ("kitchen.owl", f'<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]>{RDF}&e;</rdf:RDF>'),
-        (
-            "robot.urdf",
-            '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="/etc/passwd"/></robot>',
-        ),
+        ("robot.urdf.xacro", '<robot name="r"><link name="base"/></robot>'),
     ],
 )
 def test_invalid_maps_are_refused_and_change_nothing(
@@ -450,6 +449,24 @@ def test_invalid_maps_are_refused_and_change_nothing(
     assert "root:" not in str(refused.value)
     assert physics_simulation.snapshot() == before
     assert physics_simulation.knowledge is knowledge
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_nothing_runs_in_a_description_that_a_page_loads(
+    physics_simulation: Simulation, client: PageClient, tmp_path: Path, kind: str
+) -> None:
+    before = physics_simulation.snapshot()
+    with pytest.raises(RequestFailedError, match=r"robot\.urdf: .* is written in xacro") as refused:
+        client.ask("load", name="robot.urdf", text=hostile_urdf(kind, tmp_path / "marker"))
+    assert refused.value.type == "XacroRefused"
+    assert "/tmp" not in str(refused.value).replace(str(tmp_path), "")
+    assert not (tmp_path / "marker").exists()
+    assert physics_simulation.snapshot() == before
+
+
+def test_a_plain_description_with_a_dollar_is_loaded(physics_simulation: Simulation, client: PageClient) -> None:
+    text = "<robot name='r'><link name='base'/><gazebo><plugin>xacro costs ${5}</plugin></gazebo></robot>"
+    assert client.ask("load", name="robot.urdf", text=text)["bodies"] == 1
 
 
 @pytest.mark.parametrize("dialect", ["owl", "ttl"])

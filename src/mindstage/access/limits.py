@@ -84,6 +84,35 @@ STEP_DURATION = _limit(
     "simulated time of one call; longer runs are divided, so that they can be observed and canceled",
     unit="s",
 )
+XACRO_STEPS = _limit(
+    "steps of a xacro expansion",
+    5_000_000,
+    "about ten seconds; the largest descriptions of robots take some hundred thousand",
+)
+XACRO_EXPRESSION_LENGTH = _limit(
+    "length of a xacro expression",
+    10_000,
+    "the longest in descriptions of robots have some hundred; longer ones could only exhaust the parser",
+    unit="characters",
+)
+XACRO_VALUE_SIZE = _limit(
+    "size of a xacro value",
+    1_000_000,
+    "a value is held in memory and printed; strings that double in each property would fill it",
+    unit="characters and elements",
+)
+XACRO_INTEGER_BITS = _limit(
+    "integer in a xacro expression",
+    4096,
+    "far beyond the range of floating point numbers; powers of integers could fill the memory",
+    unit="bits",
+)
+XACRO_FORMAT_WIDTH = _limit(
+    "width of a formatted xacro number",
+    1000,
+    "no number has more digits; the width is allocated before it is filled",
+    unit="characters",
+)
 QUERY_CHARACTERS = _limit(
     "characters of a query",
     20_000,

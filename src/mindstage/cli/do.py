@@ -171,7 +171,7 @@ def do(
         trial=options,
     )
     used_engine = make_engine(engine)  # before the map is read, so that a wrong name fails at once
-    model = _model(robot, self_model)
+    model = _model(robot, self_model, xacro=reading.expands_xacro)
     with spawned_map(
         sources, map_name, used_engine, reading=reading, strict=strict, assets=assets, plain_boxes=plain_boxes
     ) as spawned:
@@ -367,11 +367,11 @@ def _new_file(record: Path | None) -> Path | None:
 # -- the robot ---------------------------------------------------------------------------------------------------------
 
 
-def _model(name: str, self_model: Path | None) -> RobotModel:
+def _model(name: str, self_model: Path | None, *, xacro: bool | None) -> RobotModel:
     from mindstage.robots.models.reading import load_model
 
     with progress_spinner("reading the robot"):
-        model = load_model(name)
+        model = load_model(name, xacro=xacro)
         if self_model is not None:
             from mindstage.robots.self_models import add_self_model, read_self_model
 

@@ -350,6 +350,15 @@ Robots = Annotated[
     ),
 ]
 
+ExpandXacro = Annotated[
+    bool,
+    typer.Option(
+        "--xacro",
+        help="Expand xacro in the robot descriptions that are named here (MAP, --urdf, --robot); those that end in "
+        ".xacro are expanded in any case.",
+    ),
+]
+
 Bundled = Annotated[
     bool,
     typer.Option(
@@ -476,10 +485,16 @@ class MapReading(OptionGroup):
     ontologies: Ontologies = None
     bundled: Bundled = True
     robots: Robots = None
+    xacro: ExpandXacro = False
     units: UnitNames = None
     frame: FrameNames = None
     quaternion: QuaternionOrders = None
     sizes: SizeFrames = None
+
+    @property
+    def expands_xacro(self) -> bool | None:
+        """Whether the descriptions that are named are expanded; None for those whose name ends in .xacro."""
+        return self.xacro or None
 
     def conventions(self, maps: Sequence[str]) -> list[UnitConventions]:
         """The conventions of each map; a value for one map overrides a value for all maps.

@@ -175,7 +175,7 @@ def render(
         maps, at, engine=engine, map_name=map_name, reading=reading, assets=assets, plain_boxes=plain_boxes
     ) as (sim, summary):
         _open(sim, opened or [])
-        own = None if robot is None else _add_robot(sim, robot)
+        own = None if robot is None else _add_robot(sim, robot, xacro=reading.expands_xacro)
         step_with_progress(sim, view.simulated_s)
         results = [target.apply(sim) for target in targets]
         taken = _Shooting(sim, settings, own, camera, clip_height=view.section)
@@ -382,11 +382,11 @@ def _open(simulation: Simulation, texts: Sequence[str]) -> None:
             warn(f"not opened as far as wanted: {motion}")
 
 
-def _add_robot(simulation: Simulation, source: str) -> str:
+def _add_robot(simulation: Simulation, source: str, *, xacro: bool | None) -> str:
     from mindstage.robots.standing import add_standing_robot
 
     with progress_spinner("adding the robot"):
-        return add_standing_robot(simulation, source).name
+        return add_standing_robot(simulation, source, xacro=xacro).name
 
 
 def _stops(path: Path, first: CameraPose) -> list[CameraPose]:

@@ -9,7 +9,7 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -206,11 +206,10 @@ def serve(
         simulation = resources.enter_context(made)
         refused: list[Refusal] = []  # appended on the bridge's thread
         node = resources.enter_context(_connect(connect, token, tls_authorities, refused) if connect else LocalNode())
-        spawned = _spawn(simulation, world, added_robots, assets=None if plain_boxes else assets, as_json=as_json)
-        ros = RosVersion.ONE if ros1 else RosVersion.TWO
-        interface = RosInterface(
-            simulation, node, namespace=namespace, ros=ros, folder=worlds, episodes=episodes, on_quit=quitting.set
-        )
+        spawned = _spawn_map(simulation, world, assets=None if plain_boxes else assets, as_json=as_json)
+        spawned |= _add_robots(simulation, added_robots or (), xacro=reading.expands_xacro, as_json=as_json)
+        offered: Any = {"namespace": namespace, "ros": RosVersion.ONE if ros1 else RosVersion.TWO, "folder": worlds}
+        interface = RosInterface(simulation, node, **offered, episodes=episodes, on_quit=quitting.set)
         resources.callback(interface.close)
         url = _start_server(resources, node, port, access) if isinstance(node, LocalNode) else str(connect)
         output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name, **spawned}
@@ -300,19 +299,6 @@ def _connect(url: str, token: str | None, authorities: Path | None, refused: lis
         raise
 
 
-def _spawn(
-    simulation: Simulation,
-    world: World | None,
-    robots: Sequence[str] | None,
-    *,
-    assets: list[Path] | None,
-    as_json: bool,
-) -> dict[str, object]:
-    """Spawns the map, and adds the robots; returns what JSON has of it."""
-    spawned = _spawn_map(simulation, world, assets=assets, as_json=as_json)
-    return spawned | _add_robots(simulation, robots or (), as_json=as_json)
-
-
 def _spawn_map(
     simulation: Simulation, world: World | None, *, assets: list[Path] | None, as_json: bool
 ) -> dict[str, object]:
@@ -330,14 +316,16 @@ def _spawn_map(
     return {"map": world.iri, "spawn": report_json(report), "findings": findings_json(findings)}
 
 
-def _add_robots(simulation: Simulation, sources: Sequence[str], *, as_json: bool) -> dict[str, object]:
+def _add_robots(
+    simulation: Simulation, sources: Sequence[str], *, xacro: bool | None, as_json: bool
+) -> dict[str, object]:
     """Adds robots at free places on the floor."""
     from mindstage.robots.standing import add_standing_robot
 
     names: list[str] = []
     for source in sources:
         with progress_spinner(f"adding {source}"):
-            robot = add_standing_robot(simulation, source)
+            robot = add_standing_robot(simulation, source, xacro=xacro)
         names.append(robot.name)
         if not as_json:
             x, y, yaw = robot.base_pose()

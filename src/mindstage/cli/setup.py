@@ -161,6 +161,7 @@ def knowledge_base(
         ontologies=[*(reading.ontologies or ()), *_ros_packages()],
         bundled_ontology=reading.bundled,
         robots=reading.robots or (),
+        xacro=reading.expands_xacro,
         conventions=reading.conventions(maps) if conventions is None else conventions,
         store=store,
         endpoint=endpoint,

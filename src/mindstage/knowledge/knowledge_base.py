@@ -247,6 +247,7 @@ class KnowledgeBase:
         ontologies: StrPath | Iterable[StrPath] = (),
         conventions: UnitConventions = UnitConventions(),  # noqa: B008 - it is frozen
         urdf_files: StrPath | Iterable[StrPath] = (),
+        xacro: bool | None = None,
         follow_imports: bool = True,
         untrusted: bool = False,
     ) -> None:
@@ -262,6 +263,9 @@ class KnowledgeBase:
             conventions: units, handedness and quaternion order of these maps; what is None is detected from the maps
                 and listed by `assumptions`.
             urdf_files: robot descriptions that hold the poses and joints of maps that only name links.
+            xacro: whether these robot descriptions are expanded if they contain xacro; by default those whose name ends
+                in `.xacro`. Give False for names that the user has not chosen. The macros can only compute, and read
+                files beside the description, in its package and in the given folders of packages.
             follow_imports: whether what they import is read; otherwise it is a finding.
             untrusted: True for files that came over a port: nothing else is read for them, and one that refers to
                 something else is refused. An import of an ontology that is loaded already is accepted, by its IRI, its
@@ -279,6 +283,7 @@ class KnowledgeBase:
                 conventions,
                 _as_list(urdf_files),
                 follow_imports=follow_imports,
+                xacro=xacro,
                 untrusted=untrusted,
                 builds_index="reasoner" not in self.__dict__,
             )

@@ -1,7 +1,7 @@
 """The process that evaluates SPARQL queries, so that a query can be limited in time, in memory and to the store.
 
 It is a fork of the process that owns the store, or, for a store on disk, runs this file as a script; the file therefore
-imports nothing but the store. A timer in the process itself ends a query, even if the parent has died.
+imports little beside the store. A timer in the process itself ends a query, even if the parent has died.
 
 The store's parser, not a pattern on the text, decides whether a query has a SERVICE clause: the word is replaced by
 another one wherever it occurs, in names and strings too, and a query without the clause is still valid afterwards.
@@ -10,14 +10,10 @@ The process is also denied sockets by the operating system, where it can be.
 
 from __future__ import annotations
 
-import ctypes
-import errno
 import os
-import platform
 import re
 import secrets
 import signal
-import struct
 import sys
 from collections.abc import Collection
 from multiprocessing.connection import Connection
@@ -26,10 +22,12 @@ from typing import Any
 
 import pyoxigraph as ox
 
+from mindstage.sandbox import deny_network
+
 if sys.platform != "win32":
     import resource
 
-__all__ = ["MEMORY_LIMIT", "REPLY_LIMIT", "deny_network", "serve"]
+__all__ = ["MEMORY_LIMIT", "REPLY_LIMIT", "serve"]
 
 MEMORY_LIMIT = 2 * 1024**3
 """Memory for a query in addition to that of the store [bytes]."""
@@ -186,53 +184,6 @@ def _evaluate(store: ox.Store, query: str, prefixes: dict[str, str], **dataset: 
 
 
 # -- limits ------------------------------------------------------------------------------------------------------------
-
-_PR_SET_NO_NEW_PRIVS, _PR_SET_SECCOMP, _SECCOMP_MODE_FILTER = 38, 22, 2
-_LOAD_WORD, _JUMP_IF_EQUAL, _JUMP_IF_AT_LEAST, _RETURN = 0x20, 0x15, 0x35, 0x06
-_ALLOW, _FAIL_WITH = 0x7FFF0000, 0x00050000
-_SYSTEM_CALLS = {"x86_64": (0xC000003E, 41, 425), "aarch64": (0xC00000B7, 198, 425)}
-"""By machine: its number in the Linux audit interface, and the system calls `socket` and `io_uring_setup`."""
-_X32_CALLS = 0x40000000
-"""System calls from this number are those of the x32 interface of x86_64."""
-
-
-class _FilterProgram(ctypes.Structure):
-    _fields_ = (("length", ctypes.c_ushort), ("instructions", ctypes.c_char_p))
-
-
-def deny_network(*, no_new_files: bool) -> bool:
-    """Denies this process new sockets, and returns whether the operating system does so. It cannot be undone.
-
-    On Linux a seccomp filter lets `socket` fail (`man 2 seccomp`); elsewhere, the process may open no further file.
-
-    Args:
-        no_new_files: whether the process needs no further file either.
-    """
-    filtered = sys.platform == "linux" and _filter_system_calls()
-    if no_new_files and sys.platform != "win32":
-        resource.setrlimit(resource.RLIMIT_NOFILE, (0, 0))
-    return filtered or no_new_files
-
-
-def _filter_system_calls() -> bool:
-    machine = platform.machine()
-    if machine not in _SYSTEM_CALLS:
-        return False
-    audit_number, *denied = _SYSTEM_CALLS[machine]
-    checks = [(_JUMP_IF_AT_LEAST, _X32_CALLS), *((_JUMP_IF_EQUAL, call) for call in denied)]
-    instructions = [struct.pack("HBBI", _LOAD_WORD, 0, 0, 4)]  # seccomp_data.arch
-    instructions.append(struct.pack("HBBI", _JUMP_IF_EQUAL, 0, len(checks) + 2, audit_number))
-    instructions.append(struct.pack("HBBI", _LOAD_WORD, 0, 0, 0))  # seccomp_data.nr
-    for at, (comparison, number) in enumerate(checks):
-        instructions.append(struct.pack("HBBI", comparison, len(checks) - at, 0, number))
-    instructions.append(struct.pack("HBBI", _RETURN, 0, 0, _ALLOW))
-    instructions.append(struct.pack("HBBI", _RETURN, 0, 0, _FAIL_WITH | errno.EACCES))
-    program = _FilterProgram(len(instructions), b"".join(instructions))
-    prctl = ctypes.CDLL(None, use_errno=True).prctl
-    prctl.argtypes = (ctypes.c_int, *[ctypes.c_ulong] * 4)
-    if prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0:
-        return False
-    return bool(prctl(_PR_SET_SECCOMP, _SECCOMP_MODE_FILTER, ctypes.addressof(program), 0, 0) == 0)
 
 
 def _limit_resources() -> None:

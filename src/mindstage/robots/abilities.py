@@ -311,7 +311,7 @@ def _profile_of_catalog(name: str, *, known: list[str]) -> RobotProfile:
 
 @cache
 def _known_profile(name: str) -> RobotProfile:
-    return profile_of_model(load_model(name), name=name, source="the model of that name")
+    return profile_of_model(load_model(name, xacro=False), name=name, source="the model of that name")
 
 
 # -- questions ---------------------------------------------------------------------------------------------------------

@@ -614,6 +614,7 @@ def place_robot(
     *,
     name: str = "",
     names: Iterable[str] = (),
+    xacro: bool | None = False,
 ) -> Robot:
     """Spawns a robot; its actuators are added by `Simulation.add_robot`.
 
@@ -623,6 +624,7 @@ def place_robot(
         pose: where it stands, in the world frame.
         name: its name; by default that of the model.
         names: the names of the robots that exist.
+        xacro: see `load_model`.
 
     Raises:
         RobotNotFoundError: no model has that name.
@@ -631,7 +633,7 @@ def place_robot(
     model = (
         source
         if isinstance(source, RobotModel)
-        else load_model(Path(source) if isinstance(source, PathLike) else source)
+        else load_model(Path(source) if isinstance(source, PathLike) else source, xacro=xacro)
     )
     taken = set(names)
     if not name:

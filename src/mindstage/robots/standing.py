@@ -43,6 +43,7 @@ def add_standing_robot(
     *,
     near: tuple[float, float] | None = None,
     name: str = "",
+    xacro: bool | None = False,
 ) -> Robot:
     """Adds a robot that stands on the floor.
 
@@ -53,13 +54,14 @@ def add_standing_robot(
             everything else.
         near: x, y [m] of a point; the free place is then the nearest one to it.
         name: its name; by default that of the model.
+        xacro: see `Simulation.add_robot`; by default nothing is expanded.
 
     Raises:
         RobotNotFoundError: no model has that name.
         RobotModelError: the description cannot be read, or not all of it can be spawned.
         CommandRefusedError: the robot fits nowhere.
     """
-    model = source if isinstance(source, RobotModel) else load_model(os.fspath(source))
+    model = source if isinstance(source, RobotModel) else load_model(os.fspath(source), xacro=xacro)
     world = stage.snapshot()
     if place is not None:
         (x, y, yaw), level = place, find_floor(BodyBoxes.from_bodies(world.bodies))[0]

@@ -6,7 +6,6 @@ goal cancels the one before.
 
 from __future__ import annotations
 
-import re
 import threading
 from collections.abc import Callable, Generator, Iterator
 from functools import partial
@@ -31,7 +30,7 @@ if TYPE_CHECKING:  # they are loaded with the first robot, and with the first sk
 __all__ = ["ROBOT_SUFFIXES", "RobotSkills"]
 
 ROBOT_SUFFIXES = (".urdf", ".xml")
-"""Files that clients may add as robots; xacro can include other files."""
+"""Files that clients may add as robots."""
 
 _POLL_S = 0.005
 """Interval at which a skill notices that simulated time has passed [s]."""
@@ -94,18 +93,20 @@ class RobotSkills:
 
     def add_robot(self, request: wire.AddRobot.Request) -> wire.AddRobot.Response:
         """Adds a robot; a description that cannot be used is refused with the reason."""
-        source: str | Path | None = self._find_file(request.source)
-        if source is None:
-            source = request.source
-            if not re.fullmatch(r"[A-Za-z0-9_-]+", request.source):
-                cause = f"{request.source!r} is neither the name of a model nor a file in the folder of the server"
-                raise MessageValidationError(
-                    "mindstage_msgs/AddRobotRequest", path="source", cause=cause, remedy="try mobile_manipulator"
-                )
+        from mindstage.robots.models.catalog import list_models
+
+        path = self._find_file(request.source)
+        source: str | Path = path or request.source
+        if path is None and request.source not in {model.name for model in list_models()}:
+            cause = f"{request.source!r} is neither the name of a model nor a file in the folder of the server"
+            raise MessageValidationError(
+                "mindstage_msgs/AddRobotRequest", path="source", cause=cause, remedy="try mobile_manipulator"
+            )
         try:
-            robot = self._simulation.add_robot(source, pose_from_message(request.pose), name=request.name)
+            robot = self._simulation.add_robot(source, pose_from_message(request.pose), name=request.name, xacro=False)
         except RobotError as error:
-            return wire.AddRobot.Response(refusal=wire.Refusal(kind=error.code, text=str(error)))
+            text = str(error) if path is None else str(error).replace(str(path), request.source)
+            return wire.AddRobot.Response(refusal=wire.Refusal(kind=error.code, text=text))
         self._on_added()
         notes = tuple(f"{note.subject}: {note.text}" if note.subject else note.text for note in robot.model.notes)
         return wire.AddRobot.Response(success=True, name=robot.name, notes=notes)

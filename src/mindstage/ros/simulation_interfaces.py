@@ -38,7 +38,13 @@ from mindstage.access.resources import GrantedFolder
 from mindstage.bridge.conversions import pose_array_messages, pose_from_message, vector_from_message
 from mindstage.bridge.conversions_unreal import iri_namespace
 from mindstage.engines import SpawnReport
-from mindstage.errors import BodyNotFoundError, KnowledgeError, PoseUnreachableError
+from mindstage.errors import (
+    BodyNotFoundError,
+    KnowledgeError,
+    PoseUnreachableError,
+    SourceParseError,
+    XacroRefusedError,
+)
 from mindstage.knowledge import KnowledgeBase, UnitConventions
 from mindstage.knowledge.rdf import local_name
 from mindstage.msgs import builtin_interfaces, geometry_msgs, modul_spawner_msgs, std_msgs
@@ -165,11 +171,6 @@ class ResourceLoader:
             return self._read_file(self._path(uri), conventions, KnowledgeBase())
         if not text.strip():
             raise ResourceError(ResourceErrorType.NOT_GIVEN, "neither a URI nor a text is given")
-        if "xacro" in text:
-            raise ResourceError(
-                ResourceErrorType.UNSUPPORTED_FORMAT,
-                "xacro is not supported in a text, since it can include other files",
-            )
         with TemporaryDirectory(prefix="mindstage-") as folder:
             path = Path(folder, f"resource{_guess_suffix(text)}")
             path.write_text(text, encoding="utf-8")
@@ -193,7 +194,12 @@ class ResourceLoader:
     ) -> World:
         with knowledge:
             try:
-                knowledge.load(path, conventions=conventions, untrusted=untrusted)
+                knowledge.load(path, conventions=conventions, xacro=False, untrusted=untrusted)
+            except SourceParseError as error:  # without the path on this machine
+                is_xacro = isinstance(error, XacroRefusedError)
+                type = ResourceErrorType.UNSUPPORTED_FORMAT if is_xacro else ResourceErrorType.PARSE_ERROR
+                text = str(SourceParseError(path.name, cause=error.cause, line=error.line))
+                raise ResourceError(type, text) from error
             except KnowledgeError as error:
                 raise ResourceError(ResourceErrorType.PARSE_ERROR, str(error)) from error
             return self._read(knowledge, None)

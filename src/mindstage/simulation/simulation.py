@@ -784,13 +784,22 @@ class Simulation:
 
     # -- robots and controllers ----------------------------------------------------------------------------
 
-    def add_robot(self, source: str | os.PathLike[str] | RobotModel, pose: Pose = IDENTITY, *, name: str = "") -> Robot:
+    def add_robot(
+        self,
+        source: str | os.PathLike[str] | RobotModel,
+        pose: Pose = IDENTITY,
+        *,
+        name: str = "",
+        xacro: bool | None = None,
+    ) -> Robot:
         """Spawns a robot with its drives: `sim.add_robot("mobile_manipulator")`.
 
         Args:
             source: the name of a known model, the path of a description (URDF, xacro, MJCF), or a model.
             pose: where it stands on the floor, in the world frame.
             name: its name; by default that of the model, numbered if there are several.
+            xacro: whether the description is expanded if it contains xacro; by default if its name ends in `.xacro`.
+                Give False for a source that the user has not chosen.
 
         Raises:
             RobotNotFoundError: no model has that name.
@@ -798,7 +807,7 @@ class Simulation:
         """
         from mindstage.robots.robot import place_robot
 
-        robot = place_robot(self, source, pose, name=name, names=self.robots)
+        robot = place_robot(self, source, pose, name=name, names=self.robots, xacro=xacro)
 
         def connect(engine: Engine) -> None:
             robot.controller.connect(engine, is_new=True)

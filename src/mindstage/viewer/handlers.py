@@ -21,7 +21,13 @@ import viser
 from mindstage.access.limits import MAP_CHARACTERS, NEW_BODY_TIME, PAGE_STEP, STORAGE_PLACES
 from mindstage.access.policies import EDIT, FILE, READ, RUN
 from mindstage.access.resources import require_granted
-from mindstage.errors import BodyNotFoundError, InvalidArgumentError, MapNotFoundError, MindstageError
+from mindstage.errors import (
+    BodyNotFoundError,
+    InvalidArgumentError,
+    MapNotFoundError,
+    MindstageError,
+    SourceParseError,
+)
 from mindstage.knowledge import KnowledgeBase, MapDialect, MapFormat, SourceMapView, UnitConventions, write_map
 from mindstage.rendering.screenshot import LabelMode
 from mindstage.scene import Body, BodyId, Iri, Joint, Pose, Vector, World
@@ -127,8 +133,6 @@ class FileHandler:
         suffix = Path(request.name).suffix.lower()
         if suffix not in _SUFFIXES:
             raise InvalidArgumentError(request.name, cause=f"a map ends in {', '.join(_SUFFIXES)}")
-        if "xacro" in request.text:
-            raise InvalidArgumentError(request.name, cause="xacro reads other files; expand it first")
         knowledge = self._simulation.knowledge.ontologies_only()
         folder = TemporaryDirectory(prefix="mindstage-")
         # Saving in the dialect of the source reads the file again, so it is kept as long as the knowledge base.
@@ -136,7 +140,10 @@ class FileHandler:
         try:
             path = Path(folder.name, f"{_safe_filename(Path(request.name).stem) or 'map'}{suffix}")
             path.write_text(request.text, encoding="utf-8")
-            knowledge.load(path, conventions=request.conventions, untrusted=True)
+            try:
+                knowledge.load(path, conventions=request.conventions, xacro=False, untrusted=True)
+            except SourceParseError as error:  # without the path on this machine
+                raise type(error)(request.name, cause=error.cause, line=error.line) from error
             world = knowledge.world()
             require_granted(body.mesh for body in world.bodies)  # before the present world is replaced
             return knowledge, world

@@ -11,6 +11,7 @@ import logging
 import math
 import threading
 from collections.abc import Callable, Generator, Mapping
+from pathlib import Path
 from typing import Annotated, Any
 from urllib.parse import quote
 
@@ -574,7 +575,7 @@ def _described(robot: Robot) -> dict[str, object]:
         ],
         "sensors": [f"{each.name} ({each.type.value})" for each in model.sensors],
         "notes": [f"{each.subject}: {each.text}" if each.subject else each.text for each in model.notes],
-        "source": model.source,
+        "source": Path(model.source).name,
     }
 
 

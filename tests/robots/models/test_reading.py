@@ -13,13 +13,18 @@ import mujoco
 import numpy as np
 import pytest
 
+from mindstage.engines import NullEngine
 from mindstage.errors import RobotModelError, RobotNotFoundError
+from mindstage.knowledge import KnowledgeBase
 from mindstage.robots.forward_kinematics import link_poses, rest_positions
 from mindstage.robots.model import BaseType, GripperType, RobotJointType, RobotModel
 from mindstage.robots.models import catalog
 from mindstage.robots.models.catalog import find_model, list_models
 from mindstage.robots.models.reading import load_model
+from mindstage.robots.standing import add_standing_robot
 from mindstage.scene.transforms import quat_angle
+from mindstage.simulation import Simulation
+from tests.knowledge.hostile_urdf import HOSTILE, hostile_urdf
 from tests.robots.models.installed import EXAMPLE_URDFS, EXAMPLES, known_model
 
 URDF_MODELS = ["mobile_manipulator", "stretch", "panda", "pr2", "tiago", "ur5", "baxter"]
@@ -245,7 +250,45 @@ def test_xacro_that_is_not_installed_is_named(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setitem(__import__("sys").modules, "xacro", None)
     text = TWO_LINKS.replace('"0 0 1"', '"0 0 ${1}"')
     with pytest.raises(RobotModelError, match=r"pip install mindstage\[xacro\]"):
+        load_model(written(tmp_path, text), xacro=True)
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_nothing_runs_in_a_model_that_is_loaded(tmp_path: Path, kind: str) -> None:
+    marker = tmp_path / "marker"
+    path = written(tmp_path, hostile_urdf(kind, marker))
+    for source in (path, str(path)):
+        with pytest.raises(RobotModelError, match="is written in xacro"):
+            load_model(source)
+    with Simulation(KnowledgeBase(), NullEngine()) as simulation:
+        with pytest.raises(RobotModelError, match="is written in xacro"):
+            simulation.add_robot(path)
+        with pytest.raises(RobotModelError, match="is written in xacro"):
+            add_standing_robot(simulation, path)
+    assert not marker.exists()
+
+
+def test_a_model_is_expanded_on_request_and_a_named_one_by_its_suffix(tmp_path: Path) -> None:
+    text = TWO_LINKS.replace('"0 0 1"', '"0 0 ${1}"', 1)
+    with pytest.raises(RobotModelError, match="--xacro"):
         load_model(written(tmp_path, text))
+    assert load_model(written(tmp_path, text), xacro=True).name == "pair"
+    (tmp_path / "robot.urdf").rename(tmp_path / "pair.xacro")
+    assert load_model("pair", folders=[tmp_path]).name == "pair"
+    with pytest.raises(RobotModelError, match="--xacro"):
+        load_model("pair", folders=[tmp_path], xacro=False)
+
+
+def test_a_description_makes_no_other_folder_readable_by_its_name(tmp_path: Path) -> None:
+    secret = tmp_path / "secrets"
+    secret.mkdir()
+    (secret / "sizes.yaml").write_text("size: 2", encoding="utf-8")
+    (tmp_path / "robot").mkdir()
+    text = TWO_LINKS.replace('"0 0 1"', """"0 0 ${xacro.load_yaml('$(find secrets)/sizes.yaml').size}\"""", 1)
+    with pytest.raises(RobotModelError, match="no package folder contains 'secrets'"):
+        load_model(written(tmp_path / "robot", text), xacro=True)
+    (secret / "package.xml").write_text("<package/>", encoding="utf-8")
+    assert load_model(written(tmp_path / "robot", text), xacro=True).name == "pair"
 
 
 def tetrahedron(scale: float = 1.0) -> str:

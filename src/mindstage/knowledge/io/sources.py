@@ -68,6 +68,7 @@ from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.store import OxigraphStore
 from mindstage.knowledge.tell import RUNTIME_GRAPH
 from mindstage.knowledge.urdf.in_maps import ClassNameIndex, UrdfSources, is_urdf, linked_individuals
+from mindstage.knowledge.urdf.xacro_process import is_requested
 from mindstage.knowledge.vocabulary import (
     DUL,
     IMPORTS,
@@ -208,6 +209,8 @@ class LoadTransaction:
     """Stores a text and returns a function that reads it."""
     urdf_paths: Iterable[Path] = ()
     """Robot descriptions whose links maps may refer to."""
+    xacro_paths: Collection[Path] = frozenset()
+    """The robot descriptions that are expanded if they contain xacro, by resolved path."""
     follow_imports: bool = True
     """Whether imported files that are not loaded yet are loaded."""
     untrusted: bool = False
@@ -267,7 +270,7 @@ class LoadTransaction:
                 )
 
     def _load_urdfs(self) -> UrdfSources:
-        robots = UrdfSources(self.packages, ClassNameIndex(self.store))
+        robots = UrdfSources(self.packages, ClassNameIndex(self.store), self.xacro_paths, not self.follow_imports)
         for path in self.urdf_paths:
             robots.add(path.resolve())
         return robots
@@ -538,6 +541,7 @@ class SourceRegistry:
         urdf_files: Iterable[StrPath] = (),
         follow_imports: bool = True,
         *,
+        xacro: bool | None = False,
         untrusted: bool = False,
         builds_index: bool = True,
     ) -> list[ox.NamedNode]:
@@ -549,6 +553,8 @@ class SourceRegistry:
             conventions: given conventions of the maps.
             urdf_files: robot descriptions that maps refer to.
             follow_imports: whether imported files are loaded.
+            xacro: whether the given robot descriptions are expanded if they contain xacro; None for those whose name
+                ends in `.xacro`.
             untrusted: whether files that refer to anything that is not loaded are refused.
             builds_index: whether the index of a store folder is updated; otherwise `save_index` does so later.
 
@@ -564,8 +570,11 @@ class SourceRegistry:
         paths = [_resolve_entry(os.fspath(entry), packages) for entry in maps]
         new = {path.resolve() for path in (*paths, *files)} - self.sources.keys()
         transaction = self._new_transaction(packages, self.sources)
-        urdf_paths = dict.fromkeys(_resolve_entry(os.fspath(entry), packages).resolve() for entry in urdf_files)
+        robots = [_resolve_entry(os.fspath(entry), packages) for entry in urdf_files]
+        urdf_paths = dict.fromkeys(path.resolve() for path in robots)
         transaction.urdf_paths = list(urdf_paths)
+        asked = False if untrusted else xacro
+        transaction.xacro_paths = {path.resolve() for path in (*paths, *robots) if is_requested(path, asked)}
         transaction.follow_imports, transaction.untrusted = follow_imports and not untrusted, untrusted
         if builds_index and new and self._directory and (self._directory.is_new or self.saved_index()):
             from mindstage.knowledge.store_index import IndexBuilder
@@ -736,6 +745,8 @@ class SourceRegistry:
                 )
             return
         readable = [source for source in changed if self._can_be_read(source.path)]
+        if not all(self._can_be_read(path) for path in self._urdf_paths if path.is_file()):
+            readable = [source for source in readable if not source.is_map]  # maps would lose the poses of links
         outdated = (
             self.sources.get(self._bundled)
             if self._bundled and not directory.contains_version_of(bundled_ontology())

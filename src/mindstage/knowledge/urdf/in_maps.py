@@ -7,7 +7,7 @@ link is inferred from the words of its name.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -104,6 +104,10 @@ class UrdfSources:
 
     packages: RosPackagePath
     class_names: ClassNameIndex
+    xacro_paths: Collection[Path] = frozenset()
+    """The files that are expanded if they contain xacro: those that the user has named and asked for."""
+    packages_only: bool = False
+    """Whether meshes are read from packages only, not from other files: for a text that comes from a port."""
     urdf_robots: dict[Path, UrdfRobot] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
     assumptions: list[Assumption] = field(default_factory=list)
@@ -114,9 +118,7 @@ class UrdfSources:
         Raises:
             SourceParseError: it cannot be read or is not a robot description.
         """
-        from mindstage.knowledge.urdf.parse import read_urdf
-
-        self.urdf_robots[path] = read_urdf(path, self.packages)
+        self.urdf_robots[path] = self._read(path)
 
     def urdf_as_map(self, path: Path) -> SourceFile:
         """Converts a robot description to a map.
@@ -125,10 +127,9 @@ class UrdfSources:
             SourceParseError: it cannot be read or is not a robot description.
         """
         from mindstage.knowledge.io.write import MapFormat, write_map
-        from mindstage.knowledge.urdf.parse import read_urdf
         from mindstage.knowledge.urdf.to_world import urdf_to_world
 
-        urdf_world = urdf_to_world(read_urdf(path, self.packages), class_of=self.class_names.class_of_link)
+        urdf_world = urdf_to_world(self._read(path), class_of=self.class_names.class_of_link)
         self._report_issues(path, urdf_world)
         if urdf_world.class_of_link:
             classes = [f"{link} is a {local_name(cls)}" for link, cls in urdf_world.class_of_link.items()]
@@ -173,6 +174,12 @@ class UrdfSources:
                 action = "none of those given has that link; give the one that has with --urdf FILE"
                 self.findings.append(Finding(Severity.WARNING, individual, BASE_LINK_NAME, problem, action))
         return file if data is file.data else replace(file, data=data, format=ox.RdfFormat.TURTLE)
+
+    def _read(self, path: Path) -> UrdfRobot:
+        from mindstage.knowledge.urdf.parse import read_urdf
+
+        is_requested = path in self.xacro_paths
+        return read_urdf(path, self.packages, xacro=is_requested, packages_only=self.packages_only)
 
     def _report_issues(self, path: Path, urdf_world: UrdfWorld) -> None:
         for issue in urdf_world.issues:

@@ -1,18 +1,15 @@
 """Reading of URDF and xacro files to a `UrdfRobot`.
 
 Parsing is safe for untrusted files: document types are refused, so no entity is expanded or fetched, and size and depth
-are limited. Xacro files are expanded by the package `xacro`, if installed, in a separate process with a time and a
-memory limit, as a macro may contain any Python expression. Invalid values are replaced and reported as `UrdfIssue`.
+are limited. Files that contain xacro are refused, unless their expansion is asked for (see `xacro_process`). Invalid
+values are replaced and reported as `UrdfIssue`.
 """
 
 from __future__ import annotations
 
 import re
 import struct
-import subprocess
-import sys
 from collections.abc import Callable, Container, Iterator, Mapping
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 from urllib.parse import unquote, urlsplit
@@ -22,7 +19,7 @@ from xml.parsers import expat
 import numpy as np
 from msgspec.structs import replace
 
-from mindstage.errors import SourceParseError
+from mindstage.errors import SourceParseError, XacroRefusedError
 from mindstage.knowledge.dialects.joints import to_vector
 from mindstage.knowledge.io.ros_packages import RosPackagePath
 from mindstage.knowledge.rdf_mapping import properties as codecs
@@ -40,11 +37,7 @@ from mindstage.knowledge.urdf.model import (
 from mindstage.scene import IDENTITY, Color, Pose, Vector
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_multiply, quat_multiply
 
-__all__ = ["MeshBounds", "expand_xacro", "mesh_bounds", "parse_robot", "parse_xml", "read_urdf"]
-
-
-_TIMEOUT_S = 60.0
-"""Time limit for the expansion of a file; a whole robot takes about one second."""
+__all__ = ["MeshBounds", "mesh_bounds", "parse_robot", "parse_xml", "read_urdf"]
 
 
 _LENGTH_LIMIT = 256 * 1024 * 1024
@@ -63,42 +56,10 @@ _XACRO_NAMESPACE = re.compile(r"https?://[\w.]*ros\.org/(?:\w+/)*xacro/?")
 """Namespaces that files bind to the prefix of xacro's elements; `xacro` itself looks at the prefix only."""
 _XACRO_EXPRESSION = re.compile(r"\$[{(]")
 """The beginning of `${expression}` or `$(substitution)`, or of an escaped one, which xacro unescapes."""
-
-
-def expand_xacro(path: Path, packages: RosPackagePath, *, timeout_s: float = _TIMEOUT_S) -> bytes:
-    """Expands the macros of a xacro file and returns URDF.
-
-    Raises:
-        SourceParseError: xacro is not installed, fails, or exceeds the time limit.
-    """
-    if not _is_installed():
-        cause = "it is written in xacro, which is not installed; try pip install mindstage[xacro]"
-        raise SourceParseError(str(path), cause=cause)
-    # -P keeps modules in the working directory from being imported.
-    command = [sys.executable, "-P", "-m", "mindstage.knowledge.urdf.xacro_worker", str(path)]
-    try:
-        completed = subprocess.run(
-            [*command, *map(str, packages.folders)],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            timeout=timeout_s,
-            check=False,
-        )
-    except subprocess.TimeoutExpired as error:
-        cause = f"xacro did not expand it within {timeout_s:g} s"
-        raise SourceParseError(str(path), cause=cause) from error
-    if completed.returncode:
-        messages = completed.stderr.decode(errors="replace").strip().splitlines()
-        reason = messages[-1] if messages else f"its process exited with {completed.returncode}"
-        raise SourceParseError(str(path), cause=f"xacro cannot expand it: {reason}")
-    return completed.stdout
-
-
-def _is_installed() -> bool:
-    try:
-        return find_spec("xacro") is not None
-    except ValueError:  # sys.modules["xacro"] is None
-        return False
+_ONLY_ON_REQUEST = (
+    "which is expanded only in a file that is named on the command line with --xacro or in Python with xacro=True; "
+    "otherwise expand it first"
+)
 
 
 class MeshBounds(NamedTuple):
@@ -163,20 +124,30 @@ def _vertex_lines(data: bytes, keyword: bytes) -> Array | None:
 _FORMATS = {".obj": _obj_vertices, ".stl": _stl_vertices}
 
 
-def parse_robot(root: Element, path: Path, packages: RosPackagePath, *, measure_meshes: bool = True) -> UrdfRobot:
-    """Parses a `<robot>` element; `measure_meshes` is whether mesh files are read for the sizes of geometries.
+def parse_robot(
+    root: Element,
+    path: Path,
+    packages: RosPackagePath,
+    *,
+    measure_meshes: bool = True,
+    packages_only: bool = False,
+) -> UrdfRobot:
+    """Parses a `<robot>` element; for the arguments see `read_urdf`.
 
     Raises:
         SourceParseError: it has no link.
     """
-    return _UrdfParser(root, path, packages, measure_meshes=measure_meshes).parse()
+    schemes = () if not measure_meshes else ("package:",) if packages_only else ("",)
+    return _UrdfParser(root, path, packages, measured=schemes).parse()
 
 
 class _UrdfParser:
     """Parser of one `<robot>` element."""
 
-    def __init__(self, root: Element, path: Path, packages: RosPackagePath, *, measure_meshes: bool) -> None:
-        self.root, self.path, self.packages, self.measure_meshes = root, path, packages, measure_meshes
+    def __init__(self, root: Element, path: Path, packages: RosPackagePath, *, measured: tuple[str, ...]) -> None:
+        self.root, self.path, self.packages = root, path, packages
+        self.measured = measured
+        """How the names of meshes begin whose files are read."""
         self.issues: list[UrdfIssue] = []
         self.current_name = ""
         named = ((material.get("name", ""), self._color(material)) for material in root.findall("material"))
@@ -248,7 +219,7 @@ class _UrdfParser:
         origin = self._origin(element)
         if geometry_type is UrdfGeometryType.MESH:
             mesh = shape.get("filename") or None
-            box = mesh_bounds(mesh, self.path, self.packages) if mesh and self.measure_meshes else None
+            box = mesh_bounds(mesh, self.path, self.packages) if mesh and mesh.startswith(self.measured) else None
             if mesh is None:
                 self._add_issue("a mesh has no file name", "it is omitted", missing=True)
                 return None
@@ -439,17 +410,28 @@ def _element_text(element: Element) -> str:
     return ElementTree.tostring(element, encoding="unicode").strip()
 
 
-def read_urdf(path: Path, packages: RosPackagePath, *, measure_meshes: bool = True) -> UrdfRobot:
+def read_urdf(
+    path: Path,
+    packages: RosPackagePath,
+    *,
+    xacro: bool = False,
+    measure_meshes: bool = True,
+    packages_only: bool = False,
+) -> UrdfRobot:
     """Reads a robot description.
 
     Args:
         path: a URDF or xacro file.
         packages: where `package://` meshes and files included by xacro are searched.
+        xacro: whether the file is expanded if it contains xacro: only where the user has named it and asked for it,
+            never for a text that comes from a port, nor for a file that another file refers to.
         measure_meshes: whether mesh files are read for the sizes of geometries.
+        packages_only: whether only those in packages are read: for a text that comes from a port.
 
     Raises:
         SourceParseError: the file does not exist, is too long or not well-formed, contains a document type, or needs
             xacro, which is not installed or fails.
+        XacroRefusedError: it contains xacro, which is not asked for.
     """
     try:
         data = path.read_bytes()
@@ -458,15 +440,19 @@ def read_urdf(path: Path, packages: RosPackagePath, *, measure_meshes: bool = Tr
     root = parse_xml(path, data)
     if root.tag != "robot":
         raise SourceParseError(str(path), cause=f"its root element is <{root.tag}>, not <robot>")
-    if _needs_xacro(root):
+    if place := _find_xacro(root):
+        if not xacro:
+            raise XacroRefusedError(str(path), cause=f"{place} is written in xacro, {_ONLY_ON_REQUEST}")
+        from mindstage.knowledge.urdf.xacro_process import expand_xacro
+
         data = expand_xacro(path, packages)
         root = parse_xml(path, data)
-    robot = parse_robot(root, path, packages, measure_meshes=measure_meshes)
+    robot = parse_robot(root, path, packages, measure_meshes=measure_meshes, packages_only=packages_only)
     return replace(robot, source_xml=data.decode("utf-8", "replace"))
 
 
-def _needs_xacro(root: Element) -> bool:
-    """Whether a file must be expanded: whether any of its elements, attributes or texts is written in xacro.
+def _find_xacro(root: Element) -> str | None:
+    """Where a file is written in xacro: in an element, an attribute or a text; None if nowhere.
 
     A declaration of the namespace alone, which expanded files keep, needs no expansion. Texts count only beside such a
     declaration, since the parameters of a simulator's plugins may contain `$` for other reasons.
@@ -479,14 +465,16 @@ def _needs_xacro(root: Element) -> bool:
                 declares_namespace = True
                 prefixes.add(name.removeprefix("xmlns:"))
     for element in root.iter():
-        if any(name.partition(":")[0] in prefixes for name in (element.tag, *element.attrib) if ":" in name):
-            return True
-        if any(map(_XACRO_EXPRESSION.search, element.attrib.values())):
-            return True
+        for name in (element.tag, *element.attrib):
+            if ":" in name and name.partition(":")[0] in prefixes:
+                return f"<{element.tag}>" if name == element.tag else f"the attribute {name} of <{element.tag}>"
+        for name, value in element.attrib.items():
+            if _XACRO_EXPRESSION.search(value):
+                return f"the attribute {name} of <{element.tag}>"
         texts = (element.text, element.tail) if declares_namespace else ()
         if any(_XACRO_EXPRESSION.search(text) for text in texts if text):
-            return True
-    return False
+            return f"a text in or after <{element.tag}>"
+    return None
 
 
 def parse_xml(path: Path, data: bytes) -> ElementTree.Element:

@@ -16,6 +16,7 @@ from mindstage.knowledge.io.ros_packages import RosPackagePath
 from mindstage.knowledge.io.xml import first_tag
 from mindstage.knowledge.urdf.model import UrdfInertial, UrdfJoint, UrdfJointType, UrdfRobot
 from mindstage.knowledge.urdf.parse import read_urdf
+from mindstage.knowledge.urdf.xacro_process import is_requested
 from mindstage.robots.model import (
     BaseType,
     ModelNote,
@@ -59,6 +60,7 @@ def load_model(
     name: str | None = None,
     srdf: Path | None = None,
     folders: Iterable[Path] = (),
+    xacro: bool | None = None,
     cache: Path | None = None,
 ) -> RobotModel:
     """Reads a robot description.
@@ -68,6 +70,8 @@ def load_model(
         name: the name of the robot; by default that in the description.
         srdf: its SRDF; by default one of the same name beside the description, or in a folder `srdf` near it.
         folders: where `package://` meshes are searched.
+        xacro: whether the description is expanded if it contains xacro; by default if its name ends in `.xacro`. Give
+            False for a source that the user has not chosen.
         cache: directory for imported meshes; by default in the user's cache.
 
     Raises:
@@ -78,7 +82,10 @@ def load_model(
     found = ModelSource(path=source) if isinstance(source, Path) else find_model(source, folders=folders)
     path, name = found.path, name or found.name
     is_mjcf = _is_mjcf(path)
-    description = _from_mjcf(path, found.mimics) if is_mjcf else _from_urdf(path, found, folders, cache)
+    if is_mjcf:
+        description = _from_mjcf(path, found.mimics)
+    else:
+        description = _from_urdf(path, found, folders, cache, xacro=is_requested(path, xacro))
     stated = srdf or found.srdf
     used = stated or _srdf_beside(path)
     if used is not None and stated is None:
@@ -125,10 +132,12 @@ def _from_mjcf(path: Path, mimics: Iterable[tuple[str, str]]) -> _Description:
     )
 
 
-def _from_urdf(path: Path, source: ModelSource, folders: Sequence[Path], cache: Path | None) -> _Description:
+def _from_urdf(
+    path: Path, source: ModelSource, folders: Sequence[Path], cache: Path | None, *, xacro: bool
+) -> _Description:
     packages = RosPackagePath((*folders, *_package_folders(path)))
     try:
-        urdf = read_urdf(path, packages, measure_meshes=False)
+        urdf = read_urdf(path, packages, xacro=xacro, measure_meshes=False)
     except SourceParseError as error:
         remedy = "give a URDF, xacro or MJCF file"
         raise RobotModelError(error.place, cause=error.cause, remedy=remedy) from error
@@ -199,7 +208,7 @@ def _fixed(joint: RobotJoint) -> RobotJoint:
 def _package_folders(path: Path) -> list[Path]:
     """Folders above a description that are, or contain, packages that it refers to: at most five levels up.
 
-    Others are not searched, since a folder such as the root may have any number of files.
+    A package is a folder with a `package.xml`, so that no description makes any other folder readable by its name.
     """
     try:
         text = path.read_text(encoding="utf-8", errors="replace")
@@ -208,10 +217,10 @@ def _package_folders(path: Path) -> list[Path]:
     names = {first or second for first, second in _PACKAGE_NAME.findall(text)}
     found = []
     for folder in list(path.resolve().parents)[:5]:
-        if folder.name in names or any((folder / name).is_dir() for name in names):
-            found.append(folder)
-        elif (folder / "package.xml").is_file():
+        if (folder / "package.xml").is_file():
             found += [folder, folder.parent]
+        elif any((folder / name / "package.xml").is_file() for name in names):
+            found.append(folder)
     return found
 
 
