@@ -80,7 +80,7 @@ Output = Annotated[
         show_default=False,
     ),
 ]
-Speed = Annotated[float, typer.Option("--speed", metavar="FACTOR", min=0.01, max=20.0, help="Speed of the replay.")]
+Speed = Annotated[float, typer.Option("--speed", metavar="FACTOR", min=0.01, max=1000.0, help="Speed of the replay.")]
 Paused = Annotated[bool, typer.Option("--paused", help="Start paused.")]
 OpenBrowser = Annotated[
     bool | None,
