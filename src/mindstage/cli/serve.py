@@ -9,7 +9,7 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -208,8 +208,10 @@ def serve(
         node = resources.enter_context(_connect(connect, token, tls_authorities, refused) if connect else LocalNode())
         spawned = _spawn_map(simulation, world, assets=None if plain_boxes else assets, as_json=as_json)
         spawned |= _add_robots(simulation, added_robots or (), xacro=reading.expands_xacro, as_json=as_json)
-        offered: Any = {"namespace": namespace, "ros": RosVersion.ONE if ros1 else RosVersion.TWO, "folder": worlds}
-        interface = RosInterface(simulation, node, **offered, episodes=episodes, on_quit=quitting.set)
+        ros = RosVersion.ONE if ros1 else RosVersion.TWO
+        interface = RosInterface(
+            simulation, node, namespace=namespace, ros=ros, folder=worlds, episodes=episodes, on_quit=quitting.set
+        )
         resources.callback(interface.close)
         url = _start_server(resources, node, port, access) if isinstance(node, LocalNode) else str(connect)
         output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name, **spawned}
