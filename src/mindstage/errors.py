@@ -56,7 +56,9 @@
     │   ├── CommandRefusedError         a command that is beyond a limit, or that the robot cannot execute
     │   └── SkillFailedError            a skill of a robot failed, with what to try
     ├── SimulationError                 failure of the simulation thread (exit code 2)
-    │   └── SimulationTimeoutError      a call into the simulation thread did not finish in time
+    │   ├── SimulationTimeoutError      a call into the simulation thread did not finish in time
+    │   ├── SimulationFaultError        a controller, an observer or the engine raised; the simulation was paused
+    │   └── SimulationThreadError       the simulation thread has ended
     ├── BridgeError                     failure of a bridge, its peer or the connection (exit code 2)
     │   ├── BridgeUnavailableError      the server cannot listen at that address
     │   ├── AuthenticationError         missing or invalid token
@@ -165,6 +167,8 @@ __all__ = [
     "ShapeNotFoundError",
     "SimulationDivergedError",
     "SimulationError",
+    "SimulationFaultError",
+    "SimulationThreadError",
     "SimulationTimeoutError",
     "SkillFailedError",
     "SourceParseError",
@@ -970,16 +974,54 @@ class SimulationTimeoutError(SimulationError):
     """
 
     code = "StageTimedOut"
-    template = "{call} did not finish within {timeout_s:g} s{outcome}; the simulation may be busy or stopped"
+    template = "{call} did not finish within {timeout_s:g} s{outcome}; the simulation {activity}"
     call: str
     _: KW_ONLY
     timeout_s: float
     begun: bool = False
+    busy_with: str = ""
+    """What the thread is doing, such as the controller that does not return; empty if that is not known."""
+    expected_rebuild_s: float = 0.0
+    """How long the engine is expected to rebuild its model before it can continue [s]; 0 if no rebuild is due."""
 
     @property
     def outcome(self) -> str:
         """What happens to the call, for the message."""
         return ", but it has begun: it is not interrupted, and its end is reported" if self.begun else ""
+
+    @property
+    def activity(self) -> str:
+        """What the simulation is doing, for the message."""
+        rebuild = f" (a rebuild of its model takes about {self.expected_rebuild_s:.2g} s)"
+        busy = f"is busy with {self.busy_with}" if self.busy_with else "may be busy or stopped"
+        return f"{busy}{rebuild if self.expected_rebuild_s else ''}"
+
+
+@dataclass(eq=False, repr=False)
+class SimulationFaultError(SimulationError):
+    """A controller, an observer or the engine raised an exception, which is the cause of this one.
+
+    The simulation was paused. Where that happened while it played, the next call from Python raises this error once,
+    and executes nothing; after that the simulation can be used again.
+    """
+
+    code = "StageFault"
+    template = "{source} raised {cause}; {remedy}"
+    source: str
+    """What raised, such as "the controller 'arm'"."""
+    _: KW_ONLY
+    cause: str
+    remedy: str
+    """What was done about it: a controller or an observer that raised was removed."""
+
+
+@dataclass(eq=False, repr=False)
+class SimulationThreadError(SimulationError):
+    """The thread that owns the engine has ended, so that no call can be executed anymore."""
+
+    code = "StageEnded"
+    template = "{call} was not executed: the thread of the simulation has ended; make a new simulation"
+    call: str
 
 
 # -- bridge ------------------------------------------------------------------------------------------------------------

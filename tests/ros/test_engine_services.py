@@ -212,7 +212,7 @@ def test_world_errors_survive_a_round_trip(engine: Call) -> None:
         ("spawn_world", {"world": '{"format_version": 99}'}, "this version of Mindstage reads 1"),
         ("set_physics", {"id": "Mug", "physics": '{"mass": 1}'}, "mass"),
         ("set_materials", {"id": "Mug", "materials": "{}"}, "expected array"),
-        ("step", {"duration_s": -1.0}, "it is negative"),
+        ("step", {"duration_s": -1.0}, "it must be a number from 0 to 3600 s"),
     ],
 )
 def test_invalid_parts_of_a_world_fail_the_call(engine: Call, service: str, args: Any, text: str) -> None:

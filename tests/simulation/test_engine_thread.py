@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
@@ -11,7 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.errors import SimulationTimeoutError
+from mindstage.engines.base import RebuildTime
+from mindstage.errors import SimulationThreadError, SimulationTimeoutError
 from mindstage.simulation.engine_thread import EditHold, EngineThread
 
 TIMEOUT_S = 20.0
@@ -23,7 +25,12 @@ class Blocked:
 
     def __init__(self) -> None:
         self.late: SimpleQueue[tuple[str, BaseException | None]] = SimpleQueue()
-        self.thread = EngineThread(lambda: None, on_late_end=lambda label, error: self.late.put((label, error)))
+        self.rebuild: RebuildTime | None = None
+        self.thread = EngineThread(
+            lambda: None,
+            on_late_end=lambda label, error: self.late.put((label, error)),
+            last_rebuild=lambda: self.rebuild,
+        )
         self.begun, self.may_end = threading.Event(), threading.Event()
         self.pool = ThreadPoolExecutor(8)
 
@@ -97,9 +104,10 @@ def test_no_call_times_out_during_a_rebuild(blocked: Blocked) -> None:
     begun, may_end = threading.Event(), threading.Event()
 
     def rebuild() -> str:
-        blocked.thread.allow_rebuild()
+        blocked.rebuild = RebuildTime(began_s=time.monotonic())
         begun.set()
         assert may_end.wait(TIMEOUT_S)
+        blocked.rebuild = RebuildTime(began_s=blocked.rebuild.began_s, ended_s=time.monotonic())
         return "rebuilt"
 
     first = blocked.pool.submit(blocked.thread.run, rebuild, label="rebuild", timeout_s=SHORT_S)
@@ -124,9 +132,81 @@ def test_a_timeout_error_of_the_function_itself_reaches_the_caller(blocked: Bloc
 
 def test_a_stopped_thread_refuses_calls(blocked: Blocked) -> None:
     blocked.thread.stop()
-    with pytest.raises(SimulationTimeoutError) as raised:
+    with pytest.raises(SimulationThreadError, match="late was not executed"):
         blocked.thread.run(lambda: None, label="late", timeout_s=TIMEOUT_S)
-    assert not raised.value.begun
+
+
+def test_calls_that_wait_when_the_thread_is_stopped_are_not_left_waiting(blocked: Blocked) -> None:
+    first = blocked.pool.submit(blocked.block)
+    assert blocked.begun.wait(TIMEOUT_S)
+    blocked.thread.stop(timeout_s=0.0)
+    with pytest.raises(SimulationThreadError):
+        blocked.thread.run(lambda: None, label="waits", timeout_s=TIMEOUT_S)
+    blocked.may_end.set()
+    first.result(TIMEOUT_S)
+
+
+@pytest.mark.parametrize("error", [ValueError("wrong"), SystemExit(), KeyboardInterrupt()], ids=repr)
+def test_a_tick_that_raises_is_reported_and_calls_go_on(error: BaseException) -> None:
+    reported: SimpleQueue[BaseException] = SimpleQueue()
+    is_due = threading.Event()
+
+    def tick() -> float:
+        if is_due.is_set():
+            is_due.clear()
+            raise error
+        return 0.01
+
+    thread = EngineThread(tick, on_fault=reported.put)
+    is_due.set()
+    thread.run(lambda: None, label="first", timeout_s=TIMEOUT_S)
+    assert reported.get(timeout=TIMEOUT_S) is error
+    assert thread.run(lambda: "done", label="after", timeout_s=TIMEOUT_S) == "done"
+    thread.stop()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_thread_that_ends_although_it_should_not_is_noticed_at_once() -> None:
+    """The report of an error raises itself."""
+
+    def fail(error: BaseException | None = None) -> float:
+        raise SystemExit
+
+    thread = EngineThread(fail, on_fault=fail)
+    start_s = time.monotonic()
+
+    def call_repeatedly() -> None:
+        for _ in range(1000):
+            thread.run(lambda: None, label="call", timeout_s=TIMEOUT_S)
+            time.sleep(0.005)
+
+    with pytest.raises(SimulationThreadError):
+        call_repeatedly()
+    assert time.monotonic() - start_s < TIMEOUT_S / 2
+
+
+def test_calls_and_ticks_take_turns_when_both_are_always_due() -> None:
+    ticks, calls = SimpleQueue[int](), SimpleQueue[int]()
+
+    def tick() -> float:
+        time.sleep(0.01)
+        ticks.put(1)
+        return 0.0
+
+    thread = EngineThread(tick)
+
+    def call() -> None:
+        for _ in range(20):
+            thread.run(lambda: calls.put(1), label="call", timeout_s=TIMEOUT_S)
+
+    callers = [threading.Thread(target=call) for _ in range(4)]
+    for each in callers:
+        each.start()
+    for each in callers:
+        each.join(TIMEOUT_S)
+    assert calls.qsize() == 80
+    assert not ticks.empty()
+    thread.stop()
 
 
 class Clock:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mindstage.engines import MujocoEngine, NullEngine, PoseArray
-from mindstage.errors import BodyNotFoundError, SimulationError, SimulationTimeoutError
+from mindstage.errors import BodyNotFoundError, InvalidArgumentError, SimulationError, SimulationTimeoutError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, Pose, diff
 from mindstage.simulation import Simulation
@@ -99,7 +99,7 @@ def test_a_playing_simulation_keeps_real_time_and_a_paused_one_stops(sim: Simula
 def test_playing_faster_passes_more_time(sim: Simulation) -> None:
     sim.play(speed=5.0)
     wait_until(lambda: sim.state.time_s > 2.0)
-    with pytest.raises(ValueError, match="above 0"):
+    with pytest.raises(InvalidArgumentError, match="above 0"):
         sim.play(speed=0.0)
 
 

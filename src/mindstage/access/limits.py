@@ -55,7 +55,7 @@ class Limit(msgspec.Struct, frozen=True, kw_only=True):
         Raises:
             InvalidArgumentError: it is not a number, not finite, or out of the range.
         """
-        if not (math.isfinite(value) and self.minimum <= value <= self.maximum):
+        if not (self.minimum <= value <= self.maximum and math.isfinite(value)):
             unit = f" {self.unit}" if self.unit else ""
             cause = f"it must be a number from {self.minimum:g} to {self.maximum:g}{unit}"
             raise InvalidArgumentError(f"{self.name} {value}", cause=cause)
@@ -77,6 +77,45 @@ SPEED = _limit(
     "speed",
     1000.0,
     "a multiple of real time that no engine reaches; larger numbers could only overflow",
+)
+CONTROLLER_PERIOD = _limit(
+    "controller period",
+    3600.0,
+    "each update is a call of Python between two time steps; more than ten for a time step have no effect",
+    minimum=1e-4,
+    unit="s",
+)
+OBSERVER_INTERVAL = _limit(
+    "observer interval",
+    3600.0,
+    "each state that an observer gets costs a reading of all poses; a thousand for each second is a frame of a time "
+    "step or two",
+    minimum=1e-3,
+    unit="s",
+)
+CALL_TIMEOUT = _limit(
+    "timeout",
+    86400.0,
+    "how long a call of the simulation waits; a whole day is longer than any, and clocks overflow at far more",
+    unit="s",
+)
+MARKER_LIFETIME = _limit(
+    "lifetime of a marker",
+    86400.0 * 366,
+    "a year; a marker without a lifetime stays until it is removed",
+    unit="s",
+)
+MOTION_TIMEOUT = _limit(
+    "timeout of a motion",
+    3600.0,
+    "simulated time for which a joint is pulled if it does not arrive",
+    unit="s",
+)
+PUBLISH_RATE = _limit(
+    "publish rate",
+    1000.0,
+    "messages of a topic for each second of real time; 0 disables it, and more than this takes all of a core",
+    unit="Hz",
 )
 STEP_DURATION = _limit(
     "step duration",

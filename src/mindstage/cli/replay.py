@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mindstage.access.limits import SPEED
 from mindstage.cli.options import (
     DEFAULT_READING,
     AsJson,
@@ -80,7 +81,9 @@ Output = Annotated[
         show_default=False,
     ),
 ]
-Speed = Annotated[float, typer.Option("--speed", metavar="FACTOR", min=0.01, max=20.0, help="Speed of the replay.")]
+Speed = Annotated[
+    float, typer.Option("--speed", metavar="FACTOR", min=0.01, max=SPEED.maximum, help="Speed of the replay.")
+]
 Paused = Annotated[bool, typer.Option("--paused", help="Start paused.")]
 OpenBrowser = Annotated[
     bool | None,

@@ -33,8 +33,10 @@ __all__ = [
     "DynamicsScale",
     "Engine",
     "EngineStats",
+    "InterruptibleEngine",
     "MovedBody",
     "PoseArray",
+    "RebuildTime",
     "RebuildingEngine",
     "SavedState",
     "SpawnFailure",
@@ -515,3 +517,34 @@ class RebuildingEngine(Protocol):
     @property
     def rebuild_pending(self) -> bool:
         """Whether the next step rebuilds the model."""
+
+    @property
+    def expected_rebuild_s(self) -> float:
+        """How long the pending rebuild is expected to take [s], from the time that the last one took; 0 without one."""
+
+    @property
+    def last_rebuild(self) -> RebuildTime | None:
+        """When the last rebuild began and ended; may be read from any thread."""
+
+    def rebuild(self) -> None:
+        """Rebuilds the model now, if that is pending, so that the next step does not have to."""
+
+
+class RebuildTime(msgspec.Struct, frozen=True, kw_only=True):
+    """When a rebuild of a model began and ended, by `time.monotonic`."""
+
+    began_s: float
+    ended_s: float | None = None
+    """None while it is running."""
+
+
+@runtime_checkable
+class InterruptibleEngine(Protocol):
+    """An engine whose steps can be divided by wall time, so that the thread that steps it can do something else."""
+
+    def step_for(self, duration_s: float, *, wall_s: float) -> float:
+        """Like `Engine.step`, but stops after a wall time [s], though not before one time step.
+
+        Returns:
+            The simulated time that is left [s]; forces act until that was stepped, too.
+        """

@@ -43,7 +43,7 @@ from mindstage.errors import EpisodeError, EpisodeFileError, InvalidArgumentErro
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.io.write import write_map
 from mindstage.scene import BodyGeometry, BodyId, GeometryMap, Mobility, World
-from mindstage.simulation.observation import SKILL_EDIT
+from mindstage.simulation.observation import SKILL_EDIT, as_client
 
 __all__ = ["EpisodeHeader", "RecordedSimulation", "RecordedState", "Recorder", "RecordingFolder", "write_episode"]
 
@@ -323,7 +323,8 @@ class Recorder:
         return f"<{type(self).__name__} {self.path}: {state}, {self._frames:,} frames>"
 
     def _publish_now(self) -> None:
-        self._simulation.run_on_engine(lambda _: None, label="record")
+        with as_client("recorder"):  # an error of the simulation is for its other callers
+            self._simulation.run_on_engine(lambda _: None, label="record")
 
     # -- in the engine thread ------------------------------------------------------------------------------------------
 

@@ -26,7 +26,6 @@ from mindstage.engines.base import (
     Engine,
     EngineStats,
     PoseArray,
-    RebuildingEngine,
     SavedState,
     SpawnNote,
     SpawnOptions,
@@ -494,8 +493,7 @@ class EpisodeReplay(Simulation):
 
     def _set_engine(self, engine: Engine) -> None:
         """Continues with another engine, whose state is the start; the one before is not closed."""
-        self._engine = engine
-        self._rebuilding_engine = engine if isinstance(engine, RebuildingEngine) else None
+        self._use_engine(engine)
         self._perturbations.clear()
         self._error, self._initial_state_is_due = "", True
         self._save_initial_state()

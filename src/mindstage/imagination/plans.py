@@ -11,6 +11,7 @@ from typing import Annotated, Literal, TypeAlias
 import msgspec
 from msgspec import Meta
 
+from mindstage.access.limits import STEP_DURATION
 from mindstage.scene import Mobility, Pose, Vector
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
 ]
 
 Positive: TypeAlias = Annotated[float, Meta(gt=0)]
+Duration: TypeAlias = Annotated[float, Meta(gt=0, le=STEP_DURATION.maximum)]
 NonNegative: TypeAlias = Annotated[float, Meta(ge=0)]
 
 
@@ -81,7 +83,7 @@ class Push(_Step, frozen=True, kw_only=True, tag="push"):
     """In the world frame [N]."""
     point: Vector | None = None
     """Where it acts, in the frame of the body [m]; None for the center of mass."""
-    duration_s: Positive = 0.5
+    duration_s: Duration = 0.5
 
 
 class Open(_Step, frozen=True, kw_only=True, tag="open"):
@@ -101,7 +103,7 @@ class Close(_Step, frozen=True, kw_only=True, tag="close"):
 class Wait(_Step, frozen=True, kw_only=True, tag="wait"):
     """Lets time pass."""
 
-    duration_s: Positive
+    duration_s: Duration
 
 
 class Attach(_Step, frozen=True, kw_only=True, tag="attach"):

@@ -177,6 +177,7 @@ def health_status(
         "bodies": str(len(snapshot.ids)),
         "speed": f"{snapshot.speed:g}",
         "real_time_factor": f"{snapshot.real_time_factor:.3f}",
+        "expected_rebuild_s": f"{snapshot.expected_rebuild_s:.3f}",
         "answered_in_s": "" if response_time_s is None else f"{response_time_s:.6f}",
     }
     status = _status(level, f"engine {simulation.engine_name}", text, "", values)

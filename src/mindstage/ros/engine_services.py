@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from mindstage.access.limits import CHECKPOINTS
+from mindstage.access.limits import CHECKPOINTS, SPEED, STEP_DURATION
 from mindstage.access.policies import EDIT, FILE, GOAL, READ, RUN, SPAWN, Policy
 from mindstage.bridge.conversions import (
     FORMAT_VERSION,
@@ -49,6 +49,8 @@ __all__ = ["CheckpointServices", "EngineServices", "RecordingServices", "spawn_r
 _RECORDING_RATE_HZ = 30.0
 _STEP_CHUNK_S = 0.1
 """Length of the steps into which a goal is divided, so that other calls run in between [s]."""
+_SLICE_WALL_S = 0.02
+"""Wall time after which a step is interrupted, so that other calls are executed [s]."""
 _REMOTE_CAPABILITIES = frozenset({Capability.JOINTS, Capability.SAVE, Capability.ACTUATORS})
 """Capabilities of the engine that clients can use."""
 
@@ -288,17 +290,23 @@ class EngineServices:
 
     def step(self, request: wire.Step.Request) -> wire.Step.Response:
         """Advances the simulation in one step, in which the given forces act throughout."""
-        duration_s = _valid_duration(request.duration_s)
+        left_s = STEP_DURATION.check(request.duration_s)
         forces = [(BodyId(each.id), vector_from_message(each.force), _force_point(each)) for each in request.forces]
 
-        def step(engine: Engine) -> None:
-            for id, force, point in forces:
-                engine.apply_force(id, force, point)
-            engine.step(duration_s)
+        def step(engine: Engine) -> float:
+            while forces:
+                engine.apply_force(*forces.pop())
+            step_for = getattr(engine, "step_for", None)  # `engine` may stand for another one
+            if step_for is not None:
+                return float(step_for(left_s, wall_s=_SLICE_WALL_S))
+            engine.step(left_s)
+            return 0.0
 
-        self._simulation.run_on_engine(
-            step, label="step", timeout_s=self._simulation.timeout_s * (1.0 + 6.0 * duration_s)
-        )
+        timeout_s = self._simulation.timeout_s * (1.0 + 6.0 * left_s)
+        is_first = True
+        while is_first or left_s > 0.0:
+            left_s = self._simulation.run_on_engine(step, label="step", timeout_s=timeout_s)
+            is_first = False
         snapshot = self._simulation.state
         response = wire.Step.Response(success=True, time_s=snapshot.time_s)
         return msgspec.structs.replace(response, **self._pose_bytes(snapshot)) if request.packed else response
@@ -307,9 +315,7 @@ class EngineServices:
         """Sets the real-time factor, or pauses the simulation."""
         snapshot = self._simulation.state
         before = snapshot.speed if snapshot.playing else 0.0
-        if request.speed < 0.0:
-            raise MessageValidationError("a speed", path="speed", cause=f"it is negative ({request.speed:g})")
-        if request.speed:
+        if SPEED.check(request.speed):
             self._simulation.play(speed=request.speed)
             self._simulation.ping()  # so that the snapshot has the new speed before the response
         else:
@@ -409,7 +415,7 @@ class EngineServices:
 
     def simulate(self, goal: wire.Simulate.Goal, context: GoalContext) -> wire.Simulate.Result:
         """Advances the simulation, with feedback."""
-        duration_s = _valid_duration(goal.duration_s)
+        duration_s = STEP_DURATION.check(goal.duration_s)
         elapsed_s = 0.0
 
         def feedback() -> wire.Simulate.Feedback:
@@ -468,9 +474,3 @@ def _joint_message(id: str, numbers: tuple[float, ...]) -> wire.JointPosition:
 
 def _force_point(request: wire.Push.Request | wire.Force) -> Vector | None:
     return point_from_message(request.point) if request.at_point else None
-
-
-def _valid_duration(duration_s: float) -> float:
-    if duration_s < 0.0:
-        raise MessageValidationError("a step", path="duration_s", cause=f"it is negative ({duration_s:g} s)")
-    return duration_s

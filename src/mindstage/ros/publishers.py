@@ -18,6 +18,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from mindstage.access.limits import PUBLISH_RATE
 from mindstage.bridge import Node
 from mindstage.bridge.conversions import color_from_message, color_message
 from mindstage.engines import Capability, PoseArray
@@ -39,6 +40,7 @@ from mindstage.ros.frames import ROOT_FRAME, FrameTransforms
 from mindstage.ros.state import StateReader
 from mindstage.scene import AxisMotion, Body, BodyId, Color, Joint, PrimitiveType
 from mindstage.simulation import Simulation, StateSnapshot
+from mindstage.simulation.observation import as_client
 
 __all__ = [
     "HighlightSubscriber",
@@ -270,11 +272,13 @@ class StatePublisher:
             (rates.robots, publish_robots),
             (rates.markers, self._publish_markers),
         )
+        for rate in msgspec.structs.astuple(rates):
+            PUBLISH_RATE.check(rate)
         self._tasks = [_PeriodicTask(1.0 / rate, publish) for rate, publish in topics if rate > 0.0]
         self._tick_interval_s = 1.0 / rates.health if rates.health > 0.0 else None
         self._closing = threading.Event()
         self._threads = [
-            threading.Thread(target=run, name=f"mindstage-ros-{name}", daemon=True)
+            threading.Thread(target=partial(_run_as_ros, run), name=f"mindstage-ros-{name}", daemon=True)
             for name, run in (("topics", self._run), ("health", self._health_loop))
         ]
         for thread in self._threads:
@@ -389,6 +393,11 @@ class StatePublisher:
             ping_error = error
         self._last_error = self._simulation.engine_error
         self._health.publish(health_status(self._simulation, response_time_s=response_time_s, error=ping_error))
+
+
+def _run_as_ros(run: Callable[[], None]) -> None:
+    with as_client("ROS"):
+        run()
 
 
 def _is_unchanged(snapshot: StateSnapshot, before: StateSnapshot | None) -> bool:

@@ -41,6 +41,7 @@ from mindstage.scene import (
 from mindstage.scene.kinematics import axis_ranges
 from mindstage.scene.transforms import Array, pose_from_array
 from mindstage.simulation import Simulation
+from mindstage.simulation.observation import as_client
 
 if TYPE_CHECKING:  # it is loaded with the first robot
     from mindstage.robots.robot import Robot
@@ -165,7 +166,8 @@ class DescriptionPublisher:
     def _run(self) -> None:
         while not self._closing.wait(_INTERVAL_S):
             try:
-                self._publish_changes()
+                with as_client("ROS"):
+                    self._publish_changes()
             except MindstageError as error:
                 _log.debug("robot_description was not published: %s", error)  # the health has the error
             except Exception:

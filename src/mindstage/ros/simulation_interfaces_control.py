@@ -20,7 +20,7 @@ from contextlib import contextmanager
 
 from msgspec.structs import replace
 
-from mindstage.access.limits import FEEDBACK_STEPS, STEPS_TIME
+from mindstage.access.limits import FEEDBACK_STEPS, STEP_DURATION, STEPS_TIME
 from mindstage.access.policies import EDIT, FILE, GOAL, READ, RUN
 from mindstage.errors import KnowledgeError, MindstageError, SimulationTimeoutError
 from mindstage.knowledge.rdf import local_name
@@ -245,6 +245,7 @@ class SimulationControlServices:
     def step(self, request: wire.StepSimulation.Request) -> wire.StepSimulation.Response:
         """Advances a simulation that is not playing by a number of steps."""
         end_s = time.monotonic() + STEPS_TIME.maximum
+        STEP_DURATION.check(request.steps * self._step_s)
         with self._exclusive():
             for count in _step_chunks(request.steps, self._step_s):
                 if time.monotonic() > end_s:
@@ -268,6 +269,7 @@ class SimulationControlServices:
     def simulate_steps(self, goal: wire.SimulateSteps.Goal, context: GoalContext) -> wire.SimulateSteps.Result:
         """Advances the simulation by a number of steps, with feedback."""
         done = 0
+        STEP_DURATION.check(goal.steps * self._step_s)
 
         def feedback() -> wire.SimulateSteps.Feedback:
             return wire.SimulateSteps.Feedback(completed_steps=done, remaining_steps=goal.steps - done)

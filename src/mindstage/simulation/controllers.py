@@ -6,17 +6,19 @@ are copied with it. While none is active, stepping costs the same as without con
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from traceback import format_exception_only
 from typing import Protocol, TypeVar
 
+from mindstage.access.limits import CONTROLLER_PERIOD
 from mindstage.engines.base import Engine
-from mindstage.errors import RobotNotFoundError
+from mindstage.errors import EngineError, RobotNotFoundError, SimulationFaultError
 
-__all__ = ["Controller", "ControllerSchedule", "find_robot"]
+__all__ = ["EARLY_S", "Controller", "ControllerSchedule", "fault_error", "find_robot"]
 
 R = TypeVar("R")
 
-_EARLY_S = 1e-9
+EARLY_S = 1e-9
 """A time that is so little before that of an update counts as equal [s]."""
 
 
@@ -48,18 +50,35 @@ class Controller(Protocol):
 class ControllerSchedule:
     """The controllers of a simulation by name, and when each is updated next; used in the engine thread."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, caught: type[BaseException] = Exception) -> None:
+        """Creates an empty schedule.
+
+        Args:
+            caught: what is caught of what controllers raise; all, in a thread that has to go on.
+        """
+        self.caught = caught
         self._controllers: Mapping[str, Controller] = {}
         self._waits_s: dict[str, float] = {}
         """The simulated time until the next update of each active controller [s]."""
+        self._called = ""
 
     @property
     def controllers(self) -> Mapping[str, Controller]:
         """The controllers by name."""
         return self._controllers
 
+    @property
+    def called(self) -> str:
+        """The name of the controller that is being called now, which has not returned; may be read from any thread."""
+        return self._called
+
     def add(self, name: str, controller: Controller) -> None:
-        """Adds a controller, replacing that of the same name."""
+        """Adds a controller, replacing that of the same name.
+
+        Raises:
+            InvalidArgumentError: its period is out of range.
+        """
+        CONTROLLER_PERIOD.check(controller.period_s)
         self._controllers = {**self._controllers, name: controller}
         self._waits_s.pop(name, None)
 
@@ -69,32 +88,51 @@ class ControllerSchedule:
             self._controllers = {key: value for key, value in self._controllers.items() if key != name}
             self._waits_s.pop(name, None)
 
-    def parts(self, engine: Engine, duration_s: float) -> Iterator[float]:
-        """Updates the controllers that are due, and yields the times by which the caller has to step the engine [s]."""
-        left_s = duration_s
-        while left_s > 0.0:
-            active = [(name, each) for name, each in self._controllers.items() if each.is_active]
-            if not active:
-                self._waits_s.clear()
-                yield left_s
-                return
-            waits_s = {name: self._waits_s.get(name, 0.0) for name, _ in active}
-            for name, controller in active:
-                if waits_s[name] <= _EARLY_S:
+    def update(self, engine: Engine, duration_s: float) -> float:
+        """Updates the controllers that are due.
+
+        Returns:
+            The time by which the engine is to be stepped now [s], at most a duration; `elapse` has to follow.
+
+        Raises:
+            SimulationFaultError: a controller raised an exception; it was removed.
+        """
+        for name, controller in self._controllers.items():
+            self._called = name
+            try:
+                if not controller.is_active:
+                    self._waits_s.pop(name, None)
+                    continue
+                wait_s = self._waits_s.get(name, 0.0)
+                if wait_s <= EARLY_S:
                     controller.update(engine, engine.time_s)
-                    waits_s[name] += controller.period_s
-            part_s = min(left_s, *waits_s.values())
-            yield part_s
-            self._waits_s = {name: wait_s - part_s for name, wait_s in waits_s.items()}
-            left_s -= part_s
-            if left_s < _EARLY_S:
-                return
+                    wait_s += CONTROLLER_PERIOD.check(controller.period_s)
+            except EngineError:
+                raise
+            except self.caught as error:
+                self.remove(name, controller)
+                remedy = "it was removed; add it again when it is repaired"
+                raise fault_error(f"the controller {name!r}", error, remedy=remedy) from error
+            finally:
+                self._called = ""
+            if self._controllers.get(name) is controller:  # it has not removed itself
+                self._waits_s[name] = wait_s
+        return min((duration_s, *self._waits_s.values()))
+
+    def elapse(self, duration_s: float) -> None:
+        """Counts the time by which the engine was stepped [s]."""
+        for name in self._waits_s:
+            self._waits_s[name] -= duration_s
 
     def reset(self, engine: Engine) -> None:
         """Resets all controllers."""
         self._waits_s.clear()
-        for controller in self._controllers.values():
-            controller.reset(engine)
+        for name, controller in self._controllers.items():
+            self._called = name
+            try:
+                controller.reset(engine)
+            finally:
+                self._called = ""
 
     def copy(self) -> ControllerSchedule:
         """An independent schedule with copies of the controllers."""
@@ -102,6 +140,12 @@ class ControllerSchedule:
         copied._controllers = {name: each.copy() for name, each in self._controllers.items()}
         copied._waits_s = dict(self._waits_s)
         return copied
+
+
+def fault_error(source: str, error: BaseException, *, remedy: str) -> SimulationFaultError:
+    """The error of something that raised an exception in the engine thread."""
+    cause = format_exception_only(error)[-1].strip()  # unlike `str`, it does not raise what the exception raises
+    return SimulationFaultError(source, cause=cause, remedy=remedy)
 
 
 def find_robot(robots: Mapping[str, R], name: str) -> R:

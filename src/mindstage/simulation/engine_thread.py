@@ -1,8 +1,9 @@
 """The thread that owns an engine, and the clock that paces it in real time.
 
 Calls from any thread are queued and executed between two ticks, so that an engine is used by one thread only. Each call
-has a timeout, which is extended while other calls end. A call that has not begun by then is withdrawn and never
-executed; one that has begun is not interrupted, and its end is reported.
+has a timeout, which is extended while other calls end and while the engine rebuilds its model. A call that has not
+begun by then is withdrawn and never executed; one that has begun is not interrupted, and its end is reported. Nothing
+that a tick or a call raises ends the thread; if it has ended all the same, calls raise at once.
 
 `EditHold` delays the ticks while edits follow one another.
 """
@@ -14,10 +15,13 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
+from functools import partial
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, TypeVar
 
-from mindstage.errors import SimulationTimeoutError
+from mindstage.engines.base import RebuildTime
+from mindstage.errors import SimulationThreadError, SimulationTimeoutError
+from mindstage.simulation.controllers import fault_error
 
 __all__ = ["DirectCalls", "EditHold", "EngineThread", "RealTimeClock"]
 
@@ -68,6 +72,10 @@ _MAX_HOLD_S = 5.0
 
 _MAX_REBUILD_S = 300.0
 """Longest time of a rebuild, by which the timeouts of waiting calls are extended [s]."""
+_MAX_WAIT_S = 3600.0
+"""Longest time between two ticks while a time is due [s]."""
+_MAX_TURN_S = 0.1
+"""Longest time for which waiting calls are executed between two ticks that follow at once [s]."""
 
 
 class EditHold:
@@ -140,9 +148,20 @@ class LateEndCallbacks:
         return remove
 
     def notify(self, label: str, error: BaseException | None) -> None:
-        """Calls all with the label of a call, and its error or None."""
+        """Calls all with the label of a call, and its error or None; one that raises an exception is removed.
+
+        Raises:
+            SimulationFaultError: one raised; all were called.
+        """
+        raised: BaseException | None = None
         for callback in self._callbacks:
-            callback(label, error)
+            try:
+                callback(label, error)
+            except BaseException as failure:
+                raised = failure
+                self._callbacks = tuple(each for each in self._callbacks if each is not callback)
+        if raised is not None:
+            raise fault_error("a callback of late ends", raised, remedy="it was removed") from raised
 
 
 class _Call(Generic[T]):
@@ -178,6 +197,10 @@ class EngineThread:
         tick: Callable[[], float | None],
         *,
         on_late_end: Callable[[str, BaseException | None], None] = lambda label, error: None,
+        on_fault: Callable[[BaseException], None] = lambda error: None,
+        last_rebuild: Callable[[], RebuildTime | None] = lambda: None,
+        expected_rebuild_s: Callable[[], float] = lambda: 0.0,
+        called: Callable[[], str] = lambda: "",
         name: str = "mindstage-simulation",
     ) -> None:
         """Starts the thread.
@@ -186,10 +209,18 @@ class EngineThread:
             tick: called in the thread; returns the delay until its next call [s], or None to wait for the next queued
                 call.
             on_late_end: called in the thread at the end of a call whose timeout was over: its label and its error.
+            on_fault: called in the thread with what a tick, or `on_late_end`, raised; must not raise.
+            last_rebuild: when the engine last rebuilt its model; timeouts are extended by that time. Called in any
+                thread, as the two below are.
+            expected_rebuild_s: how long the pending rebuild is expected to take [s], for errors; 0 without one.
+            called: what the tick or call is waiting for, for errors; empty if there is nothing special.
             name: name of the thread.
         """
         self._tick = tick
-        self._on_late_end = on_late_end
+        self._on_late_end, self._on_fault = on_late_end, on_fault
+        self._last_rebuild, self._expected_rebuild_s, self._called = last_rebuild, expected_rebuild_s, called
+        self._label = ""
+        """The label of the call that is executed."""
         self._calls: SimpleQueue[_Call[Any] | None] = SimpleQueue()
         self._stopping = False
         self._last_progress_s = 0.0
@@ -207,15 +238,17 @@ class EngineThread:
                 since it began.
 
         Raises:
-            SimulationTimeoutError: the function did not begin in time and never will, or the thread has stopped; or,
-                with `begun`, it did not end in time, and `on_late_end` is called at its end.
+            SimulationTimeoutError: the function did not begin in time and never will; or, with `begun`, it did not end
+                in time, and `on_late_end` is called at its end.
+            SimulationThreadError: the thread has stopped or ended.
         """
-        if threading.current_thread() is self._thread:
+        if self.is_current:
             return function()
-        if self._stopping:
-            raise SimulationTimeoutError(label, timeout_s=0.0)
+        self.check_alive(label)
         call = _Call(function, label)
         self._calls.put(call)
+        if self._stopping:  # the thread may have ended before the call was in the queue
+            call.future.cancel()
         wait_s = timeout_s
         while True:
             try:
@@ -223,42 +256,83 @@ class EngineThread:
             except (TimeoutError, CancelledError):
                 if call.future.done() and not call.future.cancelled():
                     return call.future.result()  # the function itself raised TimeoutError, or finished just now
+                if call.future.cancelled():
+                    raise SimulationThreadError(label) from None
             wait_s = self._remaining_s(call, timeout_s)
             if wait_s > 0.0:
                 continue
             call.is_late = True
             if call.future.done() and not call.future.cancelled():
                 continue  # it has ended meanwhile
-            raise SimulationTimeoutError(label, timeout_s=timeout_s, begun=not call.future.cancelled())
+            busy_with = self._called() or (f"the call {self._label!r}" if self._label else "")
+            raise SimulationTimeoutError(
+                label,
+                timeout_s=timeout_s,
+                begun=not call.future.cancelled(),
+                busy_with=busy_with,
+                expected_rebuild_s=self._expected_rebuild_s(),
+            )
+
+    def post(self, function: Callable[[], object], *, label: str) -> None:
+        """Queues a function without waiting for it; does nothing if the thread has ended."""
+        if not self._stopping:
+            self._calls.put(_Call(function, label))
+
+    def check_alive(self, label: str) -> None:
+        """Raises if a call cannot be executed.
+
+        Raises:
+            SimulationThreadError: the thread has stopped or ended.
+        """
+        if self._stopping or not self._thread.is_alive():
+            raise SimulationThreadError(label)
+
+    @property
+    def is_current(self) -> bool:
+        """Whether this is the thread."""
+        return threading.current_thread() is self._thread
 
     def stop(self, *, timeout_s: float = 10.0) -> None:
         """Stops the thread after the current call; may be called repeatedly."""
         if not self._stopping:
             self._stopping = True
             self._calls.put(None)
-        if threading.current_thread() is not self._thread:
+        if not self.is_current:
             self._thread.join(timeout_s)
 
-    def allow_rebuild(self) -> None:
-        """Extends all timeouts while the current call or tick rebuilds a large model; called in the thread."""
-        self._last_progress_s = time.monotonic() + _MAX_REBUILD_S
+    def _progress_s(self) -> float:
+        """When the thread last ended something: a call, a tick, or a rebuild, which is that all the time."""
+        rebuild, now_s = self._last_rebuild(), time.monotonic()
+        if rebuild is None:
+            return self._last_progress_s
+        ended_s = now_s if rebuild.ended_s is None else rebuild.ended_s
+        return max(self._last_progress_s, min(ended_s, rebuild.began_s + _MAX_REBUILD_S))
 
     def _remaining_s(self, call: _Call[Any], timeout_s: float) -> float:
         """How long to wait for a call [s]; 0 if its time is over, after which it cannot begin anymore."""
         if call.future.cancelled():
             return 0.0
         if call.begun_s is None:
-            since_s = max(call.queued_s, self._last_progress_s)
+            since_s = max(call.queued_s, self._progress_s())
             remaining_s = since_s + timeout_s - time.monotonic()
             if remaining_s > 0.0:
                 return remaining_s
             if call.future.cancel():
                 return 0.0
         # It has begun, perhaps just now.
-        return max(0.0, max(call.begun_s or time.monotonic(), self._last_progress_s) + timeout_s - time.monotonic())
+        return max(0.0, max(call.begun_s or time.monotonic(), self._progress_s()) + timeout_s - time.monotonic())
 
     def _run(self) -> None:
+        try:
+            self._execute_all()
+        finally:
+            self._stopping = True
+            self._cancel_pending()
+
+    def _execute_all(self) -> None:
         due: float | None = None
+        turn_end_s = 0.0
+        """Until when waiting calls are executed before the next tick."""
         while True:
             wait = None if due is None else max(0.0, due - time.monotonic())
             try:
@@ -267,16 +341,25 @@ class EngineThread:
                 pass
             else:
                 if call is None:
-                    self._cancel_pending()
                     return
+                self._label = call.label
                 call.execute()
-                self._last_progress_s = time.monotonic()
+                self._label, self._last_progress_s = "", time.monotonic()
                 if call.is_late and not call.future.cancelled():
-                    self._on_late_end(call.label, call.future.exception())
-            if self._calls.empty() or (due is not None and time.monotonic() >= due):
-                delay = self._tick()
+                    self._guard(partial(self._on_late_end, call.label, call.future.exception()))
+            now_s = time.monotonic()
+            if self._calls.empty() or (due is not None and now_s >= max(due, turn_end_s)):
+                delay = self._guard(self._tick)
                 self._last_progress_s = time.monotonic()
-                due = None if delay is None else self._last_progress_s + delay
+                due = None if delay is None else self._last_progress_s + min(max(0.0, delay), _MAX_WAIT_S)
+                turn_end_s = self._last_progress_s + min(self._last_progress_s - now_s, _MAX_TURN_S)
+
+    def _guard(self, function: Callable[[], T]) -> T | None:
+        try:
+            return function()
+        except BaseException as error:  # whatever it is, the thread has to go on
+            self._on_fault(error)
+            return None
 
     def _cancel_pending(self) -> None:
         while True:
@@ -295,8 +378,15 @@ class DirectCalls:
         """Runs a function, and returns its result or raises its exception; the timeout is not applied."""
         return function()
 
-    def allow_rebuild(self) -> None:
-        """Does nothing, since there are no timeouts."""
+    def post(self, function: Callable[[], object], *, label: str) -> None:
+        """Runs a function."""
+        function()
+
+    def check_alive(self, label: str) -> None:
+        """Does nothing, since there is no thread."""
+
+    is_current = False
+    """Whether this is a thread that executes the calls of others."""
 
     def stop(self, *, timeout_s: float = 10.0) -> None:
         """Does nothing, since there is no thread."""

@@ -14,6 +14,7 @@ from typing import Any
 
 import msgspec
 
+from mindstage.access.limits import MARKER_LIFETIME
 from mindstage.engines.base import Engine
 from mindstage.errors import BodyNotFoundError
 from mindstage.knowledge.names import EntityType
@@ -94,7 +95,13 @@ class MarkerStore:
         self._now = now
 
     def add(self, markers: Iterable[Marker], *, lifetime_s: float | None = None) -> None:
-        """Adds markers, replacing those of the same ids, for a lifetime [s] or until they are removed."""
+        """Adds markers, replacing those of the same ids, for a lifetime [s] or until they are removed.
+
+        Raises:
+            InvalidArgumentError: the lifetime is out of range; nothing was added.
+        """
+        if lifetime_s is not None:
+            MARKER_LIFETIME.check(lifetime_s)
         for marker in markers:
             self._by_id[marker.id] = marker
             self._expiry_times.pop(marker.id, None)

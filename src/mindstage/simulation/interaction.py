@@ -103,11 +103,6 @@ class Perturbations(dict[BodyId, SpringPerturbation]):
         else:
             self.pop(id, None)
 
-    def step(self, engine: Engine, duration_s: float) -> None:
-        """Steps the engine [s] while applying the forces."""
-        for part_s in self.substeps(engine, duration_s):
-            engine.step(part_s)
-
     def substeps(self, engine: Engine, duration_s: float) -> Iterator[float]:
         """Applies the forces for a time [s], and yields the parts by which the caller has to step the engine [s]."""
         left_s = duration_s

@@ -14,6 +14,7 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
+from mindstage.access.limits import MOTION_TIMEOUT
 from mindstage.engines.base import Capability
 from mindstage.engines.kinematic_tree import AXIS_NAMES
 from mindstage.errors import AmbiguousNameError, BodyNotFoundError, InvalidArgumentError, NameNotFoundError
@@ -222,6 +223,7 @@ class SimulationJoint:
         self, position: float, *, timeout_s: float = 10.0, tolerance: float | None = None
     ) -> Generator[float, None, JointMotion]:
         """`move_to` for callers that step the simulation themselves: yields the times [s] by which they have to."""
+        MOTION_TIMEOUT.check(timeout_s)
         low, high = self.range
         if not low - _MIN_RANGE <= position <= high + _MIN_RANGE:
             cause = f"the position {position:g} is out of range"

@@ -8,18 +8,23 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import partial
 from itertools import islice
 from typing import Any, Protocol, cast
 
 import msgspec
 
+from mindstage.access.limits import OBSERVER_INTERVAL
 from mindstage.access.resources import from_outside
 from mindstage.engines.base import DEFAULT_SPAWN_OPTIONS, Actuator, Engine, SavedState, SpawnOptions, SpawnReport
+from mindstage.errors import SimulationFaultError
 from mindstage.knowledge.questions import Answers
 from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, World
+from mindstage.simulation.controllers import fault_error
 from mindstage.simulation.state import StateSnapshot
 
 __all__ = [
+    "DEFAULT_CLIENT",
     "SKILL_EDIT",
     "ClientDirectory",
     "ConnectedClient",
@@ -30,7 +35,9 @@ __all__ = [
     "current_client",
 ]
 
-_client: ContextVar[str] = ContextVar("client", default="Python")
+DEFAULT_CLIENT = "Python"
+"""The client of threads outside of `as_client`."""
+_client: ContextVar[str] = ContextVar("client", default=DEFAULT_CLIENT)
 SKILL_EDIT = "skill"
 """The kind of the edits that report the begin and the end of a skill; see `Robot.performing`."""
 _COMPOUND = {"reset", "clear", "undo", "redo", "place"}
@@ -104,14 +111,32 @@ class ClientDirectory:
 
         return remove
 
-    def notify_edit(self) -> None:
-        """Calls the edit callbacks: bodies, materials or highlights were added, removed or changed."""
+    def notify_edit(self, *, caught: type[BaseException] = Exception) -> BaseException | None:
+        """Calls the edit callbacks: bodies, materials or highlights were added, removed or changed.
+
+        A callback that raises is removed.
+
+        Args:
+            caught: what is caught of what callbacks raise.
+
+        Returns:
+            The exception of the last one that raised; None if none did.
+        """
+        raised: BaseException | None = None
         for callback in self._edit_callbacks:
-            callback()
+            try:
+                callback()
+            except caught as error:
+                raised = error
+                self._edit_callbacks = tuple(each for each in self._edit_callbacks if each is not callback)
+        return raised
 
 
 class SimulationObserver(Protocol):
-    """Receives states and edits. Its methods must be quick, and must not raise or call the simulation."""
+    """Receives states and edits. Its methods must be quick, and must not call the simulation.
+
+    If one raises, the observer is removed and the simulation paused, with a `SimulationFaultError`.
+    """
 
     interval_s: float
     """Longest simulated time between two published states while the simulation is stepped [s]."""
@@ -140,29 +165,63 @@ class SimulationObserver(Protocol):
 class Observers:
     """The observers of a simulation; may be used from any thread."""
 
-    def __init__(self) -> None:
+    def __init__(
+        self, *, on_fault: Callable[[SimulationFaultError], None], caught: type[BaseException] = Exception
+    ) -> None:
+        """Creates an empty list.
+
+        Args:
+            on_fault: called with the error of an observer that raised and was removed.
+            caught: what is caught of what observers raise.
+        """
         self._observers: tuple[SimulationObserver, ...] = ()
+        self._on_fault, self._caught = on_fault, caught
+        self._called: SimulationObserver | None = None
 
     def __bool__(self) -> bool:
         return bool(self._observers)
 
+    @property
+    def called(self) -> str:
+        """The observer that is being called with a state now, which has not returned; empty if there is none."""
+        called = self._called
+        return "" if called is None else type(called).__name__
+
     def add(self, observer: SimulationObserver) -> Callable[[], None]:
-        """Adds an observer; returns a function that removes it."""
+        """Adds an observer; returns a function that removes it.
+
+        Raises:
+            InvalidArgumentError: its interval is out of range.
+        """
+        OBSERVER_INTERVAL.check(observer.interval_s)
         self._observers = (*self._observers, observer)
+        return partial(self._remove, observer)
 
-        def remove() -> None:
-            self._observers = tuple(each for each in self._observers if each is not observer)
+    def _remove(self, observer: SimulationObserver) -> None:
+        self._observers = tuple(each for each in self._observers if each is not observer)
 
-        return remove
+    def _call(self, observer: SimulationObserver, function: Callable[[], None]) -> None:
+        try:
+            function()
+        except self._caught as error:
+            self._remove(observer)
+            fault = fault_error(f"the observer {type(observer).__name__}", error, remedy="it was removed")
+            fault.__cause__ = error
+            self._on_fault(fault)
 
     def step_s(self, longest_s: float) -> float:
         """The length of the steps into which a longer one is divided [s]."""
-        return min((longest_s, *(each.interval_s for each in self._observers)))
+        return min((longest_s, *(max(each.interval_s, OBSERVER_INTERVAL.minimum) for each in self._observers)))
 
     def publish(self, state: StateSnapshot, engine: Engine, *, edited: bool, rebuild_pending: bool) -> None:
         """Passes a published state on."""
         for observer in self._observers:
-            observer.on_state(state, engine, edited=edited, rebuild_pending=rebuild_pending)
+            self._called = observer
+            try:
+                on_state = partial(observer.on_state, edited=edited, rebuild_pending=rebuild_pending)
+                self._call(observer, partial(on_state, state, engine))
+            finally:
+                self._called = None
 
     def report(
         self,
@@ -174,8 +233,9 @@ class Observers:
     ) -> None:
         """Reports an edit or a request, by default of the client of this thread."""
         reported = tuple(ids)
+        name = client or current_client()
         for observer in self._observers:
-            observer.on_edit(kind, client=client or current_client(), ids=reported, details=details or {})
+            self._call(observer, partial(observer.on_edit, kind, client=name, ids=reported, details=details or {}))
 
     def report_answers(self, answers: Answers[Any]) -> None:
         """Reports a question with its answers."""

@@ -7,7 +7,9 @@ time are published as a `StateSnapshot`, which is read without waiting.
 
 from __future__ import annotations
 
+import math
 import os
+import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, suppress
@@ -17,10 +19,28 @@ from typing import TYPE_CHECKING, Any, TypeVar, Unpack, overload
 import msgspec
 from msgspec.structs import replace
 
+from mindstage.access.limits import CALL_TIMEOUT, SPEED, STEP_DURATION
 from mindstage.engines import is_remote
-from mindstage.engines.base import Capability, Engine, MovedBody, RebuildingEngine, SavedState, SpawnNote, SpawnReport
+from mindstage.engines.base import (
+    Capability,
+    Engine,
+    InterruptibleEngine,
+    MovedBody,
+    RebuildingEngine,
+    SavedState,
+    SpawnNote,
+    SpawnReport,
+)
 from mindstage.engines.place import REST_CHECK_S, find_bodies_that_move
-from mindstage.errors import BodyNotFoundError, EngineClosedError, EngineError, SimulationError
+from mindstage.errors import (
+    BodyNotFoundError,
+    EngineClosedError,
+    EngineError,
+    InvalidArgumentError,
+    MindstageError,
+    SimulationError,
+    SimulationFaultError,
+)
 from mindstage.knowledge import KnowledgeBase, SparqlResult
 from mindstage.knowledge.history import NOW, WorldState, time_arguments
 from mindstage.knowledge.over_time import argument_names, ask_over_time, recorded_so_far
@@ -31,7 +51,7 @@ from mindstage.lazy_names import registered_function
 from mindstage.scene import IDENTITY, Body, BodyGeometry, BodyId, Color, GeometryMap, Pose, Vector, World
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
-from mindstage.simulation.controllers import Controller, ControllerSchedule, find_robot
+from mindstage.simulation.controllers import EARLY_S, Controller, ControllerSchedule, fault_error, find_robot
 from mindstage.simulation.engine_thread import DirectCalls, EditHold, EngineThread, LateEndCallbacks, RealTimeClock
 from mindstage.simulation.geometry_provider import GeometryProvider, with_geometry_notes, with_immovable_notes
 from mindstage.simulation.highlights import HighlightResult, Highlights, Marker, MarkerStore, highlight_request
@@ -47,7 +67,13 @@ from mindstage.simulation.imagined import (
 )
 from mindstage.simulation.interaction import Perturbations
 from mindstage.simulation.joint_motion import SimulationJoint, find_joint
-from mindstage.simulation.observation import ClientDirectory, Observers, SimulationObserver, current_client
+from mindstage.simulation.observation import (
+    DEFAULT_CLIENT,
+    ClientDirectory,
+    Observers,
+    SimulationObserver,
+    current_client,
+)
 from mindstage.simulation.placement import PlacementResult, make_body, place_item
 from mindstage.simulation.state import StateSnapshot
 from mindstage.simulation.undo import StartState, UndoStack
@@ -81,6 +107,15 @@ _TICK_S = 1 / 60
 """Interval at which a playing simulation is stepped and published [s]."""
 _STEP_CHUNK_S = 0.1
 """Longer steps are divided into steps of this length [s], between which other calls are executed."""
+_SLICE_WALL_S = 0.02
+"""Wall time after which a step or a tick is interrupted, so that other calls are executed [s]."""
+_MAX_PART_WALL_S = 0.15
+"""The same for engines whose steps cannot be interrupted: longest wall time of a step before they become shorter [s].
+It is above `_STEP_CHUNK_S`, since some engines run in real time."""
+_MIN_PART_S = 0.002
+"""Shortest step of such engines [s]."""
+_PAUSE_WAIT_S = 0.15
+"""How long `pause` waits for the tick that is running [s]."""
 
 
 class Simulation:
@@ -108,11 +143,10 @@ class Simulation:
                 which must always be the same, and the simulation cannot play in real time.
         """
         self.knowledge = knowledge
-        self.timeout_s = timeout_s
+        self.timeout_s = CALL_TIMEOUT.check(timeout_s)
         self.clients = ClientDirectory()
         self.undo_stack = UndoStack(self)
-        self._engine = engine
-        self._rebuilding_engine: RebuildingEngine | None = engine if isinstance(engine, RebuildingEngine) else None
+        self._use_engine(engine)
         self._geometry_provider = GeometryProvider(knowledge, shapes=shapes, meshes=meshes)
         self._revision = 0
         self._worlds: tuple[World, ...] = ()
@@ -126,23 +160,36 @@ class Simulation:
         self._start: StartState | None = None
         self._clock: RealTimeClock | None = None
         self._perturbations = Perturbations()
-        self._controllers = ControllerSchedule()
         self._robots: Mapping[str, Robot] = {}
         self._highlights = Highlights()
         self._markers = MarkerStore()
-        self._observers = Observers()
+        self._caught: type[BaseException] = BaseException if threaded else Exception  # Ctrl-C is not a fault
+        self._observers = Observers(on_fault=self._on_fault, caught=self._caught)
         self.report = self._observers.report
+        self._controllers = ControllerSchedule(caught=self._caught)
         self._recorder: Recorder | None = None
         self._error = ""
         self._engine_error: EngineError | None = None
+        self._fault: SimulationFaultError | None = None
+        """What the next call from Python raises."""
         self._closed = False
+        self._ticking = threading.RLock()
+        """Held by the engine thread during a tick."""
         self._at_close = ExitStack()
         self._state = self._read_state()
+        self._shown_state = (self._state, self._state)
         self._origin: ForkOrigin | None = None
         self._imaginations: tuple[Simulation, ...] = ()
         self._thread: EngineThread | DirectCalls = DirectCalls()
         if threaded:
-            self._thread = EngineThread(self._tick, on_late_end=self._late_ends.notify)
+            self._thread = EngineThread(
+                self._tick,
+                on_late_end=self._late_ends.notify,
+                on_fault=lambda error: self._on_fault(self._as_fault(error)),
+                last_rebuild=lambda: self._rebuilding_engine.last_rebuild if self._rebuilding_engine else None,
+                expected_rebuild_s=lambda: self._state.expected_rebuild_s,
+                called=self._called,
+            )
 
     # -- the world -----------------------------------------------------------------------------------------
 
@@ -168,8 +215,19 @@ class Simulation:
 
     @property
     def state(self) -> StateSnapshot:
-        """The latest published state; reading it does not block."""
-        return self._state
+        """The latest published state; reading it does not block.
+
+        A pause and an error are part of it at once, even while the engine is busy.
+        """
+        state, error = self._state, self._error
+        playing = state.playing and self._clock is not None
+        if state.playing == playing and state.error == error:
+            return state
+        shown = self._shown_state
+        if shown[0] is not state or shown[1].playing != playing or shown[1].error != error:
+            paused = {} if playing or not state.playing else {"playing": False, "speed": 1.0, "real_time_factor": 0.0}
+            shown = self._shown_state = state, replace(state, error=error, **paused)
+        return shown[1]
 
     @property
     def geometry(self) -> GeometryMap:
@@ -289,7 +347,7 @@ class Simulation:
 
         def reset(engine: Engine) -> None:
             self._perturbations.clear()
-            self._error = ""
+            self._error, self._fault = "", None
             self._restore(engine, self._initial_state, self._worlds)
             self._controllers.reset(engine)
             self._highlights.reapply(engine)
@@ -337,7 +395,7 @@ class Simulation:
             start, present = self._start or StartState(), set(engine.poses()[0])
             later = (*self._worlds[len(start.worlds) :], *self._temporary_worlds[len(start.temporary_worlds) :])
             self._perturbations.clear()
-            self._error = ""
+            self._error, self._fault = "", None
             self._restore(engine, start.state, (*start.worlds, *start.temporary_worlds))
             self._controllers.reset(engine)
             self._initial_state = start.state
@@ -362,7 +420,7 @@ class Simulation:
             self._grounded, self._start = False, None
             self._geometry_provider.clear()
             self._perturbations.clear()
-            self._controllers, self._robots = ControllerSchedule(), {}
+            self._controllers, self._robots = ControllerSchedule(caught=self._caught), {}
 
         self.run_on_engine(clear, label="clear", edits=True)
         self.undo_stack.clear()
@@ -398,6 +456,7 @@ class Simulation:
         Raises:
             SimulationTimeoutError: the call did not begin in time and never will; or, with `begun`, it did not end in
                 time: then its end is reported to the callbacks of `on_late_end`.
+            SimulationFaultError: something raised while the simulation played; nothing was executed.
             SimulationError: the simulation is closed.
         """
         name = label or getattr(function, "__name__", "the call")
@@ -427,11 +486,12 @@ class Simulation:
         if self._closed:
             raise SimulationError("the simulation is closed; make a new one")
 
+        timeout_s = self.timeout_s if timeout_s is None else CALL_TIMEOUT.check(timeout_s)
         client = current_client()
+        if client == DEFAULT_CLIENT:
+            self._raise_fault()
 
         def run() -> T:
-            if self._is_rebuild_pending():
-                self._thread.allow_rebuild()
             try:
                 if saves_first:
                     self._save_initial_state()
@@ -444,7 +504,7 @@ class Simulation:
                     self._edit_hold.add_edit()
                 self._publish(edits=edits)
 
-        return self._thread.run(run, label=label, timeout_s=self.timeout_s if timeout_s is None else timeout_s)
+        return self._thread.run(run, label=label, timeout_s=timeout_s)
 
     # -- questions -----------------------------------------------------------------------------------------
 
@@ -595,6 +655,7 @@ class Simulation:
         copy._geometry_provider, copy._origin = provider.copy(), origin
         copy._worlds, copy._temporary_worlds, copy._reports = self._worlds, self._temporary_worlds, self._reports
         copy._grounded, copy._controllers = self._grounded, controllers
+        controllers.caught = copy._caught
         copy._robots = {name: each.in_copy(copy, controllers) for name, each in self.robots.items()}
         if self._initial_state is not None and not origin.notes:
             copy._initial_state = recorded.own_state(self._initial_state)
@@ -664,32 +725,65 @@ class Simulation:
     def step(self, duration_s: float, *, progress: Callable[[float], None] | None = None) -> None:
         """Advances simulated time as fast as the engine can; other calls are executed in between.
 
+        `pause` does not end it: that is about `play`. A simulation that is closed does.
+
         Args:
             duration_s: simulated time [s].
             progress: called repeatedly with the time simulated so far [s].
+
+        Raises:
+            InvalidArgumentError: the duration is not a number, negative, or more than an hour.
+            SimulationFaultError: a controller raised; it was removed, and the time until then has passed.
+            SimulationDivergedError: the state is no longer finite.
         """
+        STEP_DURATION.check(duration_s)
         done = 0.0
         while done < duration_s:
             longest = self._observers.step_s(_STEP_CHUNK_S)
-            chunk = min(longest, duration_s - done)
-            self.run_on_engine(partial(self._advance, chunk), label="step", timeout_s=self.timeout_s * 6)
+            chunk = left = min(longest, duration_s - done)
+            timeout_s = self.timeout_s * (1 if self._interruptible_engine is not None else 6)
+            while left > 0.0:
+                left = self.run_on_engine(partial(self._step_slice, left), label="step", timeout_s=timeout_s)
             done = done + chunk if duration_s - done > longest else duration_s
             if progress is not None:
                 progress(done)
 
     def play(self, *, speed: float = 1.0) -> None:
-        """Starts to advance simulated time at a multiple of real time, in the background."""
-        if not speed > 0:
-            raise ValueError(f"speed must be above 0, not {speed}")
+        """Starts to advance simulated time at a multiple of real time, in the background.
+
+        Ticks are bounded by wall time: with a speed that the engine does not reach, time advances as fast as it can.
+
+        Raises:
+            InvalidArgumentError: the speed is 0, not a number, or out of range.
+        """
+        if SPEED.check(speed) == 0.0:
+            raise InvalidArgumentError("speed", cause="it must be above 0", remedy="use `pause`")
         if isinstance(self._thread, DirectCalls):
             raise SimulationError("a simulation without a thread cannot play; use `step`, or copy it with `threaded`")
-        self._error, self._clock = "", RealTimeClock(speed)
+        if current_client() == DEFAULT_CLIENT:
+            self._raise_fault()
+        self._error, self._fault, self._clock = "", None, RealTimeClock(speed)
         self.run_on_engine(lambda engine: None, label="play")
 
     def pause(self) -> None:
-        """Stops the simulated time; edits and single steps remain possible."""
+        """Stops the simulated time; edits and single steps remain possible.
+
+        It is published at once, and no tick begins afterwards. A tick that is running ends first, within two hundredths
+        of a second or one time step of the engine; while the engine rebuilds its model, this does not wait for it.
+
+        Raises:
+            SimulationError: the simulation is closed, or its thread has ended.
+        """
+        if self._closed:
+            raise SimulationError("the simulation is closed; make a new one")
+        self._thread.check_alive("pause")
         self._clock = None
-        self.run_on_engine(lambda engine: None, label="pause")
+        if self._thread.is_current:
+            self._publish()
+            return
+        if self._ticking.acquire(timeout=_PAUSE_WAIT_S):
+            self._ticking.release()
+        self._thread.post(self._publish_if_possible, label="pause")
 
     # -- bodies and joints ---------------------------------------------------------------------------------
 
@@ -894,6 +988,7 @@ class Simulation:
         """Stops the engine thread and closes the engine; may be called repeatedly."""
         if self._closed:
             return
+        self._fault = None
         try:
             self._at_close.close()
         finally:
@@ -925,38 +1020,131 @@ class Simulation:
         hold_s = self._edit_hold.remaining_s()
         if hold_s > 0.0:
             return hold_s
-        due_s = clock.due_s()
-        if due_s > 0.0:
-            self._markers.expire()
+        with self._ticking:
+            if self._clock is not clock:
+                return 0.0
             try:
-                self._save_initial_state()
-                if self._is_rebuild_pending():
-                    self._thread.allow_rebuild()
-                with self._edit_hold.rebuilding():
-                    self._advance_observed(due_s)
+                delay_s = self._play(clock)
             except EngineError as error:
-                self._error, self._clock = str(error), None
-            clock.advance(due_s)
+                self._error, self._clock, delay_s = str(error), None, None
             self._publish_if_possible()
-        return _TICK_S if self._clock is not None else None
+            return delay_s
+
+    def _play(self, clock: RealTimeClock) -> float:
+        """Advances time by what is due, or as far as it can within the wall time of a tick."""
+        end_s = time.monotonic() + _SLICE_WALL_S
+        self._markers.expire()
+        self._save_initial_state()
+        is_rebuild_pending = self._is_rebuild_pending()
+        with self._edit_hold.rebuilding():
+            if is_rebuild_pending and self._rebuilding_engine is not None:
+                self._rebuilding_engine.rebuild()
+        if is_rebuild_pending:
+            return 0.0  # it took its time: other calls are executed first, which may pause
+        due_s = clock.due_s()
+        while due_s > 0.0:
+            part_s = self._observers.step_s(due_s)
+            if part_s > due_s * (1.0 - 1e-9):
+                part_s = due_s
+            left_s = self._advance(part_s, end_s=end_s)
+            clock.advance(part_s - left_s)
+            due_s -= part_s - left_s
+            if time.monotonic() >= end_s or self._clock is not clock:
+                break
+            if due_s > 0.0:
+                self._publish_if_possible()
+        if self._clock is None:
+            return 0.0
+        return 0.0 if due_s > 0.0 else _TICK_S
 
     def _expire_markers(self) -> float | None:
         if self._markers.expire():
             self._publish_if_possible()
         return self._markers.next_expiry_s()
 
-    def _advance(self, duration_s: float, _: Engine | None = None) -> None:
-        for part_s in self._controllers.parts(self._engine, duration_s):
-            self._perturbations.step(self._engine, part_s)
+    def _step_slice(self, duration_s: float, _: Engine) -> float:
+        """Advances time for a step, or a part of it; returns the time that is left [s]."""
+        has_others = not isinstance(self._thread, DirectCalls)
+        try:
+            return self._advance(duration_s, end_s=time.monotonic() + _SLICE_WALL_S if has_others else math.inf)
+        except SimulationFaultError as error:
+            self._clock, self._error = None, str(error)
+            raise
 
-    def _advance_observed(self, duration_s: float) -> None:
-        """Advances time, and publishes the states in between that observers need."""
-        part_s = self._observers.step_s(duration_s)
-        while duration_s > part_s * (1.0 + 1e-9):
-            self._advance(part_s)
-            duration_s -= part_s
-            self._publish_if_possible()
-        self._advance(duration_s)
+    def _advance(self, duration_s: float, *, end_s: float) -> float:
+        """Advances time, at least by one part of a step; returns what is left at a time of the wall clock [s]."""
+        left_s = duration_s
+        while True:
+            part_s = self._controllers.update(self._engine, left_s)
+            done_s = self._step_engine(part_s, end_s=end_s)
+            self._controllers.elapse(done_s)
+            left_s -= done_s
+            if left_s < EARLY_S:
+                return 0.0
+            if time.monotonic() >= end_s:
+                return left_s
+
+    def _step_engine(self, duration_s: float, *, end_s: float) -> float:
+        """Steps the engine while the perturbations act; returns by how much [s]."""
+        try:
+            if self._perturbations:
+                done_s = 0.0
+                for part_s in self._perturbations.substeps(self._engine, duration_s):
+                    self._engine.step(part_s)
+                    done_s += part_s
+                    if time.monotonic() >= end_s:
+                        break
+                return done_s
+            if self._interruptible_engine is not None:
+                wall_s = end_s - time.monotonic()
+                return duration_s - self._interruptible_engine.step_for(duration_s, wall_s=wall_s)
+            return self._step_uninterrupted(duration_s)
+        except MindstageError:
+            raise
+        except self._caught as error:
+            raise self._as_fault(error) from error
+
+    def _step_uninterrupted(self, duration_s: float) -> float:
+        """Steps an engine whose steps cannot be interrupted; returns by how much [s], which is less if it is slow."""
+        part_s = min(duration_s, self._longest_part_s)
+        began_s = time.monotonic()
+        self._engine.step(part_s)
+        took_s = time.monotonic() - began_s
+        if took_s > _MAX_PART_WALL_S:
+            self._longest_part_s = max(_MIN_PART_S, part_s * _MAX_PART_WALL_S / took_s / 2)
+        elif took_s < _MAX_PART_WALL_S / 4 and part_s == self._longest_part_s:
+            self._longest_part_s *= 2.0
+        return part_s
+
+    # -- faults: what is raised in the engine thread -------------------------------------------------------
+
+    def _as_fault(self, error: BaseException) -> SimulationFaultError:
+        """The error to report for what the engine, or anything else that a tick calls, raised."""
+        if isinstance(error, SimulationFaultError):
+            return error
+        remedy = "reset the simulation, or make a new one"
+        fault = fault_error(f"the engine {self._engine.name!r}", error, remedy=remedy)
+        fault.__cause__ = error
+        return fault
+
+    def _on_fault(self, fault: SimulationFaultError) -> None:
+        """Pauses the simulation; publishes the error, and raises it at the next call from Python."""
+        self._clock, self._error, self._fault = None, str(fault), fault
+        self._thread.post(self._publish_if_possible, label="error")
+
+    def _raise_fault(self) -> None:
+        if self._fault is not None and not self._thread.is_current:
+            fault, self._fault = self._fault, None
+            raise fault
+
+    def _called(self) -> str:
+        """What the engine thread is waiting for, for errors; called in any thread."""
+        if name := self._controllers.called:
+            return f"the controller {name!r}, which does not return"
+        if name := self._observers.called:
+            return f"the observer {name}, which does not return"
+        rebuild = self._rebuilding_engine.last_rebuild if self._rebuilding_engine is not None else None
+        return "a rebuild of its model" if rebuild is not None and rebuild.ended_s is None else ""
 
     def _save_initial_state(self) -> None:
         """Saves the state after the last persistent spawns, before anything changes it."""
@@ -964,6 +1152,14 @@ class Simulation:
             self._initial_state_is_due = False
             saves = Capability.SAVE in self._engine.capabilities
             self._initial_state = self._engine.save_state() if saves else None
+
+    def _use_engine(self, engine: Engine) -> None:
+        self._engine = engine
+        self._rebuilding_engine: RebuildingEngine | None = engine if isinstance(engine, RebuildingEngine) else None
+        self._interruptible_engine: InterruptibleEngine | None = None
+        if isinstance(engine, InterruptibleEngine):
+            self._interruptible_engine = engine
+        self._longest_part_s: float = _STEP_CHUNK_S
 
     def _is_rebuild_pending(self) -> bool:
         return self._rebuilding_engine is not None and self._rebuilding_engine.rebuild_pending
@@ -982,8 +1178,10 @@ class Simulation:
         if self._observers:
             pending = self._is_rebuild_pending()
             self._observers.publish(self._state, self._engine, edited=edits, rebuild_pending=pending)
-        if edits:
-            self.clients.notify_edit()
+        if edits and (raised := self.clients.notify_edit(caught=self._caught)) is not None:
+            fault = fault_error("a callback of edits", raised, remedy="it was removed")
+            fault.__cause__ = raised
+            self._on_fault(fault)
 
     def _publish_if_possible(self) -> None:
         with suppress(EngineError):  # reported by `state.error` and `engine_error`
@@ -1005,4 +1203,5 @@ class Simulation:
             real_time_factor=clock.real_time_factor if clock else 0.0,
             stats=self._engine.stats() if Capability.STATISTICS in self._engine.capabilities else None,
             error=self._error,
+            expected_rebuild_s=self._rebuilding_engine.expected_rebuild_s if self._rebuilding_engine else 0.0,
         )

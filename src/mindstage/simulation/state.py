@@ -48,6 +48,8 @@ class StateSnapshot(msgspec.Struct, frozen=True, eq=False):
     """Statistics of the engine; None if it has none."""
     error: str = ""
     """The error that paused the simulation; empty if there is none."""
+    expected_rebuild_s: float = 0.0
+    """How long the engine is expected to rebuild its model before the next step, after edits [s]; 0 if it does not."""
 
 
 class WorldSession(Protocol):

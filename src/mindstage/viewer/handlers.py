@@ -166,7 +166,7 @@ _STORAGE_QUESTION = "storage_place_in_environment"
 class PlayRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `play`."""
 
-    speed: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] = 1.0
+    speed: float = 1.0
 
 
 class StepRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -191,6 +191,8 @@ class ClockMessage(msgspec.Struct, frozen=True, kw_only=True):
     """Simulated seconds per second of real time."""
     bodies: int
     fault: str
+    expected_rebuild_s: float
+    """How long the engine is expected to rebuild its model, after edits; 0 if it does not have to."""
 
 
 class WorldHandler:
@@ -337,6 +339,7 @@ def _clock_message(snapshot: StateSnapshot) -> ClockMessage:
         real_time_factor=round(snapshot.real_time_factor, 2),
         bodies=len(snapshot.ids),
         fault=snapshot.error,
+        expected_rebuild_s=round(snapshot.expected_rebuild_s, 2),
     )
 
 

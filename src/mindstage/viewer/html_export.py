@@ -15,8 +15,9 @@ from urllib.parse import quote
 import msgspec
 import viser
 
+from mindstage.access.limits import PUBLISH_RATE, SPEED
 from mindstage.episodes.recording import EpisodeEventKind, EpisodeFrame, Recording
-from mindstage.errors import EpisodeFileError
+from mindstage.errors import EpisodeFileError, InvalidArgumentError
 from mindstage.files import atomic_write
 from mindstage.knowledge.knowledge_base import KnowledgeBase
 from mindstage.rendering.appearance import BodyAppearance, compute_appearance
@@ -86,6 +87,9 @@ def _record(
     camera: CameraPose | None,
 ) -> tuple[str, int, float]:
     """The page, the number of its frames, and its duration [s]."""
+    PUBLISH_RATE.check(rate_hz)
+    if SPEED.check(speed) == 0.0 or rate_hz == 0.0:
+        raise InvalidArgumentError("speed" if rate_hz else "rate", cause="it must be above 0")
     frames = _thinned(recording, rate_hz)
     first = next(frames)
     scene = ViewerScene(server, on_node=_not_clickable, has_scripts=False)

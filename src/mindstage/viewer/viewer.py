@@ -228,6 +228,10 @@ class Viewer:
     # -- updates -------------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
+        with as_client(CLIENT):
+            self._draw_until_closed()
+
+    def _draw_until_closed(self) -> None:
         while not self._closing.is_set():
             self._wakeup.clear()
             start = time.monotonic()

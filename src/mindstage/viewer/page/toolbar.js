@@ -130,8 +130,8 @@ const showFaults = () => {
   statusBar.fault.textContent = [faults.simulation, faults.viewer].filter(Boolean).join(" · ");
 };
 
-channel.on("clock", ({ time_s: time, playing: isPlaying, real_time_factor: factor, bodies, fault }) => {
-  statusBar.state.textContent = `${time.toFixed(1)} s · ${isPlaying ? `playing at ${factor.toFixed(2)} × real time` : "paused"}`;
+channel.on("clock", ({ time_s: time, playing: isPlaying, real_time_factor: factor, bodies, fault, expected_rebuild_s: rebuild }) => {
+  statusBar.state.textContent = `${time.toFixed(1)} s · ${isPlaying ? `playing at ${factor.toFixed(2)} × real time` : "paused"}${rebuild > 0.5 ? ` · the next step compiles for about ${rebuild.toFixed(1)} s` : ""}`;
   statusBar.bodies.textContent = `${bodies} bodies`;
   faults.simulation = fault;
   showFaults();
