@@ -165,9 +165,9 @@ def test_a_tick_that_raises_is_reported_and_calls_go_on(error: BaseException) ->
     thread.stop()
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_a_thread_that_ends_although_it_should_not_is_noticed_at_once() -> None:
+def test_a_thread_that_ends_although_it_should_not_is_noticed_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """The report of an error raises itself."""
+    monkeypatch.setattr(threading, "excepthook", lambda _: None)
 
     def fail(error: BaseException | None = None) -> float:
         raise SystemExit

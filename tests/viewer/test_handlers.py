@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -505,3 +506,55 @@ def test_uploaded_maps_must_not_refer_to_meshes_by_absolute_paths(
 def _with_mesh(world: World, mesh: str) -> World:
     bodies = tuple(replace(body, mesh=mesh) if body.id == "Mug" else body for body in world.bodies)
     return replace(world, bodies=bodies)
+
+
+# -- the largest speed, and errors -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("method", "arguments", "text"),
+    [
+        ("play", {"speed": 1e308}, "speed 1e+308: it must be a number from 0 to 1000"),
+        ("play", {"speed": -1.0}, "speed -1.0: it must be a number from 0 to 1000"),
+        ("step", {"duration_s": 1e308}, "step duration 1e+308: it must be a number from 0 to 3600 s"),
+        ("step", {"duration_s": -0.1}, "step duration -0.1: it must be a number from 0 to 3600 s"),
+    ],
+)
+def test_a_page_gets_the_range_of_a_refused_number(
+    client: PageClient, physics_simulation: Simulation, method: str, arguments: dict[str, float], text: str
+) -> None:
+    with pytest.raises(RequestFailedError, match=re.escape(text)):
+        client.ask(method, **arguments)
+    assert (physics_simulation.state.playing, physics_simulation.state.time_s) == (False, 0.0)
+
+
+def test_a_page_pauses_soon_at_the_largest_speed(client: PageClient, physics_simulation: Simulation) -> None:
+    for _ in range(3):
+        client.ask("play", speed=1000.0)
+        eventually(client, "clock", lambda clock: clock["playing"] and clock["speed"] == 1000.0, "it plays")
+        start_s = time.monotonic()
+        client.ask("set_material", id="Mug", color="red")
+        client.ask("pause")
+        assert time.monotonic() - start_s < 3.0
+        assert not physics_simulation.state.playing
+        eventually(client, "clock", lambda clock: not clock["playing"], "the page is informed")
+
+
+def test_a_page_shows_which_controller_raised_and_plays_on(client: PageClient, physics_simulation: Simulation) -> None:
+    def fail(engine: object, time_s: float) -> None:
+        raise KeyError("elbow")
+
+    physics_simulation.add_controller("arm", SimpleNamespace(period_s=0.01, is_active=True, update=fail))
+    client.ask("play", speed=1.0)
+    text = "the controller 'arm' raised KeyError: 'elbow'"
+    eventually(client, "clock", lambda clock: text in clock["fault"] and not clock["playing"], "the error is shown")
+    client.ask("move", id="Mug", position=[0.0, -2.0, 0.05], quaternion=LEVEL)
+    client.ask("play", speed=1.0)
+    eventually(client, "clock", lambda clock: clock["playing"] and not clock["fault"], "it plays on")
+
+
+def test_the_clock_of_a_page_has_the_expected_time_of_a_rebuild(client: PageClient) -> None:
+    client.ask("step", duration_s=0.1)
+    eventually(client, "clock", lambda clock: clock["expected_rebuild_s"] == 0.0, "nothing is to be rebuilt")
+    client.ask("set_physics", id="Mug", mass_kg=500.0)
+    eventually(client, "clock", lambda clock: clock["expected_rebuild_s"] > 0.0, "the time is received")

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mindstage.access.limits import SPEED
 from mindstage.cli.options import (
     DEFAULT_READING,
     AsJson,
@@ -81,9 +80,7 @@ Output = Annotated[
         show_default=False,
     ),
 ]
-Speed = Annotated[
-    float, typer.Option("--speed", metavar="FACTOR", min=0.01, max=SPEED.maximum, help="Speed of the replay.")
-]
+Speed = Annotated[float, typer.Option("--speed", metavar="FACTOR", min=0.01, max=1000.0, help="Speed of the replay.")]
 Paused = Annotated[bool, typer.Option("--paused", help="Start paused.")]
 OpenBrowser = Annotated[
     bool | None,
