@@ -146,6 +146,7 @@ class Simulation:
         self.timeout_s = CALL_TIMEOUT.check(timeout_s)
         self.clients = ClientDirectory()
         self.undo_stack = UndoStack(self)
+        self._longest_part_s: float = _STEP_CHUNK_S
         self._use_engine(engine)
         self._geometry_provider = GeometryProvider(knowledge, shapes=shapes, meshes=meshes)
         self._revision = 0
@@ -1111,7 +1112,7 @@ class Simulation:
         self._engine.step(part_s)
         took_s = time.monotonic() - began_s
         if took_s > _MAX_PART_WALL_S:
-            self._longest_part_s = max(_MIN_PART_S, part_s * _MAX_PART_WALL_S / took_s / 2)
+            self._longest_part_s = max(_MIN_PART_S, part_s * _MAX_PART_WALL_S / took_s / 3)
         elif took_s < _MAX_PART_WALL_S / 4 and part_s == self._longest_part_s:
             self._longest_part_s *= 2.0
         return part_s
@@ -1159,7 +1160,7 @@ class Simulation:
         self._interruptible_engine: InterruptibleEngine | None = None
         if isinstance(engine, InterruptibleEngine):
             self._interruptible_engine = engine
-        self._longest_part_s: float = _STEP_CHUNK_S
+        self._longest_part_s = _STEP_CHUNK_S
 
     def _is_rebuild_pending(self) -> bool:
         return self._rebuilding_engine is not None and self._rebuilding_engine.rebuild_pending
