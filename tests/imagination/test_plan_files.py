@@ -37,6 +37,7 @@ from mindstage.scene import Mobility, Pose
 
 numbers = st.floats(-1e6, 1e6, allow_nan=False) | st.integers(-10, 10).map(float)
 positive = st.floats(1e-3, 1e6)
+durations = st.floats(1e-3, 3600.0)
 vectors = st.tuples(numbers, numbers, numbers)
 # YAML's words for truth values, numbers and nothing are names, too.
 texts = st.text(min_size=1, max_size=12) | st.sampled_from(
@@ -53,10 +54,10 @@ steps = st.one_of(
     st.builds(Move, thing=texts, to=poses),
     st.builds(Move, thing=texts, by=vectors),
     st.builds(Pull, thing=texts, target=vectors, point=vectors),
-    st.builds(Push, thing=texts, force=vectors, point=st.none() | vectors, duration_s=positive),
+    st.builds(Push, thing=texts, force=vectors, point=st.none() | vectors, duration_s=durations),
     st.builds(Open, thing=texts, fraction=st.floats(0, 1)),
     st.builds(Close, thing=texts),
-    st.builds(Wait, duration_s=positive),
+    st.builds(Wait, duration_s=durations),
     st.builds(Attach, parent=texts, child=texts),
     st.builds(Detach, child=texts),
     st.builds(
@@ -153,6 +154,7 @@ def test_the_builder_gives_the_plan_of_the_file() -> None:
         ("do: place", "do: plac", r"plan.yaml:4: steps\[0\].do: .*'plac'"),
         ("thing: milk_carton_1\n    on", "thin: milk_carton_1\n    on", r"plan.yaml:4: steps\[0\]: .*(thin|thing)"),
         ("duration_s: 1e0", "duration_s: -1", r"plan.yaml:7: steps\[1\].duration_s: .*> 0"),
+        ("duration_s: 1e0", "duration_s: 1e308", r"plan.yaml:7: steps\[1\].duration_s: .*<= 3600"),
         ("duration_s: 1e0", "duration_s: soon", r"plan.yaml:7: steps\[1\].duration_s: .*str"),
         ("[0.01, 0.02, 0]", "[0.01, 0.02]", r"plan.yaml:10: uncertainty\[0\].position_m"),
         ("on: table", "on: [table", r"plan.yaml:\d+: neither JSON nor YAML"),
