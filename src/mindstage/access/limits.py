@@ -325,7 +325,6 @@ QUERY_SERVICE_TIME = _limit(
 GOAL_TIME = _limit("time of a goal", 3600.0, "goals can be observed and canceled", unit="s")
 VISITORS = _limit("addresses that are remembered", 4096, "those that used least are forgotten first", excess=Excess.CUT)
 HANDSHAKE = _limit("time of the TLS handshake", 10.0, "a client that does not complete it occupies a socket", unit="s")
-PAGE_SPEED = _limit("speed that a page sets", 20.0, "no person can follow a faster one")
 
 
 class VisitorLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
