@@ -17,7 +17,7 @@ import numpy as np
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.access.limits import LIMITS, BridgeLimits, Limit, RpcLimits, VisitorLimits
-from mindstage.access.policies import Door, EntryPoint
+from mindstage.access.policies import EntryKind, EntryPoint
 from mindstage.bridge import LocalNode
 from mindstage.episodes.recording import EpisodeFrame, FrameRecording
 from mindstage.episodes.replay import EpisodeReplay
@@ -75,10 +75,10 @@ def page() -> str:
     for record, title in RECORDS.items():
         parts += [f"### {title}\n", table(("field", "default", "meaning"), record_rows(record))]
     parts += [ENTRY_POINTS, table(("policy", "cost", "largest request", "deadline"), policy_rows(entries))]
-    for door in Door:
-        here = (each for each in entries if each.door is door)
+    for kind in EntryKind:
+        here = (each for each in entries if each.kind is kind)
         rows = {(f"`{each.name}`", each.policy.name if each.policy else "none") for each in here}
-        parts += [f"### {door[0].upper()}{door[1:]}\n", table(("name", "policy"), sorted(rows))]
+        parts += [f"### {kind[0].upper()}{kind[1:]}\n", table(("name", "policy"), sorted(rows))]
     return "\n".join(parts)
 
 

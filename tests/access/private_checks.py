@@ -1,6 +1,6 @@
 """Finds handlers that decide by themselves who may do something, how much of it, or what a text may name.
 
-The rules, for the packages of the doors:
+The rules, for the packages that handle requests:
 
 - no constant with `MAX`, `LIMIT`, `TIMEOUT` or `DEADLINE` in its name that is a number: it belongs to the table;
 - no comparison of tokens, origins and hosts: `compare_digest`, `is_loopback`, and the headers `Origin`, `Host`,
@@ -21,7 +21,7 @@ from tests.conftest import ROOT
 
 __all__ = ["private_checks"]
 
-_DOORS = ("bridge", "prolog", "ros", "viewer")
+_PACKAGES = ("bridge", "prolog", "ros", "viewer")
 _LIMIT = re.compile(r"(^|_)(MAX|LIMIT|TIMEOUT|DEADLINE)(_|$)")
 _SCHEME = re.compile(r"^(file|https?|ftp|data):")
 _GATE_CALLS = {"compare_digest", "is_loopback"}
@@ -38,7 +38,7 @@ ALLOWED: Mapping[str, str] = {
     "ros/robot_controllers.py": "a step of an iteration",
 }
 """Modules with constants that limit no request, each with the reason; the other rules hold for them too."""
-NO_DOORS: Mapping[str, str] = {
+NO_PACKAGES: Mapping[str, str] = {
     "bridge/client.py": "a client",
     "viewer/devtools.py": "the browser that takes pictures",
     "viewer/html_export.py": "writes a file for the command line",
@@ -50,16 +50,18 @@ DISPATCHERS = {"bridge/calls.py", "bridge/broker.py", "bridge/server.py", "viewe
 
 
 def private_checks(package: Path = ROOT / "src" / "mindstage") -> list[str]:
-    """What handlers of the doors decide by themselves: a line for each.
+    """What handlers decide by themselves: a line for each.
 
     Args:
-        package: the folder with the packages of the doors.
+        package: the folder with these packages.
     """
-    sources = {path.relative_to(package).as_posix(): path for door in _DOORS for path in (package / door).rglob("*.py")}
+    sources = {
+        path.relative_to(package).as_posix(): path for name in _PACKAGES for path in (package / name).rglob("*.py")
+    }
     return [
         f"{module}:{line}: {problem}"
         for module, path in sorted(sources.items())
-        if module not in NO_DOORS
+        if module not in NO_PACKAGES
         for line, problem in _problems(ast.parse(path.read_text(encoding="utf-8")), module)
     ]
 

@@ -21,7 +21,7 @@ from msgspec.structs import force_setattr
 from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.access.gate import Gate
 from mindstage.access.limits import CONTROL_BYTES, EDIT_BYTES, FILE_BYTES, FILE_TIME, MESSAGE_BYTES, PLAIN_BYTES
-from mindstage.access.policies import EDIT, Cost, Door, EntryPoint
+from mindstage.access.policies import EDIT, Cost, EntryKind, EntryPoint
 from mindstage.access.resources import from_outside
 from mindstage.bridge import LocalNode
 from mindstage.bridge.protocol import Status
@@ -43,12 +43,12 @@ BEARER = {"Authorization": f"Bearer {TOKEN}"}
 
 
 def undeclared(entries: tuple[EntryPoint, ...]) -> list[str]:
-    return [f"{entry.door}: {entry.name}" for entry in entries if entry.policy is None]
+    return [f"{entry.kind}: {entry.name}" for entry in entries if entry.policy is None]
 
 
-def names(served: Served, door: Door, *costs: Cost) -> list[str]:
-    found = [e.name for e in served.entry_points() if e.door is door and e.policy is not None]
-    costly = {e.name for e in served.entry_points() if e.door is door and e.policy and e.policy.cost in costs}
+def names(served: Served, kind: EntryKind, *costs: Cost) -> list[str]:
+    found = [e.name for e in served.entry_points() if e.kind is kind and e.policy is not None]
+    costly = {e.name for e in served.entry_points() if e.kind is kind and e.policy and e.policy.cost in costs}
     return sorted({name for name in found if not costs or name in costly})
 
 
@@ -96,7 +96,7 @@ PAGE_PATHS = {
 
 def sockets(served: Served) -> list[tuple[str, str]]:
     """URL and path of each websocket of each port."""
-    page = [(served.viewer.url, PAGE_PATHS[name]) for name in names(served, Door.SOCKET)]
+    page = [(served.viewer.url, PAGE_PATHS[name]) for name in names(served, EntryKind.SOCKET)]
     return [*page, (served.rosbridge.url, "/"), (served.shell.url, "/")]
 
 
@@ -108,15 +108,17 @@ def test_every_entry_point_of_the_running_servers_has_a_policy(served: Served) -
 
 
 def test_the_list_has_what_the_servers_say_that_they_have(served: Served, client: RawClient) -> None:
-    listed = {door: set(names(served, door)) for door in Door}
-    assert set(client.call_service("/rosapi/services")["values"]["services"]) <= listed[Door.SERVICE]
-    assert {"/mindstage/ask", "/mindstage/query", "/unreal/spawn_entity"} <= listed[Door.SERVICE]
-    assert "/unreal/mindstage/try_plan" in listed[Door.ACTION]
-    assert {"/unreal/highlight", "/unreal/markers"} <= listed[Door.TOPIC]
-    assert any(name.endswith("follow_joint_trajectory/goal") for name in listed[Door.TOPIC])
-    assert {"ask", "ask.prolog", "ask.sparql", "add", "drop", "load", "save", "timeline.seek"} <= listed[Door.METHOD]
-    assert {"publish", "call_service", "send_action_goal", "subscribe"} <= listed[Door.OPERATION]
-    assert listed[Door.ROUTE] | listed[Door.SOCKET] == set(PAGE_PATHS)
+    listed = {kind: set(names(served, kind)) for kind in EntryKind}
+    assert set(client.call_service("/rosapi/services")["values"]["services"]) <= listed[EntryKind.SERVICE]
+    assert {"/mindstage/ask", "/mindstage/query", "/unreal/spawn_entity"} <= listed[EntryKind.SERVICE]
+    assert "/unreal/mindstage/try_plan" in listed[EntryKind.ACTION]
+    assert {"/unreal/highlight", "/unreal/markers"} <= listed[EntryKind.TOPIC]
+    assert any(name.endswith("follow_joint_trajectory/goal") for name in listed[EntryKind.TOPIC])
+    assert {"ask", "ask.prolog", "ask.sparql", "add", "drop", "load", "save", "timeline.seek"} <= listed[
+        EntryKind.METHOD
+    ]
+    assert {"publish", "call_service", "send_action_goal", "subscribe"} <= listed[EntryKind.OPERATION]
+    assert listed[EntryKind.ROUTE] | listed[EntryKind.SOCKET] == set(PAGE_PATHS)
 
 
 # -- how much ----------------------------------------------------------------------------------------------------------
@@ -124,7 +126,7 @@ def test_the_list_has_what_the_servers_say_that_they_have(served: Served, client
 
 @pytest.mark.usefixtures("small_limits")
 def test_every_service_refuses_a_request_that_is_too_large(served: Served, client: RawClient) -> None:
-    for name in names(served, Door.SERVICE):
+    for name in names(served, EntryKind.SERVICE):
         response = client.call_service(name, {"padding": PADDING})
         assert not response["result"], name
         assert "bytes" in str(response["values"]), (name, response)
@@ -132,7 +134,7 @@ def test_every_service_refuses_a_request_that_is_too_large(served: Served, clien
 
 @pytest.mark.usefixtures("small_limits")
 def test_every_action_refuses_a_goal_that_is_too_large(served: Served, client: RawClient) -> None:
-    for name in names(served, Door.ACTION):
+    for name in names(served, EntryKind.ACTION):
         client.send_operation(op="send_action_goal", id=name, action=name, action_type="x/Y", args={"padding": PADDING})
         result = client.receive("action_result", id=name)
         assert not result["result"], name
@@ -141,7 +143,7 @@ def test_every_action_refuses_a_goal_that_is_too_large(served: Served, client: R
 
 @pytest.mark.usefixtures("small_limits")
 def test_every_topic_refuses_a_message_that_is_too_large(served: Served, client: RawClient) -> None:
-    for name in names(served, Door.TOPIC):
+    for name in names(served, EntryKind.TOPIC):
         type = client.call_service("/rosapi/topic_type", {"topic": name})["values"]["type"]
         client.send_operation(op="advertise", topic=name, type=type or "geometry_msgs/Twist")
         client.send(f'{{"op": "publish", "topic": "{name}", "msg": {{{" " * len(PADDING)}}}}}')
@@ -155,7 +157,7 @@ def test_every_operation_refuses_a_message_that_is_too_large(served: Served, cli
     before = MESSAGE_BYTES.maximum
     force_setattr(MESSAGE_BYTES, "maximum", SMALL)
     try:
-        for name in names(served, Door.OPERATION):
+        for name in names(served, EntryKind.OPERATION):
             fields = dict.fromkeys(("topic", "service", "action", "type", "action_type"), "/x") | {"id": name}
             others: dict[str, Any] = {"msg": {}, "result": True, "status": 4, "level": "error", "padding": PADDING}
             client.send_operation(op=name, **fields, **others)
@@ -168,17 +170,17 @@ def test_every_operation_refuses_a_message_that_is_too_large(served: Served, cli
 def test_every_method_of_the_page_refuses_a_request_that_is_too_large(served: Served) -> None:
     for viewer in (served.viewer, served.replay):
         with connect_page_client(viewer.url, headers=BEARER) as page:
-            for name in {each.name for each in viewer.entry_points() if each.door is Door.METHOD}:
+            for name in {each.name for each in viewer.entry_points() if each.kind is EntryKind.METHOD}:
                 with pytest.raises(RequestFailedError, match=r"TooMany.*bytes"):
                     page.ask(name, padding=PADDING)
 
 
 @pytest.mark.usefixtures("small_limits")
 def test_every_path_of_the_page_refuses_a_request_that_is_too_large(served: Served) -> None:
-    for name in names(served, Door.ROUTE):
+    for name in names(served, EntryKind.ROUTE):
         path = f"{PAGE_PATHS[name]}?x={PADDING}"
         assert page_status(served, path, **BEARER) == 429, name
-    for name in names(served, Door.SOCKET):
+    for name in names(served, EntryKind.SOCKET):
         path = f"{PAGE_PATHS[name].partition('?')[0]}?x={PADDING}"
         assert handshake_status(served.viewer.url, path, **BEARER) == 429, name
 
@@ -188,13 +190,13 @@ def test_queries_of_one_address_are_limited_at_every_port(served: Served, monkey
     costly = (Cost.QUERY, Cost.FILE)
     with closing(RawClient(f"{served.rosbridge.url}/?token={TOKEN}", source_address=ELSEWHERE)) as client:
         client.call_service("/mindstage/query", {"language": "none"})
-        for name in names(served, Door.SERVICE, *costly):
+        for name in names(served, EntryKind.SERVICE, *costly):
             response = client.call_service(name, {})
             assert "too many requests" in str(response["values"]), (name, response)
     with connect_page_client(served.viewer.url, headers=BEARER, source_address=ELSEWHERE) as page:
         with pytest.raises(RequestFailedError):
             page.ask("load", name="x.txt", text="")
-        for name in names(served, Door.METHOD, *costly):
+        for name in names(served, EntryKind.METHOD, *costly):
             with pytest.raises(RequestFailedError, match="too many requests"):
                 page.ask(name)
 
@@ -215,12 +217,12 @@ def test_a_request_of_the_page_is_answered_at_its_deadline(served: Served) -> No
 
 
 def test_without_the_token_nothing_is_reached(served: Served) -> None:
-    for name in names(served, Door.ROUTE):
+    for name in names(served, EntryKind.ROUTE):
         assert page_status(served, PAGE_PATHS[name]) == 401, name
-    for name in names(served, Door.SOCKET):
+    for name in names(served, EntryKind.SOCKET):
         assert handshake_status(served.viewer.url, PAGE_PATHS[name]) == 401, name
     for url in (served.rosbridge.url, served.shell.url):
-        for name in names(served, Door.OPERATION):
+        for name in names(served, EntryKind.OPERATION):
             with closing(RawClient(url)) as stranger:
                 fields = dict.fromkeys(("topic", "service", "action", "type", "action_type"), "/x") | {"id": name}
                 stranger.send_operation(op=name, **fields, msg={}, result=True, status=4, level="error")
@@ -235,7 +237,7 @@ def test_pages_of_other_sites_open_no_websocket(served: Served) -> None:
 
 
 def test_names_of_other_hosts_are_refused_everywhere(served: Served) -> None:
-    for name in names(served, Door.ROUTE):
+    for name in names(served, EntryKind.ROUTE):
         assert page_status(served, PAGE_PATHS[name], Host="evil.example", **BEARER) == 421, name
     for url, path in sockets(served):
         assert handshake_status(url, path, Host="evil.example", **BEARER) == 421, (url, path)
@@ -331,8 +333,8 @@ def test_no_handler_has_a_check_of_its_own() -> None:
         ("def f(request): raise RequestLimitError('x', cause='y')", "RequestLimitError is raised by a handler"),
     ],
 )
-@pytest.mark.parametrize("door", ["ros", "viewer", "bridge", "prolog"])
-def test_a_private_check_is_found(source: str, found: str, door: str, tmp_path: Path) -> None:
-    (tmp_path / door).mkdir()
-    (tmp_path / door / "planted.py").write_text(source + "\n", encoding="utf-8")
-    assert private_checks(tmp_path) == [f"{door}/planted.py:1: {found}"]
+@pytest.mark.parametrize("package", ["ros", "viewer", "bridge", "prolog"])
+def test_a_private_check_is_found(source: str, found: str, package: str, tmp_path: Path) -> None:
+    (tmp_path / package).mkdir()
+    (tmp_path / package / "planted.py").write_text(source + "\n", encoding="utf-8")
+    assert private_checks(tmp_path) == [f"{package}/planted.py:1: {found}"]

@@ -224,11 +224,10 @@ def test_files_that_a_mesh_refers_to_are_in_its_folder(
     call: Callable[..., Any], simulation: Simulation, place: Place
 ) -> None:
     package = place.root / "packages/pkg"
-    for folder in (package, place.root / "outside"):
-        Image.new("RGB", (4, 4), "red").save(folder / "red.png")
-    for number, texture in enumerate(
-        ("red.png", "../../outside/red.png", f"{place.root}/outside/red.png", "link/red.png")
-    ):
+    secret = place.root / "outside" / "secret.png"
+    for path in (package / "red.png", secret):
+        Image.new("RGB", (4, 4), "red").save(path)
+    for number, texture in enumerate(("red.png", "../../outside/secret.png", str(secret), "link/secret.png")):
         (package / f"t{number}.mtl").write_text(f"newmtl m\nmap_Kd {texture}\n", encoding="utf-8")
         lines = (f"mtllib t{number}.mtl", "v 0 0 0", "v 1 0 0", "v 0 1 0", "v 0 0 1", "vt 0 0", "usemtl m")
         faces = ("f 1/1 3/1 2/1", "f 1/1 2/1 4/1", "f 1/1 4/1 3/1", "f 2/1 3/1 4/1")

@@ -37,13 +37,13 @@ __all__ = [
     "SPAWN",
     "TRUSTED",
     "Cost",
-    "Door",
+    "EntryKind",
     "EntryPoint",
     "Policy",
 ]
 
 
-class Door(StrEnum):
+class EntryKind(StrEnum):
     """A way by which clients reach something."""
 
     ROUTE = "page: request"
@@ -106,7 +106,7 @@ class Policy(msgspec.Struct, frozen=True, kw_only=True):
 class EntryPoint(NamedTuple):
     """Something that a client can reach."""
 
-    door: Door
+    kind: EntryKind
     name: str
     policy: Policy | None
     """None if it was registered without a policy, which is a defect."""

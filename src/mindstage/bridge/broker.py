@@ -21,7 +21,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import msgspec
 
 from mindstage.access.limits import QUEUE_LENGTH, BridgeLimits
-from mindstage.access.policies import CONTROL, PAYLOAD, Door, EntryPoint, Policy
+from mindstage.access.policies import CONTROL, PAYLOAD, EntryKind, EntryPoint, Policy
 from mindstage.access.visitors import Visitor
 from mindstage.bridge.encodings import serialize, write_cbor_raw
 from mindstage.bridge.protocol import (
@@ -937,7 +937,7 @@ class Broker:
     def entry_points(self) -> Iterator[EntryPoint]:
         """Yields the operations."""
         for operation, (policy, _) in self.handlers.items():
-            yield EntryPoint(Door.OPERATION, str(operation.__struct_config__.tag), policy)
+            yield EntryPoint(EntryKind.OPERATION, str(operation.__struct_config__.tag), policy)
 
     def handle(self, peer: Peer, operation: Operation, size: int = 0) -> None:
         """Handles an operation of a peer.

@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from mindstage.access.limits import NODE_GOALS
-from mindstage.access.policies import EDIT, Door, Policy
+from mindstage.access.policies import EDIT, EntryKind, Policy
 from mindstage.bridge.event_loop import EventLoopThread, KeyedSerialExecutor
 from mindstage.bridge.protocol import (
     ActionFeedback,
@@ -333,7 +333,7 @@ class HandlerDispatcher:
             send: sends responses; called on the loop.
         """
         self.services: dict[str, ServiceHandler] = {}
-        self.policies: dict[tuple[Door, str], Policy | None] = {}
+        self.policies: dict[tuple[EntryKind, str], Policy | None] = {}
         """The limits of services, actions and topics by their names; None for those of an edit."""
         self.quick: set[str] = set()
         """Services whose handlers never block: they run on the loop, unless an earlier call of the caller waits."""
@@ -355,16 +355,16 @@ class HandlerDispatcher:
         """Calls the handler of a quick service now and returns its response; None if it has to wait, or is another."""
         if name not in self.quick or caller in self._unanswered:
             return None
-        if (refusal := self.refusal(Door.SERVICE, name, call.args, caller)) is not None:
+        if (refusal := self.refusal(EntryKind.SERVICE, name, call.args, caller)) is not None:
             return _call_error_response(call, refusal)
         return _call_handler(self.services[name], call)
 
     def refusal(
-        self, door: Door, name: str, raw: msgspec.Raw | msgspec.UnsetType, caller: object
+        self, kind: EntryKind, name: str, raw: msgspec.Raw | msgspec.UnsetType, caller: object
     ) -> RequestLimitError | None:
         """Counts a request, and returns why it is beyond the limits of its policy; None if it is not."""
         try:
-            policy, visitor = self.policies.get((door, name)) or EDIT, getattr(caller, "visitor", None)
+            policy, visitor = self.policies.get((kind, name)) or EDIT, getattr(caller, "visitor", None)
             policy.admit(name, len(bytes(content(raw))), visitor, time.monotonic())
         except RequestLimitError as error:
             return error
@@ -377,7 +377,7 @@ class HandlerDispatcher:
             self._send(_call_error_response(call, ServiceNotFoundError(call.service)))
         elif (response := self.answer(name, call, caller)) is not None:
             self._send(response)
-        elif (refusal := self.refusal(Door.SERVICE, name, call.args, caller)) is not None:
+        elif (refusal := self.refusal(EntryKind.SERVICE, name, call.args, caller)) is not None:
             self._send(_call_error_response(call, refusal))
         elif iscoroutinefunction(handler):
             self.start_task(self._handle_call_async(handler, call))
@@ -398,7 +398,7 @@ class HandlerDispatcher:
             cause = f"the goal {id!r} is active already"
         elif len(self._goals) >= NODE_GOALS.count:
             cause = f"{NODE_GOALS.count} goals are active already; wait until one has ended, or cancel one"
-        elif (refusal := self.refusal(Door.ACTION, name, request.args, caller)) is not None:
+        elif (refusal := self.refusal(EntryKind.ACTION, name, request.args, caller)) is not None:
             cause = str(refusal)
         if handler is None or cause:
             self._send(_goal_error_result(request, id, cause or f"Action {request.action} does not exist"))

@@ -21,7 +21,7 @@ from typing import Any, Protocol, TypeVar, cast
 import msgspec
 
 from mindstage.access.limits import DEFAULT_BRIDGE_LIMITS, UNHANDLED_MESSAGES, UNSENT_MESSAGES, BridgeLimits
-from mindstage.access.policies import Door, EntryPoint, Policy
+from mindstage.access.policies import EntryKind, EntryPoint, Policy
 from mindstage.bridge.broker import PLAIN_FORMAT, Broker, GraphInfo, Peer, ReplyFormat, resolve_name, same_type
 from mindstage.bridge.calls import (
     ActionHandler,
@@ -190,7 +190,7 @@ class Node:
         """
 
         def add() -> None:
-            self._declare(Door.SERVICE, name, policy)
+            self._declare(EntryKind.SERVICE, name, policy)
             self._advertise(("service", resolve_name(name)), AdvertiseService(service=name, type=type))
             self._dispatcher.services[resolve_name(name)] = handler
             (self._dispatcher.quick.add if quick else self._dispatcher.quick.discard)(resolve_name(name))
@@ -260,7 +260,7 @@ class Node:
         """
 
         def add() -> None:
-            self._declare(Door.ACTION, name, policy)
+            self._declare(EntryKind.ACTION, name, policy)
             self._advertise(("action", resolve_name(name)), AdvertiseAction(action=name, type=type))
             self._dispatcher.actions[resolve_name(name)] = handler
 
@@ -380,7 +380,7 @@ class Node:
         )
 
         def subscribe() -> None:
-            self._declare(Door.TOPIC, topic, policy)
+            self._declare(EntryKind.TOPIC, topic, policy)
             handlers = self._subscriptions[resolve_name(topic)]
             handlers.append(subscription)  # before subscribing, since latched messages are sent at once
             try:
@@ -467,7 +467,7 @@ class Node:
 
     def _handle_message(self, message: Publish, sender: MessageSender | None) -> None:
         name = resolve_name(message.topic)
-        if (refusal := self._dispatcher.refusal(Door.TOPIC, name, message.msg, sender)) is not None:
+        if (refusal := self._dispatcher.refusal(EntryKind.TOPIC, name, message.msg, sender)) is not None:
             if sender is not None:
                 sender.send_status(StatusLevel.ERROR, str(refusal))
             return
@@ -478,9 +478,9 @@ class Node:
             else:
                 self._executor.submit(subscription, task, max_waiting=UNHANDLED_MESSAGES.count)
 
-    def _declare(self, door: Door, name: str, policy: Policy | None) -> None:
+    def _declare(self, kind: EntryKind, name: str, policy: Policy | None) -> None:
         """Keeps the policy of an entry point; on the loop."""
-        self._dispatcher.policies[door, resolve_name(name)] = policy
+        self._dispatcher.policies[kind, resolve_name(name)] = policy
 
     def _require_other_thread(self, method: str) -> None:
         if self._loop.is_current_thread():
@@ -555,16 +555,16 @@ class LocalNode(Node):
         """Everything that a client of this broker can reach: operations, and what this node offers and reads now."""
         graph, policies = self.graph_info(), self._dispatcher.policies
         found = [
-            *((Door.SERVICE, each.name) for each in graph.services if each.provider == self.name),
-            *((Door.ACTION, each.name) for each in graph.actions if each.provider == self.name),
-            *((Door.TOPIC, each.name) for each in graph.topics if self.name in each.subscribers),
+            *((EntryKind.SERVICE, each.name) for each in graph.services if each.provider == self.name),
+            *((EntryKind.ACTION, each.name) for each in graph.actions if each.provider == self.name),
+            *((EntryKind.TOPIC, each.name) for each in graph.topics if self.name in each.subscribers),
         ]
-        offered = (EntryPoint(door, name, policies.get((door, resolve_name(name)))) for door, name in found)
+        offered = (EntryPoint(kind, name, policies.get((kind, resolve_name(name)))) for kind, name in found)
         return (*self.broker.entry_points(), *offered)
 
-    def _declare(self, door: Door, name: str, policy: Policy | None) -> None:
-        super()._declare(door, name, policy)
-        if door is Door.SERVICE and policy is not None and policy.deadline_s is not None:
+    def _declare(self, kind: EntryKind, name: str, policy: Policy | None) -> None:
+        super()._declare(kind, name, policy)
+        if kind is EntryKind.SERVICE and policy is not None and policy.deadline_s is not None:
             self.broker.services.timeouts_s[resolve_name(name)] = policy.deadline_s
 
     def set_ros(self, ros: RosVersion, now: Callable[[], float]) -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from mindstage.access.limits import ANSWER_PARTS, REQUEST_PARTS
-from mindstage.access.policies import QUERY, TRUSTED, Cost, Door, EntryPoint, Policy
+from mindstage.access.policies import QUERY, TRUSTED, Cost, EntryKind, EntryPoint, Policy
 from mindstage.access.resources import is_outside_request
 from mindstage.errors import PrologGoalError, PrologTimeoutError, PrologUnavailableError, SourceParseError
 from mindstage.prolog.episode_predicates import EpisodePredicates
@@ -134,7 +134,7 @@ class PrologConsole:
 
     def entry_points(self) -> tuple[EntryPoint, ...]:
         """The requests that Prolog can send to Python."""
-        return tuple(EntryPoint(Door.PREDICATE, name, self.policies.get(name)) for name in self.handlers)
+        return tuple(EntryPoint(EntryKind.PREDICATE, name, self.policies.get(name)) for name in self.handlers)
 
     def solutions(self, goal: str, *, limit: int = 1000, timeout_s: float = 30.0) -> Solutions:
         """Finds the solutions of a goal, in Prolog's order; empty if it fails. May be called from any thread.

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import msgspec
 
 from mindstage.access.gate import Denial, Gate, RequestHeaders
-from mindstage.access.policies import CONTROL, READ, Door, EntryPoint, Policy
+from mindstage.access.policies import CONTROL, READ, EntryKind, EntryPoint, Policy
 from mindstage.access.visitors import Visitor
 from mindstage.errors import RequestLimitError
 from mindstage.textures.baking import content_version
@@ -179,8 +179,8 @@ class RequestFilter:
 
     def entry_points(self) -> tuple[EntryPoint, ...]:
         """The paths that are answered."""
-        routes = (EntryPoint(Door.ROUTE, each.name, each.policy) for each in self.routes)
-        return (*routes, *(EntryPoint(Door.SOCKET, name, policy) for name, _, policy in SOCKETS))
+        routes = (EntryPoint(EntryKind.ROUTE, each.name, each.policy) for each in self.routes)
+        return (*routes, *(EntryPoint(EntryKind.SOCKET, name, policy) for name, _, policy in SOCKETS))
 
     def _excess(self, path: str, visitor: Visitor, now_s: float) -> Denial | None:
         policies = [(each.pattern, each.policy) for each in self.routes] + [each[1:] for each in SOCKETS]

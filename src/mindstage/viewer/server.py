@@ -51,7 +51,7 @@ from mindstage.access.limits import (
     RpcLimits,
     VisitorLimits,
 )
-from mindstage.access.policies import CONTROL, Door, EntryPoint, Policy
+from mindstage.access.policies import CONTROL, EntryKind, EntryPoint, Policy
 from mindstage.access.resources import without_paths
 from mindstage.access.visitors import TokenBucket, Visitor
 from mindstage.errors import (
@@ -424,7 +424,7 @@ class RpcChannel:
 
     def entry_points(self) -> tuple[EntryPoint, ...]:
         """The methods that pages can call."""
-        return tuple(EntryPoint(Door.METHOD, name, method.policy) for name, method in self._methods.items())
+        return tuple(EntryPoint(EntryKind.METHOD, name, method.policy) for name, method in self._methods.items())
 
     def on_connect(self, callback: Callable[[ClientSession], None]) -> None:
         """Registers a callback for new sessions; called in a worker thread."""
