@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, get_args, get_type_
 import typer
 from typer.core import TyperCommand
 
+from mindstage.cli import exit_if_terminated
 from mindstage.cli.output import one_line, print_json
 from mindstage.errors import AmbiguousMapError, MindstageError, WorldError
 
@@ -126,6 +127,8 @@ class ExitCode(IntEnum):
     """Ctrl-C."""
     PIPE_CLOSED = 141
     """The reader of the output closed the pipe."""
+    TERMINATED = 143
+    """SIGTERM."""
 
 
 def exit_code(error: MindstageError) -> ExitCode:
@@ -283,6 +286,7 @@ def discard_output() -> None:
 
 
 def _print_error(error: Exception, message: str, *, as_json: bool) -> None:
+    exit_if_terminated()
     try:
         if as_json:
             print_json({"error": {"kind": getattr(error, "code", type(error).__name__), "message": message}})

@@ -28,6 +28,7 @@ from mindstage.errors import (
     MindstageError,
     SourceParseError,
 )
+from mindstage.files import atomic_write
 from mindstage.knowledge import KnowledgeBase, MapDialect, MapFormat, SourceMapView, UnitConventions, write_map
 from mindstage.rendering.screenshot import LabelMode
 from mindstage.scene import Body, BodyId, Iri, Joint, Pose, Vector, World
@@ -139,7 +140,7 @@ class FileHandler:
         weakref.finalize(knowledge, folder.cleanup)
         try:
             path = Path(folder.name, f"{_safe_filename(Path(request.name).stem) or 'map'}{suffix}")
-            path.write_text(request.text, encoding="utf-8")
+            atomic_write(path, request.text.encode())
             try:
                 knowledge.load(path, conventions=request.conventions, xacro=False, untrusted=True)
             except SourceParseError as error:  # without the path on this machine

@@ -312,7 +312,7 @@ class LoadTransaction:
         """A name that no other graph has, and that does not depend on the folder of the file."""
         if path.parent == bundled_ontology().parent:
             return ox.NamedNode(f"{BUNDLED_GRAPHS}{path.name}")
-        by_file = f"{FILE_GRAPHS}{quote(path.name)}"
+        by_file = f"{FILE_GRAPHS}{quote(os.fsencode(path.name))}"
         numbered = (f"{by_file}-{number}" for number in count(2))
         taken = {source.graph for source in self.sources.values()} | RESERVED_GRAPHS
         names = (header.ontology if self.ontology_names else "", by_file)
