@@ -266,18 +266,20 @@ def _permissions(path: Path) -> int | None:
 
 @contextmanager
 def file_lock(path: Path, *, timeout_s: float = _LOCK_TIMEOUT_S) -> Iterator[None]:
-    """Excludes other processes and threads that lock the same path, during the `with` block.
+    """Excludes others that lock the same path, until the `with` block ends or the file is replaced.
 
-    The lock is a file beside it, which is removed afterwards. The operating system releases it if the process ends.
+    The file itself is locked, and is created empty for that; it is removed if it still is empty at the end. On Windows,
+    which does not replace open files, another file is locked, and removed afterwards. The operating system releases the
+    lock if the process ends.
 
     Args:
         path: the file to be changed, which need not exist.
         timeout_s: how long to wait for others [s].
 
     Raises:
-        OSError: the lock was not available in time, or its file cannot be created; `filename` is the path.
+        OSError: the lock was not available in time, or the file cannot be created; `filename` is the path.
     """
-    lock = path.with_name(f".{path.name}.lock")
+    lock = path.with_name(f".{path.name}.lock") if sys.platform == "win32" else path
     end_s = time.monotonic() + timeout_s
     while (descriptor := _try_lock(path, lock)) is None:
         if time.monotonic() > end_s:
@@ -288,14 +290,16 @@ def file_lock(path: Path, *, timeout_s: float = _LOCK_TIMEOUT_S) -> Iterator[Non
         yield
     finally:
         with suppress(OSError):  # Windows does not remove open files
-            lock.unlink()
+            status = os.fstat(descriptor)
+            if lock != path or (status.st_size == 0 and os.path.samestat(status, os.stat(lock))):
+                lock.unlink()
         os.close(descriptor)
 
 
 def _try_lock(path: Path, lock: Path) -> int | None:
-    """Locks the lock file, and returns its descriptor; None if another process has locked or has just removed it."""
+    """Locks a file, and returns its descriptor; None if another process has locked, removed or replaced it."""
     try:
-        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o600)
+        descriptor = os.open(lock, (os.O_RDWR if os.access(lock, os.W_OK) else os.O_RDONLY) | os.O_CREAT, 0o666)
     except PermissionError as error:
         if sys.platform == "win32":  # being removed
             return None

@@ -19,8 +19,8 @@ from typing import Annotated
 import typer
 
 from mindstage import __version__
-from mindstage.cli import exit_if_terminated
 from mindstage.cli.options import ExitCode, VerbCommand, command, discard_output
+from mindstage.cli.termination import exit_if_terminated
 
 __all__ = ["app", "main"]
 

@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, get_args, get_type_
 import typer
 from typer.core import TyperCommand
 
-from mindstage.cli import exit_if_terminated
 from mindstage.cli.output import one_line, print_json
+from mindstage.cli.termination import exit_if_terminated
 from mindstage.errors import AmbiguousMapError, MindstageError, WorldError
 
 if TYPE_CHECKING:
@@ -675,8 +675,15 @@ Delta = Annotated[
 ]
 
 Port = Annotated[
-    int,
-    typer.Option("--port", metavar="PORT", min=0, max=65535, help="The port of the page; 0 chooses a free one."),
+    int | None,
+    typer.Option(
+        "--port",
+        metavar="PORT",
+        min=0,
+        max=65535,
+        help="The port of the page; 0 chooses a free one. By default 8080, or the next free one.",
+        show_default=False,
+    ),
 ]
 
 Seconds = Annotated[

@@ -132,8 +132,7 @@ def progress_spinner(text: str) -> Iterator[None]:
 def print_json(value: object) -> None:
     """Prints a JSON document on stdout; infinity and NaN become null.
 
-    Where the output is not in UTF-8, characters beyond ASCII are escaped. Bytes of names of files that are not UTF-8 are
-    U+FFFD.
+    Where the output is not in UTF-8, others than ASCII are escaped. What is not UTF-8 in names of files is U+FFFD.
     """
     import msgspec
 
