@@ -136,26 +136,13 @@ def print_json(value: object) -> None:
     """
     import msgspec
 
-    try:
-        encoded = msgspec.json.encode(value)
-    except UnicodeEncodeError:
-        encoded = msgspec.json.encode(_without_surrogates(msgspec.to_builtins(value)))
-    text = msgspec.json.format(encoded, indent=2).decode()
+    from mindstage.unicode_json import encode_json
+
+    text = msgspec.json.format(encode_json(value), indent=2).decode()
     if not _is_unicode(sys.stdout):
         text = _BEYOND_ASCII.sub(lambda found: json.dumps(found[0])[1:-1], text)
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
-
-
-def _without_surrogates(value: object) -> object:
-    match value:
-        case str():
-            return without_surrogates(value)
-        case dict():
-            return {_without_surrogates(key): _without_surrogates(each) for key, each in value.items()}
-        case list() | tuple():
-            return [_without_surrogates(each) for each in value]
-    return value
 
 
 def _is_unicode(stream: TextIO) -> bool:

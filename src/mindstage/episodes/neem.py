@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 
 from mindstage.episodes.recording import EpisodeEvent, EpisodeEventKind, Recording
 from mindstage.episodes.transform_recording import TransformLog, TransformRecording, listed
-from mindstage.errors import EpisodeFileError, KnowledgeError, MapWriteError
+from mindstage.errors import EpisodeFileError, KnowledgeError, MapWriteError, without_surrogates
 from mindstage.files import atomic_folder, atomic_write
 from mindstage.knowledge.event_graph import CONCEPT_ROLES, EVENT_PATTERNS
 from mindstage.knowledge.io.files import read_statements
@@ -350,7 +350,7 @@ def read_neem(
     return Neem(
         log,
         world,
-        name=folder.stem,
+        name=without_surrogates(folder.stem),
         bodies=bodies,
         map_frame=map_frame,
         rate_hz=None,

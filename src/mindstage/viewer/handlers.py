@@ -20,7 +20,7 @@ import viser
 
 from mindstage.access.limits import MAP_CHARACTERS, NEW_BODY_TIME, STORAGE_PLACES
 from mindstage.access.policies import EDIT, FILE, READ, RUN
-from mindstage.access.resources import require_granted
+from mindstage.access.resources import require_granted, without_paths
 from mindstage.errors import (
     BodyNotFoundError,
     InvalidArgumentError,
@@ -339,7 +339,7 @@ def _clock_message(snapshot: StateSnapshot) -> ClockMessage:
         speed=snapshot.speed,
         real_time_factor=round(snapshot.real_time_factor, 2),
         bodies=len(snapshot.ids),
-        fault=snapshot.error,
+        fault=without_paths(snapshot.error),
         expected_rebuild_s=round(snapshot.expected_rebuild_s, 2),
     )
 
@@ -590,7 +590,7 @@ class Handlers:
     def toast(self, view: int, text: str, *, kind: str = "error") -> None:
         """Shows a message to the client of a view."""
         if (session := self.session_of_view(view)) is not None:
-            session.send_event("toast", {"text": text, "kind": kind})
+            session.send_event("toast", {"text": without_paths(text), "kind": kind})
 
     # -- for the drawing thread ----------------------------------------------------------------------------------------
 
@@ -613,4 +613,4 @@ class Handlers:
 
     def show_error(self, text: str) -> None:
         """Publishes an error of the viewer; an empty text clears it."""
-        self._channel.publish("viewer_error", text)
+        self._channel.publish("viewer_error", without_paths(text))

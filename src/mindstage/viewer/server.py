@@ -63,6 +63,7 @@ from mindstage.errors import (
     ViewerUnavailableError,
 )
 from mindstage.simulation.observation import as_client
+from mindstage.unicode_json import encode_json
 from mindstage.viewer.http import (
     CHANNEL,
     STARTING,
@@ -289,7 +290,7 @@ def patched_viser(routes: HttpRoutes) -> Iterator[None]:
 
 def event_message(topic: str, value: object) -> bytes:
     """Encodes an event."""
-    return msgspec.json.encode({"topic": topic, "value": value})
+    return encode_json({"topic": topic, "value": value})
 
 
 class ClientSession:
@@ -564,7 +565,7 @@ class RpcChannel:
             return _error_message(request.id, "RequestRefused", str(refused))
         try:
             with as_client(CLIENT):
-                return msgspec.json.encode({"id": request.id, "result": method.handler(session, arguments)})
+                return encode_json({"id": request.id, "result": method.handler(session, arguments)})
         except MindstageError as error:
             return _error_message(
                 request.id, error.code, without_paths(str(error), given=bytes(request.arguments).decode())
@@ -585,7 +586,7 @@ class RpcChannel:
 
 
 def _error_message(id: int | None, type: str, text: str) -> bytes:
-    return msgspec.json.encode({"id": id, "error": {"type": type, "message": text}})
+    return encode_json({"id": id, "error": {"type": type, "message": text}})
 
 
 def _session_key(path: str) -> str:
