@@ -57,6 +57,7 @@ from mindstage.cli.output import (
 )
 from mindstage.cli.setup import knowledge_base, knowledge_with_episodes, make_engine, simulation_from_options
 from mindstage.cli.viewer import show_page
+from mindstage.errors import without_surrogates
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine
@@ -503,7 +504,7 @@ def _named_episode(files: Sequence[str], folder: Path | None) -> dict[str, str]:
     from mindstage.errors import InvalidArgumentError
 
     if folder is None:
-        return {"episode": Path(files[0]).stem} if len(files) == 1 else {}
+        return {"episode": without_surrogates(Path(files[0]).stem)} if len(files) == 1 else {}
     if len(files) > 1:
         cause = f"{len(files)} names are given with --episodes"
         raise InvalidArgumentError("--episode", cause=cause, remedy="give one name, or none for all episodes")

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from mindstage.errors import RobotModelError, SourceParseError, without_surrogates
+from mindstage.errors import RobotModelError, SourceParseError
 from mindstage.knowledge.io.ros_packages import RosPackagePath
 from mindstage.knowledge.io.xml import first_tag
 from mindstage.knowledge.urdf.model import UrdfInertial, UrdfJoint, UrdfJointType, UrdfRobot
@@ -80,7 +80,7 @@ def load_model(
     """
     folders = tuple(folders)
     found = ModelSource(path=source) if isinstance(source, Path) else find_model(source, folders=folders)
-    path, name = found.path, name or without_surrogates(found.name)
+    path, name = found.path, name or found.name
     is_mjcf = _is_mjcf(path)
     if is_mjcf:
         description = _from_mjcf(path, found.mimics)
