@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -65,14 +65,14 @@ class FilmWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with ExitStack() as ending:
-            ending.push(self._files)
-            if error is None:
+        if error is None:
+            with self._files:
                 self._encoder.close()
-            else:
-                with suppress(Exception):  # the first error is the relevant one
-                    self._encoder.close()
-                raise error
+            return
+        with suppress(Exception):  # the first error is the relevant one
+            self._encoder.close()
+        with nullcontext() if isinstance(error, OSError) else suppress(OSError):
+            self._files.__exit__(kind, error, trace)
 
 
 class _Encoder(Protocol):

@@ -656,7 +656,7 @@ def serve(
     if not routes.patched:
         shut_down(server)
         raise ViewerUnavailableError(
-            host, port, cause="this release of viser cannot be patched with the request filter"
+            host, free, cause="this release of viser cannot be patched with the request filter"
         )
     if free and server.get_port() != free:  # taken by another process in the meantime
         shut_down(server)
