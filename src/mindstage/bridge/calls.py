@@ -22,6 +22,7 @@ import msgspec
 
 from mindstage.access.limits import NODE_GOALS
 from mindstage.access.policies import EDIT, EntryKind, Policy
+from mindstage.access.resources import without_paths
 from mindstage.bridge.event_loop import EventLoopThread, KeyedSerialExecutor
 from mindstage.bridge.protocol import (
     ActionFeedback,
@@ -45,6 +46,7 @@ from mindstage.errors import (
     ServiceNotFoundError,
     ServiceTimeoutError,
 )
+from mindstage.unicode_json import encode_json
 
 __all__ = [
     "ActionHandler",
@@ -500,7 +502,7 @@ async def _await_if_needed(result: object) -> object:
 
 def encode_values(values: object) -> msgspec.Raw:
     """Returns values as JSON; none are an empty object."""
-    return msgspec.Raw(b"{}" if values is None else msgspec.json.encode(values))
+    return msgspec.Raw(b"{}" if values is None else encode_json(values))
 
 
 def _call_handler(handler: ServiceHandler, call: CallService) -> ServiceResponse:
@@ -523,10 +525,12 @@ def _response(call: CallService, result: object) -> ServiceResponse:
 
 
 def _error_reply(name: str, error: Exception) -> str:
-    if isinstance(error, MindstageError):
+    if isinstance(error, FailureResponseError):  # its text was made for the client
         return str(error)
+    if isinstance(error, MindstageError):
+        return without_paths(str(error))
     _log.error("the handler of %s failed", name, exc_info=error)
-    return f"{name} failed: {type(error).__name__}: {error}"
+    return without_paths(f"{name} failed: {type(error).__name__}: {error}")
 
 
 def _call_error_response(call: CallService, error: Exception) -> ServiceResponse:
