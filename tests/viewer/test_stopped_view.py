@@ -180,9 +180,8 @@ def test_a_view_that_still_draws_after_an_error_has_no_notice(viewer: Viewer, ne
     frames = "return view.__viserMutable.scene.__r3f.root.getState().gl.info.render.frame;"
     before = _in_view(tab, frames)
     _in_view(tab, "view.setTimeout(() => { throw new view.Error('harmless'); }, 0);")
-    wait_until(lambda: tab.errors, "the error has occurred")
     wait_until(lambda: _in_view(tab, frames) > before, "a frame is drawn")
-    tab.page.wait_for_timeout(1000)
+    tab.page.wait_for_timeout(6000)  # longer than the notice would take
     assert (tab.errors, _notice(tab)) == (["harmless"], "")
 
 

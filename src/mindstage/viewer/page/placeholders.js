@@ -104,6 +104,7 @@ class Placeholders {
 
   replayDone() {
     this.#isReplayDone = true;
+    this.#view.requestRender(); // for `update`
   }
 
   update() {
