@@ -270,6 +270,30 @@ class PrologQueries(FuzzTarget):
         self._stack.close()
 
 
+class RandomEditRuns(FuzzTarget):
+    """Lists of random edits of running worlds, of which each can be undone: the input is the seed of one."""
+
+    uses_network = True  # the readers of robots are processes
+    memory_limit = None
+
+    def seeds(self) -> Iterator[bytes]:
+        yield from (bytes([number]) for number in range(4))
+
+    def random_input(self, chooser: random.Random) -> bytes:
+        return chooser.randbytes(8)
+
+    def process(self, data: bytes) -> None:
+        from tests.simulation.random_edits import STARTS, random_steps, run, shrunk
+
+        start = list(STARTS)[(data[0] if data else 0) % len(STARTS)]
+        steps = random_steps(random.Random(data), 8 if start == "kitchen" else 25)
+        try:
+            run(start, steps, self.folder)
+        except AssertionError:
+            run(start, shrunk(start, steps, self.folder, runs=20), self.folder)
+            raise
+
+
 # -- ports ---------------------------------------------------------------------------------------------------------
 
 
@@ -492,6 +516,7 @@ TARGETS: dict[str, type[FuzzTarget]] = {
     "ontologies": OntologyFiles,
     "queries": QueryTexts,
     "prolog": PrologQueries,
+    "edits": RandomEditRuns,
     "rosbridge": RosbridgeFrames,
     "page": PageRequests,
     "http": HttpRequests,
