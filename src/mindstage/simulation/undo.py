@@ -10,7 +10,7 @@ current pose of what it is attached to, and then opened again.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import Protocol, cast
 
@@ -32,7 +32,7 @@ from mindstage.errors import (
 )
 from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, GeometryMap, Joint, Material, Pose, World
 from mindstage.scene.kinematics import handles_by_body, moving_body, outward_joints
-from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_inverse, pose_multiply
+from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_inverse, pose_multiply, quat_angle
 from mindstage.simulation.body_groups import find_dependents
 from mindstage.simulation.state import EngineSession
 
@@ -88,7 +88,7 @@ class MoveBody(msgspec.Struct, frozen=True):
         before = current_pose(engine, self.id)
         holders = _holders(engine, (self.id,))
         _set_pose(engine, self.id, self.pose, self.holders)
-        return MoveBody(self.id, before, self.label, holders)
+        return MoveBody(self.id, before, self.label, _resting(engine, holders))
 
 
 class MoveBodies(msgspec.Struct, frozen=True):
@@ -110,10 +110,9 @@ class MoveBodies(msgspec.Struct, frozen=True):
             for id, pose in self.poses.items():
                 _set_pose(engine, id, pose, self.holders)
         except WorldError:
-            for id, pose in before.items():
-                _set_pose(engine, id, pose, holders)
+            _set_back(engine, before)
             raise
-        return MoveBodies(before, self.label, holders)
+        return MoveBodies(before, self.label, _resting(engine, holders, moved=before))
 
 
 def _set_pose(engine: Engine, id: BodyId, pose: Pose, holders: _Holders | None) -> None:
@@ -131,6 +130,27 @@ def _set_pose(engine: Engine, id: BodyId, pose: Pose, holders: _Holders | None) 
         cast("BodySavingEngine", engine).restore_pose(id, pose)
     else:
         engine.set_pose(id, pose)
+
+
+def _set_back(engine: Engine, poses: Mapping[BodyId, Pose]) -> None:
+    """Sets poses that bodies had before; as some may move others of them, until all have them."""
+    for _ in poses:
+        now = current_poses(engine)
+        wrong = [id for id, pose in poses.items() if _is_moved(pose, now[id], tolerance=_ROUNDING)]
+        for id in wrong:
+            _set_pose(engine, id, poses[id], {})
+        if not wrong:
+            break
+
+
+def _resting(engine: Engine, holders: _Holders, *, moved: Container[BodyId] = ()) -> _Holders:
+    """Those of the holders that an edit has not moved along, or that it has moved themselves."""
+    now = current_poses(engine)
+    return {
+        id: (holder, pose)
+        for id, (holder, pose) in holders.items()
+        if holder in moved or not _is_moved(pose, now[holder], tolerance=_ROUNDING)
+    }
 
 
 def _holders(engine: Engine, ids: Iterable[BodyId]) -> _Holders:
@@ -227,13 +247,16 @@ class AttachAt(msgspec.Struct, frozen=True):
         """See `EditCommand`."""
         inverse, pose = _restore_parent(engine, self.child, self.label), current_pose(engine, self.child)
         parent = normalized_pose_array(current_pose(engine, self.parent))
-        engine.set_pose(
-            self.child, pose_from_array(pose_multiply(parent, normalized_pose_array(self.parent_from_child)))
-        )
+        target = pose_from_array(pose_multiply(parent, normalized_pose_array(self.parent_from_child)))
+        is_moved = _is_moved(pose, target, tolerance=_ROUNDING)
+        if is_moved:
+            with suppress(PoseUnreachableError):  # a joint holds it, too: it is attached where it is
+                _set_pose(engine, self.child, target, {})
         try:
             engine.attach(self.parent, self.child)
         except Exception:
-            engine.set_pose(self.child, pose)
+            if is_moved:
+                _set_pose(engine, self.child, pose, {})
             raise
         return inverse
 
@@ -518,9 +541,13 @@ def _same_pose(one: Array, other: Array) -> bool:
     return bool((one == other).all())
 
 
-def _is_moved(before: Pose, now: Pose) -> bool:
+def _is_moved(before: Pose, now: Pose, *, tolerance: float | None = None) -> bool:
+    """Whether poses differ visibly, or by more than a tolerance [m, rad]."""
     one, other = normalized_pose_array(before), normalized_pose_array(now)
-    return bool(np.linalg.norm(one[:3] - other[:3]) > _MOVED_M or abs(one[3:] @ other[3:]) < _UNTURNED_COSINE)
+    distance = np.linalg.norm(one[:3] - other[:3])
+    if tolerance is not None:
+        return bool(distance > tolerance or quat_angle(one[3:], other[3:]) > tolerance)
+    return bool(distance > _MOVED_M or abs(one[3:] @ other[3:]) < _UNTURNED_COSINE)
 
 
 def _is_unchanged(before: World, now: World) -> bool:
@@ -533,6 +560,8 @@ def _is_unchanged(before: World, now: World) -> bool:
 
 _MOVED_M, _UNTURNED_COSINE = 0.001, 0.99999
 """A body that moved by less, and turned by less than half a degree, counts as not moved."""
+_ROUNDING = 1e-9
+"""Poses that differ by less are equal [m, rad]."""
 _MAX_UNDO = 200
 """Length of the undo history."""
 
