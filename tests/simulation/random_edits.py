@@ -21,7 +21,7 @@ from msgspec.structs import replace
 from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
 from mindstage.engines import Engine, SpawnOptions
 from mindstage.episodes import Episode
-from mindstage.errors import MindstageError
+from mindstage.errors import InvalidArgumentError, MindstageError
 from mindstage.scene import Body, BodyId, Iri, Material, Mobility, Pose, World
 from mindstage.scene.transforms import (
     Array,
@@ -44,6 +44,8 @@ _POSE_TOLERANCE = 1e-6
 _SETTLED_TOLERANCE_M = 2e-3
 """A body that a spawn moved out of others, and that rests there, is shown where it was described [m, rad]."""
 _STEP_S = 0.06
+_MOVES_OTHERS = ("add", "paste", "place")
+"""A spawn may move loose bodies out of the new one, which is physics: undoing it does not move them back."""
 _NOT_IN_HISTORY = ("step", "tell", "reset_to_start", "saved_state", "robot", "drive", "world")
 
 
@@ -171,7 +173,7 @@ class RandomEdits:
         undo_stack = self.sim.undo_stack
         undo_stack.clear()
         start, rng = seen(self.sim), random.Random(len(self.log))
-        names = [name for name in self.edits if name not in _NOT_IN_HISTORY]
+        names = [name for name in self.edits if name not in (*_NOT_IN_HISTORY, *_MOVES_OTHERS)]
         for _ in range(8):
             name = rng.choice(names)
             try:
@@ -232,6 +234,8 @@ class RandomEdits:
 
     def edit_attach(self, rng: random.Random) -> object:
         parent, child = self._body(rng).id, self._body(rng).id
+        if any({parent, child} == {joint.parent, joint.child} for joint in self.sim.snapshot().joints):
+            return "a joint connects them"
         self.sim.undo_stack.attach(parent, child)
         return parent, child
 
@@ -283,8 +287,7 @@ class RandomEdits:
         return handle.joint.id, axis.name, value
 
     def edit_add(self, rng: random.Random) -> object:
-        bodies = self.sim.snapshot().bodies
-        example = rng.choice(bodies)
+        example = self._body(rng)
         body = replace(_renamed(example, f"Added{rng.randrange(10**6)}"), pose=self._near(example, rng))
         self.sim.spawn(World(iri=Iri("http://x.org/added.owl#map"), bodies=(body,)), persistent=False)
         self.sim.undo_stack.record_spawn([body.id])
@@ -388,6 +391,8 @@ class RandomEdits:
 
     def _body(self, rng: random.Random) -> Body:
         bodies = self.sim.snapshot().bodies
+        if not bodies:
+            raise InvalidArgumentError("body", cause="the world is empty")
         loose = [body for body in bodies if body.physics.is_dynamic]
         return rng.choice(loose if loose and rng.random() < 0.4 else bodies)
 

@@ -10,7 +10,7 @@ current pose of what it is attached to, and then opened again.
 from __future__ import annotations
 
 import threading
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import Protocol, cast
 
@@ -106,13 +106,22 @@ class MoveBodies(msgspec.Struct, frozen=True):
         if unknown := [id for id in self.poses if id not in present]:
             raise BodyNotFoundError(unknown[0], known=present)
         before, holders = {id: present[id] for id in self.poses}, _holders(engine, self.poses)
+        move_one_another = len(self.poses) > 1 and _are_connected(engine, self.poses)
+        steps: list[MoveBody] = []
         try:
             for id, pose in self.poses.items():
-                _set_pose(engine, id, pose, self.holders)
+                if move_one_another:
+                    steps.append(MoveBody(id, pose, self.label, self.holders).apply(engine))
+                else:
+                    _set_pose(engine, id, pose, self.holders)
         except WorldError:
             _set_back(engine, before)
             raise
-        return MoveBodies(before, self.label, _resting(engine, holders, moved=before))
+        if not move_one_another:
+            return MoveBodies(before, self.label, _resting(engine, holders))
+        undone = {step.id: step for step in reversed(steps)}
+        restored = {id: held for step in undone.values() for id, held in (step.holders or {}).items()}
+        return MoveBodies({id: step.pose for id, step in undone.items()}, self.label, restored)
 
 
 def _set_pose(engine: Engine, id: BodyId, pose: Pose, holders: _Holders | None) -> None:
@@ -143,27 +152,46 @@ def _set_back(engine: Engine, poses: Mapping[BodyId, Pose]) -> None:
             break
 
 
-def _resting(engine: Engine, holders: _Holders, *, moved: Container[BodyId] = ()) -> _Holders:
-    """Those of the holders that an edit has not moved along, or that it has moved themselves."""
+def _resting(engine: Engine, holders: _Holders) -> _Holders:
+    """Those of the holders that an edit has not moved along."""
     now = current_poses(engine)
     return {
         id: (holder, pose)
         for id, (holder, pose) in holders.items()
-        if holder in moved or not _is_moved(pose, now[holder], tolerance=_ROUNDING)
+        if not _is_moved(pose, now[holder], tolerance=_ROUNDING)
     }
 
 
 def _holders(engine: Engine, ids: Iterable[BodyId]) -> _Holders:
     """What bodies are attached to or on joints of, and the poses of that."""
-    world, wanted = engine.snapshot(), set(ids)
+    world = engine.snapshot()
+    found, poses = _holder_of(engine, world), {body.id: body.pose for body in world.bodies}
+    return {id: (found[id], poses[found[id]]) for id in ids if id in found}
+
+
+def _holder_of(engine: Engine, world: World) -> Mapping[BodyId, BodyId]:
+    """What each body is attached to or on a joint of."""
     bodies = {body.id: body for body in world.bodies}
     found: dict[BodyId, BodyId] = {}
     if Capability.JOINTS in engine.capabilities:  # otherwise a body does not move with what holds it by a joint
         for joint in world.joints:
             moving, holder = moving_body(joint, bodies[joint.parent], bodies[joint.child])
             found.setdefault(moving.id, holder.id)
-    found |= {each.child: each.parent for each in world.attachments}
-    return {id: (found[id], bodies[found[id]].pose) for id in wanted & found.keys()}
+    return found | {each.child: each.parent for each in world.attachments}
+
+
+def _are_connected(engine: Engine, ids: Collection[BodyId]) -> bool:
+    """Whether attachments and joints connect some of the bodies, so that one of them moves another."""
+    holder_of = _holder_of(engine, engine.snapshot())
+
+    def root(id: BodyId) -> BodyId:
+        visited = {id}
+        while (holder := holder_of.get(id)) is not None and holder not in visited:
+            id = holder
+            visited.add(id)
+        return id
+
+    return len({root(id) for id in ids}) < len(ids)
 
 
 class SetPhysics(msgspec.Struct, frozen=True):
