@@ -30,6 +30,7 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
+from mindstage.knowledge.io.files import bundled_kitchen
 from mindstage.msgs.registry import action_types, message_types, service_types
 from tests.bridge.test_hostile import random_frame
 from tests.conftest import ROOT
@@ -179,7 +180,7 @@ class ServerFuzzer:
         running = server.running
         self._services = sorted(running["services"].items())
         self._actions, self._topics = sorted(running["actions"].items()), sorted(running["topics"].items())
-        self._methods = sorted(running["methods"].items())
+        self._methods, self._bodies = sorted(running["methods"].items()), running["bodies"]
 
     def run(self, seconds: float = float("inf"), *, requests: float = float("inf")) -> None:
         """Sends requests for a time [s], or so many."""
@@ -198,7 +199,7 @@ class ServerFuzzer:
             self.sent[kind.__name__] = self.sent.get(kind.__name__, 0) + 1
             if number % 25 == 0:
                 self._drain()
-                self._wait()
+                self._wait(loads=number % 600 == 0)
                 assert self.server.process.poll() is None, f"the server has ended: {self.server.errors()}"
 
     def close(self) -> None:
@@ -339,7 +340,7 @@ class ServerFuzzer:
             case inspect.CustomType() | inspect.AnyType():
                 return self._odd()
             case _:
-                return self.rng.choice(STRINGS)
+                return self.rng.choice(self._bodies if self.rng.random() < 0.5 else STRINGS)
 
     def _number(self) -> float:
         return self.rng.choice(NUMBERS) if self.rng.random() < 0.5 else self.rng.uniform(-3.0, 3.0)
@@ -356,8 +357,6 @@ class ServerFuzzer:
         text = json.dumps(message)
         if may_corrupt and self.rng.random() < 0.1:
             text = corrupted(text.encode(), self.rng.randrange(1, 2**31)).decode("utf-8", "replace")
-        if f'"{QUITTING}' not in text and "simulation_state" in text and "args" not in message:
-            return
         self._socket(name).send(text)
 
     def _socket(self, name: str) -> ClientConnection:
@@ -387,10 +386,12 @@ class ServerFuzzer:
             except ConnectionClosed:
                 del self._sockets[name]
 
-    def _wait(self) -> None:
-        """Waits until the server answers another client."""
+    def _wait(self, *, loads: bool = False) -> None:
+        """Waits until the server answers another client, which may load the map again: requests delete bodies."""
         with self.server.page_client() as client, suppress(RequestFailedError):
             client.ask("ping")
+            if loads:
+                client.ask("load", name="kitchen.owl", text=bundled_kitchen().read_text(encoding="utf-8"))
 
 
 @cache

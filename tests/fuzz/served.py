@@ -7,7 +7,6 @@ servers have, with the types of all requests.
 
 from __future__ import annotations
 
-import gc
 import ipaddress
 import json
 import os
@@ -15,9 +14,17 @@ import signal
 import sys
 import tempfile
 import threading
+from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from types import FrameType
 from typing import Any
+
+from mindstage.bridge import LocalNode
+from mindstage.cli import main
+from mindstage.ros.queries import QueryServer
+from mindstage.simulation import Simulation
+from mindstage.viewer import Viewer
 
 LOCAL_NAMES = {"", "localhost", "localhost.localdomain"}
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_TRUNC
@@ -78,17 +85,31 @@ class Watch:
         part.replace(place)
 
 
+def remember(*classes: type) -> None:
+    """Keeps all objects of some classes, in `made`."""
+
+    def remembering(initialize: Callable[..., None]) -> Callable[..., None]:
+        @wraps(initialize)
+        def remembered(self: object, *args: Any, **options: Any) -> None:
+            made.append(self)
+            initialize(self, *args, **options)
+
+        return remembered
+
+    for each in classes:
+        each.__init__ = remembering(each.__init__)  # type: ignore[misc]
+
+
+made: list[Any] = []
+
+
 def describe() -> dict[str, Any]:
     """The live threads, and what the servers of this process offer."""
-    from mindstage.bridge import LocalNode
-    from mindstage.ros.queries import QueryServer
-    from mindstage.viewer import Viewer
-
-    objects = gc.get_objects()
-    graphs = [each.graph_info() for each in objects if isinstance(each, LocalNode)]
+    graphs = [each.graph_info() for each in made if isinstance(each, LocalNode)]
     graph = max(graphs, key=lambda each: len(each.services))
-    (viewer,) = (each for each in objects if isinstance(each, Viewer))
-    (shell,) = (each for each in objects if isinstance(each, QueryServer))
+    (viewer,) = (each for each in made if isinstance(each, Viewer))
+    (shell,) = (each for each in made if isinstance(each, QueryServer))
+    (simulation,) = (each for each in made if isinstance(each, Simulation) and each.origin is None)
     methods = {
         name: f"{method.request_type.__module__}:{method.request_type.__qualname__}"
         for name, method in viewer.channel._methods.items()
@@ -99,13 +120,13 @@ def describe() -> dict[str, Any]:
         "actions": {each.name: each.type for each in graph.actions},
         "topics": {each.name: each.type for each in graph.topics},
         "methods": methods,
+        "bodies": list(simulation.state.ids),
         "shell": {"url": shell.url, "token": shell.record.token},
     }
 
 
 if __name__ == "__main__":
     folder = Path(sys.argv.pop(1)).resolve()
-    from mindstage.cli import main
-
+    remember(LocalNode, QueryServer, Simulation, Viewer)
     Watch(folder)
     main()

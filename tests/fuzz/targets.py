@@ -10,6 +10,7 @@ import json
 import logging
 import os
 import random
+import shutil
 import socket
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -448,6 +449,44 @@ class HttpRequests(PageRequests):
         self._errors.raise_if_any()
 
 
+class ServerPorts(FuzzTarget):
+    """A running server with all of its ports, in a process of its own: the input seeds a burst of requests to them."""
+
+    uses_network = True
+    memory_limit = None
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self._server: Any = None
+
+    def seeds(self) -> Iterator[bytes]:
+        yield from (b"0", b"1")
+
+    def random_input(self, chooser: random.Random) -> bytes:
+        return chooser.randbytes(8)
+
+    def process(self, data: bytes) -> None:
+        from tests.fuzz.running_server import RunningServer, ServerFuzzer
+
+        if self._server is None:
+            self._server = RunningServer(self.folder / "server")
+        fuzzer = ServerFuzzer(self._server, data.hex())
+        try:
+            fuzzer.run(requests=100)
+            fuzzer.close()
+            self._server.measure()
+            self._server.check_intact()
+        except BaseException:
+            self.close()
+            shutil.rmtree(self.folder / "server")  # the next input has a new one
+            raise
+
+    def close(self) -> None:
+        if self._server is not None:
+            self._server.stop()
+            self._server = None
+
+
 class RemoteReplies(FuzzTarget):
     """Frames that a rosbridge server sends to our client."""
 
@@ -520,6 +559,7 @@ TARGETS: dict[str, type[FuzzTarget]] = {
     "rosbridge": RosbridgeFrames,
     "page": PageRequests,
     "http": HttpRequests,
+    "server": ServerPorts,
     "replies": RemoteReplies,
 }
 """Everything that is fuzzed, by name."""
