@@ -69,8 +69,8 @@ class RunningServer:
         for name in ("home", "tmp", "cwd"):
             (folder / name).mkdir(parents=True, exist_ok=True)
         environment = os.environ | {
-            "HOME": str(folder / "home"), "TMPDIR": str(folder / "tmp"), "XDG_CACHE_HOME": str(folder / "home" / "cache"),
-            "XDG_RUNTIME_DIR": str(folder / "home"), "PYTHONDONTWRITEBYTECODE": "1", "PYTHONFAULTHANDLER": "1",
+            "HOME": str(folder / "home"), "TMPDIR": str(folder / "tmp"), "XDG_RUNTIME_DIR": str(folder / "home"),
+            "XDG_CACHE_HOME": str(folder / "home" / "cache"), "PYTHONDONTWRITEBYTECODE": "1", "PYTHONFAULTHANDLER": "1",
             "PYTHONPATH": os.pathsep.join((str(ROOT / "src"), str(ROOT))),
         }  # fmt: skip
         environment.pop("MINDSTAGE_CACHE", None)
@@ -225,7 +225,9 @@ class ServerFuzzer:
         message = self._value(message_types()[type]) if type in message_types() else {"data": self._odd()}
         if self.rng.random() < 0.3:
             self._send("bridge", {"op": "advertise", "topic": name, "type": type})
-        self._send("bridge", {"op": self.rng.choice(("publish", "publish", "subscribe")), "topic": name, "msg": message})
+        self._send(
+            "bridge", {"op": self.rng.choice(("publish", "publish", "subscribe")), "topic": name, "msg": message}
+        )
 
     def send_goal(self) -> None:
         """Sends a goal to an action of the running server, and cancels it at times."""
@@ -272,7 +274,9 @@ class ServerFuzzer:
     def send_bytes(self) -> None:
         """Sends bytes to a port, and disconnects."""
         port = int(self.rng.choice((self.server.page, self.server.bridge)).rpartition(":")[2])
-        path = self.rng.choice(("/", "/%2e%2e/%2e%2e/etc/passwd", "/mindstage/../../x", "/?token=x", "/view/0", "/" + "x" * 9000))
+        path = self.rng.choice(
+            ("/", "/%2e%2e/%2e%2e/etc/passwd", "/mindstage/../../x", "/?token=x", "/view/0", "/" + "x" * 9000)
+        )
         text = f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode()
         data = self.rng.choice((text, corrupted(text, self.rng.randrange(1, 2**31)), self.rng.randbytes(300)))
         with socket.create_connection(("127.0.0.1", port), timeout=5.0) as client:
@@ -331,7 +335,11 @@ class ServerFuzzer:
                 return self._of(self.rng.choice(types), depth + 1)
             case inspect.NoneType():
                 return None
-            case inspect.VarTupleType(item_type=item) | inspect.ListType(item_type=item) | inspect.SetType(item_type=item):
+            case (
+                inspect.VarTupleType(item_type=item)
+                | inspect.ListType(item_type=item)
+                | inspect.SetType(item_type=item)
+            ):
                 return [self._of(item, depth + 1) for _ in range(self.rng.randrange(3 if depth < 6 else 1))]
             case inspect.TupleType(item_types=items):
                 return [self._of(each, depth + 1) for each in items]
@@ -346,7 +354,16 @@ class ServerFuzzer:
         return self.rng.choice(NUMBERS) if self.rng.random() < 0.5 else self.rng.uniform(-3.0, 3.0)
 
     def _odd(self) -> Any:
-        kinds = (self.rng.choice(STRINGS), self.rng.choice(NUMBERS), self.rng.choice(INTEGERS), None, [], {}, [[[]]], True)
+        kinds = (
+            self.rng.choice(STRINGS),
+            self.rng.choice(NUMBERS),
+            self.rng.choice(INTEGERS),
+            None,
+            [],
+            {},
+            [[[]]],
+            True,
+        )
         return self.rng.choice(kinds)
 
     # -- sockets -------------------------------------------------------------------------------------------------

@@ -36,7 +36,7 @@ class Watch:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._allowed = tuple(str(Path(each).resolve()) for each in (folder, tempfile.gettempdir())) + ("/dev", "/proc")
+        self._allowed = (str(folder.resolve()), os.path.realpath(tempfile.gettempdir()), "/dev", "/proc")
         self._file = os.open(folder / "offences.txt", os.O_CREAT | os.O_WRONLY | os.O_APPEND)
         sys.addaudithook(self._audit)
         threading.excepthook = self._thread_ended
@@ -68,7 +68,7 @@ class Watch:
         if host in LOCAL_NAMES:
             return
         try:
-            is_local = ipaddress.ip_address(host).is_loopback or host in {"0.0.0.0", "::"}  # noqa: S104
+            is_local = ipaddress.ip_address(host).is_loopback or host in {"0.0.0.0", "::"}
         except ValueError:
             is_local = False
         if not is_local:

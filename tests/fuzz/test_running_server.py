@@ -30,7 +30,7 @@ def fuzz(server: RunningServer, seconds: float) -> None:
     finally:
         fuzzer.close()
     times = server.measure()
-    print(f"seed {SEED}: sent {fuzzer.sent}; answers after it [s]: {times}")  # noqa: T201
+    print(f"seed {SEED}: sent {fuzzer.sent}; answers after it [s]: {times}")
     server.check_intact()
     assert max(times.values()) < BOUND_S, times
 

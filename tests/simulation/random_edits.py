@@ -234,8 +234,8 @@ class RandomEdits:
 
     def edit_attach(self, rng: random.Random) -> object:
         parent, child = self._body(rng).id, self._body(rng).id
-        if any({parent, child} == {joint.parent, joint.child} for joint in self.sim.snapshot().joints):
-            return "a joint connects them"
+        if self._are_connected(parent, child):
+            return "joints connect them already"
         self.sim.undo_stack.attach(parent, child)
         return parent, child
 
@@ -310,8 +310,7 @@ class RandomEdits:
 
     def edit_one_step(self, rng: random.Random) -> object:
         with self.sim.undo_stack.one_step("tidy up"):
-            done = [self.edit_rename(rng), self.edit_move(rng), self.edit_delete(rng)]
-        return done
+            return [self.edit_rename(rng), self.edit_move(rng), self.edit_delete(rng)]
 
     def edit_reset(self, rng: random.Random) -> object:
         self.sim.undo_stack.reset()
@@ -373,6 +372,8 @@ class RandomEdits:
         if child in robot.body_ids:
             return "a part of the robot"
         link = robot.link_ids[robot.gripper().link]
+        if self._are_connected(link, child):
+            return "joints connect them already"
         self.sim.undo_stack.attach(link, child)
         return link, child
 
@@ -395,6 +396,16 @@ class RandomEdits:
             raise InvalidArgumentError("body", cause="the world is empty")
         loose = [body for body in bodies if body.physics.is_dynamic]
         return rng.choice(loose if loose and rng.random() < 0.4 else bodies)
+
+    def _are_connected(self, a: BodyId, b: BodyId) -> bool:
+        """Whether an attachment would close a loop of joints and attachments."""
+        world = self.sim.snapshot()
+        links = [{each.parent, each.child} for each in (*world.joints, *world.attachments)]
+        reached, before = {a}, set[BodyId]()
+        while reached != before:
+            before = set(reached)
+            reached = reached.union(*(link for link in links if link & reached))
+        return b in reached
 
     def _near(self, body: Body, rng: random.Random) -> Pose:
         angle = rng.choice((0.0, 0.0, pi / 2, rng.uniform(-pi, pi)))

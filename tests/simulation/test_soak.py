@@ -29,7 +29,9 @@ def soak(start: str, seed: int, edits: int, folder: Path) -> None:
         raise
 
 
-@pytest.mark.parametrize(("start", "number"), [(start, each) for start, (runs, _) in RUNS.items() for each in range(runs)])
+@pytest.mark.parametrize(
+    ("start", "number"), [(start, each) for start, (runs, _) in RUNS.items() for each in range(runs)]
+)
 def test_random_edits_can_be_undone(start: str, number: int, tmp_path: Path) -> None:
     soak(start, 1000 * SEED + number, RUNS[start][1], tmp_path)
 

@@ -536,7 +536,7 @@ class BodySavingEngine(Engine, Protocol):
         """
 
     def restore_bodies(
-        self, saved: SavedBodies, poses: Mapping[BodyId, Array], *, displaced: Mapping[BodyId, Array]
+        self, saved: SavedBodies, poses: Mapping[BodyId, PoseArray], *, displaced: Mapping[BodyId, PoseArray]
     ) -> None:
         """Adds bodies again that were deleted since, at rest.
 

@@ -32,7 +32,14 @@ from mindstage.errors import (
 )
 from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, GeometryMap, Joint, Material, Pose, World
 from mindstage.scene.kinematics import handles_by_body, moving_body, outward_joints
-from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_inverse, pose_multiply, quat_angle
+from mindstage.scene.transforms import (
+    Array,
+    normalized_pose_array,
+    pose_from_array,
+    pose_inverse,
+    pose_multiply,
+    quat_angle,
+)
 from mindstage.simulation.body_groups import find_dependents
 from mindstage.simulation.state import EngineSession
 

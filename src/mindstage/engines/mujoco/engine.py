@@ -786,9 +786,7 @@ class MujocoEngine:
         wake_islands(compiled, np.stack([before, cache.bounds(moving)]))
         return True
 
-    def _set_joint(
-        self, cache: ModelCache, id: BodyId, joint_id: BodyId, target: Array, tolerance: float
-    ) -> None:
+    def _set_joint(self, cache: ModelCache, id: BodyId, joint_id: BodyId, target: Array, tolerance: float) -> None:
         """Sets the coordinates of the joint that holds a body.
 
         Raises:
@@ -828,7 +826,11 @@ class MujocoEngine:
                 continue
             value = -position if other.tree_joint.is_reversed else position
             for each in other.axes:
-                if each.index == other_axis and each.limit is not None and abs(value - each.middle) > each.limit + tolerance + 1e-6:
+                if (
+                    each.index == other_axis
+                    and each.limit is not None
+                    and abs(value - each.middle) > each.limit + tolerance + 1e-6
+                ):
                     reason = f"{other_id!r}, which is coupled to its joint, does not reach {position:.4g}"
                     raise PoseUnreachableError(id, reason=reason)
             row = np.zeros(6)
