@@ -26,12 +26,13 @@ import socket
 import ssl
 import threading
 import time
+import warnings
 from collections import defaultdict, deque
-from collections.abc import Awaitable, Callable, Collection, Hashable, Iterator
+from collections.abc import Awaitable, Callable, Collection, Hashable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, redirect_stdout
 from contextvars import copy_context
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from typing import Any, Protocol, TypeVar
 from urllib.parse import parse_qs, urlsplit
@@ -154,6 +155,8 @@ _infra: Any = _viser  # imported by viser, but not exported
 ConnectionClosed: type[Exception] = _infra.websockets.exceptions.ConnectionClosed
 _serve = _infra.websockets.asyncio.server.serve
 _patch_lock = threading.Lock()
+_MAX_VIEW_NUMBER = 1e9
+"""Numbers in messages of 3D views are smaller: positions [m], pixels and angles [rad]."""
 _handshake_log = logging.getLogger("mindstage.viewer.handshakes")
 _handshake_log.addHandler(logging.NullHandler())  # failed handshakes appear only if logging is configured
 
@@ -273,6 +276,39 @@ class _ModuleProxy:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._module, name)
+
+
+async def _consume_messages(socket: Any, handle: Callable[[Any], None], message_class: Any) -> None:
+    """Handles the messages of a 3D view, and drops those that are not of their declared type, as viser does not."""
+    while True:
+        data = await socket.recv()
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                message = message_class.deserialize(data)
+            values = {each.name: getattr(message, each.name) for each in fields(message)}
+            msgspec.convert(values, type(message))
+            _check_numbers(values.values())
+        except Exception as error:  # whatever an arbitrary message makes viser raise
+            _handshake_log.debug("a message of a 3D view was dropped: %s", error)
+            continue
+        handle(message)
+
+
+def _check_numbers(values: Iterable[object]) -> None:
+    """Checks the numbers of a message, in all depths.
+
+    Raises:
+        ValueError: one is not finite, or far beyond every scene.
+    """
+    for value in values:
+        if isinstance(value, (list, tuple)):
+            _check_numbers(value)
+        elif isinstance(value, (int, float)) and not abs(value) < _MAX_VIEW_NUMBER:
+            raise ValueError(f"{value} is out of range")
+
+
+_infra._message_consumer = _consume_messages
 
 
 @contextmanager
