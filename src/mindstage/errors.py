@@ -42,6 +42,7 @@
     │   ├── EngineTimeoutError          no reply in time; the command may or may not have been executed
     │   ├── UnsupportedByEngineError    a capability that the engine does not have
     │   ├── EngineClosedError           called after `close`
+    │   ├── EngineMemoryError           the bodies or contacts need more memory than the engine may have
     │   └── SimulationDivergedError     positions, velocities or accelerations are not finite
     ├── ImaginationError                a plan, or a copy of a simulation, that cannot be used (exit code 2)
     │   ├── PlanError                   a plan that cannot be read, or does not fit the world
@@ -121,6 +122,7 @@ __all__ = [
     "EndpointUnreachableError",
     "EngineClosedError",
     "EngineError",
+    "EngineMemoryError",
     "EngineTimeoutError",
     "EngineUnavailableError",
     "EpisodeError",
@@ -833,6 +835,22 @@ class EngineClosedError(EngineError):
     code = "EngineClosed"
     template = "the engine {engine!r} is closed; make a new one"
     engine: str
+
+
+@dataclass(eq=False, repr=False)
+class EngineMemoryError(EngineError):
+    """The bodies or contacts of a world need more memory than the engine may have."""
+
+    code = "EngineMemoryExceeded"
+    template = (
+        "{what} need {needed_mb:,.1f} MB, more than the {cap_mb:,.1f} MB that the engine may have; simulate fewer"
+    )
+    _: KW_ONLY
+    what: str
+    needed_mb: float
+    """What is needed at least [MB]."""
+    cap_mb: float
+    """The most that the engine may have [MB]."""
 
 
 @dataclass(eq=False, repr=False)

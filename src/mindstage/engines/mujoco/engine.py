@@ -37,7 +37,8 @@ from mindstage.engines.base import (
     SpawnReport,
 )
 from mindstage.engines.kinematic_tree import KinematicForest, joint_coordinates
-from mindstage.engines.mujoco.compiler import ModelInput, compile_model
+from mindstage.engines.mujoco.arena import ARENA_CAP_BYTES, check_arena
+from mindstage.engines.mujoco.compiler import FIXED_MOBILITIES, ModelInput, compile_model
 from mindstage.engines.mujoco.state import (
     CompiledModel,
     ModelJoint,
@@ -83,11 +84,13 @@ __all__ = ["ModelCache", "MujocoEngine", "whole_steps"]
 class ModelCache:
     """The input of a MuJoCo model, the poses of all bodies, and the model compiled from them."""
 
-    def __init__(self, timestep_s: float, *, time_s: float = 0.0) -> None:
+    def __init__(self, timestep_s: float, *, time_s: float = 0.0, arena_cap_bytes: int = ARENA_CAP_BYTES) -> None:
         self.builder = PhysicsModelBuilder()
         self.stale = True
         self._timestep_s = timestep_s
         self._time_s = time_s
+        self.arena_cap_bytes = arena_cap_bytes
+        """The largest size of the memory of a model for contacts and constraints."""
         self._compiled: CompiledModel | None = None
         self._pending_poses: dict[BodyId, Array] = {}
         """Poses that the compiled model does not have yet."""
@@ -110,7 +113,7 @@ class ModelCache:
 
     def copy(self) -> ModelCache:
         """An independent copy, stale if this one is; compiled models are immutable and shared."""
-        result = ModelCache(self._timestep_s, time_s=self._time_s)
+        result = ModelCache(self._timestep_s, time_s=self._time_s, arena_cap_bytes=self.arena_cap_bytes)
         result.builder, result.stale = self.builder.copy(), self.stale
         if self._compiled is not None:
             result._compiled = self._compiled.copy()
@@ -206,7 +209,13 @@ class ModelCache:
             poses: the result of `poses`, if the caller has it already.
         """
         poses = self.poses() if poses is None else poses
-        return ModelInput.from_builder(self.builder, poses, self._timestep_s, kinematics_driven=self._kinematics_driven)
+        result = ModelInput.from_builder(
+            self.builder, poses, self._timestep_s, kinematics_driven=self._kinematics_driven
+        )
+        result.arena_cap_bytes = self.arena_cap_bytes
+        if self._compiled is not None:
+            result.arena_used_bytes = int(self._compiled.data.maxuse_arena)
+        return result
 
     # -- edits -------------------------------------------------------------------------------------------------
 
@@ -214,6 +223,10 @@ class ModelCache:
         self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
     ) -> SpawnReport:
         """See `Engine.spawn`."""
+        movable = sum(
+            each.physics.mobility not in FIXED_MOBILITIES for each in (*self.registry.bodies.values(), *world.bodies)
+        )
+        check_arena(movable, cap_bytes=self.arena_cap_bytes)
         before = self.poses()
         report, moved = self.builder.add(world, before, geometry=geometry, options=options)
         new_ids = self.registry.ids[len(before) :]
@@ -485,13 +498,14 @@ class MujocoEngine:
         }
     )
 
-    def __init__(self, *, timestep_s: float = 0.002) -> None:
+    def __init__(self, *, timestep_s: float = 0.002, memory_cap_bytes: int = ARENA_CAP_BYTES) -> None:
         """Creates an engine with an empty world.
 
         Args:
             timestep_s: MuJoCo's time step [s].
+            memory_cap_bytes: the most memory that a model may have for contacts, constraints and pairs of bodies.
         """
-        self._cache = ModelCache(timestep_s)
+        self._cache = ModelCache(timestep_s, arena_cap_bytes=memory_cap_bytes)
         self._timestep_s = timestep_s
         self._pending_s = 0.0
         self._step_wall_s = float("inf")
@@ -535,7 +549,7 @@ class MujocoEngine:
 
     def clear(self) -> None:
         self._require_open()
-        self._cache = ModelCache(self._timestep_s, time_s=0.0)
+        self._cache = ModelCache(self._timestep_s, arena_cap_bytes=self._cache.arena_cap_bytes)
         self._forces.clear()
 
     def attach(self, parent: BodyId, child: BodyId) -> None:
@@ -609,10 +623,9 @@ class MujocoEngine:
             began_s = time.monotonic()
             if end_s - began_s < count * self._step_wall_s:
                 count = max(1, int((end_s - began_s) / self._step_wall_s))
-            mujoco.mj_step(compiled.model, compiled.data, nstep=count)
+            compiled.step(count)
             now_s = time.monotonic()
             self._step_wall_s = (now_s - began_s) / count
-            compiled.poses_outdated = True
             remaining -= count
             cache.unchecked_steps = (cache.unchecked_steps + count) % _MAX_UNCHECKED_STEPS
             if remaining and not cache.unchecked_steps:
@@ -738,7 +751,7 @@ class MujocoEngine:
         return self._require_open().model()
 
     def fork(self) -> MujocoEngine:
-        forked = MujocoEngine(timestep_s=self._timestep_s)
+        forked = MujocoEngine(timestep_s=self._timestep_s, memory_cap_bytes=self._cache.arena_cap_bytes)
         forked._cache = self._require_open().copy()
         forked._pending_s, forked._forces = self._pending_s, list(self._forces)
         return forked
