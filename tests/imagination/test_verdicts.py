@@ -407,7 +407,11 @@ def test_progress_counts_what_has_ended_so_far(sim: Simulation) -> None:
         (20, 25, 16, 4),
         (25, 25, 20, 5),
     ]
-    assert [each.interval for each in seen] == [wilson_interval(8, 10), wilson_interval(16, 20), wilson_interval(20, 25)]
+    assert [each.interval for each in seen] == [
+        wilson_interval(8, 10),
+        wilson_interval(16, 20),
+        wilson_interval(20, 25),
+    ]
 
 
 def test_what_skills_assumed_is_listed_with_the_number_of_samples(sim: Simulation) -> None:
