@@ -10,8 +10,8 @@ A mutant is killed by a failed test, an error, or a time limit. The score is kil
 as survived. tests/mutants.toml lists survivors with the reason why no test is missing (mostly: the changed program
 behaves the same); they are reported apart from new ones.
 
-The sample follows from its seed, by default the hash of the commit, its size, and the packages; to repeat it later, give
-`--seed` the name or hash of that commit. Results are in build/mutants: results.json, which is complete after each
+The sample follows from its seed (by default the hash of the commit), its size, and the packages; to repeat it later,
+give `--seed` the name or hash of that commit. Results are in build/mutants: results.json, which is complete after each
 mutant, so that `--resume` continues a run that was interrupted with the same sample; sample.json, which describes the
 sample; and survivors.txt with the changed line of each survivor.
 """
