@@ -170,7 +170,16 @@ def frame(time_s: float, mug_x: float, wxyz: tuple[float, ...] = (1.0, 0.0, 0.0,
 def test_a_replay_shows_what_moves_between_its_frames() -> None:
     replay = ReplayGhosts([frame(0.0, 0.0), frame(1.0, 1.0), frame(3.0, 5.0)])
     assert (replay.ids, replay.duration_s) == ((MUG,), 3.0)
-    for time_s, x in ((-1.0, 0.0), (0.0, 0.0), (0.25, 0.25), (1.0, 1.0), (2.0, 3.0), (2.5, 4.0), (3.0, 5.0), (9.0, 5.0)):
+    for time_s, x in (
+        (-1.0, 0.0),
+        (0.0, 0.0),
+        (0.25, 0.25),
+        (1.0, 1.0),
+        (2.0, 3.0),
+        (2.5, 4.0),
+        (3.0, 5.0),
+        (9.0, 5.0),
+    ):
         (ghost,) = replay.at(time_s)
         assert ghost.body == MUG
         assert ghost.poses[0, :3] == pytest.approx([x, 0.0, 0.0])

@@ -328,7 +328,11 @@ def test_the_state_of_a_robot_follows_its_joints_its_gripper_and_its_base(
 
 @pytest.mark.parametrize(
     ("velocity", "expected"),
-    [((0.0, 0.5, 0.0), (0.0, 0.5, 0.0)), ((-1.0, -1.0, 0.0), (-0.5**0.5, -(0.5**0.5), 0.0)), ((0, 0, -1), (0, 0, -1))],
+    [
+        ((0.0, 0.5, 0.0), (0.0, 0.5, 0.0)),
+        ((-1.0, -1.0, 0.0), (-(0.5**0.5), -(0.5**0.5), 0.0)),
+        ((0, 0, -1), (0, 0, -1)),
+    ],
 )
 def test_driving_is_in_shares_of_the_largest_velocities(
     fake: FakePage, robot: Robot, velocity: tuple[float, float, float], expected: tuple[float, float, float]

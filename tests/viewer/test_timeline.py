@@ -229,4 +229,7 @@ def test_recording_from_a_page_is_shown_to_all_and_gives_the_file(
     assert stopped["time_s"] == pytest.approx(2.0, abs=0.05)
     assert stopped["size_bytes"] == (tmp_path / name).stat().st_size > 1000
     with Episode(tmp_path / name) as episode:
-        assert (MUG in episode.frame_at(episode.begin_s).ids, MUG in episode.frame_at(episode.end_s).ids) == (True, False)
+        assert (MUG in episode.frame_at(episode.begin_s).ids, MUG in episode.frame_at(episode.end_s).ids) == (
+            True,
+            False,
+        )

@@ -39,17 +39,18 @@ class Tools:
         self.clients = {number: FakeClient(number, aspect=ASPECT) for number in (1, 2, 3)}
         server = SimpleNamespace(get_clients=lambda: self.clients)
         pages = {"first": [1, 3], "second": [2], "none": [9]}
-        session_views = SessionViews(self.views, cast("Any", server), views_of=lambda page: pages[cast("str", page)])
+        views_of = lambda page: pages[str(page)]  # noqa: E731
+        self.session_views = SessionViews(self.views, cast("Any", server), views_of=views_of)
         self._handlers: dict[str, tuple[type, Callable[..., Any]]] = {}
-        channel = SimpleNamespace(register=self._register)
+        self.channel = SimpleNamespace(register=self._register)
         self.picker = PointerPicker(sim, self.views)
-        ViewToolHandler(sim, cast("Any", channel), session_views, self.picker)
+        ViewToolHandler(sim, cast("Any", self.channel), self.session_views, self.picker)
         self.draw()
         for client in self.clients.values():
             self.server.connect(client)
         self.views.process_queue()
 
-    def _register(self, name: str, type: type, handler: Callable[..., Any], *_: Any, queue: str) -> None:
+    def _register(self, name: str, type: type, handler: Callable[..., Any], *_: Any, queue: str = "") -> None:
         self._handlers[name] = type, handler
 
     def draw(self) -> None:
