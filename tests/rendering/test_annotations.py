@@ -78,7 +78,7 @@ def test_points_are_where_the_camera_sees_them(
         assert clip[3] == pytest.approx(expected[2])
         assert depth == pytest.approx((51 - 100 / expected[2]) / 49)
     # and its ray goes there
-    if 0.0 < expected[2]:
+    if expected[2] > 0.0:
         right, up, forward = view.ray_axes().T
         low, high = view.rise
         a, b = expected[0] / WIDTH * 2 - 1, high - expected[1] / HEIGHT * (high - low)

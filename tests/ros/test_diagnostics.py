@@ -1,4 +1,4 @@
-"""Messages on `/mindstage/diagnostics`: every failure with its level, object, reason and kind; when topics are asked for."""
+"""Messages on `/mindstage/diagnostics`: every failure with its level, object, reason and kind."""
 
 from __future__ import annotations
 
