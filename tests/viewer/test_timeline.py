@@ -113,7 +113,7 @@ def test_the_path_of_a_body_is_a_line_through_all_places_until_it_is_removed(
     assert client.ask("timeline.trail") == 0
     assert replay.state.markers == ()
     wait_until(lambda: state(client)["trail"] is None, "and that it is gone")
-    with pytest.raises(RequestFailedError, match="Floor.*it does not move in this recording"):
+    with pytest.raises(RequestFailedError, match=r"Floor.*it does not move in this recording"):
         client.ask("timeline.trail", id="Floor")
     with pytest.raises(RequestFailedError, match="'Mugg'"):
         client.ask("timeline.trail", id="Mugg")
@@ -196,7 +196,7 @@ def test_a_long_path_is_thinned_out_evenly_with_both_ends() -> None:
 
 
 def test_the_path_of_an_unknown_body_names_those_of_the_recording() -> None:
-    with pytest.raises(BodyNotFoundError, match="Mugg.*path.*near: 'Mug'"):
+    with pytest.raises(BodyNotFoundError, match=r"Mugg.*path.*near: 'Mug'"):
         path_of(moving(None, 1.0), BodyId("Mugg"))
 
 
@@ -214,7 +214,7 @@ def test_recording_from_a_page_is_shown_to_all_and_gives_the_file(
             connect_page_client(viewer.url) as client,
             connect_page_client(viewer.url) as other,
         ):
-            with pytest.raises(RequestFailedError, match="recording.*there is none"):
+            with pytest.raises(RequestFailedError, match=r"recording.*there is none"):
                 client.ask("recording.stop")
             name = client.ask("recording.start")
             wait_until(lambda: (other.latest_value("recording") or {}).get("path") == name, "others see it")

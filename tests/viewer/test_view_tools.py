@@ -116,7 +116,7 @@ def test_a_page_gets_the_body_and_the_point_that_its_own_camera_sees(tools: Tool
     found = tools.ask("pick", pointer=(-0.9 / (1.33 * ASPECT), 0.0), corners=False)
     assert (found["id"], found["point"]) == ("FridgeDoor", pytest.approx((1.66, 0.9, 0.85), abs=1e-6))
     assert tools.ask("pick", pointer=(0.0, 0.9)) is None
-    with pytest.raises(InvalidArgumentError, match="3D view.*not connected"):
+    with pytest.raises(InvalidArgumentError, match=r"3D view.*not connected"):
         tools.ask("pick", "none", pointer=(0.0, 0.0))
 
 
