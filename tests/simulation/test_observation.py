@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage import KnowledgeBase, NullEngine, Simulation
-from mindstage.engines import Engine
+from mindstage.engines import Engine, MujocoEngine
 from mindstage.errors import SimulationFaultError
 from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose
 from mindstage.simulation import ConnectedClient
@@ -110,6 +110,20 @@ def test_every_edit_is_reported_to_every_observer_with_its_client(
         assert (found_kind, client, found_ids) == (kind, "ROS: /cook", ids)
         assert contains(found, details), found
         assert details or not found
+
+
+def test_a_pull_and_its_end_are_reported_with_where_it_acts() -> None:
+    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
+        sim.spawn(kitchenette())
+        log = Log()
+        sim.observe(log)
+        with as_client("viewer"):
+            sim.pull(DRAWER, point=(-0.25, 0.0, 0.0), target=(1.2, 0.0, 0.65))
+        sim.release(DRAWER)
+        (pull, release) = log.taken()
+    assert pull[:3] == ("pull", "viewer", (DRAWER,))
+    assert pull[3] == {"point": (-0.25, 0.0, 0.0), "target": (1.2, 0.0, 0.65)}
+    assert release[:3] == ("release", "Python", (DRAWER,))
 
 
 def test_several_edits_of_one_call_are_reported_in_their_order(sim: Simulation) -> None:

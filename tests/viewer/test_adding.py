@@ -148,8 +148,16 @@ def test_a_body_is_added_at_a_point_or_on_a_body(adding: Adding) -> None:
 
 def test_classes_are_found_by_words_within_a_category(adding: Adding) -> None:
     found = adding.ask("find_classes", text="cup")
-    assert found
-    categories = adding.ask("class_categories")
-    assert len(categories) > 3
+    assert CUP in [each["name"] for each in found]
     everything = adding.ask("find_classes")
     assert len(everything) > len(found)
+    assert all(each["size"] for each in everything)
+    order = [(not each["used"], each["title"].casefold()) for each in everything]
+    assert order == sorted(order), "what the world has comes first, by its title"
+    categories = adding.ask("class_categories")
+    assert len(categories) > 3
+    assert set(categories) == {each["category"] for each in everything}
+    for category in categories[:3]:
+        own = adding.ask("find_classes", category=category)
+        assert own == [each for each in everything if each["category"] == category]
+        assert own

@@ -205,6 +205,7 @@ def test_selection_box_and_label_move_with_the_body(views: ClientViews, ann: Fak
     views.set_labels(LabelMode.SELECTED)
     views.process_queue()
     assert middles(ann) == [pytest.approx([2.0, 0.0, 0.85])]
+    assert np.asarray(state(ann, "/selected")["content"][0]).shape == (12, 2, 3), "the ends of twelve edges"
     poses = POSES.copy()
     poses[IDS.index(MUG), :3] = 1.0, 2.0, 3.0
     views.update_poses(poses)
