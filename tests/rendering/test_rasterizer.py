@@ -189,7 +189,9 @@ def sides(yaw: float) -> list[NDArray[np.float64]]:
 def test_a_side_is_brighter_the_more_it_faces_the_sun(yaw: float) -> None:
     sun = sun_direction(CAMERA)
     picture = render_picture(scene(turned_block(yaw)), SIZE)
-    found = [(float(normal @ sun), around(picture, (0.0, 0.0, 0.5) + 0.5 * normal).mean()) for normal in sides(yaw)[:-1]]
+    found = [
+        (float(normal @ sun), around(picture, (0.0, 0.0, 0.5) + 0.5 * normal).mean()) for normal in sides(yaw)[:-1]
+    ]
     assert len(found) == 2
     (less, dark), (more, bright) = sorted(found)
     assert more - less > 0.1
