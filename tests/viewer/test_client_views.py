@@ -461,6 +461,17 @@ def test_the_home_view_depends_on_the_aspect_ratio(server: FakeServer, views: Cl
     assert eye(desktop) == pytest.approx(target.camera(1.6).position)
 
 
+def test_without_a_scene_the_home_view_is_where_the_camera_is(server: FakeServer, on_place: RecordedMoves) -> None:
+    views = ClientViews(server, on_place=on_place)  # type: ignore[arg-type]
+    ann = connect(server, views, FakeClient(1))
+    for request in (views.go_home, views.go_top, views.focus):
+        request()
+        views.process_queue()
+    assert eye(ann).tolist() == [9.0, 0.0, 9.0]
+    assert not views.is_drawn
+    assert views.target is None
+
+
 def test_the_camera_is_animated(views: ClientViews, ann: FakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
     views.set_camera(AFAR)
     views.process_queue()

@@ -14,11 +14,15 @@ from mindstage.episodes import EpisodeFrame, FrameRecording
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.errors import BodyNotFoundError
+from mindstage.rendering.appearance import compute_appearance
 from mindstage.scene import BodyId, Pose, World
 from mindstage.viewer import Viewer
-from mindstage.viewer.episodes import path_of
+from mindstage.viewer.episodes import TimelineHandler, path_of
+from mindstage.viewer.ghosts import GhostNodes
+from mindstage.viewer.server import RpcChannel
 from tests.episodes.kitchenette_recording import EVENTS, MUG, kitchenette_recording
 from tests.kitchenette import kitchenette
+from tests.viewer.fake_server import FakeServer
 from tests.viewer.page_client import PageClient, RequestFailedError, connect_page_client
 from tests.viewer.waiting import wait_until
 
@@ -233,3 +237,36 @@ def test_recording_from_a_page_is_shown_to_all_and_gives_the_file(
             True,
             False,
         )
+
+
+# -- a recording beside another ----------------------------------------------------------------------------------------
+
+
+def test_a_second_recording_is_drawn_apart_from_the_first_at_the_shown_time() -> None:
+    server, offsets = FakeServer(), []
+    first, second = moving(0.0, 1.0, 2.0), moving(0.0, 3.0, 6.0)
+    with EpisodeReplay(first, KnowledgeBase(), beside=second) as both:
+        handler = TimelineHandler(
+            both,
+            RpcChannel(),
+            server,  # type: ignore[arg-type]
+            GhostNodes(server),  # type: ignore[arg-type]
+            on_beside=offsets.append,
+        )
+        appearances = compute_appearance(kitchenette(), both.knowledge.shape_rule, both.knowledge.ancestors)
+
+        def mug_at(time_s: float) -> list[float]:
+            both.seek(time_s)
+            handler.update(both.state, appearances)
+            return np.asarray(server.scene.nodes["/beside/bodies/Mug"].position).tolist()
+
+        assert [mug_at(time_s)[0] for time_s in (0.0, 1.0, 2.0, 1.0)] == [0.0, 3.0, 6.0, 3.0]
+    (offset,) = offsets
+    frame = vars(server.scene.nodes["/beside"])
+    assert (frame["position"], frame["show_axes"]) == (pytest.approx(offset), False)
+    # the floor is 6 m wide, and a tenth of it and half a meter are between the two
+    assert sorted(offset.tolist()) == pytest.approx([0.0, 0.0, 7.1])
+    names = [vars(node) for name, node in server.scene.nodes.items() if name.startswith("/episode names/")]
+    assert [each["content"] for each in names] == [("path",), ("path",)]
+    apart = np.subtract(names[1]["position"], names[0]["position"])
+    assert np.abs(apart).max() == pytest.approx(np.abs(offset).max(), abs=1.5)
