@@ -349,7 +349,8 @@ def match_world(engine: Engine, present: World, *, worlds: Iterable[World]) -> t
 
 
 def _match_attachments(copied: Engine, present: World) -> None:
-    wanted = {each.child: each.parent for each in present.attachments}
+    known = set(copied.poses()[0])
+    wanted = {each.child: each.parent for each in present.attachments if {each.child, each.parent} <= known}
     now = {each.child: each.parent for each in copied.snapshot().attachments}
     for child, parent in now.items():
         if wanted.get(child) != parent:
