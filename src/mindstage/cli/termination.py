@@ -51,9 +51,13 @@ def exit_if_terminated() -> None:
 
 def _on_signal(number: int, _: object) -> NoReturn:
     _Termination.received = True
+    raise _make_error(number)  # no variable has it, since its traceback has this frame: a cycle would keep it alive
+
+
+def _make_error(number: int) -> _TerminatedError:
     error = _TerminatedError(128 + number)
     weakref.finalize(error, _on_end_of_exception, number).atexit = False
-    raise error
+    return error
 
 
 def _on_end_of_exception(number: int) -> None:
