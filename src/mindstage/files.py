@@ -14,6 +14,8 @@ from itertools import count
 from pathlib import Path
 from uuid import uuid4
 
+from mindstage.ranges import Index, WallTime, checked
+
 __all__ = ["atomic_write", "cache_dir", "cached_content", "delete_least_recently_used", "file_lock"]
 
 _LOCK_TIMEOUT_S = 30.0
@@ -102,7 +104,8 @@ def atomic_write(path: Path, content: bytes, *, durable: bool = False) -> None:
         raise
 
 
-def cached_content(path: Path, make: Callable[[], bytes], *, max_bytes: int) -> bytes:
+@checked
+def cached_content(path: Path, make: Callable[[], bytes], *, max_bytes: Index) -> bytes:
     """A file of the cache: read if an earlier run has made it, else made and stored, if the disk allows it.
 
     Args:
@@ -123,7 +126,8 @@ def cached_content(path: Path, make: Callable[[], bytes], *, max_bytes: int) -> 
     return content
 
 
-def delete_least_recently_used(newest: Path, *, max_bytes: int) -> None:
+@checked
+def delete_least_recently_used(newest: Path, *, max_bytes: Index) -> None:
     """Deletes the least recently used files in a directory while their total size is too large.
 
     Args:
@@ -154,7 +158,8 @@ def _permissions(path: Path) -> int | None:
 
 
 @contextmanager
-def file_lock(path: Path, *, timeout_s: float = _LOCK_TIMEOUT_S) -> Iterator[None]:
+@checked
+def file_lock(path: Path, *, timeout_s: WallTime = _LOCK_TIMEOUT_S) -> Iterator[None]:
     """Excludes other processes and threads that lock the same path, during the `with` block.
 
     The lock is a file beside it, which is removed afterwards. The operating system releases it if the process ends.

@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from mindstage.access.limits import NODE_GOALS
+from mindstage.access.limits import NODE_GOALS, Timeout
 from mindstage.access.policies import EDIT, EntryKind, Policy
 from mindstage.bridge.event_loop import EventLoopThread, KeyedSerialExecutor
 from mindstage.bridge.protocol import (
@@ -45,6 +45,7 @@ from mindstage.errors import (
     ServiceNotFoundError,
     ServiceTimeoutError,
 )
+from mindstage.ranges import checked
 
 __all__ = [
     "ActionHandler",
@@ -92,7 +93,8 @@ class ClientGoalHandle:
         """Requests cancellation; the result of `wait` has the final status."""
         self._cancel(self.id)
 
-    def wait(self, timeout_s: float = 10.0) -> GoalResult:
+    @checked
+    def wait(self, timeout_s: Timeout = 10.0) -> GoalResult:
         """Waits for the result.
 
         Raises:
@@ -127,7 +129,8 @@ class ServerGoalHandle:
         """Whether cancellation was requested, or the client has disconnected."""
         return self._cancelled.is_set()
 
-    def wait_for_cancel(self, timeout_s: float) -> bool:
+    @checked
+    def wait_for_cancel(self, timeout_s: Timeout) -> bool:
         """Sleeps, at most until cancellation is requested; returns whether it was."""
         return self._cancelled.wait(timeout_s)
 

@@ -16,7 +16,6 @@ from __future__ import annotations
 import base64
 import binascii
 import io
-import json
 import re
 import struct
 from array import array
@@ -36,7 +35,6 @@ from mindstage.msgs.base import fields_of, struct_of
 
 __all__ = [
     "json_depth",
-    "json_id",
     "read_cbor",
     "read_png",
     "serialize",
@@ -174,14 +172,6 @@ def _cbor_id(data: bytes, depth: int) -> str | int | None:
     except (cbor2.CBORDecodeError, ValueError, TypeError, OverflowError, RecursionError, MemoryError):
         return None
     return _message_id(value)
-
-
-def json_id(text: str) -> str | int | None:
-    """Returns the id of a message in text that is JSON but for NaN and Infinity; None if it has none."""
-    try:
-        return _message_id(json.loads(text))
-    except (ValueError, RecursionError):
-        return None
 
 
 def _message_id(message: object) -> str | int | None:

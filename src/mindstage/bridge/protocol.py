@@ -12,8 +12,11 @@ incomplete message is discarded when it becomes too large or too old.
 
 from __future__ import annotations
 
+import json
+import math
 import re
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable
+from contextlib import suppress
 from enum import IntEnum, StrEnum
 from itertools import count
 from typing import Annotated
@@ -22,7 +25,7 @@ import msgspec
 from msgspec import UNSET, Meta, Raw, Struct, UnsetType
 
 from mindstage.access.limits import BridgeLimits
-from mindstage.bridge.encodings import json_depth, json_id, read_cbor, read_png, write_cbor, write_png
+from mindstage.bridge.encodings import json_depth, read_cbor, read_png, write_cbor, write_png
 from mindstage.errors import MessageValidationError
 
 __all__ = [
@@ -448,6 +451,18 @@ class _Envelope(msgspec.Struct):
 
     id: Id | None = None
     op: str = "message"
+    service: _Name | None = None
+    action: _Name | None = None
+
+    def answer(self, text: str) -> Operation | None:
+        """The answer to a call or a goal, so that its client need not wait for the timeout; else None."""
+        values = Raw(_encoder.encode(text))
+        if self.op == _type_name(CallService) and self.service is not None and self.id is not None:
+            return ServiceResponse(id=self.id, service=self.service, values=values, result=False)
+        if self.op == _type_name(SendActionGoal) and self.action is not None and self.id is not None:
+            status = GoalStatus.ABORTED
+            return ActionResult(id=self.id, action=self.action, values=values, status=status, result=False)
+        return None
 
 
 _envelope_decoder = msgspec.json.Decoder(_Envelope)
@@ -495,12 +510,8 @@ class MessageDecoder:
             raise MessageValidationError("message", cause=f"it nests deeper than {self._limits.depth} levels")
         try:
             return _decoder.decode(text)
-        except msgspec.ValidationError as error:
-            raise _decode_error(text, error) from None
         except (msgspec.DecodeError, UnicodeEncodeError, RecursionError) as error:
-            id = json_id(text)
-            remedy = "" if id is None else "JSON has no NaN and no Infinity; send null"
-            raise MessageValidationError("message", cause=str(error), remedy=remedy, id=id) from None
+            raise _decode_error(text, error) from None
 
     def _unwrap(self, text: str, now_s: float, allowed: tuple[type[Fragment | Png], ...]) -> Operation | None:
         """Returns the operation itself; a PNG may be fragmented, other nesting of wrappers is an error."""
@@ -591,11 +602,39 @@ def _type_name(operation: type[Operation]) -> str:
     return str(operation.__struct_config__.tag)
 
 
-def _decode_error(text: str, error: msgspec.ValidationError) -> MessageValidationError:
-    """Returns the error with its cause, its path and the id of the message."""
+def _decode_error(text: str, error: Exception) -> MessageValidationError:
+    """Returns the error with its cause, its path, the id of the message, and the answer to a call or a goal."""
     cause, _, path = str(error).partition(" - at `$")
+    path, remedy = path.strip("`."), ""
+    envelope = _Envelope()
     try:
         envelope = _envelope_decoder.decode(text)
-    except (msgspec.DecodeError, RecursionError):  # invalid JSON behind the error
-        envelope = _Envelope()
-    return MessageValidationError(envelope.op[:64], path=path.strip("`.") or "", cause=cause, id=envelope.id)
+    except (msgspec.DecodeError, UnicodeEncodeError, RecursionError):  # invalid JSON, but perhaps for NaN and Infinity
+        with suppress(ValueError, RecursionError, msgspec.ValidationError):
+            message = json.loads(text, parse_int=_read_int)
+            envelope = msgspec.convert(message, _Envelope)
+            found = _non_finite_path(message)
+            if found is not None:
+                path, cause, remedy = found, "expected a finite number", "JSON has no NaN and no Infinity; send null"
+    refused = MessageValidationError(envelope.op[:64], path=path, cause=cause, remedy=remedy, id=envelope.id)
+    refused.answer = envelope.answer(str(refused))
+    return refused
+
+
+def _read_int(digits: str) -> float:
+    return int(digits) if len(digits) < 20 else math.inf  # Python refuses to read thousands of digits
+
+
+def _non_finite_path(value: object) -> str | None:
+    """The path of the first number that is not finite."""
+    parts: Iterable[tuple[object, object]] = ()
+    if isinstance(value, dict):
+        parts = ((f".{key}", each) for key, each in value.items())
+    elif isinstance(value, list):
+        parts = ((f"[{at}]", each) for at, each in enumerate(value))
+    for step, each in parts:
+        if isinstance(each, float) and not math.isfinite(each):
+            return str(step).lstrip(".")
+        if (deeper := _non_finite_path(each)) is not None:
+            return f"{step}{'' if deeper.startswith('[') else '.'}{deeper}".lstrip(".")
+    return None

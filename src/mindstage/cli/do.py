@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mindstage.access.limits import Deadline, Duration
 from mindstage.cli.attach import open_running, running_target
 from mindstage.cli.imagine import Budget, Samples, Seed, Uncertainties, Workers, deviations_of, interruptible
 from mindstage.cli.options import (
@@ -26,7 +27,6 @@ from mindstage.cli.options import (
     Running,
     Strict,
     Verbose,
-    finite,
 )
 from mindstage.cli.output import console, print_json, print_line, progress_spinner, warn
 from mindstage.cli.setup import make_engine
@@ -99,10 +99,8 @@ TryFirst = Annotated[
     ),
 ]
 Deadline = Annotated[
-    float,
-    typer.Option(
-        "--deadline", metavar="SECONDS", min=0.1, callback=finite, help="Limit of the simulated time of each skill."
-    ),
+    Deadline,
+    typer.Option("--deadline", metavar="SECONDS", help="Limit of the simulated time of each skill."),
 ]
 RecordFile = Annotated[
     Path | None,
@@ -119,8 +117,8 @@ OutFile = Annotated[
     ),
 ]
 SettleSeconds = Annotated[
-    float,
-    typer.Option("--settle", metavar="SECONDS", min=0.0, callback=finite, help="Simulated time before it begins."),
+    Duration,
+    typer.Option("--settle", metavar="SECONDS", help="Simulated time before it begins."),
 ]
 
 

@@ -25,7 +25,6 @@ from mindstage.cli.options import (
     TlsCertificateFile,
     TlsKeyFile,
     VisitorLimitOptions,
-    finite,
     options_given,
 )
 from mindstage.cli.output import (
@@ -43,6 +42,8 @@ from mindstage.cli.output import (
 from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
 from mindstage.cli.viewer import LOOPBACK, ServerAccess, open_viewer, server_access
 from mindstage.errors import InvalidArgumentError
+from mindstage.ranges import Port as PortNumber
+from mindstage.ranges import WallTime
 
 if TYPE_CHECKING:
     from mindstage.bridge import LocalNode, Refusal, RosbridgeClient
@@ -72,10 +73,8 @@ Maps = Annotated[
     ),
 ]
 BridgePort = Annotated[
-    int,
-    typer.Option(
-        "--port", metavar="PORT", min=0, max=65535, help="The port of the rosbridge server; 0 chooses a free one."
-    ),
+    PortNumber,
+    typer.Option("--port", metavar="PORT", help="The port of the rosbridge server; 0 chooses a free one."),
 ]
 Host = Annotated[
     str, typer.Option("--host", metavar="HOST", help="The address to listen at; one that is not local needs a token.")
@@ -121,10 +120,8 @@ Namespace = Annotated[
     str, typer.Option("--namespace", metavar="NAME", help="The namespace of services, actions and topics.")
 ]
 Seconds = Annotated[
-    float | None,
-    typer.Option(
-        "--for", metavar="SECONDS", min=0.0, callback=finite, help="Exit after this wall time.", show_default=False
-    ),
+    WallTime | None,
+    typer.Option("--for", metavar="SECONDS", help="Exit after this wall time.", show_default=False),
 ]
 
 
@@ -161,7 +158,7 @@ AddedRobots = Annotated[
 ]
 Paused = Annotated[bool, typer.Option("--paused", help="Start paused.")]
 WithPage = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page too.")]
-PagePort = Annotated[int, typer.Option("--page-port", metavar="PORT", min=0, max=65535, help="The port of the page.")]
+PagePort = Annotated[PortNumber, typer.Option("--page-port", metavar="PORT", help="The port of the page.")]
 
 
 def serve(

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mindstage.access.limits import Duration
 from mindstage.cli.options import (
     DEFAULT_READING,
     AsJson,
@@ -39,7 +40,6 @@ from mindstage.cli.options import (
     VisitorLimitOptions,
     WithViewport,
     close_at_end,
-    finite,
 )
 from mindstage.cli.output import (
     Shortcoming,
@@ -302,8 +302,8 @@ def log(
     ground: Ground = True,
     engine: EngineName = "mujoco",
     seconds: Annotated[
-        float,
-        typer.Option("--for", metavar="SECONDS", min=0.0, callback=finite, help="Simulated time before logging."),
+        Duration,
+        typer.Option("--for", metavar="SECONDS", help="Simulated time before logging."),
     ] = 0.0,
     as_json: AsJson = False,
 ) -> ExitCode:

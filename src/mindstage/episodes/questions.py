@@ -30,6 +30,7 @@ from mindstage.knowledge.questions import (
 )
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.vocabulary import EVENT, TYPE, ms
+from mindstage.ranges import Time
 from mindstage.scene import Body, BodyId, Iri, Pose, Vector, World
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array
@@ -99,8 +100,8 @@ def occurs(
     kb: QuestionContext,
     event: ClassName | None = None,
     thing: IndividualName | None = None,
-    begin: float | None = None,
-    end: float | None = None,
+    begin: Time | None = None,
+    end: Time | None = None,
     *,
     present: StateAccess,
 ) -> Iterator[OccurrenceRow]:
@@ -150,8 +151,8 @@ def _missing_occurrence(
     kb: QuestionContext,
     event: Iri | None = None,
     thing: Iri | None = None,
-    begin: float | None = None,
-    end: float | None = None,
+    begin: Time | None = None,
+    end: Time | None = None,
     *,
     present: StateAccess,
 ) -> Iterator[MissingKnowledge]:
@@ -218,8 +219,8 @@ def holds(
     relation: HeldRelation | None = None,
     a: IndividualName | None = None,
     b: IndividualName | None = None,
-    begin: float | None = None,
-    end: float | None = None,
+    begin: Time | None = None,
+    end: Time | None = None,
     *,
     present: StateAccess,
 ) -> Iterator[HoldsRow]:
@@ -319,8 +320,8 @@ def _missing_holding(
     relation: HeldRelation | None = None,
     a: Iri | None = None,
     b: Iri | None = None,
-    begin: float | None = None,
-    end: float | None = None,
+    begin: Time | None = None,
+    end: Time | None = None,
     *,
     present: StateAccess,
 ) -> Iterator[MissingKnowledge]:

@@ -16,6 +16,7 @@ from typing import NoReturn, Protocol, runtime_checkable
 
 import msgspec
 
+from mindstage.access.limits import Duration, Speed, Timeout
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
     Actuator,
@@ -42,7 +43,8 @@ from mindstage.errors import (
     UnsupportedByEngineError,
 )
 from mindstage.knowledge import KnowledgeBase, write_map
-from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, Vector, World
+from mindstage.ranges import Finite, ForceVector, Point, Time, checked
+from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, World
 from mindstage.simulation.imagined import copied_engine
 from mindstage.simulation.simulation import Simulation
 from mindstage.simulation.state import StateSnapshot
@@ -164,7 +166,8 @@ class ReplayEngine:
     def set_label(self, id: BodyId, label: str) -> None:
         self._refuse("change bodies")
 
-    def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
+    @checked
+    def apply_force(self, id: BodyId, force: ForceVector, point: Point | None = None) -> None:
         self._refuse("push bodies")
 
     def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
@@ -173,7 +176,8 @@ class ReplayEngine:
     def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
         self._refuse("drive joints")
 
-    def set_commands(self, commands: Mapping[str, float]) -> None:
+    @checked
+    def set_commands(self, commands: Mapping[str, Finite]) -> None:
         self._refuse("drive joints")
 
     def actuator_states(self) -> Mapping[str, ActuatorState]:
@@ -197,7 +201,8 @@ class ReplayEngine:
         existing = set(self._ids)
         self._highlights = MappingProxyType({id: each for id, each in self._highlighted.items() if id in existing})
 
-    def step(self, duration_s: float) -> None:
+    @checked
+    def step(self, duration_s: Duration) -> None:
         try:
             self.show(min(self._require_open()._time_s + duration_s, self.end_s))
         except EpisodeError as error:  # the frames of that time are lost; an engine's errors pause the simulation
@@ -296,14 +301,15 @@ class EpisodeReplay(Simulation):
     `state.time_s` is the shown time [s]. Playing ends at the end of the recording.
     """
 
+    @checked
     def __init__(
         self,
         recording: Recording,
         knowledge: KnowledgeBase | None = None,
         *,
-        at_s: float | None = None,
+        at_s: Time | None = None,
         beside: Recording | None = None,
-        timeout_s: float = 10.0,
+        timeout_s: Timeout = 10.0,
         threaded: bool = True,
     ) -> None:
         """Shows a recording.
@@ -362,7 +368,8 @@ class EpisodeReplay(Simulation):
         """The last time that can be shown [s]."""
         return self._replay_engine.end_s
 
-    def seek(self, time_s: float) -> None:
+    @checked
+    def seek(self, time_s: Time) -> None:
         """Shows the recording at a time [s]; playing goes on from there.
 
         Raises:
@@ -376,7 +383,8 @@ class EpisodeReplay(Simulation):
 
         self.run_on_engine(seek, label="seek")
 
-    def play(self, *, speed: float = 1.0) -> None:
+    @checked
+    def play(self, *, speed: Speed = 1.0) -> None:
         """Plays the recording at a multiple of its speed, from the shown time, or from the begin if it is at the end.
 
         Args:
@@ -465,7 +473,8 @@ class EpisodeReplay(Simulation):
         self.run_on_engine(end, label="return", edits=True)
         self.undo_stack.clear()
 
-    def pull(self, id: BodyId, *, point: Vector, target: Vector) -> None:
+    @checked
+    def pull(self, id: BodyId, *, point: Point, target: Point) -> None:
         """See `Simulation.pull`.
 
         Raises:

@@ -24,6 +24,7 @@ from mindstage.access.limits import SKILL_TIME
 from mindstage.access.policies import EDIT, QUERY, READ, RUN, SPAWN, Policy
 from mindstage.errors import CommandRefusedError, InvalidArgumentError, MindstageError
 from mindstage.knowledge.names import EntityType
+from mindstage.ranges import Angle, Coordinate
 from mindstage.robots.base_placement import reachable_region
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.model import Arm, RobotJointType
@@ -71,7 +72,7 @@ class AddRobotRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     model: _Name
     """A name of the catalog; pages cannot read files of this machine."""
-    at: tuple[float, float, float] | None = None
+    at: tuple[Coordinate, Coordinate, Angle] | None = None
     """x, y [m] and yaw [rad]; by default on the free floor nearest to the point that the camera looks at."""
 
 
