@@ -18,7 +18,7 @@ from dataclasses import is_dataclass
 from enum import Enum
 from functools import cache
 from inspect import Parameter
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import msgspec
 import pytest
@@ -36,6 +36,10 @@ from mindstage.robots.skills import SKILLS
 HUGE = 10**400
 NUMBER = re.compile(r"\b(float|int|Vector|Quaternion)\b")
 
+DECODED_ONLY: Mapping[str, str] = {
+    "mindstage.bridge.protocol": "operations of the wire, which are checked when they are decoded",
+}
+"""Modules of records without a check at their construction."""
 _WORLD = "a map may have any number; the engine refuses the body or joint at a spawn or an edit, with the reason"
 _RESULT = "made by Mindstage, not by its users"
 _FILE = "read from a description of a robot; its bodies and drives are checked when the robot is added"
@@ -50,10 +54,9 @@ UNRANGED_RECORDS: Mapping[str, str] = {
     ),
     **dict.fromkeys(("EpisodeFrame", "ImaginedEvent", "Job", "JointAxis", "ModelJoint", "MovedBody"), _RESULT),
     **dict.fromkeys(("PlanFile", "RemoteUrl", "RobotWorld", "SampleResult", "SkillResult", "SkillState"), _RESULT),
-    **dict.fromkeys(("SkillStep", "SpawnReport", "Verdict"), _RESULT),
+    **dict.fromkeys(("BaseDrive", "JointDrive", "SkillStep", "SpawnReport", "Verdict"), _RESULT),
     **dict.fromkeys(("Arm", "Gripper", "RobotBase", "RobotJoint", "RobotMimic", "RobotModel", "RobotSensor"), _FILE),
     **dict.fromkeys(("UrdfGeometry", "UrdfInertial", "UrdfJoint", "UrdfLink", "UrdfMimic"), _FILE),
-    "Auth": "a message of rosauth, whose numbers are compared with a hash",
     "Check": "arguments of a question, which checks them",
     "Limit": "a range itself",
     "Perform args": "arguments of a skill, which checks them",
@@ -61,7 +64,9 @@ UNRANGED_RECORDS: Mapping[str, str] = {
     "Uncertainty position_m": "msgspec cannot constrain a number that may be a tuple; checked with the plan",
 }
 """Records, or fields of them, without ranges; with the reason."""
+_GOAL = "made by `Robot`, whose arguments are checked"
 UNRANGED_FUNCTIONS: Mapping[str, str] = {
+    **dict.fromkeys(("GripperGoal.__init__", "JointGoal.__init__", "PathGoal.__init__", "VelocityGoal.command"), _GOAL),
     "Gate.admit": "times of a clock",
     "Gate.request_denial": "times of a clock",
     "Gate.socket_denial": "times of a clock",
@@ -130,10 +135,17 @@ def functions_of(each: Any) -> Iterator[tuple[str, Any, type | None]]:
             yield f"{each.__name__}.{name}", function, each
 
 
-def named_classes(annotation: object) -> Iterator[type]:
+def named_classes(annotation: object, names: Mapping[str, object]) -> Iterator[type]:
+    """The classes that a type names, also by an alias of several, or where they are imported for type checking only."""
     for word in re.findall(r"[A-Za-z_]\w*", str(annotation)):
-        if (cls := classes_by_name().get(word)) is not None:
-            yield cls
+        yield from classes_in(names.get(word, classes_by_name().get(word)))
+
+
+def classes_in(type: Any) -> Iterator[Any]:
+    if inspect.isclass(type) and not get_args(type):
+        yield type
+    for each in get_args(type):
+        yield from classes_in(each)
 
 
 @cache
@@ -148,10 +160,14 @@ def public() -> tuple[Any, ...]:
             continue
         found[id(each)] = each
         for _, function, _ in functions_of(each):
-            waiting += (cls for cls in named_classes(inspect.signature(function).return_annotation) if is_own(cls))
+            waiting += (cls for cls in named_classes(returned(function), names_of(function)) if is_own(cls))
         if inspect.isclass(each):
             waiting += (cls for cls in each.__subclasses__() if is_own(cls))
     return tuple(found.values())
+
+
+def returned(function: Any) -> object:
+    return inspect.signature(function).return_annotation
 
 
 def is_protocol(cls: type | None) -> bool:
@@ -162,8 +178,12 @@ def number_parameters(function: Any) -> tuple[str, ...]:
     return tuple(
         each.name
         for each in inspect.signature(function).parameters.values()
-        if takes_number(each.annotation, function.__globals__)
+        if takes_number(each.annotation, names_of(function))
     )
+
+
+def names_of(function: Any) -> dict[str, object]:
+    return inspect.unwrap(function).__globals__
 
 
 def takes_number(annotation: object, names: Mapping[str, object]) -> bool:
@@ -199,16 +219,16 @@ def input_records() -> tuple[type, ...]:
         for each in public()
         for _, function, _ in functions_of(each)
         for parameter in inspect.signature(function).parameters.values()
-        for cls in named_classes(parameter.annotation)
+        for cls in named_classes(parameter.annotation, names_of(function))
         if not str(parameter.annotation).startswith("Callable")
     ]
     while waiting:
         cls = waiting.pop()
-        if cls in found or not is_record(cls):
+        if cls in found or not is_record(cls) or not is_own(cls) or cls.__module__ in DECODED_ONLY:
             continue
         found[cls] = None
-        for _, annotation, _ in record_fields(cls):
-            waiting += named_classes(annotation)
+        for _, annotation, names in record_fields(cls):
+            waiting += named_classes(annotation, names)
     return tuple(found)
 
 
@@ -233,7 +253,7 @@ def undeclared_functions(functions: tuple[Declared, ...]) -> list[str]:
         f"{each.place} {name}"
         for each in functions
         for name in each.numbers
-        if range_of(inspect.signature(each.target).parameters[name].annotation, each.target.__globals__) is None
+        if range_of(inspect.signature(each.target).parameters[name].annotation, names_of(each.target)) is None
         and each.place not in UNRANGED_FUNCTIONS
         and f"{each.place} {name}" not in UNRANGED_FUNCTIONS
     ]
@@ -251,7 +271,7 @@ def undeclared_fields(records: tuple[type, ...]) -> list[str]:
     ]
 
 
-def refusal(function: Any, *args: Any, **kwargs: Any) -> str:
+def refusal(function: Any, /, *args: Any, **kwargs: Any) -> str:
     """The text of the error with which a call is refused; empty if it is not refused because of a number."""
     try:
         function(*args, **kwargs)
@@ -302,18 +322,16 @@ def test_every_public_function_refuses_numbers_beyond_its_ranges() -> None:
     for each in declared_functions():
         parameters = inspect.signature(each.target).parameters
         others = {
-            name: object()
+            name: None if name in each.numbers else object()
             for name, other in parameters.items()
             if other.default is other.empty and other.kind not in {other.VAR_KEYWORD, other.VAR_POSITIONAL}
         }
         for name in each.numbers:
-            found = range_of(parameters[name].annotation, each.target.__globals__)
+            found = range_of(parameters[name].annotation, names_of(each.target))
             if found is None:
                 continue
             named = "deadline_s" if parameters[name].kind is Parameter.VAR_KEYWORD else name
             for number in beyond(found):
-                if number is True and "bool" in str(parameters[name].annotation):
-                    continue
                 given = {**others, named: shaped(number, parameters[name].annotation, found)}
                 positional = [
                     given.pop(key) for key, other in parameters.items() if other.kind is other.POSITIONAL_ONLY
@@ -330,7 +348,7 @@ def test_every_record_refuses_numbers_beyond_its_ranges() -> None:
         fields = list(record_fields(cls))
         if cls.__name__ in UNRANGED_RECORDS:
             continue
-        required = {name: object() for name in required_fields(cls)}
+        required = dict.fromkeys(required_fields(cls))
         for name, annotation, names in fields:
             found = range_of(annotation, names)
             for number in beyond(found) if found is not None else ():
@@ -348,7 +366,7 @@ def required_fields(cls: type) -> list[str]:
     ]
 
 
-# -- questions, skills, requests of the page ----------------------------------------------------------------------------
+# -- questions, skills, requests of the page --------------------------------------------------------------------------
 
 
 def test_every_number_of_a_question_has_a_range_and_is_refused_beyond_it() -> None:
@@ -386,15 +404,15 @@ def test_every_number_of_a_request_of_the_page_has_a_range() -> None:
     nested = tuple(
         inner
         for cls in requests
-        for _, annotation, _ in record_fields(cls)
-        for inner in named_classes(annotation)
+        for _, annotation, names in record_fields(cls)
+        for inner in named_classes(annotation, names)
         if is_record(inner) and ".viewer." in inner.__module__
     )
     assert len(requests) > 30
     assert undeclared_fields((*requests, *nested)) == []
 
 
-# -- the command line ----------------------------------------------------------------------------------------------------
+# -- the command line -------------------------------------------------------------------------------------------------
 
 
 def numeric_options() -> Iterator[tuple[str, Any, list[str]]]:

@@ -27,6 +27,7 @@ __all__ = [
     "MAX_COORDINATE_M",
     "MAX_SIZE_M",
     "Angle",
+    "Component",
     "Coordinate",
     "Count",
     "Degrees",
@@ -81,8 +82,8 @@ NotNegative = Annotated[float, Meta(ge=0.0, le=_FINITE)]
 Positive = Annotated[float, Meta(gt=0.0, le=1e15)]
 Factor = Annotated[float, Meta(gt=0.0, le=1e6)]
 Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]
-Component = Annotated[float, Meta(ge=-1e6, le=1e6)]
-"""Of a quaternion, which need not be normalized."""
+Component = Annotated[float, Meta(ge=-1e12, le=1e12)]
+"""Of a vector such as a velocity or a force, or of a quaternion, which need not be normalized."""
 Coordinate = Annotated[float, Meta(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M, extra=_METER)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 PlanePoint = tuple[Coordinate, Coordinate]
@@ -293,7 +294,7 @@ def _range_in(type: Any) -> Range | None:
     return range._replace(contained=True)
 
 
-_OTHER_TYPES = re.compile(r"\b(str|bool|dict|Executor|UnsetType)\b")
+_OTHER_TYPES = re.compile(r"\b(str|dict|Executor|UnsetType)\b")
 
 
 def _allows_others(annotation: object) -> Callable[[object], bool]:
@@ -302,7 +303,7 @@ def _allows_others(annotation: object) -> Callable[[object], bool]:
 
 
 def _is_other(value: object) -> bool:
-    return isinstance(value, bool) or not isinstance(value, Real | Mapping | list | tuple)
+    return not isinstance(value, Real | Mapping | list | tuple)
 
 
 def _is_never(_: object) -> bool:

@@ -34,6 +34,7 @@ from mindstage.bridge.protocol import (
     SendActionGoal,
     ServiceResponse,
     content,
+    non_finite_path,
 )
 from mindstage.errors import (
     BridgeError,
@@ -306,7 +307,11 @@ def _values(name: str, raw: msgspec.Raw | msgspec.UnsetType, succeeded: bool) ->
 
 
 def _decode_values(raw: msgspec.Raw | msgspec.UnsetType) -> Any:
-    return msgspec.json.decode(content(raw))
+    try:
+        return msgspec.json.decode(content(raw))
+    except msgspec.ValidationError as error:  # valid JSON, but for numbers that are too large
+        path = non_finite_path(bytes(content(raw)).decode())
+        raise MessageValidationError("message", path=path, cause="expected a finite number") from error
 
 
 ServiceHandler = Callable[[Any], object]

@@ -15,11 +15,10 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Hashable, Iterable
-from contextlib import suppress
+from collections.abc import Hashable
 from enum import IntEnum, StrEnum
 from itertools import count
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 from msgspec import UNSET, Meta, Raw, Struct, UnsetType
@@ -59,6 +58,8 @@ __all__ = [
     "UnadvertiseService",
     "Unsubscribe",
     "content",
+    "non_finite_path",
+    "read_lenient_json",
     "split_fragments",
 ]
 
@@ -606,35 +607,42 @@ def _decode_error(text: str, error: Exception) -> MessageValidationError:
     """Returns the error with its cause, its path, the id of the message, and the answer to a call or a goal."""
     cause, _, path = str(error).partition(" - at `$")
     path, remedy = path.strip("`."), ""
-    envelope = _Envelope()
     try:
         envelope = _envelope_decoder.decode(text)
     except (msgspec.DecodeError, UnicodeEncodeError, RecursionError):  # invalid JSON, but perhaps for NaN and Infinity
-        with suppress(ValueError, RecursionError, msgspec.ValidationError):
-            message = json.loads(text, parse_int=_read_int)
+        message = read_lenient_json(text)
+        try:
             envelope = msgspec.convert(message, _Envelope)
-            found = _non_finite_path(message)
-            if found is not None:
-                path, cause, remedy = found, "expected a finite number", "JSON has no NaN and no Infinity; send null"
+        except msgspec.ValidationError:
+            envelope = _Envelope()
+        if found := _find_non_finite(message, ""):
+            path, cause, remedy = found, "expected a finite number", "JSON has no NaN and no Infinity; send null"
     refused = MessageValidationError(envelope.op[:64], path=path, cause=cause, remedy=remedy, id=envelope.id)
     refused.answer = envelope.answer(str(refused))
     return refused
 
 
-def _read_int(digits: str) -> float:
-    return int(digits) if len(digits) < 20 else math.inf  # Python refuses to read thousands of digits
+def read_lenient_json(text: str | bytes) -> Any:
+    """Parses JSON that may have NaN, Infinity and integers of any length, which become infinite; None if it cannot."""
+    try:
+        return json.loads(text, parse_int=lambda digits: int(digits) if len(digits) < 300 else math.inf)
+    except (ValueError, RecursionError):
+        return None
 
 
-def _non_finite_path(value: object) -> str | None:
-    """The path of the first number that is not finite."""
-    parts: Iterable[tuple[object, object]] = ()
-    if isinstance(value, dict):
-        parts = ((f".{key}", each) for key, each in value.items())
-    elif isinstance(value, list):
-        parts = ((f"[{at}]", each) for at, each in enumerate(value))
-    for step, each in parts:
-        if isinstance(each, float) and not math.isfinite(each):
-            return str(step).lstrip(".")
-        if (deeper := _non_finite_path(each)) is not None:
-            return f"{step}{'' if deeper.startswith('[') else '.'}{deeper}".lstrip(".")
-    return None
+def non_finite_path(text: str) -> str:
+    """The path of the first number in a JSON text that is not finite; empty if there is none."""
+    return _find_non_finite(read_lenient_json(text), "")
+
+
+def _find_non_finite(value: object, path: str) -> str:
+    match value:
+        case float() if not math.isfinite(value):
+            return path.lstrip(".")
+        case dict():
+            found = (_find_non_finite(each, f"{path}.{key}") for key, each in value.items())
+        case list():
+            found = (_find_non_finite(each, f"{path}[{at}]") for at, each in enumerate(value))
+        case _:
+            return ""
+    return next(filter(None, found), "")

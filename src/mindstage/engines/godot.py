@@ -62,7 +62,8 @@ class GodotBridge(LocalNode):
         """Whether the process runs and is connected."""
         return self.process is not None and self.process.is_running and self.server.client_count > 0
 
-    def wait_connected(self, timeout_s: float) -> None:
+    @checked
+    def wait_connected(self, timeout_s: Timeout) -> None:
         """Checks the connection; Godot never reconnects.
 
         Raises:
@@ -71,7 +72,8 @@ class GodotBridge(LocalNode):
         if not self.connected:
             raise ConnectionLostError(self.server.url, cause="Godot has exited")
 
-    def wait_services(self, namespace: str, timeout_s: float) -> None:
+    @checked
+    def wait_services(self, namespace: str, timeout_s: Timeout) -> None:
         """Waits until Godot offers all services that the engine needs.
 
         Raises:

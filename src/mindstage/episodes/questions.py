@@ -474,7 +474,7 @@ class ChangeRow(AnswerRow, frozen=True, kw_only=True):
     about_past=True,
 )
 def changed(
-    kb: QuestionContext, since: float | None = None, until: float | None = None, *, present: StateAccess
+    kb: QuestionContext, since: Time | None = None, until: Time | None = None, *, present: StateAccess
 ) -> Iterator[ChangeRow]:
     """What differs between two times [s], by default the begin and the end: bodies that moved, appeared, disappeared.
 
@@ -564,7 +564,7 @@ def _holders(world: World) -> Mapping[Iri, Iri]:
 
 @changed.missing
 def _missing_change(
-    kb: QuestionContext, since: float | None = None, until: float | None = None, *, present: StateAccess
+    kb: QuestionContext, since: Time | None = None, until: Time | None = None, *, present: StateAccess
 ) -> Iterator[MissingKnowledge]:
     yield MissingKnowledge(EVENT, TYPE, f"nothing differs between these times in {_asked_episodes(present)}")
 

@@ -61,7 +61,8 @@ class ReplayEngine:
 
     name = "replay"
 
-    def __init__(self, recording: Recording, *, begin_s: float | None = None, end_s: float | None = None) -> None:
+    @checked
+    def __init__(self, recording: Recording, *, begin_s: Time | None = None, end_s: Time | None = None) -> None:
         """Shows the begin of a recording.
 
         Args:
@@ -86,7 +87,8 @@ class ReplayEngine:
         self._closed = False
         self.show(self.begin_s)
 
-    def show(self, time_s: float) -> None:
+    @checked
+    def show(self, time_s: Time) -> None:
         """Shows the recording at a time [s].
 
         Raises:

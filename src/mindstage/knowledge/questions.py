@@ -632,6 +632,9 @@ class Question(Generic[R]):
         """
         now = present or StateAccess(kb)
         if self.about_past and not any(source.names() for source in now.episodes):
+            for name in args:
+                if (argument := self._arguments_by_name.get(name)) is None or argument.range is not None:
+                    self._parse_argument(kb, now, name, args[name])
             return Answers(self, {}, (), (_no_episode(),), kb=kb, notes=notes)
         if self.uses_current_state:
             now.fetch()  # before taking the lock, since the engine may take a while
