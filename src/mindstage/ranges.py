@@ -227,7 +227,7 @@ def check_fields(record: object) -> None:
     Raises:
         NumberRefusedError: also a ValueError, which msgspec reports with the path of the record when it decodes one.
     """
-    for name, range, allows in _field_ranges(record.__class__):
+    for name, range, allows in _field_ranges(type(record)):  # type: ignore[arg-type]
         value = getattr(record, name)
         if value is not None and value not in range and not allows(value):
             check_number(value, range, name)

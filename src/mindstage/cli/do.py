@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mindstage.access.limits import Deadline, Duration
+from mindstage.access.limits import Deadline as DeadlineNumber
+from mindstage.access.limits import Duration
 from mindstage.cli.attach import open_running, running_target
 from mindstage.cli.imagine import Budget, Samples, Seed, Uncertainties, Workers, deviations_of, interruptible
 from mindstage.cli.options import (
@@ -99,7 +100,7 @@ TryFirst = Annotated[
     ),
 ]
 Deadline = Annotated[
-    Deadline,
+    DeadlineNumber,
     typer.Option("--deadline", metavar="SECONDS", help="Limit of the simulated time of each skill."),
 ]
 RecordFile = Annotated[

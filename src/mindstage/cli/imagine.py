@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mindstage.access.limits import Duration, Samples, Timeout
+from mindstage.access.limits import Duration, Timeout
+from mindstage.access.limits import Samples as SamplesNumber
 from mindstage.cli.ask import named_args
 from mindstage.cli.options import (
     DEFAULT_READING,
@@ -39,7 +40,8 @@ from mindstage.cli.output import (
 )
 from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
 from mindstage.cli.shot import take_picture
-from mindstage.ranges import Fraction, Seed
+from mindstage.ranges import Fraction
+from mindstage.ranges import Seed as SeedNumber
 
 if TYPE_CHECKING:
     from mindstage.imagination import Check, Progress, Uncertainty, Verdict
@@ -50,8 +52,8 @@ __all__ = ["Budget", "Samples", "Seed", "Uncertainties", "Workers", "deviations_
 PlanArgument = Annotated[
     str, typer.Argument(metavar="PLAN", help="The plan: a JSON or YAML file, or text in braces.", show_default=False)
 ]
-Samples = Annotated[Samples, typer.Option("--samples", metavar="N", help="The largest number of samples.")]
-Seed = Annotated[Seed, typer.Option("--seed", metavar="N", help="Determines the random numbers.")]
+Samples = Annotated[SamplesNumber, typer.Option("--samples", metavar="N", help="The largest number of samples.")]
+Seed = Annotated[SeedNumber, typer.Option("--seed", metavar="N", help="Determines the random numbers.")]
 Budget = Annotated[
     Timeout, typer.Option("--budget", metavar="SECONDS", help="Limit of the wall time; 60 s by default.")
 ]

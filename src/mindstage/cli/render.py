@@ -38,7 +38,8 @@ from mindstage.cli.output import (
 from mindstage.cli.setup import exclusive, knowledge_base, make_engine, simulation_from_options
 from mindstage.cli.shot import highlight_targets, parse_numbers, parse_point, parse_size
 from mindstage.errors import InvalidArgumentError
-from mindstage.ranges import Count, Finite, Seed, Time
+from mindstage.ranges import Count, Finite, Time
+from mindstage.ranges import Seed as SeedNumber
 
 if TYPE_CHECKING:
     from mindstage.rendering import CameraPose
@@ -122,7 +123,7 @@ Flight = Annotated[
 ]
 FrameRate = Annotated[float, typer.Option("--fps", metavar="RATE", min=1.0, max=120.0, help="Frames per second.")]
 Length = Annotated[float, typer.Option("--length", metavar="SECONDS", min=0.1, max=600.0, help="The length of a film.")]
-Seed = Annotated[Seed, typer.Option("--seed", metavar="N", help="The seed of the samples.")]
+Seed = Annotated[SeedNumber, typer.Option("--seed", metavar="N", help="The seed of the samples.")]
 Exposure = Annotated[Finite, typer.Option("--exposure", metavar="STOPS", help="Brighter (1) or darker (-1) by stops.")]
 Denoise = Annotated[bool, typer.Option(" /--no-denoise", help="Do not remove noise.", show_default=False)]
 

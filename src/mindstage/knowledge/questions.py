@@ -734,7 +734,7 @@ class Question(Generic[R]):
                 f"{self.name}, {name}", cause=f"{value!r} is no {argument.value_type.value}'s name"
             )
         try:
-            converted = msgspec.convert(value, argument.value_type, strict=False)
+            converted: Any = msgspec.convert(value, argument.value_type, strict=False)
         except msgspec.ValidationError as error:
             choices = ", ".join(argument.choices)
             cause = f"{value!r} is no {name if choices else argument.type_text}"
