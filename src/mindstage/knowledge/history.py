@@ -282,7 +282,8 @@ def _seconds(name: str, value: object) -> float:
     try:
         number = msgspec.convert(value, float, strict=False)
     except msgspec.ValidationError:
-        number = float("nan")
+        check_number(value, _TIME, name)
+        raise
     check_number(number, _TIME, name)
     return number
 

@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from mindstage.access.limits import ANSWER_PARTS, REQUEST_PARTS, Timeout
+from mindstage.access.limits import ANSWER_PARTS, REQUEST_PARTS, Deadline
 from mindstage.access.policies import QUERY, TRUSTED, Cost, EntryKind, EntryPoint, Policy
 from mindstage.access.resources import is_outside_request
 from mindstage.errors import PrologGoalError, PrologTimeoutError, PrologUnavailableError, SourceParseError
@@ -138,7 +138,7 @@ class PrologConsole:
         return tuple(EntryPoint(EntryKind.PREDICATE, name, self.policies.get(name)) for name in self.handlers)
 
     @checked
-    def solutions(self, goal: str, *, limit: Count = 1000, timeout_s: Timeout = 30.0) -> Solutions:
+    def solutions(self, goal: str, *, limit: Count = 1000, timeout_s: Deadline = 30.0) -> Solutions:
         """Finds the solutions of a goal, in Prolog's order; empty if it fails. May be called from any thread.
 
         Args:
@@ -154,7 +154,7 @@ class PrologConsole:
         return self._solve("solve", goal, limit, timeout_s)
 
     @checked
-    def answers(self, query: str, *, limit: Count = 1000, timeout_s: Timeout = 10.0) -> Solutions:
+    def answers(self, query: str, *, limit: Count = 1000, timeout_s: Deadline = 10.0) -> Solutions:
         """Finds the solutions of an untrusted query. May be called from any thread.
 
         Only questions and their combinations are allowed (`line_queries.pl`): a query cannot call, change, read or
@@ -192,7 +192,7 @@ class PrologConsole:
                 raise KeyboardInterrupt
 
     @checked
-    def holds(self, goal: str, *, timeout_s: Timeout = 30.0) -> bool:
+    def holds(self, goal: str, *, timeout_s: Deadline = 30.0) -> bool:
         """Whether a goal has a solution.
 
         Raises:
@@ -293,7 +293,7 @@ class PrologConsole:
 
 
 @checked
-def solve_query(simulation: Simulation, query: str, *, limit: Count, timeout_s: Timeout) -> Solutions:
+def solve_query(simulation: Simulation, query: str, *, limit: Count, timeout_s: Deadline) -> Solutions:
     """Finds the solutions of an untrusted query; concurrent calls wait for one another.
 
     It uses the open console of the same simulation if there is one, and otherwise a console of its own.
