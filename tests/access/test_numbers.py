@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from typing import Any
 
+import cbor2
 import msgspec
 import pytest
 
@@ -93,6 +94,12 @@ def test_a_call_with_an_invalid_field_beside_the_arguments_gets_a_response(clien
     response = client.receive("service_response", id="t")
     assert not response["result"]
     assert "timeout" in response["values"]
+
+
+@pytest.mark.parametrize("number", [2**80, -(2**80)])
+def test_a_call_in_cbor_with_an_integer_beyond_json_gets_a_response(client: RawClient, number: int) -> None:
+    client.send(cbor2.dumps({"op": "call_service", "id": "b", "service": "/x", "args": {"steps": number}}))
+    assert not client.receive("service_response", id="b")["result"]
 
 
 def test_a_goal_with_a_number_that_is_not_finite_gets_a_result(client: RawClient) -> None:

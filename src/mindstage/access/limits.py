@@ -351,7 +351,7 @@ MotionTimeout = Annotated[float, MOTION_TIMEOUT.meta]
 Rate = Annotated[float, PUBLISH_RATE.meta]
 Lifetime = Annotated[float, MARKER_LIFETIME.meta]
 PositiveDuration = Annotated[float, msgspec.Meta(gt=0.0, le=STEP_DURATION.maximum, extra={"unit": "s"})]
-Deadline = Annotated[float, msgspec.Meta(gt=0.0, le=CALL_TIMEOUT.maximum, extra={"unit": "s"})]
+Deadline = Annotated[float, msgspec.Meta(gt=0.0, le=1e9, extra={"unit": "s"})]
 Samples = Annotated[int, msgspec.Meta(ge=1, le=PLAN_SAMPLES.count)]
 """Types of parameters, see `ranges`."""
 

@@ -503,7 +503,14 @@ class MessageDecoder:
         limit = self._limits.message_bytes if isinstance(frame, str) else self._limits.cbor_bytes
         if len(frame) > limit:
             raise MessageValidationError("frame", cause=f"it has {len(frame)} bytes", remedy=f"at most {limit}")
-        return frame if isinstance(frame, str) else read_cbor(frame, depth=self._limits.depth).decode()
+        if isinstance(frame, str):
+            return frame
+        try:
+            return read_cbor(frame, depth=self._limits.depth).decode()
+        except MessageValidationError as error:
+            envelope = _envelope(error.answer)
+            error.id, error.answer = envelope.id, envelope.answer(str(error))
+            raise
 
     def _parse(self, text: str) -> Operation:
         self.size = len(text)
@@ -611,15 +618,19 @@ def _decode_error(text: str, error: Exception) -> MessageValidationError:
         envelope = _envelope_decoder.decode(text)
     except (msgspec.DecodeError, UnicodeEncodeError, RecursionError):  # invalid JSON, but perhaps for NaN and Infinity
         message = read_lenient_json(text)
-        try:
-            envelope = msgspec.convert(message, _Envelope)
-        except msgspec.ValidationError:
-            envelope = _Envelope()
+        envelope = _envelope(message)
         if found := _find_non_finite(message, ""):
             path, cause, remedy = found, "expected a finite number", "JSON has no NaN and no Infinity; send null"
     refused = MessageValidationError(envelope.op[:64], path=path, cause=cause, remedy=remedy, id=envelope.id)
     refused.answer = envelope.answer(str(refused))
     return refused
+
+
+def _envelope(message: object) -> _Envelope:
+    try:
+        return msgspec.convert(message, _Envelope)
+    except msgspec.ValidationError:
+        return _Envelope()
 
 
 def read_lenient_json(text: str | bytes) -> Any:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mindstage.access.limits import Deadline as DeadlineNumber
-from mindstage.access.limits import Duration
 from mindstage.cli.attach import open_running, running_target
 from mindstage.cli.imagine import Budget, Samples, Seed, Uncertainties, Workers, deviations_of, interruptible
 from mindstage.cli.options import (
@@ -32,6 +31,7 @@ from mindstage.cli.options import (
 from mindstage.cli.output import console, print_json, print_line, progress_spinner, warn
 from mindstage.cli.setup import make_engine
 from mindstage.cli.simulate import spawned_map
+from mindstage.ranges import WallTime
 
 if TYPE_CHECKING:
     from mindstage.cli.simulate import SpawnedMap
@@ -118,7 +118,7 @@ OutFile = Annotated[
     ),
 ]
 SettleSeconds = Annotated[
-    Duration,
+    WallTime,
     typer.Option("--settle", metavar="SECONDS", help="Simulated time before it begins."),
 ]
 

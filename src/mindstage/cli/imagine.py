@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mindstage.access.limits import Duration, Timeout
 from mindstage.access.limits import Samples as SamplesNumber
+from mindstage.access.limits import Timeout
 from mindstage.cli.ask import named_args
 from mindstage.cli.options import (
     DEFAULT_READING,
@@ -40,7 +40,7 @@ from mindstage.cli.output import (
 )
 from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
 from mindstage.cli.shot import take_picture
-from mindstage.ranges import Fraction
+from mindstage.ranges import Fraction, WallTime
 from mindstage.ranges import Seed as SeedNumber
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ Uncertainties = Annotated[
     ),
 ]
 SettleTime = Annotated[
-    Duration,
+    WallTime,
     typer.Option("--settle", metavar="SECONDS", help="Simulated time before the samples begin."),
 ]
 

@@ -28,7 +28,6 @@ from msgspec import Meta
 from typer.core import TyperCommand
 from typer.models import ParameterInfo
 
-from mindstage.access.limits import Duration
 from mindstage.cli.output import one_line, print_json
 from mindstage.errors import AmbiguousMapError, MindstageError, WorldError
 from mindstage.ranges import Coordinate, NotNegative, Range, Time, WallTime, range_of
@@ -582,7 +581,7 @@ HighlightColors = Annotated[
     ),
 ]
 PictureSize = Annotated[str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="The size of the picture, in pixels.")]
-SecondsBefore = Annotated[Duration, typer.Option("--for", metavar="SECONDS", help="Simulated time before the picture.")]
+SecondsBefore = Annotated[WallTime, typer.Option("--for", metavar="SECONDS", help="Simulated time before the picture.")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

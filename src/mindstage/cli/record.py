@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mindstage.access.limits import Duration
 from mindstage.cli.options import (
     DEFAULT_READING,
     AsJson,
@@ -42,7 +41,7 @@ from mindstage.cli.setup import make_engine
 from mindstage.cli.simulate import spawned_map
 from mindstage.cli.viewer import LOOPBACK, server_access, show_page
 from mindstage.errors import EpisodeFileError
-from mindstage.ranges import Frequency
+from mindstage.ranges import Frequency, WallTime
 
 if TYPE_CHECKING:
     from mindstage.episodes.mcap_file import EpisodeLoss
@@ -59,7 +58,7 @@ OutputFile = Annotated[
 ]
 Rate = Annotated[Frequency, typer.Option("--rate", metavar="HZ", help="Frames per simulated second.")]
 SimulatedSeconds = Annotated[
-    Duration | None,
+    WallTime | None,
     typer.Option(
         "--for",
         metavar="SECONDS",

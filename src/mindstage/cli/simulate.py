@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mindstage.access.limits import Duration
 from mindstage.cli.options import (
     DEFAULT_READING,
     AsJson,
@@ -78,6 +77,7 @@ from mindstage.cli.setup import (
 )
 from mindstage.cli.viewer import LOOPBACK, print_and_serve, server_access
 from mindstage.errors import InvalidArgumentError
+from mindstage.ranges import WallTime
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine, SpawnReport
@@ -302,7 +302,7 @@ def log(
     ground: Ground = True,
     engine: EngineName = "mujoco",
     seconds: Annotated[
-        Duration,
+        WallTime,
         typer.Option("--for", metavar="SECONDS", help="Simulated time before logging."),
     ] = 0.0,
     as_json: AsJson = False,

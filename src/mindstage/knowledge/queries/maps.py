@@ -8,7 +8,6 @@ from typing import Any
 
 import msgspec
 
-from mindstage.errors import InvalidArgumentError
 from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.explain import (
     membership_lines,
@@ -336,10 +335,6 @@ def _map_pairs(
     kb: QuestionContext, a: Iri | None, b: Iri | None, tolerance: float
 ) -> Iterator[tuple[Iri, Iri, WorldDiff]]:
     """All pairs of different maps; a map and itself only if both arguments are given."""
-    if not tolerance >= 0.0:
-        raise InvalidArgumentError(
-            "tolerance", cause=f"{tolerance} is negative or not a number", remedy="give 0 or more"
-        )
     known = sorted(kb.maps())
     for one in known if a is None else {a} & {*known}:
         for other in known if b is None else {b} & {*known}:
