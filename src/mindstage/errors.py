@@ -92,6 +92,7 @@ alternatives or with what to try. Errors can be pickled and copied.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, InitVar, dataclass, field, fields, is_dataclass
 from difflib import get_close_matches
@@ -186,6 +187,7 @@ __all__ = [
     "XacroRefusedError",
     "closest_names",
     "suggestion",
+    "without_surrogates",
 ]
 
 
@@ -195,6 +197,7 @@ _MAX_SHOWN = 80
 """Longer texts of clients are cut in messages."""
 _MIN_SUBSTRING = 3
 """Shorter strings are part of nearly every name."""
+_SURROGATES = re.compile("[\ud800-\udfff]")
 _MAX_LISTED = 40
 """Number of known names in a message."""
 
@@ -232,6 +235,11 @@ def _near_names(names: Sequence[str]) -> str:
     return f"near: {', '.join(map(repr, names))}" if names else ""
 
 
+def without_surrogates(text: str) -> str:
+    """A text that UTF-8 can encode: Python has the bytes of names of files that are not UTF-8 as surrogates."""
+    return text if text.isascii() else _SURROGATES.sub("\N{REPLACEMENT CHARACTER}", text)
+
+
 # -- the base ----------------------------------------------------------------------------------------------------------
 
 
@@ -255,10 +263,11 @@ class MindstageError(Exception):
             cls.code = cls.__name__
 
     def __str__(self) -> str:
+        """The message. Bytes of names of files that are not UTF-8 are shown as U+FFFD, so that it can be encoded."""
         if not self.template:
-            return super().__str__()
+            return without_surrogates(super().__str__())
         names = {name for _, name, _, _ in Formatter().parse(self.template) if name}
-        return self.template.format_map({name: getattr(self, name) for name in names})
+        return without_surrogates(self.template.format_map({name: getattr(self, name) for name in names}))
 
     def __repr__(self) -> str:
         # Here once, since a generated method per class would take a third of the time of the import.

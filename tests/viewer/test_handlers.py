@@ -199,6 +199,9 @@ def test_a_body_is_added_where_the_camera_of_its_page_looks(page: Viewer, physic
         (shown,) = page._server.get_clients().values()
 
         def is_turned() -> bool:
+            for wrong in ({"position": "x"}, {"look_at": [1, 2]}, {"position": [float("nan"), 0, 0]}, {"fov": {}}):
+                view.send(msgspec.msgpack.encode(camera | wrong))  # is dropped
+            view.send(b"no message")
             view.send(msgspec.msgpack.encode(camera))  # again, since the viewer sets the first view meanwhile
             return bool(shown.camera.look_at.tolist() == [-1.0, -1.5, 0.0])
 

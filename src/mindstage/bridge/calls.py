@@ -22,6 +22,7 @@ import msgspec
 
 from mindstage.access.limits import NODE_GOALS, Timeout
 from mindstage.access.policies import EDIT, EntryKind, Policy
+from mindstage.access.resources import without_paths
 from mindstage.bridge.event_loop import EventLoopThread, KeyedSerialExecutor
 from mindstage.bridge.protocol import (
     ActionFeedback,
@@ -47,6 +48,7 @@ from mindstage.errors import (
     ServiceTimeoutError,
 )
 from mindstage.ranges import checked
+from mindstage.unicode_json import encode_json
 
 __all__ = [
     "ActionHandler",
@@ -307,11 +309,20 @@ def _values(name: str, raw: msgspec.Raw | msgspec.UnsetType, succeeded: bool) ->
 
 
 def _decode_values(raw: msgspec.Raw | msgspec.UnsetType) -> Any:
+    return msgspec.json.decode(content(raw))
+
+
+def _decode_arguments(name: str, raw: msgspec.Raw | msgspec.UnsetType) -> Any:
+    """The arguments of a call or goal.
+
+    Raises:
+        MessageValidationError: they have a number that no float can hold.
+    """
     try:
-        return msgspec.json.decode(content(raw))
-    except msgspec.ValidationError as error:  # valid JSON, but for numbers that are too large
+        return _decode_values(raw)
+    except msgspec.DecodeError as error:
         path = non_finite_path(bytes(content(raw)).decode())
-        raise MessageValidationError("message", path=path, cause="expected a finite number") from error
+        raise MessageValidationError(f"the arguments of {name}", path=path, cause=str(error)) from None
 
 
 ServiceHandler = Callable[[Any], object]
@@ -452,17 +463,24 @@ class HandlerDispatcher:
     def handle_batch(self, handler: BatchHandler, items: list[tuple[Hashable, CallService]]) -> None:
         """Handles consecutive calls of one caller, each with the caller, and sends the responses in their order."""
         begun = [call for _, call in items if self.queued.pop(id(call), None) is not None]
+        results, arguments = dict[int, object](), dict[int, Any]()
+        for call in begun:
+            try:
+                arguments[id(call)] = _decode_arguments(call.service, call.args)
+            except MessageValidationError as error:
+                results[id(call)] = error
         try:
-            results = handler([_decode_values(call.args) for call in begun]) if begun else []
+            if arguments:
+                results |= zip(arguments, handler(list(arguments.values())), strict=True)
         except Exception as error:
-            results = [error] * len(begun)
-        responses = {id(call): _response(call, result) for call, result in zip(begun, results, strict=True)}
+            results |= dict.fromkeys(arguments, error)
+        responses = {id(call): _response(call, results[id(call)]) for call in begun}
         for caller, call in items:
             self._loop.call_soon(self._end_call, caller, responses.get(id(call)))
 
     async def _handle_call_async(self, handler: ServiceHandler, call: CallService) -> None:
         try:
-            result = await _await_if_needed(handler(_decode_values(call.args)))
+            result = await _await_if_needed(handler(_decode_arguments(call.service, call.args)))
         except Exception as error:
             result = error
         self._send(_response(call, result))
@@ -482,7 +500,7 @@ class HandlerDispatcher:
 
     def _run_goal(self, handler: ActionHandler, request: SendActionGoal, goal: ServerGoalHandle) -> None:
         try:
-            goal.args = _decode_values(request.args)
+            goal.args = _decode_arguments(request.action, request.args)
             result = _goal_result(request, goal.id, handler(goal))
         except Exception as error:
             result = _goal_error_result(request, goal.id, _error_reply(request.action, error))
@@ -490,7 +508,7 @@ class HandlerDispatcher:
 
     async def _run_goal_async(self, handler: ActionHandler, request: SendActionGoal, goal: ServerGoalHandle) -> None:
         try:
-            goal.args = _decode_values(request.args)
+            goal.args = _decode_arguments(request.action, request.args)
             result = _goal_result(request, goal.id, await _await_if_needed(handler(goal)))
         except Exception as error:
             result = _goal_error_result(request, goal.id, _error_reply(request.action, error))
@@ -508,13 +526,13 @@ async def _await_if_needed(result: object) -> object:
 
 def encode_values(values: object) -> msgspec.Raw:
     """Returns values as JSON; none are an empty object."""
-    return msgspec.Raw(b"{}" if values is None else msgspec.json.encode(values))
+    return msgspec.Raw(b"{}" if values is None else encode_json(values))
 
 
 def _call_handler(handler: ServiceHandler, call: CallService) -> ServiceResponse:
     """Calls a handler that is a plain function."""
     try:
-        result = handler(_decode_values(call.args))
+        result = handler(_decode_arguments(call.service, call.args))
     except Exception as error:
         result = error
     return _response(call, result)
@@ -531,10 +549,12 @@ def _response(call: CallService, result: object) -> ServiceResponse:
 
 
 def _error_reply(name: str, error: Exception) -> str:
-    if isinstance(error, MindstageError):
+    if isinstance(error, FailureResponseError):  # its text was made for the client
         return str(error)
+    if isinstance(error, MindstageError):
+        return without_paths(str(error))
     _log.error("the handler of %s failed", name, exc_info=error)
-    return f"{name} failed: {type(error).__name__}: {error}"
+    return without_paths(f"{name} failed: {type(error).__name__}: {error}")
 
 
 def _call_error_response(call: CallService, error: Exception) -> ServiceResponse:

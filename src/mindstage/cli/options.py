@@ -29,6 +29,7 @@ from typer.core import TyperCommand
 from typer.models import ParameterInfo
 
 from mindstage.cli.output import one_line, print_json
+from mindstage.cli.termination import exit_if_terminated
 from mindstage.errors import AmbiguousMapError, MindstageError, WorldError
 from mindstage.ranges import Coordinate, NotNegative, Range, Time, WallTime, range_of
 from mindstage.ranges import Port as PortNumber
@@ -129,6 +130,8 @@ class ExitCode(IntEnum):
     """Ctrl-C."""
     PIPE_CLOSED = 141
     """The reader of the output closed the pipe."""
+    TERMINATED = 143
+    """SIGTERM."""
 
 
 def exit_code(error: MindstageError) -> ExitCode:
@@ -320,6 +323,7 @@ def discard_output() -> None:
 
 
 def _print_error(error: Exception, message: str, *, as_json: bool) -> None:
+    exit_if_terminated()
     try:
         if as_json:
             print_json({"error": {"kind": getattr(error, "code", type(error).__name__), "message": message}})
@@ -695,8 +699,13 @@ Delta = Annotated[
 ]
 
 Port = Annotated[
-    PortNumber,
-    typer.Option("--port", metavar="PORT", help="The port of the page; 0 chooses a free one."),
+    PortNumber | None,
+    typer.Option(
+        "--port",
+        metavar="PORT",
+        help="The port of the page; 0 chooses a free one. By default 8080, or the next free one.",
+        show_default=False,
+    ),
 ]
 
 Seconds = Annotated[

@@ -91,7 +91,15 @@ WithRos = Annotated[
     bool,
     typer.Option("--ros", help="Publish /tf, /clock, joint states and markers over rosbridge, at the speed of replay."),
 ]
-RosPort = Annotated[PortNumber, typer.Option("--ros-port", metavar="PORT", help="The port of the rosbridge server.")]
+RosPort = Annotated[
+    PortNumber | None,
+    typer.Option(
+        "--ros-port",
+        metavar="PORT",
+        help="The port of the rosbridge server; 0 chooses a free one. By default 9090, or the next free one.",
+        show_default=False,
+    ),
+]
 Namespace = Annotated[str, typer.Option("--namespace", metavar="NAME", help="The namespace of services and topics.")]
 RosOne = Annotated[bool, typer.Option("--ros1", help="Send messages in the format of ROS 1.")]
 Repeat = Annotated[bool, typer.Option("--loop", help="Begin again at the end.")]
@@ -108,7 +116,7 @@ def replay(
     paused: Paused = False,
     loop: Repeat = False,
     with_viewport: WithPage = True,
-    port: Port = 8080,
+    port: Port = None,
     host: PageHost = LOOPBACK,
     token: PageToken = None,
     tls_cert: TlsCertificateFile = None,
@@ -116,7 +124,7 @@ def replay(
     limits: VisitorLimitOptions = None,
     open_browser: OpenBrowser = None,
     with_ros: WithRos = False,
-    ros_port: RosPort = 9090,
+    ros_port: RosPort = None,
     namespace: Namespace = "unreal",
     ros1: RosOne = False,
     seconds: Seconds = None,
@@ -245,7 +253,7 @@ def _write(shown: EpisodeReplay, out: Path, *, as_json: bool) -> ExitCode:
 
 
 def _serve_ros(
-    resources: ExitStack, shown: EpisodeReplay, port: int, access: ServerAccess, *, namespace: str, ros1: bool
+    resources: ExitStack, shown: EpisodeReplay, port: int | None, access: ServerAccess, *, namespace: str, ros1: bool
 ) -> str:
     """Serves the replay over rosbridge; returns the URL."""
     from mindstage.access.limits import VisitorLimits

@@ -42,6 +42,7 @@ from mindstage.errors import (
     InvalidArgumentError,
     UnsupportedByEngineError,
 )
+from mindstage.files import atomic_write
 from mindstage.knowledge import KnowledgeBase, write_map
 from mindstage.ranges import Finite, ForceVector, Point, Time, checked
 from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, World
@@ -292,7 +293,7 @@ def knowledge_of(recording: Recording, *, worlds_only: bool = False) -> Knowledg
     with TemporaryDirectory(prefix="mindstage-") as folder:
         for number, world in enumerate(recording.spawned):
             path = Path(folder, f"recorded-{number}.owl")
-            path.write_text(write_map(world), encoding="utf-8")
+            atomic_write(path, write_map(world).encode())
             knowledge.load(path)
     return knowledge
 

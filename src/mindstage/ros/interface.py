@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Protocol
 
@@ -190,9 +191,10 @@ class RosInterface:
         self._descriptions: DescriptionPublisher | None = None
         self._robots: RobotInterfaces | None = None
         try:
-            self._open()
-            self._robots = RobotInterfaces(self._endpoints, state_reader, self.parameters, self._skills)
-            self._start_publishers(rates or PublishRates())
+            with node.starting() if isinstance(node, LocalNode) else nullcontext():
+                self._open()
+                self._robots = RobotInterfaces(self._endpoints, state_reader, self.parameters, self._skills)
+                self._start_publishers(rates or PublishRates())
         except BaseException:
             self.close()
             raise

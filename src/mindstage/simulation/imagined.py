@@ -162,6 +162,11 @@ class EditRecordingEngine:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._engine, name)
 
+    @property
+    def capabilities(self) -> frozenset[Capability]:
+        """Those of the engine whose edits can be repeated in the original, which may be simulated by another one."""
+        return self._engine.capabilities - {Capability.SAVE_BODIES}
+
     def spawn(
         self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
     ) -> SpawnReport:

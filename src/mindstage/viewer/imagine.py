@@ -17,6 +17,7 @@ from msgspec.structs import replace
 
 from mindstage.access.limits import PLAN_CHARACTERS
 from mindstage.access.policies import READ, RUN, SPAWN
+from mindstage.access.resources import without_paths
 from mindstage.errors import InvalidArgumentError, MindstageError
 from mindstage.imagination import Place, PlanFile, Progress, Verdict, act, imagine
 from mindstage.imagination.trials import physical_simulation, plan_from_text
@@ -289,7 +290,7 @@ class ImagineHandler:
 
     def _set_state(self, state: dict[str, object]) -> None:
         with self._lock:
-            self._state = state
+            self._state = state | ({"error": without_paths(str(state["error"]))} if "error" in state else {})
         self._publish()
 
     def _publish(self) -> None:
