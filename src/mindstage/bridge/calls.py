@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from mindstage.access.limits import NODE_GOALS
+from mindstage.access.limits import NODE_GOALS, Timeout
 from mindstage.access.policies import EDIT, EntryKind, Policy
 from mindstage.access.resources import without_paths
 from mindstage.bridge.event_loop import EventLoopThread, KeyedSerialExecutor
@@ -35,6 +35,7 @@ from mindstage.bridge.protocol import (
     SendActionGoal,
     ServiceResponse,
     content,
+    non_finite_path,
 )
 from mindstage.errors import (
     BridgeError,
@@ -46,6 +47,7 @@ from mindstage.errors import (
     ServiceNotFoundError,
     ServiceTimeoutError,
 )
+from mindstage.ranges import checked
 from mindstage.unicode_json import encode_json
 
 __all__ = [
@@ -94,7 +96,8 @@ class ClientGoalHandle:
         """Requests cancellation; the result of `wait` has the final status."""
         self._cancel(self.id)
 
-    def wait(self, timeout_s: float = 10.0) -> GoalResult:
+    @checked
+    def wait(self, timeout_s: Timeout = 10.0) -> GoalResult:
         """Waits for the result.
 
         Raises:
@@ -129,7 +132,8 @@ class ServerGoalHandle:
         """Whether cancellation was requested, or the client has disconnected."""
         return self._cancelled.is_set()
 
-    def wait_for_cancel(self, timeout_s: float) -> bool:
+    @checked
+    def wait_for_cancel(self, timeout_s: Timeout) -> bool:
         """Sleeps, at most until cancellation is requested; returns whether it was."""
         return self._cancelled.wait(timeout_s)
 
@@ -317,7 +321,8 @@ def _decode_arguments(name: str, raw: msgspec.Raw | msgspec.UnsetType) -> Any:
     try:
         return _decode_values(raw)
     except msgspec.DecodeError as error:
-        raise MessageValidationError(f"the arguments of {name}", cause=str(error)) from None
+        path = non_finite_path(bytes(content(raw)).decode())
+        raise MessageValidationError(f"the arguments of {name}", path=path, cause=str(error)) from None
 
 
 ServiceHandler = Callable[[Any], object]

@@ -20,6 +20,7 @@ from weakref import ref
 import msgspec
 import pyoxigraph as ox
 
+from mindstage.access.limits import Timeout
 from mindstage.errors import AmbiguousMapError, InvalidArgumentError, MapNotFoundError
 from mindstage.knowledge.dialects.conventions import Assumption, AssumptionSink, UnitConventions
 from mindstage.knowledge.dialects.membership import individuals_by_map, without_other_maps
@@ -49,6 +50,7 @@ from mindstage.knowledge.reasoner_properties import node_from_label
 from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.knowledge.tell import RUNTIME_GRAPH, AssertableValue, AssertionStore
 from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, SUBCLASS_OF, TYPE, xsd
+from mindstage.ranges import Time, checked
 from mindstage.scene import Body, FactValue, Iri, IriRef, Joint, Light, Literal, PropertyAssertion, World
 from mindstage.scene.display import counted
 
@@ -599,14 +601,15 @@ class KnowledgeBase:
             self._invalidate_all()
         return True
 
+    @checked
     def sparql(
         self,
         query: str,
         *,
-        timeout_s: float = 30.0,
+        timeout_s: Timeout = 30.0,
         allow_service: bool = False,
         present: StateAccess | None = None,
-        at: float | None = None,
+        at: Time | None = None,
         episode: str | None = None,
     ) -> SparqlResult:
         """Runs a SPARQL 1.1 query: the default graph is the union of all sources, and each source is a named graph.

@@ -15,11 +15,13 @@ from typing import Protocol
 
 import msgspec
 
+from mindstage.access.limits import Timeout
 from mindstage.access.policies import EDIT, QUERY
 from mindstage.bridge import GraphInfo, LocalNode, Node, RosbridgeClient
 from mindstage.errors import MessageValidationError, MindstageError
 from mindstage.knowledge.queries import answers_to_builtins, list_questions
 from mindstage.msgs import RosVersion, diagnostic_msgs, mindstage_msgs, visualization_msgs
+from mindstage.ranges import TimeStep, checked
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.endpoints import Endpoints
 from mindstage.ros.engine_services import EngineServices, RecordingServices
@@ -119,6 +121,7 @@ class _ServiceGroup(Protocol):
 class RosInterface:
     """Offers its services, topics and actions until `close`; the simulation and the node are not closed."""
 
+    @checked
     def __init__(
         self,
         simulation: Simulation,
@@ -127,8 +130,8 @@ class RosInterface:
         namespace: str = "unreal",
         ros: RosVersion = RosVersion.TWO,
         rates: PublishRates | None = None,
-        step_s: float = 0.002,
-        goal_timeout_s: float = 3600.0,
+        step_s: TimeStep = 0.002,
+        goal_timeout_s: Timeout = 3600.0,
         folder: Path | None = None,
         episodes: Path | None = None,
         on_quit: Callable[[], object] | None = None,

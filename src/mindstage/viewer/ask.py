@@ -33,6 +33,7 @@ from mindstage.knowledge.queries import Answers, Question, cell_text, get_questi
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.sentences import is_sentence
 from mindstage.knowledge.tell import parse_value
+from mindstage.ranges import Count, Index
 from mindstage.scene import BodyId
 from mindstage.scene.colors import hex_color, parse_color
 from mindstage.simulation import Simulation, StateSnapshot
@@ -286,23 +287,23 @@ class CompleteNameRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
     prefix: str
     kind: str = ""
     """A kind of entity, such as CLASS; classes and individuals if empty."""
-    limit: int = 20
+    limit: Count = 20
 
 
 class HighlightAnswersRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Parameters of `ask.highlight`: the answers to highlight, all or some rows."""
 
-    key: int
+    key: Index
     color: str
-    rows: tuple[int, ...] | None = None
+    rows: tuple[Index, ...] | None = None
     replace: bool = True
 
 
 class ExplainRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Parameters of `ask.explain`: the row to explain."""
 
-    key: int
-    row: int
+    key: Index
+    row: Index
 
 
 class TellRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

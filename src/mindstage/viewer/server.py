@@ -19,6 +19,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import io
+import json
 import logging
 import re
 import secrets
@@ -63,6 +64,7 @@ from mindstage.errors import (
     RequestLimitError,
     ViewerUnavailableError,
 )
+from mindstage.ranges import Index
 from mindstage.simulation.observation import as_client
 from mindstage.unicode_json import encode_json
 from mindstage.viewer.http import (
@@ -408,7 +410,7 @@ _log = logging.getLogger(__name__)
 
 
 class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"arguments": "params"}):
-    id: int
+    id: Index
     method: str
     arguments: msgspec.Raw = msgspec.Raw(b"{}")
 
@@ -567,9 +569,8 @@ class RpcChannel:
         try:
             request = msgspec.json.decode(message, type=_Request)
         except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-            session.send(
-                _error_message(None, "RequestRefused", str(InvalidRequestError("a message", cause=str(error))))
-            )
+            refused = InvalidRequestError("a message", cause=str(error))
+            session.send(_error_message(_request_id(message), "RequestRefused", str(refused)))
             return None
         if request.method not in self._methods:
             refused = InvalidRequestError(repr(request.method), cause="there is no such method", known=self._methods)
@@ -619,6 +620,16 @@ class RpcChannel:
                 await loop.run_in_executor(self._executor, callback, session)
             except RuntimeError:
                 return
+
+
+def _request_id(message: str | bytes) -> int | None:
+    """The id of a request that is JSON but for NaN and Infinity, or that is otherwise invalid; None without one."""
+    try:
+        request = json.loads(message, parse_int=lambda digits: int(digits) if len(digits) < 20 else None)
+    except (ValueError, RecursionError):
+        return None
+    id = request.get("id") if isinstance(request, dict) else None
+    return id if isinstance(id, int) and not isinstance(id, bool) else None
 
 
 def _error_message(id: int | None, type: str, text: str) -> bytes:

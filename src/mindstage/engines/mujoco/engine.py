@@ -14,11 +14,11 @@ from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-import msgspec
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mindstage.access.limits import Duration
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
     Actuator,
@@ -55,6 +55,7 @@ from mindstage.engines.mujoco.state import (
 from mindstage.engines.physics_model import PhysicsModelBuilder, check_joint_limits
 from mindstage.engines.registry import EntityRegistry, pose_error
 from mindstage.errors import EngineClosedError, PoseUnreachableError, SimulationDivergedError
+from mindstage.ranges import Count, Finite, ForceVector, Point, TimeStep, checked
 from mindstage.scene import (
     NO_GEOMETRY,
     BodyId,
@@ -64,7 +65,6 @@ from mindstage.scene import (
     Material,
     Mobility,
     Pose,
-    Vector,
     World,
 )
 from mindstage.scene.bounding_boxes import OrientedBoxes
@@ -353,11 +353,8 @@ class ModelCache:
 
     def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
         """See `Engine.scale_dynamics`."""
-        for id, scale in scales.items():
+        for id in scales:
             self.registry.body(id)
-            for name, factor in msgspec.structs.asdict(scale).items():
-                if not 0.0 < factor < float("inf"):
-                    raise ValueError(f"the factor of the {name} of {id!r} must be above 0 and finite, not {factor}")
         before, self._scales = self._scales, {**self._scales, **scales}
         boxes = self._boxes(scales)
         if self.stale or self._compiled is None:
@@ -498,7 +495,8 @@ class MujocoEngine:
         }
     )
 
-    def __init__(self, *, timestep_s: float = 0.002, memory_cap_bytes: int = ARENA_CAP_BYTES) -> None:
+    @checked
+    def __init__(self, *, timestep_s: TimeStep = 0.002, memory_cap_bytes: Count = ARENA_CAP_BYTES) -> None:
         """Creates an engine with an empty world.
 
         Args:
@@ -595,16 +593,19 @@ class MujocoEngine:
     def highlights(self) -> Mapping[BodyId, Color]:
         return MappingProxyType(self._require_open().registry.highlighted)
 
-    def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
+    @checked
+    def apply_force(self, id: BodyId, force: ForceVector, point: Point | None = None) -> None:
         self._require_open().registry.body(id)
         self._forces.append(
             (id, np.asarray(force, dtype=float), None if point is None else np.asarray(point, dtype=float))
         )
 
-    def step(self, duration_s: float) -> None:
+    @checked
+    def step(self, duration_s: Duration) -> None:
         self.step_for(duration_s, wall_s=float("inf"))
 
-    def step_for(self, duration_s: float, *, wall_s: float) -> float:
+    @checked
+    def step_for(self, duration_s: Duration, *, wall_s: float) -> float:
         """See `InterruptibleEngine`."""
         cache = self._require_open()
         steps, self._pending_s = whole_steps(self._pending_s + duration_s, self._timestep_s)
@@ -730,7 +731,8 @@ class MujocoEngine:
     def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
         self._require_open().set_actuators(actuators, without_weight=without_weight)
 
-    def set_commands(self, commands: Mapping[str, float]) -> None:
+    @checked
+    def set_commands(self, commands: Mapping[str, Finite]) -> None:
         self._require_open().set_commands(commands)
 
     def actuator_states(self) -> Mapping[str, ActuatorState]:

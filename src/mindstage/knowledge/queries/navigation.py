@@ -31,6 +31,7 @@ from mindstage.knowledge.questions import (
 )
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.vocabulary import HAS_POSE, THING, knowrob
+from mindstage.ranges import Length
 from mindstage.scene import Iri
 from mindstage.scene.bounding_boxes import Indices, footprints
 from mindstage.scene.floor_plan import FloorPath, FloorPlan, find_floor, wall_rooms
@@ -213,9 +214,9 @@ def path(
     start: IndividualName | None = None,
     goal: IndividualName | None = None,
     map: MapName | None = None,
-    radius: float | None = None,
-    height: float | None = None,
-    reach: float | None = None,
+    radius: Length | None = None,
+    height: Length | None = None,
+    reach: Length | None = None,
     start_position: str | None = None,
     goal_position: str | None = None,
     *,
@@ -278,9 +279,9 @@ def _missing_path(
     start: Iri | None = None,
     goal: Iri | None = None,
     map: Iri | None = None,
-    radius: float | None = None,
-    height: float | None = None,
-    reach: float | None = None,
+    radius: Length | None = None,
+    height: Length | None = None,
+    reach: Length | None = None,
     start_position: str | None = None,
     goal_position: str | None = None,
     *,
@@ -341,9 +342,9 @@ def reachable(
     goal: IndividualName | None = None,
     reachable: bool | None = None,
     map: MapName | None = None,
-    radius: float | None = None,
-    height: float | None = None,
-    reach: float | None = None,
+    radius: Length | None = None,
+    height: Length | None = None,
+    reach: Length | None = None,
     start_position: str | None = None,
     *,
     present: StateAccess,
@@ -400,9 +401,9 @@ def _missing_reachable(
     goal: Iri | None = None,
     reachable: bool | None = None,
     map: Iri | None = None,
-    radius: float | None = None,
-    height: float | None = None,
-    reach: float | None = None,
+    radius: Length | None = None,
+    height: Length | None = None,
+    reach: Length | None = None,
     start_position: str | None = None,
     *,
     present: StateAccess,
