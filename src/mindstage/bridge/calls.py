@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from mindstage.access.fair_queue import handling_for
 from mindstage.access.limits import NODE_GOALS
 from mindstage.access.policies import EDIT, EntryKind, Policy
 from mindstage.bridge.event_loop import EventLoopThread, KeyedSerialExecutor
@@ -308,8 +309,8 @@ def _decode_values(raw: msgspec.Raw | msgspec.UnsetType) -> Any:
 
 ServiceHandler = Callable[[Any], object]
 """Called with the arguments as they were sent (an object, or a list of its fields); returns the response as values that
-JSON can represent, structs included. May be a coroutine function. Its exception becomes a response with `result:
-false`.
+JSON can represent, structs included, or a future of them, during which it occupies no thread. May be a coroutine
+function. Its exception becomes a response with `result: false`.
 """
 
 BatchHandler = Callable[[list[Any]], list[object]]
@@ -429,8 +430,22 @@ class HandlerDispatcher:
     # -- services ------------------------------------------------------------------------------------------------------
 
     def _handle_call(self, handler: ServiceHandler, caller: Hashable, call: CallService) -> None:
-        was_withdrawn = self.queued.pop(id(call), None) is None
-        self._loop.call_soon(self._end_call, caller, None if was_withdrawn else _call_handler(handler, call))
+        if self.queued.pop(id(call), None) is None:  # it was withdrawn
+            self._loop.call_soon(self._end_call, caller, None)
+            return
+        with handling_for(caller):
+            result = _call(handler, call)
+        if isinstance(result, Future):
+            result.add_done_callback(lambda done: self._end_future(done, caller, call))
+        else:
+            self._loop.call_soon(self._end_call, caller, _response(call, result))
+
+    def _end_future(self, done: Future[object], caller: Hashable, call: CallService) -> None:
+        try:
+            result = done.result()
+        except Exception as error:
+            result = error
+        self._loop.call_soon(self._end_call, caller, _response(call, result))
 
     def _end_call(self, caller: Hashable, response: ServiceResponse | None) -> None:
         """Sends the response to a call, unless it was withdrawn."""
@@ -504,12 +519,16 @@ def encode_values(values: object) -> msgspec.Raw:
 
 
 def _call_handler(handler: ServiceHandler, call: CallService) -> ServiceResponse:
-    """Calls a handler that is a plain function."""
+    """Calls a handler that is a plain function, and returns at once."""
+    return _response(call, _call(handler, call))
+
+
+def _call(handler: ServiceHandler, call: CallService) -> object:
+    """The result of a handler that is a plain function, or its exception."""
     try:
-        result = handler(_decode_values(call.args))
+        return handler(_decode_values(call.args))
     except Exception as error:
-        result = error
-    return _response(call, result)
+        return error
 
 
 def _response(call: CallService, result: object) -> ServiceResponse:

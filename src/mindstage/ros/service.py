@@ -15,9 +15,10 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from mindstage.access.limits import NAMES_TIME
 from mindstage.access.policies import Policy
@@ -64,6 +65,7 @@ __all__ = [
     "batch_handler",
     "failed",
     "failure_response",
+    "mapped",
     "names_elsewhere",
     "refusal_response",
     "service_handler",
@@ -71,6 +73,8 @@ __all__ = [
 ]
 
 
+T = TypeVar("T")
+R = TypeVar("R")
 OK = simulation_interfaces.Result(result=simulation_interfaces.ResultCode.RESULT_OK)
 FEEDBACK_INTERVAL_S = 0.4
 """Longest time between two feedback messages [s]."""
@@ -108,15 +112,39 @@ def service_handler(
 
     def handle(args: object) -> object:
         request = None
-        try:
+
+        def call() -> object:
+            nonlocal request
             request = decode_arguments(service.Request, args)
             with as_client(f"ROS: {name}"):
-                response = handler(request)
-        except (MindstageError, ResultError) as error:
-            response = failure_to_response(error, request)
-        return encode(response, ros=ros)
+                return handler(request)
+
+        def encoded(get_response: Callable[[], object]) -> object:
+            try:
+                response = get_response()
+            except (MindstageError, ResultError) as error:
+                response = failure_to_response(error, request)
+            if isinstance(response, Future):
+                return mapped(response, lambda done: encoded(done.result))
+            return encode(response, ros=ros)
+
+        return encoded(call)
 
     return handle
+
+
+def mapped(future: Future[T], function: Callable[[Future[T]], R]) -> Future[R]:
+    """A future of what a function makes of another one when that has ended, in the thread that ends it."""
+    result: Future[R] = Future()
+
+    def end(done: Future[T]) -> None:
+        try:
+            result.set_result(function(done))
+        except Exception as error:
+            result.set_exception(error)
+
+    future.add_done_callback(end)
+    return result
 
 
 def batch_handler(
@@ -389,7 +417,7 @@ class ServiceSpec:
 
     type: type[Service]
     handler: Callable[[Any], Any]
-    """Called with the request, returns the response; see the module for its exceptions."""
+    """Called with the request, returns the response, or a future of it; see the module for its exceptions."""
     policy: Policy
     name: str = ""
     """Relative to the namespace, or absolute if it begins with a slash; by default the type in snake case."""

@@ -338,7 +338,13 @@ class Simulation:
             world, spawned, geometry = engine.snapshot(), self.worlds, self.geometry
             joints = engine.joint_positions() if Capability.JOINTS in engine.capabilities else None
             return WorldState(
-                world=world, spawned=spawned, joint_positions=joints, source=engine.name, geometry=geometry
+                world=world,
+                spawned=spawned,
+                joint_positions=joints,
+                source=engine.name,
+                geometry=geometry,
+                time_s=engine.time_s,
+                revision=self._revision,
             )
 
         return self.run_on_engine(take, label="current state")
@@ -530,9 +536,18 @@ class Simulation:
                 episodes = (*self.knowledge.episodes, *running)
                 return ask_over_time(self.knowledge, resolved, known, time=time, episodes=episodes, notes=notes)
         answers = resolved.ask(self.knowledge, known, present=present, notes=notes)
+        self.report_answers(answers)
+        return answers
+
+    @property
+    def is_observed(self) -> bool:
+        """Whether there are observers, such as a recorder."""
+        return bool(self._observers)
+
+    def report_answers(self, answers: Answers[Any]) -> None:
+        """Reports answers about the present that `ask` has not given to the observers."""
         if self._observers:
             self._observers.report_answers(answers)
-        return answers
 
     def sparql(
         self,
