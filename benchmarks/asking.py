@@ -11,7 +11,8 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from enum import StrEnum
 from itertools import count
 from statistics import mean, median
 from typing import Any
@@ -28,29 +29,42 @@ ASK_P99_S = 2.0
 READ_P99_S = 1.0
 FAIRNESS = 3.0
 
-QUESTIONS: Sequence[tuple[str, dict[str, str]]] = (
-    ("where_is", {"thing": "milk_carton_1"}),
-    ("storage_place_in_environment", {"item": "CowsMilk"}),
-    ("openings", {}),
-    ("path", {"start": "fridge", "goal": "table"}),
-    ("where_is", {}),
-    ("storage_place", {"item": "Plate"}),
-    ("how_many", {"cls": "Cupboard"}),
-    ("handle_of", {"individual": "fridge_door"}),
+THINGS = (
+    *("fridge", "table", "oven", "dishwasher", "counter_left", "milk_carton_1", "plate_3", "fridge_door"),
+    *("drawer_left_1", "sink", "counter_right", "cereal_box_1"),
 )
-"""Questions about the state and about the maps, asked in turn."""
+QUESTIONS: Sequence[Callable[[str, str], tuple[str, dict[str, str]]]] = (
+    lambda thing, _: ("where_is", {"thing": thing}),
+    lambda _, __: ("storage_place_in_environment", {"item": "CowsMilk"}),
+    lambda _, __: ("openings", {}),
+    lambda thing, other: ("path", {"start": thing, "goal": other}),
+    lambda _, __: ("where_is", {}),
+    lambda thing, _: ("nearest", {"thing": thing}),
+    lambda thing, other: ("distance", {"thing": thing, "other": other}),
+    lambda _, __: ("how_many", {"cls": "Cupboard"}),
+    lambda thing, _: ("what_is", {"individual": thing}),
+    lambda thing, _: ("in_room", {"thing": thing}),
+)
+"""Questions about the state and about the maps, asked in turn about pairs of things."""
+
+
+class World(StrEnum):
+    """What the world does meanwhile."""
+
+    PAUSED = "paused"
+    PLAYING = "playing"
+    MOVED = "playing, a body is moved 10 times per second"
 
 
 def measure() -> Iterator[Measure]:
-    for is_playing in (False, True):
-        with serving("bundled:kitchen", *(() if is_playing else ("--paused",))) as port:
+    for world in World:
+        with serving("bundled:kitchen", *(("--paused",) if world is World.PAUSED else ())) as port:
             url = f"ws://127.0.0.1:{port}"
-            _run(url, WARM_UP_S)
-            asked, read = _run(url, RUN_S)
-        state = "playing" if is_playing else "paused"
+            _run(url, WARM_UP_S, world)
+            asked, read = _run(url, RUN_S, world)
         asks, reads = [each for times in asked for each in times], [each for times in read for each in times]
         means = [mean(times) for times in asked]
-        what = f"{CLIENTS} clients ask and {CLIENTS} read, {state}"
+        what = f"{CLIENTS} clients ask and {CLIENTS} read, {world}"
         yield Measure(what=f"{what}: ask, p50 ({len(asks) / RUN_S:,.0f} per second)", ours=median(asks))
         yield Measure(what=f"{what}: ask, p99", ours=p99(asks), at_most=ASK_P99_S)
         yield Measure(what=f"{what}: read, p50 ({len(reads) / RUN_S:,.0f} per second)", ours=median(reads))
@@ -64,42 +78,59 @@ def measure() -> Iterator[Measure]:
         )
 
 
-def _run(url: str, duration_s: float) -> tuple[list[list[float]], list[list[float]]]:
+def _run(url: str, duration_s: float, world: World) -> tuple[list[list[float]], list[list[float]]]:
     """The times of the calls of each asking and of each reading client [s]."""
     command = [sys.executable, "-m", __name__, url, str(duration_s)]
-    processes = [subprocess.Popen([*command, kind], stdout=subprocess.PIPE, text=True) for kind in ("ask", "read")]
+    kinds = ("ask", "read", *(("move",) if world is World.MOVED else ()))
+    processes = [subprocess.Popen([*command, kind], stdout=subprocess.PIPE, text=True) for kind in kinds]
     try:
         outputs = [process.communicate(timeout=duration_s + 120.0)[0] for process in processes]
     finally:
         for process in processes:
             process.kill()
-    asked, read = (json.loads(output) for output in outputs)
+    asked, read = (json.loads(output) for output in outputs[:2])
     return asked, read
+
+
+# -- clients -----------------------------------------------------------------------------------------------------------
 
 
 async def _clients(url: str, duration_s: float, kind: str) -> list[list[float]]:
     end_s = time.perf_counter() + duration_s
-    return list(await asyncio.gather(*(_client(url, end_s, kind, number) for number in range(CLIENTS))))
+    if kind == "move":
+        return [await _client(url, end_s, _move, pause_s=0.1)]
+    make = _question if kind == "ask" else lambda _: POSE
+    return list(await asyncio.gather(*(_client(url, end_s, make, first=number) for number in range(CLIENTS))))
 
 
-async def _client(url: str, end_s: float, kind: str, number: int) -> list[float]:
+async def _client(
+    url: str, end_s: float, make: Callable[[int], dict[str, Any]], *, first: int = 0, pause_s: float = 0.0
+) -> list[float]:
     times: list[float] = []
     async with connect(url, compression=None, max_size=None, open_timeout=60, ping_interval=None) as socket:
-        for turn in count(number):
+        for turn in count(first):
             start_s = time.perf_counter()
             if start_s >= end_s:
                 return times
-            await socket.send(json.dumps(_question(turn) if kind == "ask" else POSE))
+            await socket.send(json.dumps(make(turn)))
             response: dict[str, Any] = json.loads(await socket.recv())
             assert response["result"], response
             times.append(time.perf_counter() - start_s)
+            await asyncio.sleep(pause_s)
     return times
 
 
 def _question(turn: int) -> dict[str, Any]:
-    question, args = QUESTIONS[turn % len(QUESTIONS)]
+    thing, other = THINGS[turn % len(THINGS)], THINGS[turn // 2 % len(THINGS) - 1]
+    question, args = QUESTIONS[turn % len(QUESTIONS)](thing, other)
     call = {"question": question, "args": json.dumps(args)}
     return {"op": "call_service", "service": "/mindstage/ask", "timeout": 60, "args": call}
+
+
+def _move(turn: int) -> dict[str, Any]:
+    position, quaternion = {"x": 1.0 + 0.01 * (turn % 100), "y": 0.0, "z": 1.5}, {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+    args = {"id": "milk_carton_1", "pose": {"position": position, "orientation": quaternion}}
+    return {"op": "call_service", "service": "/unreal/set_model_pose", "args": args}
 
 
 if __name__ == "__main__":

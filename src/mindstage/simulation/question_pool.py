@@ -21,7 +21,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, InvalidStateError, ThreadPoolExecutor
 from contextlib import suppress
 from contextvars import Context, copy_context
 from dataclasses import dataclass, field
@@ -286,6 +286,7 @@ class _Worker:
         state: _State | None,
         changes: list[tuple[ox.Quad, bool]],
         *,
+        timeout_s: float,
         while_waiting: Callable[[], None],
     ) -> QuestionReply:
         """Sends a question, and waits for the reply.
@@ -311,13 +312,13 @@ class _Worker:
             memory_size=size,
             arrays=None if state is None else state.arrays.number,
         )
-        end_s = time.monotonic() + QUESTION_TIME.maximum
+        end_s = time.monotonic() + timeout_s
         try:
             self._connection.send(request)
             while not self._connection.poll(_POLL_S):
                 while_waiting()
                 if time.monotonic() > end_s:
-                    raise QuestionTimeoutError(asked.question, timeout_s=QUESTION_TIME.maximum)
+                    raise QuestionTimeoutError(asked.question, timeout_s=timeout_s)
             reply: QuestionReply = self._connection.recv()
         except (EOFError, ConnectionError):
             raise QuestionProcessError(asked.question) from None
@@ -352,13 +353,23 @@ class QuestionPool:
     _pools: ClassVar[WeakKeyDictionary[Simulation, QuestionPool]] = WeakKeyDictionary()
     _pools_lock = threading.Lock()
 
-    def __init__(self, simulation: Simulation, *, processes: int = QUESTION_PROCESSES.count) -> None:
+    def __init__(
+        self,
+        simulation: Simulation,
+        *,
+        processes: int = QUESTION_PROCESSES.count,
+        time_s: float = QUESTION_TIME.maximum,
+        wait_s: float = QUESTION_WAIT.maximum,
+    ) -> None:
         """Starts no thread and no process yet.
 
         Args:
             simulation: the simulation that is asked.
             processes: the number of processes that answer.
+            time_s: time for the answer to a question after which its process is ended [s].
+            wait_s: time that a question waits before it is refused [s].
         """
+        self._time_s, self._wait_s = time_s, wait_s
         self._simulation = simulation
         self._states = _StateSource(simulation)
         self._queue: FairQueue[WaitingQuestion] = FairQueue(per_client=CLIENT_QUESTIONS, total=QUESTIONS)
@@ -509,7 +520,7 @@ class QuestionPool:
             _fail(asked, error)
             return
         if found is not None:
-            asked.result.set_result(found)
+            _end(asked, found)
         else:
             self._elsewhere.submit(self._complete_here, asked)
 
@@ -522,6 +533,7 @@ class QuestionPool:
                     return self._answer_here(asked)
                 finally:
                     self._here.release()
+            self._refuse_late()
         state = asked.context.run(self._states.read) if asked.uses_state else None
         with self._knowledge_lock:
             is_current = worker.holder.generation == self._generation
@@ -531,7 +543,9 @@ class QuestionPool:
         reply = self._cached(asked, state)
         if reply is None:
             try:
-                reply = worker.ask(asked, state, changes, while_waiting=self._refuse_late)
+                reply = worker.ask(
+                    asked, state, changes, timeout_s=self._time_s, while_waiting=self._refuse_late
+                )
             except (QuestionTimeoutError, QuestionProcessError):
                 lane.worker = None
                 worker.close()
@@ -545,7 +559,13 @@ class QuestionPool:
     def _answer_here(self, asked: WaitingQuestion) -> PooledAnswers:
         simulation = self._simulation
         before = simulation.state  # the answers are about this state, or a newer one
-        answers = asked.context.run(partial(simulation.ask, asked.question, **asked.args))
+        timer = threading.Timer(self._time_s, _fail, (asked, QuestionTimeoutError(asked.question, timeout_s=self._time_s)))
+        timer.daemon = True
+        timer.start()  # a thread cannot be ended, but its client gets an answer
+        try:
+            answers = asked.context.run(partial(simulation.ask, asked.question, **asked.args))
+        finally:
+            timer.cancel()
         knowledge, json = simulation.knowledge, b""
         if asked.as_json:
             json = msgspec.json.encode(answers_to_builtins(knowledge, answers))
@@ -554,7 +574,7 @@ class QuestionPool:
 
     def _complete_here(self, asked: WaitingQuestion) -> None:
         try:
-            asked.result.set_result(self._answer_here(asked))
+            _end(asked, self._answer_here(asked))
         except Exception as error:
             _fail(asked, error)
 
@@ -569,7 +589,7 @@ class QuestionPool:
 
     def _refuse_late(self) -> None:
         """Refuses the questions that have waited too long."""
-        limit_s = QUESTION_WAIT.maximum
+        limit_s = self._wait_s
         before_s = time.monotonic() - limit_s
         with self._has_work:
             late = self._queue.remove_if(lambda asked: asked.asked_s < before_s)
@@ -719,5 +739,10 @@ def _with_state(json: bytes, time_s: float | None, revision: int | None) -> byte
 def _fail(asked: WaitingQuestion, error: Exception) -> None:
     if not isinstance(error, MindstageError):
         _log.error("the question %s failed", asked.question, exc_info=error)
-    if not asked.result.done():
+    with suppress(InvalidStateError):  # its time was over
         asked.result.set_exception(error)
+
+
+def _end(asked: WaitingQuestion, answers: PooledAnswers) -> None:
+    with suppress(InvalidStateError):
+        asked.result.set_result(answers)
