@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from itertools import chain
 from typing import Generic, TypeVar
 
 from mindstage.access.limits import Limit
@@ -53,6 +54,10 @@ class FairQueue(Generic[T]):
     def __len__(self) -> int:
         return self._count
 
+    def __iter__(self) -> Iterator[T]:
+        """The waiting items of one client after the other."""
+        return chain.from_iterable(self._waiting.values())
+
     def put(self, client: Hashable, item: T, *, subject: str) -> None:
         """Adds an item behind those of its client.
 
@@ -96,16 +101,14 @@ class FairQueue(Generic[T]):
                 return earlier + before + 1 + sum(min(len(each), before) for each in queues[turn + 1 :])
         return None
 
-    def remove_if(self, condition: Callable[[T], bool]) -> list[tuple[T, int]]:
-        """Removes the items that fulfill a condition; returns each with the place that it had."""
-        found = [
-            (item, self.place(item) or 0) for items in self._waiting.values() for item in items if condition(item)
-        ]
-        removed = [item for item, _ in found]
+    def remove_if(self, condition: Callable[[T], bool]) -> list[T]:
+        """Removes the items that fulfill a condition, and returns them."""
+        removed = [item for item in self if condition(item)]
         if removed:
             kept = {
-                client: deque(each for each in items if each not in removed) for client, items in self._waiting.items()
+                client: deque(each for each in items if not condition(each))
+                for client, items in self._waiting.items()
             }
             self._waiting = {client: items for client, items in kept.items() if items}
             self._count -= len(removed)
-        return found
+        return removed

@@ -483,8 +483,7 @@ class QuestionPool:
             self._closed = True
             waiting = self._queue.remove_if(lambda _: True)
             self._has_work.notify_all()
-        for asked, _ in waiting:
-            _fail(asked, SimulationError("the simulation was closed"))
+        _fail(waiting, SimulationError("the simulation was closed"))
         self._elsewhere.shutdown(wait=False, cancel_futures=True)
         with self._knowledge_lock:
             holder, self._holder = self._holder, None
@@ -501,11 +500,14 @@ class QuestionPool:
                 if self._closed:
                     break
                 asked = self._queue.pop()
+                key = asked.key if asked else b""
+                # The same question of others gets the same answer, whose state is read from now on.
+                same = self._queue.remove_if(lambda each: each.key == key)  # noqa: B023 - called at once
                 self._busy += 1
             try:
                 self._refuse_late()
-                if asked is not None and asked.result.set_running_or_notify_cancel():
-                    self._answer(lane, asked)
+                if asked is not None:
+                    self._answer(lane, [asked, *same])
             finally:
                 with self._has_work:
                     self._busy -= 1
@@ -513,24 +515,26 @@ class QuestionPool:
             lane.worker.close()
             lane.worker = None
 
-    def _answer(self, lane: _Lane, asked: WaitingQuestion) -> None:
+    def _answer(self, lane: _Lane, same: list[WaitingQuestion]) -> None:
+        asked = same[0]
         try:
-            found = self._answer_in_process(lane, asked)
+            found = self._answer_in_process(lane, same)
         except Exception as error:
-            _fail(asked, error)
+            _fail(same, error)
             return
         if found is not None:
-            _end(asked, found)
+            _end(same, found)
         else:
-            self._elsewhere.submit(self._complete_here, asked)
+            self._elsewhere.submit(self._complete_here, same)
 
-    def _answer_in_process(self, lane: _Lane, asked: WaitingQuestion) -> PooledAnswers | None:
+    def _answer_in_process(self, lane: _Lane, same: list[WaitingQuestion]) -> PooledAnswers | None:
         """Answers a question in the process of a lane, or here if there is none; None if it is to be answered here."""
+        asked = same[0]
         self._follow_knowledge()
         while (worker := self._worker(lane)) is None:
             if self._here.acquire(timeout=_POLL_S):
                 try:
-                    return self._answer_here(asked)
+                    return self._answer_here(same)
                 finally:
                     self._here.release()
             self._refuse_late()
@@ -539,7 +543,7 @@ class QuestionPool:
             is_current = worker.holder.generation == self._generation
             changes, version = self._changes[worker.changes :], self._version
         if not is_current:
-            return self._answer_in_process(lane, asked)
+            return self._answer_in_process(lane, same)
         reply = self._cached(asked, state)
         if reply is None:
             try:
@@ -556,10 +560,12 @@ class QuestionPool:
             raise reply.error
         return None if reply.is_elsewhere else self._answers(asked, reply, state)
 
-    def _answer_here(self, asked: WaitingQuestion) -> PooledAnswers:
+    def _answer_here(self, same: list[WaitingQuestion]) -> PooledAnswers:
+        asked = same[0]
         simulation = self._simulation
         before = simulation.state  # the answers are about this state, or a newer one
-        timer = threading.Timer(self._time_s, _fail, (asked, QuestionTimeoutError(asked.question, timeout_s=self._time_s)))
+        late = QuestionTimeoutError(asked.question, timeout_s=self._time_s)
+        timer = threading.Timer(self._time_s, _fail, (same, late))
         timer.daemon = True
         timer.start()  # a thread cannot be ended, but its client gets an answer
         try:
@@ -572,11 +578,11 @@ class QuestionPool:
             json = _with_state(json, before.time_s, before.revision)
         return PooledAnswers(json, knowledge, _answers=answers)
 
-    def _complete_here(self, asked: WaitingQuestion) -> None:
+    def _complete_here(self, same: list[WaitingQuestion]) -> None:
         try:
-            _end(asked, self._answer_here(asked))
+            _end(same, self._answer_here(same))
         except Exception as error:
-            _fail(asked, error)
+            _fail(same, error)
 
     def _answers(self, asked: WaitingQuestion, reply: QuestionReply, state: _State | None) -> PooledAnswers:
         snapshot = self._simulation.state
@@ -592,11 +598,12 @@ class QuestionPool:
         limit_s = self._wait_s
         before_s = time.monotonic() - limit_s
         with self._has_work:
-            late = self._queue.remove_if(lambda asked: asked.asked_s < before_s)
-            waiting = len(self._queue) + len(late)
+            waiting = len(self._queue)
+            late = [(asked, self._queue.place(asked)) for asked in self._queue if asked.asked_s < before_s]
+            self._queue.remove_if(lambda asked: asked.asked_s < before_s)
         for asked, place in late:
             cause = f"it has waited {limit_s:g} s, the limit, and was at place {place} of {waiting} waiting questions"
-            _fail(asked, RequestLimitError(asked.question, cause=f"{cause}; ask again later"))
+            _fail([asked], RequestLimitError(asked.question, cause=f"{cause}; ask again later"))
 
     # -- kept answers --------------------------------------------------------------------------------------------------
 
@@ -736,13 +743,15 @@ def _with_state(json: bytes, time_s: float | None, revision: int | None) -> byte
     return json[:-1] + b',"state":' + msgspec.json.encode({"time_s": time_s, "revision": revision}) + b"}"
 
 
-def _fail(asked: WaitingQuestion, error: Exception) -> None:
+def _fail(same: list[WaitingQuestion], error: Exception) -> None:
     if not isinstance(error, MindstageError):
-        _log.error("the question %s failed", asked.question, exc_info=error)
-    with suppress(InvalidStateError):  # its time was over
-        asked.result.set_exception(error)
+        _log.error("the question %s failed", same[0].question, exc_info=error)
+    for asked in same:
+        with suppress(InvalidStateError):  # its time was over
+            asked.result.set_exception(error)
 
 
-def _end(asked: WaitingQuestion, answers: PooledAnswers) -> None:
-    with suppress(InvalidStateError):
-        asked.result.set_result(answers)
+def _end(same: list[WaitingQuestion], answers: PooledAnswers) -> None:
+    for asked in same:
+        with suppress(InvalidStateError):
+            asked.result.set_result(answers)
