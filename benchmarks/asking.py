@@ -128,7 +128,10 @@ def _question(turn: int) -> dict[str, Any]:
 
 
 def _move(turn: int) -> dict[str, Any]:
-    position, quaternion = {"x": 1.0 + 0.01 * (turn % 100), "y": 0.0, "z": 1.5}, {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+    position, quaternion = (
+        {"x": 1.0 + 0.01 * (turn % 100), "y": 0.0, "z": 1.5},
+        {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+    )
     args = {"id": "milk_carton_1", "pose": {"position": position, "orientation": quaternion}}
     return {"op": "call_service", "service": "/unreal/set_model_pose", "args": args}
 

@@ -106,8 +106,7 @@ class FairQueue(Generic[T]):
         removed = [item for item in self if condition(item)]
         if removed:
             kept = {
-                client: deque(each for each in items if not condition(each))
-                for client, items in self._waiting.items()
+                client: deque(each for each in items if not condition(each)) for client, items in self._waiting.items()
             }
             self._waiting = {client: items for client, items in kept.items() if items}
             self._count -= len(removed)

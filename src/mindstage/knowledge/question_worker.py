@@ -1,5 +1,4 @@
-"""The processes that answer questions outside of the process that simulates: one that holds the knowledge base, and its
-forks.
+"""Processes that answer questions beside the one that simulates: the holder of the knowledge base, and its forks.
 
 The holder reads a pickled `KnowledgeBase` from its standard input, builds what questions need, and has one thread; a
 fork of it therefore holds no lock of another thread, takes milliseconds, and shares its memory. Each fork answers one
@@ -138,9 +137,11 @@ class QuestionRequest:
     """Whether the rows are wanted as objects."""
     changes: Sequence[tuple[ox.Quad, bool]] = ()
     """See `KnowledgeBase.repeat_changes`."""
-    template: bytes = b""
-    """A new `StateTemplate`, pickled, with the size of the shared memory in `memory_size`."""
+    template_size: int = 0
+    """The size of a new pickled `StateTemplate`, which is at the end of the shared memory; 0 if there is none [bytes].
+    """
     memory_size: int = 0
+    """The size of the shared memory, if there is a new template [bytes]."""
     arrays: int | None = None
     """The number of the arrays in the shared memory; None if the question does not use the state."""
 
@@ -202,13 +203,14 @@ class _QuestionProcess:
     def _update(self, request: QuestionRequest) -> None:
         if request.changes:
             self._knowledge.repeat_changes(request.changes)
-        if request.template:
-            self._template, self._state = pickle.loads(request.template), None
+        if request.template_size:
             self._memory = mmap.mmap(self._memory_fd, request.memory_size)
-        if request.arrays is not None and self._memory is not None and self._template is not None:
-            if self._state is None or request.arrays != self._arrays:
-                self._state = _moved(self._template, StateArrays.read(self._memory, self._template))
-                self._arrays = request.arrays
+            self._template, self._state = pickle.loads(self._memory[-request.template_size :]), None
+        if request.arrays is None or self._memory is None or self._template is None:
+            return
+        if self._state is None or request.arrays != self._arrays:
+            self._state = _moved(self._template, StateArrays.read(self._memory, self._template))
+            self._arrays = request.arrays
 
     def _ask(self, request: QuestionRequest) -> QuestionReply:
         kb, state = self._knowledge, self._state

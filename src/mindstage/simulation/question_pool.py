@@ -14,6 +14,7 @@ import mmap
 import os
 import pickle
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -27,6 +28,7 @@ from contextvars import Context, copy_context
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import count
+from math import ceil
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, ClassVar
@@ -90,7 +92,7 @@ class PooledAnswers:
     """The answers to a question, and the state that they are about."""
 
     json: bytes
-    """As `answers_to_builtins`, with the `state`; empty if it was not wanted."""
+    """As `answers_to_builtins`, with the `state` of questions about it; empty if it was not wanted."""
     _knowledge: KnowledgeBase
     _answers: Answers[Any] | None = None
     _rows: bytes = b""
@@ -243,6 +245,7 @@ class _Holder:
             OSError: the holder has ended.
         """
         ours, theirs = socket.socketpair()
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", ceil(QUESTION_TIME.maximum), 0))
         memory_fd = _anonymous_file()
         with self._lock, theirs:
             socket.send_fds(self._control, [COMMAND.pack(FORK, 0)], [theirs.fileno(), memory_fd])
@@ -295,11 +298,13 @@ class _Worker:
             QuestionTimeoutError: there is none in time; the process must be ended.
             QuestionProcessError: the process has ended.
         """
-        template, size = b"", 0
+        template_size = size = 0
         if state is not None and state.template_number != self._template_number:
-            template, size = state.template, state.arrays.size
+            template_size = len(state.template)
+            size = state.arrays.size + template_size
             os.ftruncate(self._memory_fd, size)
             self._memory, self._arrays_number = mmap.mmap(self._memory_fd, size), 0
+            self._memory[-template_size:] = state.template
         if state is not None and self._memory is not None and state.arrays.number != self._arrays_number:
             state.arrays.write(self._memory)
         request = QuestionRequest(
@@ -308,7 +313,7 @@ class _Worker:
             as_json=asked.as_json,
             as_rows=asked.as_rows,
             changes=changes,
-            template=template,
+            template_size=template_size,
             memory_size=size,
             arrays=None if state is None else state.arrays.number,
         )
@@ -320,6 +325,8 @@ class _Worker:
                 if time.monotonic() > end_s:
                     raise QuestionTimeoutError(asked.question, timeout_s=timeout_s)
             reply: QuestionReply = self._connection.recv()
+        except BlockingIOError:  # it did not read
+            raise QuestionTimeoutError(asked.question, timeout_s=timeout_s) from None
         except (EOFError, ConnectionError):
             raise QuestionProcessError(asked.question) from None
         self.changes += len(changes)
@@ -348,7 +355,7 @@ def _anonymous_file() -> int:
 
 
 class QuestionPool:
-    """Answers the questions that come to a simulation from ports; see the module. Methods may be called by any thread."""
+    """Answers the questions that come to a simulation from ports; see the module. May be used from any thread."""
 
     _pools: ClassVar[WeakKeyDictionary[Simulation, QuestionPool]] = WeakKeyDictionary()
     _pools_lock = threading.Lock()
@@ -472,6 +479,12 @@ class QuestionPool:
             return self._queue.place(asked) or 0, len(self._queue)
 
     @property
+    def has_processes(self) -> bool:
+        """Whether processes answer questions, with the present statements."""
+        with self._knowledge_lock:
+            return self._holder is not None and self._holder.generation == self._generation
+
+    @property
     def process_ids(self) -> tuple[int, ...]:
         """The processes that answer questions."""
         workers = (lane.worker for lane in self._lanes)
@@ -502,7 +515,8 @@ class QuestionPool:
                 asked = self._queue.pop()
                 key = asked.key if asked else b""
                 # The same question of others gets the same answer, whose state is read from now on.
-                same = self._queue.remove_if(lambda each: each.key == key)  # noqa: B023 - called at once
+                is_observed = self._simulation.is_observed  # then each is reported
+                same = [] if is_observed else self._queue.remove_if(lambda each: each.key == key)  # noqa: B023
                 self._busy += 1
             try:
                 self._refuse_late()
@@ -516,7 +530,6 @@ class QuestionPool:
             lane.worker = None
 
     def _answer(self, lane: _Lane, same: list[WaitingQuestion]) -> None:
-        asked = same[0]
         try:
             found = self._answer_in_process(lane, same)
         except Exception as error:
@@ -547,9 +560,7 @@ class QuestionPool:
         reply = self._cached(asked, state)
         if reply is None:
             try:
-                reply = worker.ask(
-                    asked, state, changes, timeout_s=self._time_s, while_waiting=self._refuse_late
-                )
+                reply = worker.ask(asked, state, changes, timeout_s=self._time_s, while_waiting=self._refuse_late)
             except (QuestionTimeoutError, QuestionProcessError):
                 lane.worker = None
                 worker.close()
@@ -575,7 +586,8 @@ class QuestionPool:
         knowledge, json = simulation.knowledge, b""
         if asked.as_json:
             json = msgspec.json.encode(answers_to_builtins(knowledge, answers))
-            json = _with_state(json, before.time_s, before.revision)
+            if asked.uses_state:
+                json = _with_state(json, before.time_s, before.revision)
         return PooledAnswers(json, knowledge, _answers=answers)
 
     def _complete_here(self, same: list[WaitingQuestion]) -> None:
@@ -585,9 +597,9 @@ class QuestionPool:
             _fail(same, error)
 
     def _answers(self, asked: WaitingQuestion, reply: QuestionReply, state: _State | None) -> PooledAnswers:
-        snapshot = self._simulation.state
-        time_s, revision = (state.time_s, state.revision) if state else (snapshot.time_s, snapshot.revision)
-        json = _with_state(reply.json, time_s, revision) if asked.as_json else b""
+        json = reply.json
+        if asked.as_json and state is not None:
+            json = _with_state(json, state.time_s, state.revision)
         found = PooledAnswers(json, self._simulation.knowledge, _rows=reply.rows)
         if reply.rows and self._simulation.is_observed:
             asked.context.run(self._simulation.report_answers, found.answers)
@@ -726,9 +738,7 @@ class _Lane:
     worker: _Worker | None = None
 
 
-def _note_change(
-    pool: ref[QuestionPool], knowledge: ref[KnowledgeBase], quads: list[ox.Quad] | None
-) -> None:
+def _note_change(pool: ref[QuestionPool], knowledge: ref[KnowledgeBase], quads: list[ox.Quad] | None) -> None:
     """Notes a change for a pool that still exists."""
     if (existing := pool()) is not None and (changed := knowledge()) is not None:
         existing.note_change(changed, quads)

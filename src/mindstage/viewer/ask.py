@@ -373,7 +373,7 @@ class AskHandler:
         self._executor = BoundedExecutor(timeout_s=timeout_s)
         self._pool = QuestionPool.of(simulation) if pool is None else pool
         self._waiting: dict[str, tuple[ClientSession, WaitingQuestion]] = {}
-        """The question that each page waits for, by the key of the session; its requests in this queue are handled one after the other."""
+        """The question that each page waits for, by the key of its session; a page waits for one at a time."""
         self._keys = count(1)
         self._last_highlights: object = None
         self._bodies: tuple[int, Mapping[str, BodyId]] = (-1, {})

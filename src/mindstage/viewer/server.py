@@ -80,8 +80,8 @@ __all__ = [
     "ConnectionClosed",
     "EmptyRequest",
     "Handler",
-    "Later",
     "HttpRoutes",
+    "Later",
     "PageServer",
     "RpcChannel",
     "WebSocket",
@@ -360,6 +360,8 @@ class ClientSession:
 
 
 R = TypeVar("R", bound=msgspec.Struct)
+
+
 @dataclass(frozen=True, slots=True)
 class Later:
     """What a handler returns to wait without a thread."""
@@ -547,7 +549,7 @@ class RpcChannel:
 
     async def _reply(self, session: ClientSession, request: _Request, queue: asyncio.Lock) -> None:
         async with queue:
-            loop, deadline_s = asyncio.get_running_loop(), self._methods[request.method].policy.deadline_s
+            deadline_s = self._methods[request.method].policy.deadline_s
             try:
                 running = asyncio.ensure_future(self._run(session, request))
                 done, _ = await asyncio.wait([running], timeout=deadline_s)
@@ -579,7 +581,9 @@ class RpcChannel:
         try:
             with as_client(CLIENT):
                 result = method.handler(session, arguments) if later is None else later.finish()
-                return result if isinstance(result, Later) else msgspec.json.encode({"id": request.id, "result": result})
+                return (
+                    result if isinstance(result, Later) else msgspec.json.encode({"id": request.id, "result": result})
+                )
         except MindstageError as error:
             return _error_message(
                 request.id, error.code, without_paths(str(error), given=bytes(request.arguments).decode())
