@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -314,6 +316,38 @@ def test_a_question_has_a_timeout_and_other_requests_are_answered(
             page.ask("ask", question="stays")
         assert page.ask("ask.questions")
         assert simulation.ping() < 10.0
+    finally:
+        enough.set()
+        pool.close()
+
+
+def test_a_page_is_told_the_place_of_its_question_while_it_waits(
+    simulation: Simulation, channel: RpcChannel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pool, enough = QuestionPool(simulation, processes=1), threading.Event()
+    monkeypatch.setattr(pool, "start_processes", lambda: None)
+    handler = AskHandler(simulation, channel, pool=pool)
+    ask = simulation.ask
+    monkeypatch.setattr(simulation, "ask", lambda *args, **named: enough.wait(60.0) and ask(*args, **named))
+    told: list[tuple[str, object]] = []
+    page = FakePage(channel)
+    page.session.send_event = lambda topic, value: told.append((topic, value))
+    try:
+        first, end_s = pool.submit("maps", {}, client="another"), time.monotonic() + 60.0
+        while pool.place(first)[0] and time.monotonic() < end_s:
+            time.sleep(0.01)
+        with ThreadPoolExecutor(1) as threads:
+            answered = threads.submit(page.ask, "ask", question="where_is", args={"thing": "fridge"})
+            while not told and time.monotonic() < end_s:
+                handler.publish(simulation.state)
+                time.sleep(0.01)
+            enough.set()
+            assert answered.result(60.0)["total"] > 0
+        assert told[0] == ("ask.place", {"place": 1, "waiting": 1})
+        assert first.result.result(60.0).json
+        told.clear()
+        handler.publish(simulation.state)
+        assert not told
     finally:
         enough.set()
         pool.close()

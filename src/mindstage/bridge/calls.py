@@ -348,6 +348,8 @@ class HandlerDispatcher:
         self._send = send
         self.queued: dict[int, CallService] = {}
         """The calls that have not begun, by identity; a call that is popped is never carried out (from any thread)."""
+        self._futures: dict[int, Future[object]] = {}
+        """What the handlers of calls have returned, by the identity of the call, until it has ended."""
         self._goals: dict[Id, ServerGoalHandle] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._next_id = count(1)
@@ -436,11 +438,23 @@ class HandlerDispatcher:
         with handling_for(caller):
             result = _call(handler, call)
         if isinstance(result, Future):
+            self._futures[id(call)] = result
             result.add_done_callback(lambda done: self._end_future(done, caller, call))
         else:
             self._loop.call_soon(self._end_call, caller, _response(call, result))
 
+    def withdraw(self, call: CallService) -> bool:
+        """Withdraws a call, unless it has begun; returns whether it is never carried out."""
+        if self.queued.pop(id(call), None) is not None:
+            return True
+        future = self._futures.get(id(call))
+        return future is not None and future.cancel()
+
     def _end_future(self, done: Future[object], caller: Hashable, call: CallService) -> None:
+        self._futures.pop(id(call), None)
+        if done.cancelled():
+            self._loop.call_soon(self._end_call, caller, None)
+            return
         try:
             result = done.result()
         except Exception as error:

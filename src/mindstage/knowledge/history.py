@@ -50,10 +50,6 @@ class WorldState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The collision shapes and support surfaces of its bodies; those without an entry are boxes."""
     touching: Collection[tuple[BodyId, BodyId]] | None = None
     """The pairs of bodies that touch, each once; None if contacts are unknown."""
-    time_s: float | None = None
-    """The simulated time [s]; None if it is unknown."""
-    revision: int | None = None
-    """The `StateSnapshot.revision` of a running simulation; None of any other state."""
 
     @property
     def shape_source(self) -> str:

@@ -338,7 +338,7 @@ class KnowledgeBase:
 
     def is_stated(self, quad: ox.Quad) -> bool:
         """Whether the store has a statement in its graph."""
-        return next(iter(self._store.quads_for_pattern(*quad.triple, quad.graph_name)), None) is not None
+        return any(each == quad for each in self._store.quads_for_pattern(*quad.triple))
 
     def repeat_changes(self, changes: Iterable[tuple[ox.Quad, bool]]) -> None:
         """Repeats changes of an equal knowledge base, of which `on_change` has reported the statements.

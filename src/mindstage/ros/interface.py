@@ -40,7 +40,7 @@ from mindstage.ros.unreal_vis import UnrealVisServices
 from mindstage.ros.world_control import WorldControlServices
 from mindstage.scene.display import counted
 from mindstage.simulation import ConnectedClient, Simulation
-from mindstage.simulation.question_pool import QuestionPool
+from mindstage.simulation.question_pool import PooledAnswers, QuestionPool
 
 __all__ = ["QuestionServices", "RosInterface", "connected_clients"]
 
@@ -102,7 +102,7 @@ class QuestionServices:
         question, args = request.question, parse_arguments(request.args)
         if self._pool.accepts(question, args):
             asked = self._pool.submit(question, args, client=current_caller())
-            return mapped(asked.result, lambda done: _ask_response(done.result().json))
+            return mapped(asked.result, _pooled_response)
         answers = self._simulation.ask(question, **args)
         return _ask_response(msgspec.json.encode(answers_to_builtins(self._simulation.knowledge, answers)))
 
@@ -118,6 +118,11 @@ class QuestionServices:
             return self.handle_ask(msgspec.structs.replace(request, question=name))
 
         return handle
+
+
+def _pooled_response(done: Future[PooledAnswers]) -> mindstage_msgs.Ask.Response:
+    found = done.result()
+    return _ask_response(found.json if found.state is None else found.json_with(state=found.state))
 
 
 def _ask_response(answers: bytes) -> mindstage_msgs.Ask.Response:

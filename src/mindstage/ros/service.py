@@ -113,13 +113,13 @@ def service_handler(
     def handle(args: object) -> object:
         request = None
 
-        def call() -> object:
+        def call() -> Any:
             nonlocal request
             request = decode_arguments(service.Request, args)
             with as_client(f"ROS: {name}"):
                 return handler(request)
 
-        def encoded(get_response: Callable[[], object]) -> object:
+        def encoded(get_response: Callable[[], Any]) -> object:
             try:
                 response = get_response()
             except (MindstageError, ResultError) as error:
@@ -133,11 +133,26 @@ def service_handler(
     return handle
 
 
+class _MappedFuture(Future[R]):
+    def __init__(self, source: Future[Any]) -> None:
+        super().__init__()
+        self._source = source
+
+    def cancel(self) -> bool:
+        return self._source.cancel()
+
+
 def mapped(future: Future[T], function: Callable[[Future[T]], R]) -> Future[R]:
-    """A future of what a function makes of another one when that has ended, in the thread that ends it."""
-    result: Future[R] = Future()
+    """A future of what a function makes of another one when that has ended, in the thread that ends it.
+
+    Canceling it cancels the other one.
+    """
+    result: _MappedFuture[R] = _MappedFuture(future)
 
     def end(done: Future[T]) -> None:
+        if done.cancelled():
+            Future.cancel(result)
+            return
         try:
             result.set_result(function(done))
         except Exception as error:

@@ -21,7 +21,7 @@ import tempfile
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sized
 from concurrent.futures import Future, InvalidStateError, ThreadPoolExecutor
 from contextlib import suppress
 from contextvars import Context, copy_context
@@ -74,7 +74,7 @@ from mindstage.knowledge.sentences import is_sentence
 from mindstage.simulation.simulation import Simulation
 from mindstage.simulation.state import StateSnapshot
 
-__all__ = ["PooledAnswers", "QuestionPool", "WaitingQuestion"]
+__all__ = ["PooledAnswers", "QuestionPool", "StateLabel", "WaitingQuestion"]
 
 _POLL_S = 0.25
 """Interval at which questions that wait too long are looked for [s]."""
@@ -87,15 +87,30 @@ _ELSEWHERE_THREADS = 4
 _log = logging.getLogger("mindstage.simulation.questions")
 
 
+class StateLabel(msgspec.Struct, frozen=True):
+    """Which state answers are about."""
+
+    time_s: float
+    """The simulated time [s]."""
+    revision: int
+    """See `StateSnapshot.revision`."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PooledAnswers:
     """The answers to a question, and the state that they are about."""
 
     json: bytes
-    """As `answers_to_builtins`, with the `state` of questions about it; empty if it was not wanted."""
+    """As `answers_to_builtins`; empty if it was not wanted."""
+    state: StateLabel | None
+    """The state that they are about; None if they are about the statements only."""
     _knowledge: KnowledgeBase
     _answers: Answers[Any] | None = None
     _rows: bytes = b""
+
+    def json_with(self, **further: object) -> bytes:
+        """The JSON with further fields."""
+        return self.json[:-1] + b"," + msgspec.json.encode(further)[1:]
 
     @property
     def answers(self) -> Answers[Any]:
@@ -131,8 +146,7 @@ class _State:
     template_number: int
     template: bytes
     arrays: StateArrays
-    time_s: float | None
-    revision: int | None
+    label: StateLabel
 
 
 class _StateSource:
@@ -163,25 +177,22 @@ class _StateSource:
         with self._lock:
             if (known := self.known()) is not None:
                 return known
-            now = self._simulation.current_state()
-            snapshot = self._simulation.state
-            if (snapshot.time_s, snapshot.revision) != (now.time_s, now.revision):  # it has changed meanwhile
-                snapshot = msgspec.structs.replace(snapshot, time_s=float("nan"))
-            state = self._encoded(now)
+            snapshot, now = self._simulation.published_state()
+            state = self._encoded(now, StateLabel(snapshot.time_s, snapshot.revision))
             self._last = snapshot, now, state
             return state
 
-    def _encoded(self, now: WorldState) -> _State:
+    def _encoded(self, now: WorldState, label: StateLabel) -> _State:
         arrays = StateArrays.of(next(self._numbers), now)
         if self._last is not None and _differs_by_motion_only(now, self._last[1]):
             last = self._last[2]
             before = last.arrays
             if np.array_equal(arrays.poses, before.poses) and np.array_equal(arrays.joints, before.joints):
                 arrays = before
-            return _State(last.template_number, last.template, arrays, now.time_s, now.revision)
+            return _State(last.template_number, last.template, arrays, label)
         number = next(self._numbers)
         template = pickle.dumps(StateTemplate.of(number, now), protocol=pickle.HIGHEST_PROTOCOL)
-        return _State(number, template, arrays, now.time_s, now.revision)
+        return _State(number, template, arrays, label)
 
 
 def _differs_by_motion_only(now: WorldState, then: WorldState) -> bool:
@@ -497,6 +508,9 @@ class QuestionPool:
             waiting = self._queue.remove_if(lambda _: True)
             self._has_work.notify_all()
         _fail(waiting, SimulationError("the simulation was closed"))
+        with self._pools_lock:
+            if self._pools.get(self._simulation) is self:
+                del self._pools[self._simulation]
         self._elsewhere.shutdown(wait=False, cancel_futures=True)
         with self._knowledge_lock:
             holder, self._holder = self._holder, None
@@ -520,8 +534,9 @@ class QuestionPool:
                 self._busy += 1
             try:
                 self._refuse_late()
-                if asked is not None:
-                    self._answer(lane, [asked, *same])
+                group = [each for each in (asked, *same) if each and each.result.set_running_or_notify_cancel()]
+                if group:
+                    self._answer(lane, group)
             finally:
                 with self._has_work:
                     self._busy -= 1
@@ -586,9 +601,8 @@ class QuestionPool:
         knowledge, json = simulation.knowledge, b""
         if asked.as_json:
             json = msgspec.json.encode(answers_to_builtins(knowledge, answers))
-            if asked.uses_state:
-                json = _with_state(json, before.time_s, before.revision)
-        return PooledAnswers(json, knowledge, _answers=answers)
+        label = StateLabel(before.time_s, before.revision) if asked.uses_state else None
+        return PooledAnswers(json, label, knowledge, _answers=answers)
 
     def _complete_here(self, same: list[WaitingQuestion]) -> None:
         try:
@@ -597,10 +611,8 @@ class QuestionPool:
             _fail(same, error)
 
     def _answers(self, asked: WaitingQuestion, reply: QuestionReply, state: _State | None) -> PooledAnswers:
-        json = reply.json
-        if asked.as_json and state is not None:
-            json = _with_state(json, state.time_s, state.revision)
-        found = PooledAnswers(json, self._simulation.knowledge, _rows=reply.rows)
+        label = None if state is None else state.label
+        found = PooledAnswers(reply.json, label, self._simulation.knowledge, _rows=reply.rows)
         if reply.rows and self._simulation.is_observed:
             asked.context.run(self._simulation.report_answers, found.answers)
         return found
@@ -687,7 +699,8 @@ class QuestionPool:
                 with self._knowledge_lock:
                     self._generation, self._changes = self._generation + 1, []
                     generation = self._generation
-                if len(knowledge.store) > QUESTION_STATEMENTS.count:
+                store = knowledge.store
+                if isinstance(store, Sized) and len(store) > QUESTION_STATEMENTS.count:
                     raise OverflowError(f"there are more than {QUESTION_STATEMENTS.count:,} statements")
                 data = holder_input(knowledge)
             holder = _Holder(data, generation)
@@ -746,11 +759,6 @@ def _note_change(pool: ref[QuestionPool], knowledge: ref[KnowledgeBase], quads: 
 
 def _content(state: _State | None) -> tuple[int, int] | None:
     return None if state is None else (state.template_number, state.arrays.number)
-
-
-def _with_state(json: bytes, time_s: float | None, revision: int | None) -> bytes:
-    """Adds the state to a JSON object."""
-    return json[:-1] + b',"state":' + msgspec.json.encode({"time_s": time_s, "revision": revision}) + b"}"
 
 
 def _fail(same: list[WaitingQuestion], error: Exception) -> None:

@@ -333,18 +333,16 @@ class Simulation:
 
     def current_state(self) -> WorldState:
         """The current world, joint positions and geometry, for questions about them."""
+        return self.published_state()[1]
 
-        def take(engine: Engine) -> WorldState:
+    def published_state(self) -> tuple[StateSnapshot, WorldState]:
+        """The current state, with the snapshot that was published of it."""
+
+        def take(engine: Engine) -> tuple[StateSnapshot, WorldState]:
             world, spawned, geometry = engine.snapshot(), self.worlds, self.geometry
             joints = engine.joint_positions() if Capability.JOINTS in engine.capabilities else None
-            return WorldState(
-                world=world,
-                spawned=spawned,
-                joint_positions=joints,
-                source=engine.name,
-                geometry=geometry,
-                time_s=engine.time_s,
-                revision=self._revision,
+            return self._state, WorldState(
+                world=world, spawned=spawned, joint_positions=joints, source=engine.name, geometry=geometry
             )
 
         return self.run_on_engine(take, label="current state")
