@@ -40,7 +40,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(
     atomic_write(path, b"old")
 
     def full(*_: object) -> None:
-        raise OSError(28, "No space left on device", "somewhere else")
+        raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "replace", full)
     with pytest.raises(OSError, match="No space left on device") as raised:

@@ -282,7 +282,7 @@ def test_the_documented_error_tree_is_the_class_tree() -> None:
         name: base.__name__ if (base := cls.__base__) in classes.values() else None for name, cls in classes.items()
     }
     assert parents == {name: parent for name, (parent, _) in documented_errors().items()}
-    assert set(errors.__all__) == {*classes, "closest_names", "suggestion"}
+    assert set(errors.__all__) == {*classes, "closest_names", "suggestion", "without_surrogates"}
 
 
 def test_the_command_line_uses_the_documented_exit_codes() -> None:

@@ -303,7 +303,7 @@ def diff(
 def view(
     sim: Simulation,
     *,
-    port: int = 8080,
+    port: int | None = None,
     host: str = "127.0.0.1",
     token: str | None = None,
     origins: Collection[str] = (),
@@ -319,7 +319,7 @@ def view(
 
     Args:
         sim: the simulation.
-        port: the TCP port; if it is in use, the next free one. 0 lets the operating system choose.
+        port: the TCP port; 0 lets the operating system choose. By default 8080, or the next free one.
         host: the address to listen on. The default is the loopback interface; any other needs a token.
         token: the token that clients must present.
         origins: further origins from which the page may be opened, such as `https://robot.example`.

@@ -43,6 +43,7 @@
     │   ├── EngineTimeoutError          no reply in time; the command may or may not have been executed
     │   ├── UnsupportedByEngineError    a capability that the engine does not have
     │   ├── EngineClosedError           called after `close`
+    │   ├── EngineMemoryError           the bodies or contacts need more memory than the engine may have
     │   └── SimulationDivergedError     positions, velocities or accelerations are not finite
     ├── ImaginationError                a plan, or a copy of a simulation, that cannot be used (exit code 2)
     │   ├── PlanError                   a plan that cannot be read, or does not fit the world
@@ -92,6 +93,7 @@ alternatives or with what to try. Errors can be pickled and copied.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, InitVar, dataclass, field, fields, is_dataclass
 from difflib import get_close_matches
@@ -121,6 +123,7 @@ __all__ = [
     "EndpointUnreachableError",
     "EngineClosedError",
     "EngineError",
+    "EngineMemoryError",
     "EngineTimeoutError",
     "EngineUnavailableError",
     "EpisodeError",
@@ -186,6 +189,7 @@ __all__ = [
     "XacroRefusedError",
     "closest_names",
     "suggestion",
+    "without_surrogates",
 ]
 
 
@@ -195,6 +199,7 @@ _MAX_SHOWN = 80
 """Longer texts of clients are cut in messages."""
 _MIN_SUBSTRING = 3
 """Shorter strings are part of nearly every name."""
+_SURROGATES = re.compile("[\ud800-\udfff]")
 _MAX_LISTED = 40
 """Number of known names in a message."""
 
@@ -232,6 +237,11 @@ def _near_names(names: Sequence[str]) -> str:
     return f"near: {', '.join(map(repr, names))}" if names else ""
 
 
+def without_surrogates(text: str) -> str:
+    """A text that UTF-8 can encode: Python has the bytes of names of files that are not UTF-8 as surrogates."""
+    return text if text.isascii() else _SURROGATES.sub("\N{REPLACEMENT CHARACTER}", text)
+
+
 # -- the base ----------------------------------------------------------------------------------------------------------
 
 
@@ -255,10 +265,11 @@ class MindstageError(Exception):
             cls.code = cls.__name__
 
     def __str__(self) -> str:
+        """The message. Bytes of names of files that are not UTF-8 are shown as U+FFFD, so that it can be encoded."""
         if not self.template:
-            return super().__str__()
+            return without_surrogates(super().__str__())
         names = {name for _, name, _, _ in Formatter().parse(self.template) if name}
-        return self.template.format_map({name: getattr(self, name) for name in names})
+        return without_surrogates(self.template.format_map({name: getattr(self, name) for name in names}))
 
     def __repr__(self) -> str:
         # Here once, since a generated method per class would take a third of the time of the import.
@@ -835,6 +846,22 @@ class EngineClosedError(EngineError):
     code = "EngineClosed"
     template = "the engine {engine!r} is closed; make a new one"
     engine: str
+
+
+@dataclass(eq=False, repr=False)
+class EngineMemoryError(EngineError):
+    """The bodies or contacts of a world need more memory than the engine may have."""
+
+    code = "EngineMemoryExceeded"
+    template = (
+        "{what} need {needed_mb:,.1f} MB, more than the {cap_mb:,.1f} MB that the engine may have; simulate fewer"
+    )
+    _: KW_ONLY
+    what: str
+    needed_mb: float
+    """What is needed at least [MB]."""
+    cap_mb: float
+    """The most that the engine may have [MB]."""
 
 
 @dataclass(eq=False, repr=False)

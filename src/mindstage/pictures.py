@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError
+from mindstage.files import atomic_write
 
 if TYPE_CHECKING:
     from numpy import uint8
@@ -55,6 +56,7 @@ def shot(
         InvalidArgumentError: the suffix is unknown, or the screenshot has panels, which only the page has.
         BodyNotFoundError: a body of the screenshot does not exist.
         RendererUnavailableError: there is no OpenGL library.
+        OSError: the file cannot be written; an existing one is unchanged.
     """
     from mindstage.rendering import Screenshot
     from mindstage.rendering.rasterizer import render_picture
@@ -67,7 +69,7 @@ def shot(
     picture = render_picture(simulation_scene(simulation, wanted, verdict=verdict), wanted.size)
     if path is not None and format is not None:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
-        Path(path).write_bytes(encode_picture(picture, format))
+        atomic_write(Path(path), encode_picture(picture, format))
     return picture
 
 

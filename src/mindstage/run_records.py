@@ -9,15 +9,13 @@ from __future__ import annotations
 import errno
 import os
 import socket
-import stat
-import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 import msgspec
 
-from mindstage.files import cache_dir
+from mindstage.files import atomic_file, cache_dir, is_own_folder
 
 __all__ = ["HOST", "QUERY_SERVICE", "RunRecord", "running_simulations"]
 
@@ -80,14 +78,9 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
             OSError: it cannot be written, or others may write to its folder.
         """
         file = _folder() / f"{self.process}-{self.port}.json"
-        part = file.with_suffix(f".{time.monotonic_ns()}.part")
-        try:
-            with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
-                stream.write(msgspec.json.encode(self))
-            part.replace(file)
-        except BaseException:
-            part.unlink(missing_ok=True)
-            raise
+        with atomic_file(file) as part:
+            part.chmod(0o600)  # before it has a content
+            part.write_bytes(msgspec.json.encode(self))
         return file
 
     def __str__(self) -> str:
@@ -124,11 +117,8 @@ def _folder() -> Path:
         OSError: it belongs to someone else, or is a link.
     """
     folder = cache_dir(_DIRECTORY)
-    status = folder.lstat()
-    if hasattr(os, "getuid") and (not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid()):
+    if not is_own_folder(folder):
         raise OSError(errno.EPERM, "it is a link, or the folder of another user", str(folder))
-    if status.st_mode & 0o077:
-        folder.chmod(0o700)
     return folder
 
 

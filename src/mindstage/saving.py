@@ -251,9 +251,7 @@ def _save_scene(
             actuated=actuated,
             visuals_folder=folder if fitted.geometry else None,
         )
-        if written.files:
-            _save_folder(path.parent / folder, {Path(name).name: data for name, data in written.files.items()})
-        save_file(path, written.text.encode())
+        _save_model(path, written.text.encode(), path.parent / folder, written.files)
         notes = written.notes
     elif format is FileFormat.GLTF:
         from mindstage.assets.gltf import world_to_glb
@@ -265,28 +263,34 @@ def _save_scene(
     return (*(note.text for note in fitted.notes), *notes)
 
 
-def _save_folder(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Writes the meshes and textures of a MuJoCo model, and removes those of an earlier one.
+def _save_model(path: Path, text: bytes, folder: Path, files: Mapping[str, bytes]) -> None:
+    """Writes a MuJoCo model with its meshes and textures, and removes those of an earlier one.
 
     Raises:
-        MapWriteError: the folder has other files, or cannot be written.
+        MapWriteError: the folder has other files, or something cannot be written; then nothing is changed.
     """
+    from mindstage.files import atomic_file, atomic_folder, atomic_write
     from mindstage.knowledge.io.write import save_file
 
+    if not files:
+        save_file(path, text)
+        return
     try:
         existing = list(folder.iterdir()) if folder.exists() else []
         other = next((each for each in existing if each.suffix not in (".obj", ".png")), None)
         if other is not None:
             cause = f"it exists, and has files other than meshes and textures of a MuJoCo model: {other.name}"
             raise MapWriteError(str(folder), cause=cause, remedy="move it, or choose another name for the model")
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, data in files.items():
-            save_file(folder / name, data)
+        with atomic_folder(folder) as assets, atomic_file(path) as model:
+            for name, data in files.items():
+                atomic_write(assets / Path(name).name, data)
+            model.write_bytes(text)
+        names = {Path(name).name for name in files}
         for each in existing:
-            if each.name not in files:
+            if each.name not in names:
                 each.unlink()
     except OSError as error:
-        raise MapWriteError(str(folder), cause=error.strerror or str(error)) from error
+        raise MapWriteError(error.filename or str(folder), cause=error.strerror or str(error)) from error
 
 
 def _save_godot_scene(world: World, path: Path, fitted: FittedGeometry, *, godot: StrPath | None) -> tuple[str, ...]:

@@ -38,7 +38,7 @@ ALLOWED: Mapping[str, str] = {
     "ros/robot_controllers.py": "a step of an iteration",
 }
 """Modules with constants that limit no request, each with the reason; the other rules hold for them too."""
-NO_PACKAGES: Mapping[str, str] = {
+NOT_SERVED: Mapping[str, str] = {
     "bridge/client.py": "a client",
     "viewer/devtools.py": "the browser that takes pictures",
     "viewer/html_export.py": "writes a file for the command line",
@@ -61,7 +61,7 @@ def private_checks(package: Path = ROOT / "src" / "mindstage") -> list[str]:
     return [
         f"{module}:{line}: {problem}"
         for module, path in sorted(sources.items())
-        if module not in NO_PACKAGES
+        if module not in NOT_SERVED
         for line, problem in _problems(ast.parse(path.read_text(encoding="utf-8")), module)
     ]
 

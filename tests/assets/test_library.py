@@ -359,7 +359,7 @@ def test_a_corrupt_cache_file_is_replaced(folder: Path, cache: Path) -> None:
 
 @pytest.mark.parametrize(
     ("ends", "why"),
-    [("time.sleep(60)", "took longer than 3 s; remove "), ("os.abort()", "crashes the importer (SIGABRT); remove ")],
+    [("time.sleep(600)", "took longer than 10 s; remove "), ("os.abort()", "crashes the importer (SIGABRT); remove ")],
 )
 def test_a_mesh_whose_decomposition_fails_is_its_hull_with_the_reason_also_from_the_cache(
     ends: str, why: str, folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
@@ -380,7 +380,7 @@ def test_a_mesh_whose_decomposition_fails_is_its_hull_with_the_reason_also_from_
     )
     monkeypatch.setattr(mesh_import, "_can_decompose", lambda: True)
     block().export(folder / "mug.stl")
-    made = import_meshes([folder / "mug.stl"], folder=cache, timeout_s=3.0)[0][folder / "mug.stl"]
+    made = import_meshes([folder / "mug.stl"], folder=cache, timeout_s=10.0)[0][folder / "mug.stl"]
     assert len(made.convex_parts) == 1
     assert why in made.hull_reason
     geometry, notes = geometry_for(folder, cache, body())
@@ -459,8 +459,7 @@ def test_a_corrupt_or_malicious_file_is_rejected_by_name(folder: Path, cache: Pa
     found = MeshLibrary([folder], cache=cache).geometry_for([body(), Body(**{**fields(cup), "id": BodyId("Cup")})])
     assert set(found.geometry) == {"Cup"}, "other files are not affected"
     (note,) = found.notes
-    assert str(folder / name) in note
-    assert "is left out: " in note
+    assert f"the mesh {name} is left out: " in note
 
 
 def answer_of(name: str, text: str, *, kind: str) -> str:

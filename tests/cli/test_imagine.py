@@ -51,7 +51,7 @@ def test_a_plan_that_fails_exits_with_1_and_names_the_cause(run: Run, plan: Path
 
 
 def test_a_plan_that_does_not_end_in_its_budget_exits_with_2(run: Run, plan: Path) -> None:
-    plan.write_text("steps:\n- {do: wait, duration_s: 1e6, deadline_s: 1e7}\ndeadline_s: 1e7\n")
+    plan.write_text("steps:\n- {do: wait, duration_s: 3600, deadline_s: 3600}\ndeadline_s: 3600\n")
     result = run("imagine", plan, KITCHEN, "--budget", 1)
     assert result.exit_code == 2
     assert "the budget of 1 s was used up" in result.stdout
@@ -81,7 +81,7 @@ def test_bad_input_exits_with_2_and_is_named(run: Run, plan: Path, text: str, op
 
 
 def test_ctrl_c_ends_with_what_is_known(plan: Path) -> None:
-    plan.write_text("steps:\n- {do: wait, duration_s: 1e6, deadline_s: 1e7}\ndeadline_s: 1e7\n")
+    plan.write_text("steps:\n- {do: wait, duration_s: 3600, deadline_s: 3600}\ndeadline_s: 3600\n")
     command = [sys.executable, "-m", "mindstage", "imagine", str(plan), KITCHEN, "--budget", "100", "--json"]
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     with subprocess.Popen(

@@ -86,9 +86,8 @@ def test_an_unreadable_map_does_not_change_the_remote_world(remote: str, run: Ru
     ],
 )
 def test_an_unreachable_engine_is_reported_in_one_line(
-    engine: str, message: str, run: Run, write_map: WriteMap, monkeypatch: pytest.MonkeyPatch
+    engine: str, message: str, run: Run, write_map: WriteMap
 ) -> None:
-    monkeypatch.setattr("mindstage.engines.remote.client._CONNECT_TIMEOUT_S", 0.5)
     result = run("spawn", write_map(), "--engine", engine, "--no-viewport")
     assert result.exit_code == 2
     assert message in result.stderr

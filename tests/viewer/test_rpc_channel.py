@@ -34,6 +34,7 @@ def channel() -> RpcChannel:
 @pytest.fixture
 def url(channel: RpcChannel) -> Iterator[str]:
     server = serve("127.0.0.1", 0, title="T", channel=channel)
+    server.open()
     yield address(server)
     shut_down(server)
     channel.close()
@@ -146,6 +147,7 @@ def test_the_rate_of_requests_is_limited() -> None:
     slow = RpcChannel(RpcLimits(max_requests_per_second=0.001))
     slow.register("ask", Nothing, lambda *_: True, EDIT)
     server = serve("127.0.0.1", 0, title="T", channel=slow)
+    server.open()
     try:
         with connect_page_client(address(server)) as client:
             for number in range(4):

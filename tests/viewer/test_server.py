@@ -41,6 +41,7 @@ def channel() -> RpcChannel:
 @pytest.fixture
 def server(channel: RpcChannel) -> Iterator[viser.ViserServer]:
     server = serve("127.0.0.1", 0, title="T", channel=channel)
+    server.open()
     yield server
     shut_down(server)
     channel.close()
@@ -133,6 +134,7 @@ def test_the_token_is_exchanged_for_a_cookie(channel: RpcChannel) -> None:
     with pytest.raises(AuthenticationError):
         serve("0.0.0.0", 0, title="T", channel=channel)
     server = serve("0.0.0.0", 0, title="T", channel=channel, token="sesame")
+    server.open()
     try:
         assert get(server, "/")[0] == 401
         assert get(server, "/mindstage/main.js")[0] == 401

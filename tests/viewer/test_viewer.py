@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+import os
 import socket
+import sys
 import urllib.request
 from collections.abc import Iterator
 from types import SimpleNamespace
@@ -51,15 +53,24 @@ def test_the_page_is_served_at_its_url(viewer: Viewer) -> None:
         assert b"<html" in page.read()
 
 
-def test_the_next_free_port_is_used(simulation: Simulation, port_taken: int) -> None:
-    with Viewer(simulation, port=port_taken) as viewer:
-        port = int(viewer.url.rsplit(":", 1)[1])
-        assert port_taken < port < port_taken + 200
+def test_a_port_that_was_given_and_is_taken_is_an_error_that_names_its_user(
+    simulation: Simulation, port_taken: int
+) -> None:
+    with pytest.raises(ViewerUnavailableError) as raised:
+        Viewer(simulation, port=port_taken)
+    assert f"port {port_taken}: Address already in use" in str(raised.value)
+    if sys.platform == "linux":
+        assert f"by process {os.getpid()}, " in str(raised.value)
 
 
-def test_two_viewers_of_one_simulation_have_two_addresses(simulation: Simulation, viewer: Viewer) -> None:
-    with Viewer(simulation, port=int(viewer.url.rsplit(":", 1)[1])) as other:
-        assert other.url != viewer.url
+def test_the_default_port_may_be_the_next_free_one_and_that_is_said(
+    simulation: Simulation, viewer: Viewer, caplog: pytest.LogCaptureFixture
+) -> None:
+    with Viewer(simulation) as first, Viewer(simulation) as second:
+        ports = [int(each.url.rsplit(":", 1)[1]) for each in (first, second)]
+    assert 8080 <= ports[0] < ports[1] < 8280
+    assert f"port 8080 is in use (by process {os.getpid()}" in caplog.text or ports[0] > 8080
+    assert f"the page is served at port {ports[1]}" in caplog.text
 
 
 @pytest.mark.parametrize(

@@ -255,7 +255,7 @@ READ_SLICE = _limit(
 UNAUTHENTICATED_BYTES = _limit("message of a client without a token", 16 * 1024, "enough for a token", unit="B")
 SIZE = _limit("extent of a collision shape", 1e6, "larger numbers overflow in the physics", unit="m")
 UNSENT_EVENTS = _limit("unsent messages to a page", 1000, "a page that is so slow is disconnected, and connects again")
-PORT_TRIES = _limit("consecutive ports that are tried for the page", 200, "beyond them something else is wrong")
+PORT_TRIES = _limit("consecutive ports that are tried, if none was given", 200, "beyond them something else is wrong")
 WINDOW = _limit(
     "messages of the 3D view that are sent together",
     16,

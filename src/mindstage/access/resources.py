@@ -7,15 +7,16 @@ elsewhere is that of a missing file. Therefore no answer shows whether a file ex
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Collection, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from urllib.parse import unquote
+from urllib.parse import quote, unquote, unquote_to_bytes
 
 from mindstage.access.limits import LISTED_FILES
-from mindstage.errors import ResourceRefusedError
+from mindstage.errors import ResourceRefusedError, without_surrogates
 
 __all__ = [
     "GrantedFolder",
@@ -24,6 +25,7 @@ __all__ = [
     "is_inside",
     "is_outside_request",
     "require_granted",
+    "values_without_paths",
     "without_paths",
 ]
 
@@ -112,14 +114,16 @@ class GrantedFolder:
         """The file of a name; None if there is none, or it is not in the folder."""
         if self._folder is None:
             return None
-        try:
-            path = (self._folder / name.removeprefix("file://")).resolve()
-            return path if is_inside(path, self._folder) and path.is_file() else None
-        except (OSError, RuntimeError, ValueError):
-            return None
+        name = name.removeprefix("file://")
+        for each in dict.fromkeys((name, os.fsdecode(unquote_to_bytes(name)))):
+            with suppress(OSError, RuntimeError, ValueError):
+                path = (self._folder / each).resolve()
+                if is_inside(path, self._folder) and path.is_file():
+                    return path
+        return None
 
     def files(self, suffixes: Collection[str]) -> Iterator[str]:
-        """Yields the names of the files with one of some suffixes."""
+        """Yields the names of the files with one of some suffixes; bytes that are not UTF-8 are percent-encoded."""
         if self._folder is None:
             return
         found = (
@@ -128,7 +132,25 @@ class GrantedFolder:
             if path.suffix.lower() in suffixes and path.is_file() and is_inside(path, self._folder)
         )
         for _, path in zip(range(LISTED_FILES.count), found, strict=False):
-            yield path.relative_to(self._folder).as_posix()
+            name = path.relative_to(self._folder).as_posix()
+            yield name if name == without_surrogates(name) else quote(os.fsencode(name))
+
+
+def values_without_paths(value: object, *, given: str = "") -> object:
+    """The values of an error message for a client, in whose texts each path of this machine is its last part.
+
+    Args:
+        value: texts, numbers, and lists and mappings of them.
+        given: the request; paths in it are kept.
+    """
+    match value:
+        case str():
+            return without_paths(value, given=given)
+        case dict():
+            return {key: values_without_paths(each, given=given) for key, each in value.items()}
+        case list() | tuple():
+            return [values_without_paths(each, given=given) for each in value]
+    return value
 
 
 def without_paths(text: str, *, given: str = "") -> str:

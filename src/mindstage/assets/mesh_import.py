@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import queue
 import signal
 import subprocess
@@ -160,7 +161,7 @@ def _digest(path: Path, *, decompose: bool, keep_axes: bool) -> str:
         for neighbor in sorted(path.parent.iterdir()):
             if neighbor != path and neighbor.is_file():
                 status = neighbor.stat()
-                hasher.update(f"{neighbor.name} {status.st_size} {status.st_mtime_ns}".encode())
+                hasher.update(os.fsencode(neighbor.name) + f" {status.st_size} {status.st_mtime_ns}".encode())
     return hasher.hexdigest()[:32]
 
 

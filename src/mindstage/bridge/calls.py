@@ -23,6 +23,7 @@ import msgspec
 from mindstage.access.fair_queue import handling_for
 from mindstage.access.limits import NODE_GOALS
 from mindstage.access.policies import EDIT, EntryKind, Policy
+from mindstage.access.resources import without_paths
 from mindstage.bridge.event_loop import EventLoopThread, KeyedSerialExecutor
 from mindstage.bridge.protocol import (
     ActionFeedback,
@@ -46,6 +47,7 @@ from mindstage.errors import (
     ServiceNotFoundError,
     ServiceTimeoutError,
 )
+from mindstage.unicode_json import encode_json
 
 __all__ = [
     "ActionHandler",
@@ -307,6 +309,18 @@ def _decode_values(raw: msgspec.Raw | msgspec.UnsetType) -> Any:
     return msgspec.json.decode(content(raw))
 
 
+def _decode_arguments(name: str, raw: msgspec.Raw | msgspec.UnsetType) -> Any:
+    """The arguments of a call or goal.
+
+    Raises:
+        MessageValidationError: they have a number that no float can hold.
+    """
+    try:
+        return _decode_values(raw)
+    except msgspec.DecodeError as error:
+        raise MessageValidationError(f"the arguments of {name}", cause=str(error)) from None
+
+
 ServiceHandler = Callable[[Any], object]
 """Called with the arguments as they were sent (an object, or a list of its fields); returns the response as values that
 JSON can represent, structs included, or a future of them, during which it occupies no thread. May be a coroutine
@@ -473,17 +487,24 @@ class HandlerDispatcher:
     def handle_batch(self, handler: BatchHandler, items: list[tuple[Hashable, CallService]]) -> None:
         """Handles consecutive calls of one caller, each with the caller, and sends the responses in their order."""
         begun = [call for _, call in items if self.queued.pop(id(call), None) is not None]
+        results, arguments = dict[int, object](), dict[int, Any]()
+        for call in begun:
+            try:
+                arguments[id(call)] = _decode_arguments(call.service, call.args)
+            except MessageValidationError as error:
+                results[id(call)] = error
         try:
-            results = handler([_decode_values(call.args) for call in begun]) if begun else []
+            if arguments:
+                results |= zip(arguments, handler(list(arguments.values())), strict=True)
         except Exception as error:
-            results = [error] * len(begun)
-        responses = {id(call): _response(call, result) for call, result in zip(begun, results, strict=True)}
+            results |= dict.fromkeys(arguments, error)
+        responses = {id(call): _response(call, results[id(call)]) for call in begun}
         for caller, call in items:
             self._loop.call_soon(self._end_call, caller, responses.get(id(call)))
 
     async def _handle_call_async(self, handler: ServiceHandler, call: CallService) -> None:
         try:
-            result = await _await_if_needed(handler(_decode_values(call.args)))
+            result = await _await_if_needed(handler(_decode_arguments(call.service, call.args)))
         except Exception as error:
             result = error
         self._send(_response(call, result))
@@ -503,7 +524,7 @@ class HandlerDispatcher:
 
     def _run_goal(self, handler: ActionHandler, request: SendActionGoal, goal: ServerGoalHandle) -> None:
         try:
-            goal.args = _decode_values(request.args)
+            goal.args = _decode_arguments(request.action, request.args)
             result = _goal_result(request, goal.id, handler(goal))
         except Exception as error:
             result = _goal_error_result(request, goal.id, _error_reply(request.action, error))
@@ -511,7 +532,7 @@ class HandlerDispatcher:
 
     async def _run_goal_async(self, handler: ActionHandler, request: SendActionGoal, goal: ServerGoalHandle) -> None:
         try:
-            goal.args = _decode_values(request.args)
+            goal.args = _decode_arguments(request.action, request.args)
             result = _goal_result(request, goal.id, await _await_if_needed(handler(goal)))
         except Exception as error:
             result = _goal_error_result(request, goal.id, _error_reply(request.action, error))
@@ -529,7 +550,7 @@ async def _await_if_needed(result: object) -> object:
 
 def encode_values(values: object) -> msgspec.Raw:
     """Returns values as JSON; none are an empty object."""
-    return msgspec.Raw(b"{}" if values is None else msgspec.json.encode(values))
+    return msgspec.Raw(b"{}" if values is None else encode_json(values))
 
 
 def _call_handler(handler: ServiceHandler, call: CallService) -> ServiceResponse:
@@ -540,7 +561,7 @@ def _call_handler(handler: ServiceHandler, call: CallService) -> ServiceResponse
 def _call(handler: ServiceHandler, call: CallService) -> object:
     """The result of a handler that is a plain function, or its exception."""
     try:
-        return handler(_decode_values(call.args))
+        return handler(_decode_arguments(call.service, call.args))
     except Exception as error:
         return error
 
@@ -556,10 +577,12 @@ def _response(call: CallService, result: object) -> ServiceResponse:
 
 
 def _error_reply(name: str, error: Exception) -> str:
-    if isinstance(error, MindstageError):
+    if isinstance(error, FailureResponseError):  # its text was made for the client
         return str(error)
+    if isinstance(error, MindstageError):
+        return without_paths(str(error))
     _log.error("the handler of %s failed", name, exc_info=error)
-    return f"{name} failed: {type(error).__name__}: {error}"
+    return without_paths(f"{name} failed: {type(error).__name__}: {error}")
 
 
 def _call_error_response(call: CallService, error: Exception) -> ServiceResponse:

@@ -13,6 +13,7 @@ import threading
 from collections import defaultdict
 from collections.abc import Callable, Coroutine, Hashable, Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from functools import partial
 from inspect import iscoroutinefunction
 from itertools import count
@@ -539,6 +540,7 @@ class LocalNode(Node):
         self.limits = limits
         self.broker = Broker(self._loop.loop, limits)
         """The broker; it belongs to the loop."""
+        self._starting = 0
         self._local_peer = _LocalPeer(resolve_name(name), self)
         self._loop.call(self.broker.add_peer, self._local_peer)
 
@@ -546,6 +548,20 @@ class LocalNode(Node):
     def name(self) -> str:
         """Name of this node in the graph."""
         return self._local_peer.name
+
+    @property
+    def is_starting(self) -> bool:
+        """Whether some of its services are not created yet; servers answer 503 then."""
+        return self._starting > 0
+
+    @contextmanager
+    def starting(self) -> Iterator[None]:
+        """During the `with` block services are created, and servers accept no new clients."""
+        self._starting += 1
+        try:
+            yield
+        finally:
+            self._starting -= 1
 
     def graph_info(self) -> GraphInfo:
         """Returns the current graph of nodes, services, actions and topics."""

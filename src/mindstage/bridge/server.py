@@ -37,6 +37,7 @@ from mindstage.access.limits import (
     BridgeLimits,
     VisitorLimits,
 )
+from mindstage.access.ports import ROSBRIDGE_PORT, is_taken, moved_text, ports_to_try, unavailable_text
 from mindstage.access.visitors import Visitor
 from mindstage.bridge.broker import PLAIN_FORMAT, Peer, ReplyFormat
 from mindstage.bridge.node import LocalNode
@@ -321,7 +322,7 @@ class RosbridgeServer:
         node: LocalNode,
         *,
         host: str = "127.0.0.1",
-        port: int = 9090,
+        port: int | None = None,
         token: str | None = None,
         origins: Collection[str] = (),
         tls: TlsCertificate | None = None,
@@ -333,7 +334,7 @@ class RosbridgeServer:
         Args:
             node: the node that clients are connected to; its limits apply.
             host: host on which to listen; every host but this machine requires a token.
-            port: port on which to listen; 0 selects a free one.
+            port: port on which to listen; 0 selects a free one. By default 9090, or the next free one.
             token: token that clients must send: in rosbridge's `auth`, as `?token=`, or as `Authorization: Bearer`.
             origins: additional origins of web pages; pages of this machine are always allowed.
             tls: the certificate for wss://; None serves ws://.
@@ -347,7 +348,9 @@ class RosbridgeServer:
         """
         self.node = node
         self.host = host
-        self.port = port
+        self._ports = ports_to_try(port, default=ROSBRIDGE_PORT)
+        self.port = self._ports[0]
+        """The port, which is known after `start`."""
         self._ping_interval_s = ping_interval_s
         self._gate = Gate(host=host, token=token, origins=origins, local_pages=True, limits=visitor_limits)
         self._tls = None if tls is None else tls.server_context()
@@ -399,26 +402,38 @@ class RosbridgeServer:
     # -- on the loop ---------------------------------------------------------------------------------------------------
 
     async def _serve(self) -> None:
-        try:
-            self._sockets = await serve(
-                self._handle_connection,
-                self.host,
-                self.port,
-                process_request=self._process_request,
-                ssl=self._tls,
-                ssl_handshake_timeout=None if self._tls is None else HANDSHAKE.maximum,
-                compression=None,
-                max_size=UNAUTHENTICATED_BYTES.count,
-                ping_interval=self._ping_interval_s,
-                ping_timeout=self._ping_interval_s,
-                close_timeout=2.0,
-                server_header=None,
-                logger=_handshake_log,
-            )
-        except (OSError, OverflowError) as error:
-            cause = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-            raise BridgeUnavailableError(self.host, self.port, cause=cause) from error
-        self.port = next(iter(self._sockets.sockets)).getsockname()[1]
+        cause: OSError | OverflowError | None = None
+        for port in self._ports:
+            try:
+                self._sockets = await self._listen(port)
+            except (OSError, OverflowError) as error:
+                cause = cause or error  # of the port that is wanted
+                if isinstance(error, OverflowError) or not is_taken(error):
+                    break
+                continue
+            self.port = next(iter(self._sockets.sockets)).getsockname()[1]
+            if cause is not None:
+                _log.warning("%s", moved_text("the rosbridge", default=self._ports[0], port=self.port))
+            return
+        text = unavailable_text(cause, self._ports[0]) if isinstance(cause, OSError) else str(cause)
+        raise BridgeUnavailableError(self.host, self._ports[0], cause=text) from cause
+
+    async def _listen(self, port: int) -> Sockets:
+        return await serve(
+            self._handle_connection,
+            self.host,
+            port,
+            process_request=self._process_request,
+            ssl=self._tls,
+            ssl_handshake_timeout=None if self._tls is None else HANDSHAKE.maximum,
+            compression=None,
+            max_size=UNAUTHENTICATED_BYTES.count,
+            ping_interval=self._ping_interval_s,
+            ping_timeout=self._ping_interval_s,
+            close_timeout=2.0,
+            server_header=None,
+            logger=_handshake_log,
+        )
 
     async def _stop(self) -> None:
         if self._sockets is not None:
@@ -429,6 +444,8 @@ class RosbridgeServer:
         """Returns the response to a handshake that is rejected, else None."""
         visitor, now_s = self._gate.visitors.visitor(socket.remote_address), asyncio.get_running_loop().time()
         denial = self._gate.socket_denial(request.path, request.headers, visitor, now_s, token_may_follow=True)
+        if denial is None and self.node.is_starting:
+            denial = Denial(HTTPStatus.SERVICE_UNAVAILABLE, "starting")
         if denial is None and len(self._clients) >= self.node.limits.connections:
             denial = Denial(HTTPStatus.SERVICE_UNAVAILABLE, "too many clients")
         return None if denial is None else socket.respond(denial.status, f"{denial.text}\n")

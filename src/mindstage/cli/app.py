@@ -6,20 +6,21 @@ Modules of the command line import heavy packages inside functions only, so that
 from __future__ import annotations
 
 import gc
+import io
 import os
-import signal
 import sys
 import traceback
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from importlib import import_module
 from keyword import iskeyword
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 
 from mindstage import __version__
 from mindstage.cli.options import ExitCode, VerbCommand, command, discard_output
+from mindstage.cli.termination import exit_if_terminated
 
 __all__ = ["app", "main"]
 
@@ -97,7 +98,9 @@ def main() -> None:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by the shell
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
-    signal.signal(signal.SIGTERM, _on_signal)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # what an encoding cannot represent is no reason to fail
     try:
         verb = sys.argv[1:2]
         _make_app(verb if verb and verb[0] in _MODULES | _ALIASES | _GROUPS else [*_MODULES, *_GROUPS])(
@@ -110,6 +113,7 @@ def main() -> None:
                 print(f"mindstage: error: standard output cannot be written: {error.strerror}", file=sys.stderr)  # noqa: T201
         sys.exit(ExitCode.PIPE_CLOSED if isinstance(error, BrokenPipeError) else ExitCode.ERROR)
     except Exception:
+        exit_if_terminated()
         # A bug. Python's own exit code would be 1, which means "no" here.
         traceback.print_exc()
         print("mindstage: this is a bug in Mindstage, please report it", file=sys.stderr)  # noqa: T201
@@ -117,11 +121,6 @@ def main() -> None:
     finally:
         if "ompl" not in sys.modules:  # its bindings print all that is not collected at exit
             gc.freeze()  # a collection at exit would find nothing either
-
-
-def _on_signal(number: int, _: object) -> NoReturn:
-    """Exits on SIGTERM, so that browsers, engines and servers are closed."""
-    sys.exit(128 + number)
 
 
 def _show_version(wanted: bool) -> None:

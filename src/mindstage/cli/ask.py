@@ -57,6 +57,7 @@ from mindstage.cli.output import (
 )
 from mindstage.cli.setup import knowledge_base, knowledge_with_episodes, make_engine, simulation_from_options
 from mindstage.cli.viewer import show_page
+from mindstage.errors import without_surrogates
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine
@@ -79,8 +80,10 @@ class HighlightRun:
     """None for no highlight."""
     engine: Engine
     """The engine; closed at the end."""
+    has_page: bool
+    """Whether the page is served."""
     port: int | None
-    """The port of the page; None for no page."""
+    """The port of the page; None for the default one."""
     duration_s: float | None
     """Duration of the simulation [s]; None for no limit, or for none without a page."""
     quiet: bool
@@ -114,7 +117,7 @@ class HighlightRun:
                 warn(f"not highlighted: {item.id}: {item.reason}")
             fields: dict[str, object] = {"engine": simulation.engine_name, "spawn": report_json(report)}
             fields |= _highlight_json(result, self.color)
-            if answers and self.port is not None:
+            if answers and self.has_page:
                 announce = partial(self._announce, print_answers, answers, result, fields)
                 show_page(simulation, port=self.port, duration_s=self.duration_s, announce=announce, quiet=self.quiet)
             else:
@@ -417,7 +420,7 @@ def ask(
     map_name: MapName = None,
     engine: EngineName = "mujoco",
     with_viewport: WithViewport = True,
-    port: Port = 8080,
+    port: Port = None,
     seconds: Seconds = None,
     as_json: AsJson = False,
 ) -> ExitCode:
@@ -438,8 +441,8 @@ def ask(
 
     if when or episode or episodes:
         _refuse_highlight(highlight)
-    shown_port = port if with_viewport else None
-    run = _highlight_run(context, highlight, engine, port=shown_port, duration_s=seconds, quiet=as_json)
+    shown = {"has_page": with_viewport, "port": port, "duration_s": seconds, "quiet": as_json}
+    run = _highlight_run(context, highlight, engine, shown)
     with progress_spinner("loading"):
         knowledge = knowledge_with_episodes(
             maps or [],
@@ -462,7 +465,7 @@ def ask(
 
 
 def _highlight_run(
-    context: typer.Context, color: str | None, engine: str, *, port: int | None, duration_s: float | None, quiet: bool
+    context: typer.Context, color: str | None, engine: str, shown: Mapping[str, Any]
 ) -> HighlightRun | None:
     """The simulation in which answers are highlighted; None without `--highlight`.
 
@@ -476,9 +479,7 @@ def _highlight_run(
         return None
     from mindstage.scene.colors import parse_color
 
-    return HighlightRun(
-        color=parse_color(color), engine=make_engine(engine), port=port, duration_s=duration_s, quiet=quiet
-    )
+    return HighlightRun(color=parse_color(color), engine=make_engine(engine), **shown)
 
 
 def _refuse_highlight(highlight: str | None) -> None:
@@ -503,7 +504,7 @@ def _named_episode(files: Sequence[str], folder: Path | None) -> dict[str, str]:
     from mindstage.errors import InvalidArgumentError
 
     if folder is None:
-        return {"episode": Path(files[0]).stem} if len(files) == 1 else {}
+        return {"episode": without_surrogates(Path(files[0]).stem)} if len(files) == 1 else {}
     if len(files) > 1:
         cause = f"{len(files)} names are given with --episodes"
         raise InvalidArgumentError("--episode", cause=cause, remedy="give one name, or none for all episodes")

@@ -27,6 +27,7 @@ import typer
 from typer.core import TyperCommand
 
 from mindstage.cli.output import one_line, print_json
+from mindstage.cli.termination import exit_if_terminated
 from mindstage.errors import AmbiguousMapError, MindstageError, WorldError
 
 if TYPE_CHECKING:
@@ -126,6 +127,8 @@ class ExitCode(IntEnum):
     """Ctrl-C."""
     PIPE_CLOSED = 141
     """The reader of the output closed the pipe."""
+    TERMINATED = 143
+    """SIGTERM."""
 
 
 def exit_code(error: MindstageError) -> ExitCode:
@@ -283,6 +286,7 @@ def discard_output() -> None:
 
 
 def _print_error(error: Exception, message: str, *, as_json: bool) -> None:
+    exit_if_terminated()
     try:
         if as_json:
             print_json({"error": {"kind": getattr(error, "code", type(error).__name__), "message": message}})
@@ -671,8 +675,15 @@ Delta = Annotated[
 ]
 
 Port = Annotated[
-    int,
-    typer.Option("--port", metavar="PORT", min=0, max=65535, help="The port of the page; 0 chooses a free one."),
+    int | None,
+    typer.Option(
+        "--port",
+        metavar="PORT",
+        min=0,
+        max=65535,
+        help="The port of the page; 0 chooses a free one. By default 8080, or the next free one.",
+        show_default=False,
+    ),
 ]
 
 Seconds = Annotated[

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import sys
@@ -12,7 +13,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from itertools import chain, repeat
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
+
+from mindstage.errors import without_surrogates
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -81,12 +84,14 @@ _DEFAULT_WIDTH = 160
 _MAX_FINDINGS = 20
 """Limit of the printed findings; JSON contains all."""
 
+_BEYOND_ASCII = re.compile(r"[^\x00-\x7f]+")
+
 Cell = str | int | float | None
 
 
 def one_line(text: str) -> str:
     """The text with unprintable characters replaced by spaces, since a file may contain terminal escape sequences."""
-    return "".join(letter if letter.isprintable() else " " for letter in text)
+    return "".join(letter if letter.isprintable() else " " for letter in without_surrogates(text))
 
 
 def console(*, stderr: bool = False) -> Console:
@@ -125,11 +130,23 @@ def progress_spinner(text: str) -> Iterator[None]:
 
 
 def print_json(value: object) -> None:
-    """Prints a JSON document on stdout; infinity and NaN become null."""
+    """Prints a JSON document on stdout; infinity and NaN become null.
+
+    Where the output is not in UTF-8, others than ASCII are escaped. What is not UTF-8 in names of files is U+FFFD.
+    """
     import msgspec
 
-    sys.stdout.write(msgspec.json.format(msgspec.json.encode(value), indent=2).decode() + "\n")
+    from mindstage.unicode_json import encode_json
+
+    text = msgspec.json.format(encode_json(value), indent=2).decode()
+    if not _is_unicode(sys.stdout):
+        text = _BEYOND_ASCII.sub(lambda found: json.dumps(found[0])[1:-1], text)
+    sys.stdout.write(text + "\n")
     sys.stdout.flush()
+
+
+def _is_unicode(stream: TextIO) -> bool:
+    return (getattr(stream, "encoding", None) or "").lower().startswith("utf")
 
 
 def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
@@ -161,9 +178,8 @@ def _is_plain(texts: Iterable[str]) -> bool:
     Most commands of scripts print such a table, and importing rich would take a tenth of their time.
     """
     stdout, environment = sys.stdout, os.environ.keys()
-    encoding = getattr(stdout, "encoding", None) or ""
     is_file = not stdout.isatty() and not environment & {"FORCE_COLOR", "TTY_COMPATIBLE"}
-    return is_file and encoding.lower().startswith("utf") and all(text.isascii() and text for text in texts)
+    return is_file and _is_unicode(stdout) and all(text.isascii() and text for text in texts)
 
 
 def _plain_table(columns: Sequence[str], lines: Sequence[Sequence[str]], has_text: Sequence[bool]) -> str:

@@ -80,7 +80,7 @@ def place(
     assets: AssetFolders = None,
     engine: EngineName = "mujoco",
     with_viewport: WithViewport = True,
-    port: Port = 8080,
+    port: Port = None,
     seconds: Seconds = None,
     verbose: Verbose = False,
     as_json: AsJson = False,

@@ -91,7 +91,7 @@ def prolog(
     episodes: EpisodeFolder = None,
     engine: EngineName = "mujoco",
     with_viewport: _WithViewport = False,
-    port: Port = 8080,
+    port: Port = None,
     as_json: _AllAsJson = False,
 ) -> ExitCode:
     """Start SWI-Prolog with each question as a predicate, or run one goal.
@@ -152,7 +152,7 @@ def _print_solutions(goal: str, solutions: Solutions, *, findings: Sequence[Find
     return ExitCode.OK if solutions else ExitCode.NEGATIVE
 
 
-def _open_viewer(simulation: Simulation, closing: ExitStack, *, port: int) -> None:
+def _open_viewer(simulation: Simulation, closing: ExitStack, *, port: int | None) -> None:
     viewer = open_viewer(simulation, port=port)
     closing.callback(viewer.close)
     simulation.play()

@@ -87,7 +87,7 @@ def record(
     ground: Ground = True,
     engine: EngineName = "mujoco",
     with_viewport: ServePage = False,
-    port: Port = 8080,
+    port: Port = None,
     host: PageHost = LOOPBACK,
     token: PageToken = None,
     tls_cert: TlsCertificateFile = None,

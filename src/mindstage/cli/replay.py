@@ -92,7 +92,15 @@ WithRos = Annotated[
     typer.Option("--ros", help="Publish /tf, /clock, joint states and markers over rosbridge, at the speed of replay."),
 ]
 RosPort = Annotated[
-    int, typer.Option("--ros-port", metavar="PORT", min=0, max=65535, help="The port of the rosbridge server.")
+    int | None,
+    typer.Option(
+        "--ros-port",
+        metavar="PORT",
+        min=0,
+        max=65535,
+        help="The port of the rosbridge server; 0 chooses a free one. By default 9090, or the next free one.",
+        show_default=False,
+    ),
 ]
 Namespace = Annotated[str, typer.Option("--namespace", metavar="NAME", help="The namespace of services and topics.")]
 RosOne = Annotated[bool, typer.Option("--ros1", help="Send messages in the format of ROS 1.")]
@@ -110,7 +118,7 @@ def replay(
     paused: Paused = False,
     loop: Repeat = False,
     with_viewport: WithPage = True,
-    port: Port = 8080,
+    port: Port = None,
     host: PageHost = LOOPBACK,
     token: PageToken = None,
     tls_cert: TlsCertificateFile = None,
@@ -118,7 +126,7 @@ def replay(
     limits: VisitorLimitOptions = None,
     open_browser: OpenBrowser = None,
     with_ros: WithRos = False,
-    ros_port: RosPort = 9090,
+    ros_port: RosPort = None,
     namespace: Namespace = "unreal",
     ros1: RosOne = False,
     seconds: Seconds = None,
@@ -247,7 +255,7 @@ def _write(shown: EpisodeReplay, out: Path, *, as_json: bool) -> ExitCode:
 
 
 def _serve_ros(
-    resources: ExitStack, shown: EpisodeReplay, port: int, access: ServerAccess, *, namespace: str, ros1: bool
+    resources: ExitStack, shown: EpisodeReplay, port: int | None, access: ServerAccess, *, namespace: str, ros1: bool
 ) -> str:
     """Serves the replay over rosbridge; returns the URL."""
     from mindstage.access.limits import VisitorLimits

@@ -72,9 +72,14 @@ Maps = Annotated[
     ),
 ]
 BridgePort = Annotated[
-    int,
+    int | None,
     typer.Option(
-        "--port", metavar="PORT", min=0, max=65535, help="The port of the rosbridge server; 0 chooses a free one."
+        "--port",
+        metavar="PORT",
+        min=0,
+        max=65535,
+        help="The port of the rosbridge server; 0 chooses a free one. By default 9090, or the next free one.",
+        show_default=False,
     ),
 ]
 Host = Annotated[
@@ -161,14 +166,24 @@ AddedRobots = Annotated[
 ]
 Paused = Annotated[bool, typer.Option("--paused", help="Start paused.")]
 WithPage = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page too.")]
-PagePort = Annotated[int, typer.Option("--page-port", metavar="PORT", min=0, max=65535, help="The port of the page.")]
+PagePort = Annotated[
+    int | None,
+    typer.Option(
+        "--page-port",
+        metavar="PORT",
+        min=0,
+        max=65535,
+        help="The port of the page; 0 chooses a free one. By default 8080, or the next free one.",
+        show_default=False,
+    ),
+]
 
 
 def serve(
     context: typer.Context,
     maps: Maps = None,
     *,
-    port: BridgePort = 9090,
+    port: BridgePort = None,
     host: Host = LOOPBACK,
     token: Token = None,
     origins: Origins = None,
@@ -189,7 +204,7 @@ def serve(
     engine: EngineName = "mujoco",
     paused: Paused = False,
     with_viewport: WithPage = False,
-    page_port: PagePort = 8080,
+    page_port: PagePort = None,
     seconds: Seconds = None,
     as_json: AsJson = False,
 ) -> ExitCode:
@@ -257,7 +272,7 @@ def _load_knowledge(
         return knowledge, knowledge.world(map_name) if maps else None
 
 
-def _start_server(resources: ExitStack, node: LocalNode, port: int, access: ServerAccess) -> str:
+def _start_server(resources: ExitStack, node: LocalNode, port: int | None, access: ServerAccess) -> str:
     """Opens the port, after the services exist, so that a client never finds one without the other."""
     from mindstage.access.limits import VisitorLimits
     from mindstage.bridge import RosbridgeServer
@@ -269,7 +284,7 @@ def _start_server(resources: ExitStack, node: LocalNode, port: int, access: Serv
     return resources.enter_context(server).url
 
 
-def _serve_page(resources: ExitStack, simulation: Simulation, port: int, access: ServerAccess) -> str:
+def _serve_page(resources: ExitStack, simulation: Simulation, port: int | None, access: ServerAccess) -> str:
     viewer = open_viewer(simulation, port=port, access=access)
     resources.callback(viewer.close)
     return viewer.url

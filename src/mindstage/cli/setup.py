@@ -25,7 +25,7 @@ from mindstage.errors import (
     MindstageError,
     SourceParseError,
 )
-from mindstage.files import cache_dir
+from mindstage.files import atomic_write, cache_dir
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine
@@ -254,7 +254,7 @@ def _as_file(name: str) -> str:
     close_at_end(partial(shutil.rmtree, folder, ignore_errors=True))
     close_at_end(_as_file.cache_clear)
     file = folder / "standard-input"
-    file.write_bytes(content)
+    atomic_write(file, content)
     return str(file)
 
 

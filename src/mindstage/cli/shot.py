@@ -42,6 +42,7 @@ from mindstage.cli.output import (
 )
 from mindstage.cli.setup import exclusive, knowledge_base, make_engine, simulation_from_options
 from mindstage.errors import InvalidArgumentError, NameNotFoundError
+from mindstage.files import atomic_write
 
 if TYPE_CHECKING:
     from mindstage.imagination import PlanFile, Verdict
@@ -298,7 +299,7 @@ def take_picture(
         framed = screenshot if has_camera else replace(screenshot, focus_points=points)
         picture = viewer.screenshot(framed)
     output.parent.mkdir(parents=True, exist_ok=True)
-    output.write_bytes(recode_png(picture, picture_format(output)))
+    atomic_write(output, recode_png(picture, picture_format(output)))
 
 
 def _load_plan(text: str) -> PlanFile:

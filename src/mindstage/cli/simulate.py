@@ -188,7 +188,7 @@ def spawn(
     ground: Ground = True,
     engine: EngineName = "mujoco",
     with_viewport: WithViewport = True,
-    port: Port = 8080,
+    port: Port = None,
     host: PageHost = LOOPBACK,
     token: PageToken = None,
     tls_cert: TlsCertificateFile = None,

@@ -121,7 +121,7 @@ def _visitor_limits(options: Sequence[str]) -> VisitorLimits:
     return limits
 
 
-def open_viewer(simulation: Simulation, *, port: int, access: ServerAccess = LOCAL_ACCESS) -> Viewer:
+def open_viewer(simulation: Simulation, *, port: int | None, access: ServerAccess = LOCAL_ACCESS) -> Viewer:
     """Serves the page; a host that is not local needs a token."""
     from mindstage.api import view
 
@@ -132,7 +132,7 @@ def open_viewer(simulation: Simulation, *, port: int, access: ServerAccess = LOC
 def show_page(
     simulation: Simulation,
     *,
-    port: int,
+    port: int | None,
     duration_s: float | None,
     announce: Callable[[str], None],
     quiet: bool = False,
@@ -143,7 +143,7 @@ def show_page(
 
     Args:
         simulation: the simulation.
-        port: the port; if it is in use, the next free one.
+        port: the port; None is the default one, or the next free one.
         duration_s: wall time [s]; None for no limit.
         announce: called with the URL when the page is served.
         quiet: whether to print nothing.
@@ -165,7 +165,7 @@ def print_and_serve(
     simulation: Simulation,
     summary: Mapping[str, object],
     *,
-    port: int,
+    port: int | None,
     access: ServerAccess = LOCAL_ACCESS,
     duration_s: float | None,
     as_json: bool,
@@ -219,7 +219,7 @@ def demo(
     name: Annotated[str, typer.Argument(hidden=True, show_default=False)] = BUNDLED,
     *,
     engine: EngineName = "mujoco",
-    port: Port = 8080,
+    port: Port = None,
     host: PageHost = LOOPBACK,
     token: PageToken = None,
     tls_cert: TlsCertificateFile = None,

@@ -106,6 +106,14 @@ class ActuatorSet:
             del self.actuators[name], self.axes[name]
             self.commands.pop(name, None)
 
+    def restore(self, before: ActuatorSet, ids: Collection[BodyId], joints: Collection[BodyId]) -> None:
+        """Adds the earlier actuators of joints that were removed, and bodies without weight."""
+        names = {name for name, each in before.actuators.items() if each.joint in joints} - self.actuators.keys()
+        self.axes |= {name: axis for name, axis in before.axes.items() if name in names}
+        self.commands |= {name: command for name, command in before.commands.items() if name in names}
+        self.actuators |= {name: each for name, each in before.actuators.items() if name in names}
+        self.weightless |= before.weightless.intersection(ids)
+
     @property
     def driven_joints(self) -> frozenset[BodyId]:
         """The joints that have actuators."""

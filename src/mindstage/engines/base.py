@@ -28,6 +28,7 @@ __all__ = [
     "Actuator",
     "ActuatorMode",
     "ActuatorState",
+    "BodySavingEngine",
     "Capability",
     "Contact",
     "DynamicsScale",
@@ -38,6 +39,7 @@ __all__ = [
     "PoseArray",
     "RebuildTime",
     "RebuildingEngine",
+    "SavedBodies",
     "SavedState",
     "SpawnFailure",
     "SpawnNote",
@@ -51,6 +53,10 @@ PoseArray = NDArray[np.float64]
 
 SavedState = NewType("SavedState", object)
 """The opaque result of `save_state`; only the engine that made it can restore it."""
+
+
+SavedBodies = NewType("SavedBodies", object)
+"""The opaque result of `save_bodies`; only the engine that made it can restore it."""
 
 
 class Capability(StrEnum):
@@ -70,6 +76,8 @@ class Capability(StrEnum):
     """`stats`."""
     ACTUATORS = "actuators"
     """`set_actuators`, `set_commands` and `actuator_states`."""
+    SAVE_BODIES = "save bodies"
+    """The methods of `BodySavingEngine`."""
 
 
 class ActuatorMode(StrEnum):
@@ -445,7 +453,10 @@ class Engine(Protocol):
         """Current activity; cheap enough to call after every step (capability STATISTICS)."""
 
     def snapshot(self) -> World:
-        """The current world. Bodies that have not moved are returned exactly as they were spawned."""
+        """The current world. Bodies that have not moved are returned exactly as they were spawned.
+
+        A joint is at its place on the body that holds it, and moves with that one.
+        """
 
     def save_state(self) -> SavedState:
         """Saves the complete state, including which bodies exist (capability SAVE)."""
@@ -508,6 +519,38 @@ class Engine(Protocol):
 
     def close(self) -> None:
         """Closes the engine; closing it again has no effect."""
+
+
+class BodySavingEngine(Engine, Protocol):
+    """An engine that restores deleted bodies exactly (capability SAVE_BODIES), while others stay where they are."""
+
+    def save_bodies(self) -> SavedBodies:
+        """Saves how all bodies are simulated, without their velocities; quick, and small."""
+
+    def restore_pose(self, id: BodyId, pose: Pose) -> None:
+        """Sets a pose that a body had: unlike `set_pose`, also where physics had pushed it beyond a limit of its joint.
+
+        Raises:
+            BodyNotFoundError: there is no such body.
+            PoseUnreachableError: the joint does not allow the pose, nor one near it.
+        """
+
+    def restore_bodies(
+        self, saved: SavedBodies, poses: Mapping[BodyId, PoseArray], *, displaced: Mapping[BodyId, PoseArray]
+    ) -> None:
+        """Adds bodies again that were deleted since, at rest.
+
+        They have their joints and attachments to bodies that exist, at any position of the joints, their actuators with
+        commands, and collide with what they collided with: nothing is decided anew, as a spawn does.
+
+        Args:
+            saved: the result of `save_bodies`.
+            poses: the bodies to restore, and their poses: seven numbers, with unit quaternions.
+            displaced: poses to which bodies that exist are moved first, with all that is connected to them.
+
+        Raises:
+            BodyExistsError: an id is in use; nothing changes then.
+        """
 
 
 @runtime_checkable

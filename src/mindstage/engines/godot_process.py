@@ -25,7 +25,7 @@ from typing import IO, NamedTuple
 from weakref import finalize
 
 from mindstage.errors import EngineUnavailableError
-from mindstage.files import cache_dir
+from mindstage.files import cache_dir, home_folder
 
 __all__ = [
     "MIN_VERSION",
@@ -85,13 +85,9 @@ def find_godot(program_name: str | Path | None = None) -> GodotExecutable:
 def _candidates() -> Iterator[Path]:
     checkout = Path(__file__).resolve().parents[3]
     on_path = (found for name in _PROGRAM_NAMES if (found := shutil.which(name)))
-    home = Path.home()
-    locations = (
-        home / ".local/bin/godot",
-        home / "Applications/Godot.app/Contents/MacOS/Godot",
-        checkout / _INSTALLED_PATH,
-    )
-    for path in map(str, (*on_path, *_COMMON_PATHS.get(sys.platform, ()), *locations)):
+    home = home_folder()
+    at_home = () if home is None else (home / ".local/bin/godot", home / "Applications/Godot.app/Contents/MacOS/Godot")
+    for path in map(str, (*on_path, *_COMMON_PATHS.get(sys.platform, ()), *at_home, checkout / _INSTALLED_PATH)):
         if shutil.which(path):
             yield Path(path)
 

@@ -143,7 +143,7 @@ class NullEngine:
         return EngineStats(movable=0, awake=0, contacts=0)
 
     def snapshot(self) -> World:
-        return self._require_open()._registry.to_world()
+        return self._require_open()._registry.to_world(joint_frames=self._joint_frames)
 
     def save_state(self) -> SavedState:
         return SavedState(_NullState(self._require_open()._registry.copy(), dict(self._joint_frames), self._time_s))

@@ -14,7 +14,7 @@ from typing import Any
 
 from mindstage.episodes.recording import EpisodeEvent, Recording
 from mindstage.episodes.transform_recording import TransformLog, TransformRecording, listed
-from mindstage.errors import EpisodeFileError
+from mindstage.errors import EpisodeFileError, without_surrogates
 from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap, World
 from mindstage.scene.display import counted
 
@@ -57,7 +57,7 @@ class RosBag(TransformRecording):
         super().__init__(
             _read_log(self.path),
             world,
-            name=self.path.stem,
+            name=without_surrogates(self.path.stem),
             bodies=bodies,
             map_frame=map_frame,
             relative=relative,

@@ -32,7 +32,7 @@ from mindstage.episodes.messages import ChunkHead, EpisodeDecoder, EpisodeTopic,
 from mindstage.episodes.recorder import EpisodeHeader
 from mindstage.episodes.recording import DriveState, EpisodeEdit, EpisodeEvent, EpisodeFrame
 from mindstage.episodes.structure import WorldStructure
-from mindstage.errors import EpisodeFileError, EpisodeTimeError
+from mindstage.errors import EpisodeFileError, EpisodeTimeError, without_surrogates
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.questions import WorldState
 from mindstage.scene import NO_GEOMETRY, BodyGeometry, BodyId, GeometryMap, World
@@ -198,7 +198,7 @@ class Episode:
     @property
     def name(self) -> str:
         """The name of the file without its suffix."""
-        return self.path.stem
+        return without_surrogates(self.path.stem)
 
     @property
     def begin_s(self) -> float:

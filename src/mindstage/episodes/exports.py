@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mindstage.engines.kinematic_tree import AXIS_NAMES
 from mindstage.episodes.recording import EpisodeEvent, EpisodeEventKind, EpisodeFrame, Recording
 from mindstage.errors import EpisodeError, EpisodeFileError
-from mindstage.files import atomic_write
+from mindstage.files import atomic_file, atomic_folder, atomic_write
 from mindstage.scene import BodyId, World
 from mindstage.scene.kinematics import joint_reach
 from mindstage.scene.transforms import Array, normalize
@@ -166,11 +166,14 @@ def write_lerobot(
     }
     documents = {"info": info, "stats": {key: _statistics(values) for key, values in data.items()}}
     try:
-        for name, table in tables.items():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            parquet.write_table(table, folder / name)
-        for name, content in documents.items():
-            (folder / "meta" / f"{name}.json").write_text(json.dumps(content, indent=4, ensure_ascii=False), "utf-8")
+        with atomic_folder(folder) as part:
+            for name, table in tables.items():
+                (part / name).parent.mkdir(parents=True, exist_ok=True)
+                with (part / name).open("wb") as file:
+                    parquet.write_table(table, file)
+            for name, content in documents.items():
+                text = json.dumps(content, indent=4, ensure_ascii=False)
+                atomic_write(part / "meta" / f"{name}.json", text.encode())
     except OSError as error:
         raise EpisodeFileError(str(folder), cause=error.strerror or str(error)) from error
 
@@ -346,13 +349,16 @@ def write_rrd(recording: Recording, path: str | PathLike[str]) -> None:
         ) from error
     stream = rerun.RecordingStream("mindstage", recording_id=recording.name or None)
     try:
-        stream.save(str(path))
-        _log(rerun, stream, recording)
-        stream.flush()
+        with atomic_file(Path(path)) as part:
+            try:
+                stream.save(str(part))
+                _log(rerun, stream, recording)
+                stream.flush()
+            finally:
+                stream.disconnect()
     except (OSError, RuntimeError) as error:
-        raise EpisodeFileError(str(path), cause=f"rerun cannot write it: {error}") from error
-    finally:
-        stream.disconnect()
+        cause = getattr(error, "strerror", None) or f"rerun cannot write it: {error}"
+        raise EpisodeFileError(str(path), cause=cause) from error
 
 
 def _log(rerun: Any, stream: Any, recording: Recording) -> None:

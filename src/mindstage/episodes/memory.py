@@ -16,11 +16,18 @@ from contextlib import suppress
 from pathlib import Path
 from threading import RLock
 from typing import Any, NamedTuple, Self, cast
+from urllib.parse import quote, unquote_to_bytes
 
 import msgspec
 
 from mindstage.episodes.history import EpisodeHistory, open_episode
-from mindstage.errors import EpisodeError, EpisodeFileError, InvalidArgumentError, MindstageError
+from mindstage.errors import (
+    EpisodeError,
+    EpisodeFileError,
+    InvalidArgumentError,
+    MindstageError,
+    without_surrogates,
+)
 from mindstage.knowledge.history import EventFilter, PastEvent, WorldState
 from mindstage.scene import Body, Iri
 from mindstage.scene.display import counted
@@ -184,7 +191,9 @@ class EpisodeMemory:
         return done
 
     def _name(self, path: Path) -> str:
-        return path.relative_to(self.folder).with_suffix("").as_posix()
+        """The name of an episode; one that is not UTF-8 is percent-encoded."""
+        name = path.relative_to(self.folder).with_suffix("").as_posix()
+        return name if name == without_surrogates(name) else quote(os.fsencode(name))
 
     def _index(self, name: str, path: Path, stamp: tuple[int, int], digest: bytes) -> None:
         self._drop(name)
@@ -227,7 +236,8 @@ class EpisodeMemory:
 
     def path(self, name: str) -> Path:
         """The file of an episode."""
-        return self.folder / f"{name}.mcap"
+        path = self.folder / f"{name}.mcap"
+        return path if path.exists() else self.folder / os.fsdecode(unquote_to_bytes(f"{name}.mcap"))
 
     def _rows(self, sql: str, values: Sequence[object] = ()) -> list[tuple[Any, ...]]:
         with self._lock:

@@ -28,8 +28,8 @@ from numpy.typing import ArrayLike
 
 from mindstage.episodes.recording import EpisodeEvent, EpisodeEventKind, Recording
 from mindstage.episodes.transform_recording import TransformLog, TransformRecording, listed
-from mindstage.errors import EpisodeFileError, KnowledgeError
-from mindstage.files import atomic_write
+from mindstage.errors import EpisodeFileError, KnowledgeError, MapWriteError, without_surrogates
+from mindstage.files import atomic_folder, atomic_write
 from mindstage.knowledge.event_graph import CONCEPT_ROLES, EVENT_PATTERNS
 from mindstage.knowledge.io.files import read_statements
 from mindstage.knowledge.io.write import save_map, save_statements
@@ -102,14 +102,16 @@ def write_neem(recording: Recording, path: str | PathLike[str]) -> tuple[str, ..
     world, losses = _environment(recording)
     first_ns = _unix_ns(recording, recording.begin_s)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        save_map(world, folder / "map.owl")
-        documents = b"".join(msgspec.json.encode(each) + b"\n" for each in _documents(recording, world))
-        atomic_write(folder / "tf.json", documents)
-        narrative = _Narrative(recording, world, first_ns)
-        save_statements(folder / "ontology.ttl", narrative.ontology, narrative.sections())
+        with atomic_folder(folder) as part:
+            save_map(world, part / "map.owl")
+            documents = b"".join(msgspec.json.encode(each) + b"\n" for each in _documents(recording, world))
+            atomic_write(part / "tf.json", documents)
+            narrative = _Narrative(recording, world, first_ns)
+            save_statements(part / "ontology.ttl", narrative.ontology, narrative.sections())
     except OSError as error:
         raise EpisodeFileError(str(folder), cause=error.strerror or str(error)) from error
+    except MapWriteError as error:
+        raise MapWriteError(str(folder / Path(error.subject).name), cause=error.cause, remedy=error.remedy) from error
     return losses
 
 
@@ -348,7 +350,7 @@ def read_neem(
     return Neem(
         log,
         world,
-        name=folder.stem,
+        name=without_surrogates(folder.stem),
         bodies=bodies,
         map_frame=map_frame,
         rate_hz=None,

@@ -41,6 +41,7 @@ from mindstage.errors import (
     InvalidArgumentError,
     UnsupportedByEngineError,
 )
+from mindstage.files import atomic_write
 from mindstage.knowledge import KnowledgeBase, write_map
 from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, Vector, World
 from mindstage.simulation.imagined import copied_engine
@@ -285,7 +286,7 @@ def knowledge_of(recording: Recording, *, worlds_only: bool = False) -> Knowledg
     with TemporaryDirectory(prefix="mindstage-") as folder:
         for number, world in enumerate(recording.spawned):
             path = Path(folder, f"recorded-{number}.owl")
-            path.write_text(write_map(world), encoding="utf-8")
+            atomic_write(path, write_map(world).encode())
             knowledge.load(path)
     return knowledge
 

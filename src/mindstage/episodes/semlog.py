@@ -20,7 +20,7 @@ import msgspec
 
 from mindstage.episodes.recording import EpisodeEvent, EpisodeEventKind, Recording
 from mindstage.episodes.transform_recording import listed
-from mindstage.errors import EpisodeFileError, KnowledgeError
+from mindstage.errors import EpisodeFileError, KnowledgeError, without_surrogates
 from mindstage.knowledge.io.files import read_statements
 from mindstage.knowledge.io.write import save_statements
 from mindstage.knowledge.rdf import Graph, local_name
@@ -258,7 +258,7 @@ class _Reader:
                 self._path, cause="it has no experiment and no event of SemLog", remedy="give a file NAME_ED.owl"
             )
         times = [time for event in events for time in (event.begin_s, event.end_s) if time is not None]
-        name = Path(self._path).stem
+        name = without_surrogates(Path(self._path).stem)
         begin_s, end_s = min(times, default=0.0), max(times, default=0.0)
         for experiment in experiments[:1]:
             texts = [value.text for value in self._values(experiment, _EXPERIMENT) if isinstance(value, Literal)]

@@ -11,7 +11,6 @@ import os
 import pickle
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from itertools import islice
 from pathlib import Path
@@ -19,6 +18,7 @@ from typing import Any
 from uuid import uuid4
 
 from mindstage.errors import ImaginationError
+from mindstage.files import home_folder
 from mindstage.imagination.execution import never
 from mindstage.imagination.executors import Job, SampleRunner, lost_sample
 from mindstage.imagination.results import SampleResult
@@ -51,9 +51,8 @@ def _has_token() -> bool:
     """Whether there is a token for clusters that demand one, where Ray looks for it."""
     if os.environ.get("RAY_AUTH_TOKEN") or os.environ.get("RAY_AUTH_TOKEN_PATH"):
         return True
-    with suppress(RuntimeError):  # there is no home directory
-        return (Path.home() / ".ray" / "auth_token").is_file()
-    return False
+    home = home_folder()
+    return home is not None and (home / ".ray" / "auth_token").is_file()
 
 
 class RayExecutor:

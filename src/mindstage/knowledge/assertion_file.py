@@ -90,6 +90,7 @@ class AssertionFile:
             InvalidArgumentError: the three do not form a statement, or the file was not created here.
             OSError: the file cannot be written.
         """
+        self.path.stat()  # the lock would create it
         with file_lock(self.path):
             text = self.path.read_text(encoding="utf-8")
             if not text.startswith(_FIRST_LINE):

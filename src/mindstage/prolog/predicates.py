@@ -13,12 +13,14 @@ import tempfile
 import traceback
 from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Sequence
 from enum import Enum
+from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from mindstage.engines import SpawnReport
 from mindstage.errors import InvalidArgumentError, MindstageError, NameNotFoundError
+from mindstage.files import atomic_write
 from mindstage.knowledge import KnowledgeBase, RdfTerm
 from mindstage.knowledge.assertion_file import RUNTIME_GRAPH_IRI, Triple, TripleStoreView
 from mindstage.knowledge.change_feed import ChangeFeed, StoreCopy
@@ -432,8 +434,8 @@ class RdfPredicates:
                 return Atom("remote")
             case StoreCopy(name, quads):
                 handle, path = tempfile.mkstemp(prefix="mindstage-", suffix=".nq")
-                with os.fdopen(handle, "wb") as file:
-                    file.write(quads)
+                os.close(handle)
+                atomic_write(Path(path), quads)
                 return Compound("copy", (Atom(name), Atom(path)))
             case changes:
                 return Compound(

@@ -25,7 +25,7 @@ from typing import Any, Final
 import msgspec
 
 from mindstage.access.limits import TERM_DEPTH
-from mindstage.errors import PrologUnavailableError
+from mindstage.errors import PrologUnavailableError, without_surrogates
 
 __all__ = [
     "FREE",
@@ -58,7 +58,11 @@ class SwiProlog:
             ImportError: pyswip is not installed.
             Exception: pyswip does not find SWI-Prolog, or no version that it supports.
         """
-        core: Any = import_module("pyswip.core")
+        given, sys.argv = sys.argv, [without_surrogates(each) for each in sys.argv]  # pyswip encodes them
+        try:
+            core: Any = import_module("pyswip.core")
+        finally:
+            sys.argv = given
         self._native = ctypes.CDLL(core._path)
         self._callbacks: list[object] = []
         atexit.unregister(core.cleanupProlog)

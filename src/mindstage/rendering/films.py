@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
+from contextlib import ExitStack, nullcontext, suppress
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Protocol, Self
+from types import TracebackType
+from typing import Any, BinaryIO, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.errors import InvalidArgumentError, RendererUnavailableError
+from mindstage.files import atomic_file
 
 __all__ = ["FILM_SUFFIXES", "FilmWriter"]
 
@@ -47,16 +48,11 @@ class FilmWriter:
             raise InvalidArgumentError(
                 "size", cause=f"MP4 needs even numbers, not {size[0]}x{size[1]}", remedy="give 1280x800"
             )
-        self._path = path
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=suffix, dir=path.parent)
-        os.close(handle)
-        self._temporary = Path(name)
-        try:
-            made: _Encoder = _Mp4(name, size, frame_rate_hz) if suffix == ".mp4" else _WebP(name, frame_rate_hz)
-        except BaseException:
-            self._temporary.unlink(missing_ok=True)
-            raise
+        with ExitStack() as files:
+            file = files.enter_context(files.enter_context(atomic_file(path)).open("w+b"))
+            made: _Encoder = _Mp4(file, size, frame_rate_hz) if suffix == ".mp4" else _WebP(file, frame_rate_hz)
+            self._files = files.pop_all()
         self._encoder = made
 
     def add(self, pixels: NDArray[np.uint8]) -> None:
@@ -66,14 +62,17 @@ class FilmWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: object, *_: object) -> None:
-        try:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:
+            with self._files:
+                self._encoder.close()
+            return
+        with suppress(Exception):  # the first error is the relevant one
             self._encoder.close()
-            if kind is None:
-                self._temporary.chmod(0o644)
-                self._temporary.replace(self._path)
-        finally:
-            self._temporary.unlink(missing_ok=True)
+        with nullcontext() if isinstance(error, OSError) else suppress(OSError):
+            self._files.__exit__(kind, error, trace)
 
 
 class _Encoder(Protocol):
@@ -82,7 +81,7 @@ class _Encoder(Protocol):
 
 
 class _Mp4:
-    def __init__(self, path: str, size: tuple[int, int], frame_rate_hz: float) -> None:
+    def __init__(self, file: BinaryIO, size: tuple[int, int], frame_rate_hz: float) -> None:
         try:
             import av
         except ImportError as error:
@@ -93,7 +92,7 @@ class _Mp4:
             cause = f"it has none of the encoders {', '.join(_CODECS)}"
             raise RendererUnavailableError("av", cause=cause, remedy="write .webp")
         self._av: Any = av
-        self._container: Any = self._av.open(path, "w")
+        self._container: Any = self._av.open(file, "w", format="mp4")
         options = {"crf": _QUALITY} if codec == "libx264" else {}
         rate = Fraction(frame_rate_hz).limit_denominator(1001)
         self._stream: Any = self._container.add_stream(codec, rate=rate, options=options)
@@ -110,8 +109,8 @@ class _Mp4:
 
 
 class _WebP:
-    def __init__(self, path: str, frame_rate_hz: float) -> None:
-        self._path, self._duration_ms = path, round(1000 / frame_rate_hz)
+    def __init__(self, file: BinaryIO, frame_rate_hz: float) -> None:
+        self._file, self._duration_ms = file, round(1000 / frame_rate_hz)
         self._frames: list[Any] = []
 
     def add(self, pixels: NDArray[np.uint8]) -> None:
@@ -123,7 +122,7 @@ class _WebP:
         if self._frames:
             first, *others = self._frames
             first.save(
-                self._path,
+                self._file,
                 "WEBP",
                 save_all=True,
                 append_images=others,

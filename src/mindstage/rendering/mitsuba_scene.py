@@ -18,6 +18,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from mindstage.files import atomic_write
 from mindstage.rendering.appearance import HIGHLIGHT_OPACITY, Paint, dimmed
 from mindstage.rendering.camera import CameraPose, find_occluders
 from mindstage.rendering.render_scene import RenderItem, RenderLight, RenderScene
@@ -500,7 +501,7 @@ def _write_ply(path: Path, members: Sequence[tuple[VisualMesh, RenderItem]], *, 
         f"ply\nformat binary_little_endian 1.0\nelement vertex {start}\n{properties}"
         f"element face {len(joined)}\nproperty list uchar int vertex_indices\n{colors}end_header\n"
     )
-    path.write_bytes(header.encode() + np.concatenate(vertices).tobytes() + table.tobytes())
+    atomic_write(path, header.encode() + np.concatenate(vertices).tobytes() + table.tobytes())
 
 
 def _encoded(normals: Array) -> Array:

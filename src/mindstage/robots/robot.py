@@ -14,6 +14,7 @@ import time
 import uuid
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import count
 from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -637,17 +638,19 @@ def place_robot(
     )
     taken = set(names)
     if not name:
-        numbers = (model.name if number == 1 else f"{model.name}_{number}" for number in range(1, len(taken) + 2))
-        name = next(each for each in numbers if each not in taken)
+        numbers = (model.name if number == 1 else f"{model.name}_{number}" for number in count(1))
+        prefixes = {id.partition(".")[0] for id in session.state.ids if "." in id}
+        name = next(each for each in numbers if each not in taken | prefixes)
     elif name in taken:
         raise RobotModelError(model.source or model.name, cause=f"a robot {name!r} exists", remedy="give another name")
     world_ids = {joint.id for world in session.worlds for joint in world.joints}
     placed = robot_world(model, pose, name=name, taken={*session.state.ids, *world_ids})
     pairs = contact_free_pairs(model, placed)
+    existing = set(session.state.ids)
     report = session.spawn(placed.world, geometry=placed.geometry, excluded_pairs=pairs)
     if not report.ok:
         failures = (*report.failed_bodies, *report.failed_joints, *report.failed_attachments)
-        spawned = set(placed.link_ids.values()) & set(session.state.ids)
+        spawned = {body.id for body in placed.world.bodies} & set(session.state.ids) - existing
         session.run_on_engine(lambda engine: engine.delete(spawned), label="delete", edits=True)
         first = failures[0]
         raise RobotModelError(

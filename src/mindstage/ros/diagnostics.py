@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future
 from typing import Any, Generic, TypeVar
 
+from mindstage.access.resources import without_paths
 from mindstage.bridge import LocalNode, Node, Refusal
 from mindstage.bridge.conversions import ConversionNote
 from mindstage.engines import SpawnReport
@@ -193,7 +194,7 @@ def _status(
     return diagnostic_msgs.DiagnosticStatus(
         level=level,
         name=f"mindstage: {name}",
-        message=text,
+        message=without_paths(text),
         hardware_id=id,
         values=tuple(diagnostic_msgs.KeyValue(key=key, value=value) for key, value in key_values.items()),
     )

@@ -10,6 +10,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -205,9 +206,10 @@ class RosInterface:
         self._descriptions: DescriptionPublisher | None = None
         self._robots: RobotInterfaces | None = None
         try:
-            self._open()
-            self._robots = RobotInterfaces(self._endpoints, state_reader, self.parameters, self._skills)
-            self._start_publishers(rates or PublishRates())
+            with node.starting() if isinstance(node, LocalNode) else nullcontext():
+                self._open()
+                self._robots = RobotInterfaces(self._endpoints, state_reader, self.parameters, self._skills)
+                self._start_publishers(rates or PublishRates())
         except BaseException:
             self.close()
             raise

@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 
 from mindstage.access.limits import NAMES_TIME
 from mindstage.access.policies import Policy
-from mindstage.access.resources import without_paths
+from mindstage.access.resources import values_without_paths, without_paths
 from mindstage.bridge import GoalResult, GoalStatus, Refusal, RosbridgeClient, ServerGoalHandle
 from mindstage.bridge.conversions import error_text, error_to_message
 from mindstage.errors import (
@@ -123,7 +123,8 @@ def service_handler(
             try:
                 response = get_response()
             except (MindstageError, ResultError) as error:
-                response = failure_to_response(error, request)
+                failure = encode(failure_to_response(error, request), ros=ros)
+                return values_without_paths(failure, given=repr(request))
             if isinstance(response, Future):
                 return mapped(response, lambda done: encoded(done.result))
             return encode(response, ros=ros)
@@ -175,8 +176,10 @@ def batch_handler(
 
     def encode_result(result: Any, request: object) -> object:
         try:
-            response = failure_to_response(result, request) if isinstance(result, Exception) else result
-            return encode(response, ros=ros)
+            if isinstance(result, Exception):
+                failure = encode(failure_to_response(result, request), ros=ros)
+                return values_without_paths(failure, given=repr(request))
+            return encode(result, ros=ros)
         except Exception as error:
             return error
 
@@ -499,14 +502,17 @@ def action_handler(
             return EndedGoal(GoalStatus.CANCELED, encode(result, ros=ros), text=canceled.reason)
         except GoalAbortedError as ended:
             diagnostics.report_failures(name, [("", str(ended))])
-            values = encode(ended.result, ros=ros)
-            return EndedGoal(GoalStatus.ABORTED, values, text=str(ended), rejected=ended.rejected)
+            values = values_without_paths(encode(ended.result, ros=ros), given=repr(request))
+            text = without_paths(str(ended), given=repr(request))
+            return EndedGoal(GoalStatus.ABORTED, values, text=text, rejected=ended.rejected)
         except ResultError as error:
             diagnostics.report_failures(name, [("", str(error))])
-            return goal.aborted(encode(spec.type.Result(result=error.result), ros=ros))
+            failure = encode(spec.type.Result(result=error.result), ros=ros)
+            return goal.aborted(values_without_paths(failure, given=repr(request)))
         except WorldError as error:
             diagnostics.report_refusal(name, error)
-            return goal.aborted(encode(refusal_response(spec.type.Result, error), ros=ros))
+            failure = encode(refusal_response(spec.type.Result, error), ros=ros)
+            return goal.aborted(values_without_paths(failure, given=repr(request)))
         except EngineError as error:
             diagnostics.report_error(name, error)
             raise MindstageError(without_paths(error_text(error))) from error

@@ -45,6 +45,7 @@ from mindstage.errors import (
     SourceParseError,
     XacroRefusedError,
 )
+from mindstage.files import atomic_write
 from mindstage.knowledge import KnowledgeBase, UnitConventions
 from mindstage.knowledge.rdf import local_name
 from mindstage.msgs import builtin_interfaces, geometry_msgs, modul_spawner_msgs, std_msgs
@@ -173,7 +174,7 @@ class ResourceLoader:
             raise ResourceError(ResourceErrorType.NOT_GIVEN, "neither a URI nor a text is given")
         with TemporaryDirectory(prefix="mindstage-") as folder:
             path = Path(folder, f"resource{_guess_suffix(text)}")
-            path.write_text(text, encoding="utf-8")
+            atomic_write(path, text.encode())
             # An import of an ontology that is loaded is accepted; without one, no ontologies have to be loaded again.
             knowledge = self.knowledge.ontologies_only() if "imports" in text else KnowledgeBase()
             return self._read_file(path, conventions, knowledge, untrusted=True)

@@ -337,7 +337,9 @@ class EditHandler:
         pull = joint.pull_target(request.axis, request.value, poses)
         self._simulation.pull(pull.id, point=pull.point, target=pull.target)
         if request.done:
-            self._simulation.undo_stack.record(MoveBody(joint.moving_body, start_pose, f"pose of {joint.moving_body}"))
+            self._simulation.undo_stack.record(
+                MoveBody(joint.moving_body, start_pose, f"pose of {joint.moving_body}", {})
+            )
         return MoveJointReply(request.value)
 
     def _release(self, session: ClientSession) -> None:

@@ -22,6 +22,7 @@ from msgspec import Meta
 
 from mindstage.access.limits import TRAIL_GHOSTS, TRAIL_POINTS
 from mindstage.access.policies import EDIT, FILE, READ
+from mindstage.access.resources import without_paths
 from mindstage.episodes.recording import EpisodeEvent, EpisodeEventKind, EpisodeFrame, Recording
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, MindstageError
@@ -344,10 +345,10 @@ class TimelineHandler:
         try:
             return recording.events(), ""
         except MindstageError as error:
-            return (), str(error)
+            return (), without_paths(str(error))
         except Exception as error:
             _log.exception("the events of %s could not be found", recording.name)
-            return (), f"{type(error).__name__}: {error}; this is a defect of Mindstage"
+            return (), without_paths(f"{type(error).__name__}: {error}; this is a defect of Mindstage")
 
     def _publish_recording(self, found: Sequence[tuple[tuple[EpisodeEvent, ...], str]] | None) -> None:
         """Publishes the recordings; without events, they are still being looked for."""

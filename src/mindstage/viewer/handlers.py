@@ -20,7 +20,7 @@ import viser
 
 from mindstage.access.limits import MAP_CHARACTERS, NEW_BODY_TIME, STORAGE_PLACES
 from mindstage.access.policies import EDIT, FILE, READ, RUN
-from mindstage.access.resources import require_granted
+from mindstage.access.resources import require_granted, without_paths
 from mindstage.errors import (
     BodyNotFoundError,
     InvalidArgumentError,
@@ -28,6 +28,7 @@ from mindstage.errors import (
     MindstageError,
     SourceParseError,
 )
+from mindstage.files import atomic_write
 from mindstage.knowledge import KnowledgeBase, MapDialect, MapFormat, SourceMapView, UnitConventions, write_map
 from mindstage.rendering.screenshot import LabelMode
 from mindstage.scene import Body, BodyId, Iri, Joint, Pose, Vector, World
@@ -139,7 +140,7 @@ class FileHandler:
         weakref.finalize(knowledge, folder.cleanup)
         try:
             path = Path(folder.name, f"{_safe_filename(Path(request.name).stem) or 'map'}{suffix}")
-            path.write_text(request.text, encoding="utf-8")
+            atomic_write(path, request.text.encode())
             try:
                 knowledge.load(path, conventions=request.conventions, xacro=False, untrusted=True)
             except SourceParseError as error:  # without the path on this machine
@@ -338,7 +339,7 @@ def _clock_message(snapshot: StateSnapshot) -> ClockMessage:
         speed=snapshot.speed,
         real_time_factor=round(snapshot.real_time_factor, 2),
         bodies=len(snapshot.ids),
-        fault=snapshot.error,
+        fault=without_paths(snapshot.error),
         expected_rebuild_s=round(snapshot.expected_rebuild_s, 2),
     )
 
@@ -589,7 +590,7 @@ class Handlers:
     def toast(self, view: int, text: str, *, kind: str = "error") -> None:
         """Shows a message to the client of a view."""
         if (session := self.session_of_view(view)) is not None:
-            session.send_event("toast", {"text": text, "kind": kind})
+            session.send_event("toast", {"text": without_paths(text), "kind": kind})
 
     # -- for the drawing thread ----------------------------------------------------------------------------------------
 
@@ -612,4 +613,4 @@ class Handlers:
 
     def show_error(self, text: str) -> None:
         """Publishes an error of the viewer; an empty text clears it."""
-        self._channel.publish("viewer_error", text)
+        self._channel.publish("viewer_error", without_paths(text))

@@ -17,7 +17,7 @@ import viser
 
 from mindstage.access.limits import PUBLISH_RATE, SPEED
 from mindstage.episodes.recording import EpisodeEventKind, EpisodeFrame, Recording
-from mindstage.errors import EpisodeFileError, InvalidArgumentError
+from mindstage.errors import EpisodeFileError, InvalidArgumentError, without_surrogates
 from mindstage.files import atomic_write
 from mindstage.knowledge.knowledge_base import KnowledgeBase
 from mindstage.rendering.appearance import BodyAppearance, compute_appearance
@@ -65,7 +65,9 @@ def write_html(
     """
     # Nobody connects: the server exists because viser's scenes belong to one. A token that is never shown keeps others
     # from seeing the scene meanwhile.
-    server = serve("127.0.0.1", 0, title=recording.name, channel=RpcChannel(), token=secrets.token_urlsafe(32))
+    server = serve(
+        "127.0.0.1", 0, title=without_surrogates(recording.name), channel=RpcChannel(), token=secrets.token_urlsafe(32)
+    )
     try:
         page, frames, duration_s = _record(server, recording, knowledge or KnowledgeBase(), rate_hz, speed, camera)
     finally:

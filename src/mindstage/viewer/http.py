@@ -26,6 +26,7 @@ from mindstage.textures.images import TextureMap, texture_jpeg
 
 __all__ = [
     "CHANNEL",
+    "STARTING",
     "HttpResponse",
     "RequestFilter",
     "StaticFile",
@@ -92,6 +93,14 @@ class HttpResponse(msgspec.Struct, frozen=True):
     status: HTTPStatus
     body: bytes
     headers: Mapping[str, str]
+
+
+STARTING = HttpResponse(
+    HTTPStatus.SERVICE_UNAVAILABLE,
+    b"starting\n",
+    {"Content-Type": "text/plain; charset=utf-8", "Retry-After": "1", "Cache-Control": "no-store"},
+)
+"""The answer to all requests until the server is opened."""
 
 
 def view_key(path: str) -> str | None:

@@ -14,6 +14,7 @@ import msgspec
 
 from mindstage.access.limits import FACTS, REPORT_ENTRIES
 from mindstage.access.policies import READ
+from mindstage.access.resources import without_paths
 from mindstage.errors import MindstageError
 from mindstage.knowledge import Severity
 from mindstage.knowledge.rdf import local_name
@@ -418,7 +419,7 @@ class StatusHandler:
             playing=snapshot.playing,
             speed=snapshot.speed,
             real_time_factor=round(snapshot.real_time_factor, 2),
-            fault=snapshot.error,
+            fault=without_paths(snapshot.error),
             bodies=len(snapshot.ids),
             statistics=snapshot.stats,
             clients=self._clients,

@@ -22,6 +22,7 @@ from msgspec import Meta
 
 from mindstage.access.limits import SKILL_TIME
 from mindstage.access.policies import EDIT, QUERY, READ, RUN, SPAWN, Policy
+from mindstage.access.resources import without_paths
 from mindstage.errors import CommandRefusedError, InvalidArgumentError, MindstageError
 from mindstage.knowledge.names import EntityType
 from mindstage.robots.base_placement import reachable_region
@@ -223,9 +224,9 @@ class _SkillRun:
             with as_client(CLIENT), self._simulation.undo_stack.one_step(f"{self._robot_name}: {what}"):
                 self._result = self._perform(motion)
         except MindstageError as error:
-            self._error = str(error)
+            self._error = without_paths(str(error))
         except Exception as error:
-            self._error = f"{type(error).__name__}: {error}; this is a defect of Mindstage"
+            self._error = without_paths(f"{type(error).__name__}: {error}; this is a defect of Mindstage")
             raise
         finally:
             self._end_s = self._simulation.state.time_s
@@ -479,9 +480,9 @@ class RobotHandler:
                         with as_client(CLIENT):
                             handle.reason = self._reach(handle.robot, handle.arm, wanted)
                     except MindstageError as error:
-                        handle.reason = str(error)
+                        handle.reason = without_paths(str(error))
                     except Exception as error:
-                        handle.reason = f"{type(error).__name__}: {error}; this is a defect of Mindstage"
+                        handle.reason = without_paths(f"{type(error).__name__}: {error}; this is a defect of Mindstage")
                         _log.error("a gripper could not be moved to its handle", exc_info=error)
 
     def _reach(self, robot: Robot, arm: Arm, target: Array) -> str:

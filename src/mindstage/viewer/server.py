@@ -26,12 +26,13 @@ import socket
 import ssl
 import threading
 import time
+import warnings
 from collections import defaultdict, deque
-from collections.abc import Awaitable, Callable, Collection, Hashable, Iterator
+from collections.abc import Awaitable, Callable, Collection, Hashable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, redirect_stdout
 from contextvars import copy_context
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, Protocol, TypeVar
 from urllib.parse import parse_qs, urlsplit
@@ -45,13 +46,13 @@ from mindstage.access.gate import Gate
 from mindstage.access.limits import (
     DEFAULT_VISITOR_LIMITS,
     HANDSHAKE,
-    PORT_TRIES,
     UNSENT_EVENTS,
     WINDOW,
     RpcLimits,
     VisitorLimits,
 )
 from mindstage.access.policies import CONTROL, EntryKind, EntryPoint, Policy
+from mindstage.access.ports import PAGE_PORT, is_taken, moved_text, ports_to_try, unavailable_text
 from mindstage.access.resources import without_paths
 from mindstage.access.visitors import TokenBucket, Visitor
 from mindstage.errors import (
@@ -63,8 +64,10 @@ from mindstage.errors import (
     ViewerUnavailableError,
 )
 from mindstage.simulation.observation import as_client
+from mindstage.unicode_json import encode_json
 from mindstage.viewer.http import (
     CHANNEL,
+    STARTING,
     HttpResponse,
     RequestFilter,
     ViserPage,
@@ -153,6 +156,8 @@ _infra: Any = _viser  # imported by viser, but not exported
 ConnectionClosed: type[Exception] = _infra.websockets.exceptions.ConnectionClosed
 _serve = _infra.websockets.asyncio.server.serve
 _patch_lock = threading.Lock()
+_MAX_VIEW_NUMBER = 1e9
+"""Numbers in messages of 3D views are smaller: positions [m], pixels and angles [rad]."""
 _handshake_log = logging.getLogger("mindstage.viewer.handshakes")
 _handshake_log.addHandler(logging.NullHandler())  # failed handshakes appear only if logging is configured
 
@@ -196,6 +201,8 @@ class HttpRoutes:
         self._view: ViserPage | None = None
         self.patched = False
         """Whether a server uses these routes."""
+        self.is_open = False
+        """Whether requests are answered."""
 
     def serve(self, handler: Callable[[Any], Awaitable[None]], *args: Any, **options: Any) -> Any:
         """Replaces `websockets.asyncio.server.serve`, with the same arguments."""
@@ -220,6 +227,8 @@ class HttpRoutes:
         return _serve(handle, *args, **options | ours)
 
     def _process(self, socket: Any, request: Any, page: Callable[[Any, Any], Any]) -> Any:
+        if not self.is_open:
+            return _response(socket, STARTING)
         headers = request.headers
         visitor, now_s = self.filter.gate.visitors.visitor(socket.remote_address), time.monotonic()
         if (headers.get("Upgrade") or "").lower() == "websocket":
@@ -270,6 +279,39 @@ class _ModuleProxy:
         return getattr(self._module, name)
 
 
+async def _consume_messages(socket: Any, handle: Callable[[Any], None], message_class: Any) -> None:
+    """Handles the messages of a 3D view, and drops those that are not of their declared type, as viser does not."""
+    while True:
+        data = await socket.recv()
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                message = message_class.deserialize(data)
+            values = {each.name: getattr(message, each.name) for each in fields(message)}
+            msgspec.convert(values, type(message))
+            _check_numbers(values.values())
+        except Exception as error:  # whatever an arbitrary message makes viser raise
+            _handshake_log.debug("a message of a 3D view was dropped: %s", error)
+            continue
+        handle(message)
+
+
+def _check_numbers(values: Iterable[object]) -> None:
+    """Checks the numbers of a message, in all depths.
+
+    Raises:
+        ValueError: one is not finite, or far beyond every scene.
+    """
+    for value in values:
+        if isinstance(value, (list, tuple)):
+            _check_numbers(value)
+        elif isinstance(value, (int, float)) and not abs(value) < _MAX_VIEW_NUMBER:
+            raise ValueError(f"{value} is out of range")
+
+
+_infra._message_consumer = _consume_messages
+
+
 @contextmanager
 def patched_viser(routes: HttpRoutes) -> Iterator[None]:
     """While active, servers that viser creates use these routes."""
@@ -285,7 +327,7 @@ def patched_viser(routes: HttpRoutes) -> Iterator[None]:
 
 def event_message(topic: str, value: object) -> bytes:
     """Encodes an event."""
-    return msgspec.json.encode({"topic": topic, "value": value})
+    return encode_json({"topic": topic, "value": value})
 
 
 class ClientSession:
@@ -581,9 +623,7 @@ class RpcChannel:
         try:
             with as_client(CLIENT):
                 result = method.handler(session, arguments) if later is None else later.finish()
-                return (
-                    result if isinstance(result, Later) else msgspec.json.encode({"id": request.id, "result": result})
-                )
+                return result if isinstance(result, Later) else encode_json({"id": request.id, "result": result})
         except MindstageError as error:
             return _error_message(
                 request.id, error.code, without_paths(str(error), given=bytes(request.arguments).decode())
@@ -604,7 +644,7 @@ class RpcChannel:
 
 
 def _error_message(id: int | None, type: str, text: str) -> bytes:
-    return msgspec.json.encode({"id": id, "error": {"type": type, "message": text}})
+    return encode_json({"id": id, "error": {"type": type, "message": text}})
 
 
 def _session_key(path: str) -> str:
@@ -620,8 +660,17 @@ class PageServer(viser.ViserServer):
 
     secure = False
     """Whether it serves https://."""
-    filter: RequestFilter
-    """Decides which requests are answered."""
+    routes: HttpRoutes
+    """Answers the requests."""
+
+    @property
+    def filter(self) -> RequestFilter:
+        """Decides which requests are answered."""
+        return self.routes.filter
+
+    def open(self) -> None:
+        """Begins to answer requests, when everything that they need exists."""
+        self.routes.is_open = True
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Returns None: viser would publish the page on the internet whenever a client asks for it."""
@@ -630,7 +679,7 @@ class PageServer(viser.ViserServer):
 
 def serve(
     host: str,
-    port: int,
+    port: int | None,
     *,
     title: str,
     channel: RpcChannel,
@@ -639,11 +688,11 @@ def serve(
     tls: TlsCertificate | None = None,
     visitor_limits: VisitorLimits = DEFAULT_VISITOR_LIMITS,
 ) -> PageServer:
-    """Starts a server at the port, or at the next free one.
+    """Starts a server, which answers 503 until it is opened (`PageServer.open`).
 
     Args:
         host: the address to listen on; any other than a loopback address needs a token.
-        port: the port; 0 lets the system choose.
+        port: the port; 0 lets the system choose, and None is `PAGE_PORT`, or the next free one.
         title: the title of the page.
         channel: serves the websockets of pages.
         token: the token that clients need.
@@ -654,7 +703,7 @@ def serve(
     Raises:
         AuthenticationError: the host is not a loopback address, and there is no token.
         CertificateError: the certificate cannot be used.
-        ViewerUnavailableError: the host is not an address of this machine, or no port is free.
+        ViewerUnavailableError: the host is not an address of this machine, or the port is in use.
     """
     gate = Gate(host=host, token=token, origins=origins, secure=tls is not None, limits=visitor_limits)
     context = None if tls is None else tls.server_context()
@@ -665,9 +714,14 @@ def serve(
     if not routes.patched:
         shut_down(server)
         raise ViewerUnavailableError(
-            host, port, cause="this release of viser cannot be patched with the request filter"
+            host, free, cause="this release of viser cannot be patched with the request filter"
         )
-    server.secure, server.filter = tls is not None, routes.filter
+    if free and server.get_port() != free:  # taken by another process in the meantime
+        shut_down(server)
+        raise ViewerUnavailableError(host, free, cause=unavailable_text(OSError(errno.EADDRINUSE, ""), free))
+    if port is None and free != PAGE_PORT:
+        _log.warning("%s", moved_text("the page", default=PAGE_PORT, port=free))
+    server.secure, server.routes = tls is not None, routes
     server._websock_server._broadcast_buffer.max_window_size = WINDOW.count
     server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(232, 93, 4))
     return server
@@ -692,19 +746,22 @@ def address(server: viser.ViserServer) -> str:
     return f"{scheme}://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
 
 
-def _free_port(host: str, port: int) -> int:
+def _free_port(host: str, port: int | None) -> int:
     cause: OSError | None = None
-    for candidate in range(port, min(port + PORT_TRIES.count, 65536)):
+    ports = ports_to_try(port, default=PAGE_PORT)
+    for candidate in ports:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             with socket.create_server((host, candidate), family=family):
                 return candidate
+        except OverflowError as error:
+            raise ViewerUnavailableError(host, candidate, cause="there is no such port") from error
         except OSError as error:
-            cause = error
-            if error.errno not in (errno.EADDRINUSE, errno.EACCES):
+            cause = cause or error  # of the port that is wanted
+            if not is_taken(error):
                 break
-    reason = (cause.strerror or str(cause)) if cause else "there is no such port"
-    raise ViewerUnavailableError(host, port, cause=reason) from cause
+    assert cause is not None
+    raise ViewerUnavailableError(host, ports[0], cause=unavailable_text(cause, ports[0])) from cause
 
 
 @contextmanager

@@ -71,7 +71,7 @@ class Viewer:
         simulation: Simulation,
         *,
         host: str = "127.0.0.1",
-        port: int = 8080,
+        port: int | None = None,
         token: str | None = None,
         origins: Collection[str] = (),
         tls: TlsCertificate | None = None,
@@ -84,7 +84,7 @@ class Viewer:
             simulation: the simulation that is shown; not closed together with the viewer.
             host: the address to listen on. The default is this machine only. The page gives full control of the
                 simulation.
-            port: the port; if it is in use, the next free one is taken, and 0 lets the system choose.
+            port: the port; 0 lets the system choose. By default 8080, or the next free one.
             token: the token that clients need; required unless `host` is a loopback address.
             origins: further origins under which the page may be opened, such as `https://robot.example`.
             tls: the certificate for https://; None serves http://.
@@ -94,7 +94,7 @@ class Viewer:
         Raises:
             AuthenticationError: the host is not a loopback address, and there is no token.
             CertificateError: the certificate cannot be used.
-            ViewerUnavailableError: the host or port cannot be served.
+            ViewerUnavailableError: the host or port cannot be served; a port that was given is not replaced.
         """
         self._simulation = simulation
         self.channel = RpcChannel()
@@ -136,6 +136,7 @@ class Viewer:
         self._remove_listener = simulation.clients.on_edit(self._wakeup.set)
         self._thread = threading.Thread(target=self._run, name="mindstage-viewer", daemon=True)
         self._thread.start()
+        self._server.open()
 
     def entry_points(self) -> tuple[EntryPoint, ...]:
         """Everything that a visitor of the page can reach."""

@@ -29,6 +29,7 @@ from mindstage.engines.base import (
     EngineStats,
     PoseArray,
     RebuildTime,
+    SavedBodies,
     SavedState,
     SpawnNote,
     SpawnNoteKind,
@@ -36,7 +37,8 @@ from mindstage.engines.base import (
     SpawnReport,
 )
 from mindstage.engines.kinematic_tree import KinematicForest, joint_coordinates
-from mindstage.engines.mujoco.compiler import ModelInput, compile_model
+from mindstage.engines.mujoco.arena import ARENA_CAP_BYTES, check_arena
+from mindstage.engines.mujoco.compiler import FIXED_MOBILITIES, ModelInput, compile_model
 from mindstage.engines.mujoco.state import (
     CompiledModel,
     ModelJoint,
@@ -82,11 +84,13 @@ __all__ = ["ModelCache", "MujocoEngine", "whole_steps"]
 class ModelCache:
     """The input of a MuJoCo model, the poses of all bodies, and the model compiled from them."""
 
-    def __init__(self, timestep_s: float, *, time_s: float = 0.0) -> None:
+    def __init__(self, timestep_s: float, *, time_s: float = 0.0, arena_cap_bytes: int = ARENA_CAP_BYTES) -> None:
         self.builder = PhysicsModelBuilder()
         self.stale = True
         self._timestep_s = timestep_s
         self._time_s = time_s
+        self.arena_cap_bytes = arena_cap_bytes
+        """The largest size of the memory of a model for contacts and constraints."""
         self._compiled: CompiledModel | None = None
         self._pending_poses: dict[BodyId, Array] = {}
         """Poses that the compiled model does not have yet."""
@@ -109,7 +113,7 @@ class ModelCache:
 
     def copy(self) -> ModelCache:
         """An independent copy, stale if this one is; compiled models are immutable and shared."""
-        result = ModelCache(self._timestep_s, time_s=self._time_s)
+        result = ModelCache(self._timestep_s, time_s=self._time_s, arena_cap_bytes=self.arena_cap_bytes)
         result.builder, result.stale = self.builder.copy(), self.stale
         if self._compiled is not None:
             result._compiled = self._compiled.copy()
@@ -205,7 +209,13 @@ class ModelCache:
             poses: the result of `poses`, if the caller has it already.
         """
         poses = self.poses() if poses is None else poses
-        return ModelInput.from_builder(self.builder, poses, self._timestep_s, kinematics_driven=self._kinematics_driven)
+        result = ModelInput.from_builder(
+            self.builder, poses, self._timestep_s, kinematics_driven=self._kinematics_driven
+        )
+        result.arena_cap_bytes = self.arena_cap_bytes
+        if self._compiled is not None:
+            result.arena_used_bytes = int(self._compiled.data.maxuse_arena)
+        return result
 
     # -- edits -------------------------------------------------------------------------------------------------
 
@@ -213,6 +223,10 @@ class ModelCache:
         self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
     ) -> SpawnReport:
         """See `Engine.spawn`."""
+        movable = sum(
+            each.physics.mobility not in FIXED_MOBILITIES for each in (*self.registry.bodies.values(), *world.bodies)
+        )
+        check_arena(movable, cap_bytes=self.arena_cap_bytes)
         before = self.poses()
         report, moved = self.builder.add(world, before, geometry=geometry, options=options)
         new_ids = self.registry.ids[len(before) :]
@@ -238,6 +252,21 @@ class ModelCache:
         if self._compiled is not None:  # a body spawned later with the same id is another body
             self._compiled = self._compiled.without(removed, remaining_joints=self.registry.joints)
 
+    def restore(
+        self, before: PhysicsModelBuilder, poses: Mapping[BodyId, Array], displaced: Mapping[BodyId, Array]
+    ) -> None:
+        """See `BodySavingEngine.restore_bodies`."""
+        self.registry.require_free(poses)
+        for id, target in displaced.items():
+            if self.builder.is_loose(id):
+                self._place(self.builder.connected_bodies(id), id, target)
+            else:
+                self.move(id, target)
+        self.builder.restore(before, tuple(poses), self.poses())
+        self._pending_poses.update(poses)
+        self.stale, self._stale_poses = True, None
+        self._changed_boxes.append(self.bounds(poses))
+
     def attach(self, parent: BodyId, child: BodyId) -> None:
         """See `Engine.attach`."""
         self.builder.attach(parent, child, self.poses())
@@ -255,10 +284,13 @@ class ModelCache:
 
     def move(self, id: BodyId, target: Array) -> None:
         """Moves a body and all bodies that move with it; not for bodies on joints."""
-        current = self.poses_by_id()
-        moving = self.builder.bodies_moving_with(id)
-        self._changed_boxes.append(self.bounds(moving))
         self.builder.update_attachment_pose(id, target, self.poses())
+        self._place(self.builder.bodies_moving_with(id), id, target)
+
+    def _place(self, moving: list[BodyId], id: BodyId, target: Array) -> None:
+        """Moves bodies, one of which gets a target pose, rigidly."""
+        current = self.poses_by_id()
+        self._changed_boxes.append(self.bounds(moving))
         new_from_old = pose_multiply(target, pose_inverse(current[id]))
         moved = pose_multiply(new_from_old, np.array([current[body] for body in moving]))
         moved[:, 3:] = normalize(moved[:, 3:])
@@ -425,6 +457,8 @@ _CONTACT_DURATION_S = 0.007
 _GRAVITY = 9.81
 _MAX_UNCHECKED_STEPS = 50
 """Number of time steps after which falling bodies are checked."""
+_MAX_BEYOND_LIMIT = 0.05
+"""Limits of joints are soft: physics moves a joint so far beyond its limit at most [m or rad]."""
 _POSE_TOLERANCE = 1e-12
 """Poses that differ by less from the described one are equal to it [m, rad], relative to larger coordinates."""
 
@@ -460,16 +494,18 @@ class MujocoEngine:
             Capability.JOINTS,
             Capability.STATISTICS,
             Capability.ACTUATORS,
+            Capability.SAVE_BODIES,
         }
     )
 
-    def __init__(self, *, timestep_s: float = 0.002) -> None:
+    def __init__(self, *, timestep_s: float = 0.002, memory_cap_bytes: int = ARENA_CAP_BYTES) -> None:
         """Creates an engine with an empty world.
 
         Args:
             timestep_s: MuJoCo's time step [s].
+            memory_cap_bytes: the most memory that a model may have for contacts, constraints and pairs of bodies.
         """
-        self._cache = ModelCache(timestep_s)
+        self._cache = ModelCache(timestep_s, arena_cap_bytes=memory_cap_bytes)
         self._timestep_s = timestep_s
         self._pending_s = 0.0
         self._step_wall_s = float("inf")
@@ -513,7 +549,7 @@ class MujocoEngine:
 
     def clear(self) -> None:
         self._require_open()
-        self._cache = ModelCache(self._timestep_s, time_s=0.0)
+        self._cache = ModelCache(self._timestep_s, arena_cap_bytes=self._cache.arena_cap_bytes)
         self._forces.clear()
 
     def attach(self, parent: BodyId, child: BodyId) -> None:
@@ -523,6 +559,14 @@ class MujocoEngine:
         self._require_open().detach(child)
 
     def set_pose(self, id: BodyId, pose: Pose) -> None:
+        self._set_pose(id, pose)
+
+    def restore_pose(self, id: BodyId, pose: Pose) -> None:
+        """See `BodySavingEngine`."""
+        self._set_pose(id, pose, tolerance=_MAX_BEYOND_LIMIT)
+
+    def _set_pose(self, id: BodyId, pose: Pose, *, tolerance: float = 0.0) -> None:
+        """Sets a pose, which may be so far beyond the limits of a joint [m or rad]."""
         cache = self._require_open()
         cache.registry.body(id)
         if reason := pose_error(pose):
@@ -530,7 +574,7 @@ class MujocoEngine:
         target = normalized_pose_array(pose)
         if id in cache.forest.tree_joints:
             cache.model()  # joint coordinates need a current model
-        if not cache.stale and self._move_in_place(cache, id, target):
+        if not cache.stale and self._move_in_place(cache, id, target, tolerance):
             cache.registry.replace(id, pose=pose)
             return
         cache.move(id, target)
@@ -579,10 +623,9 @@ class MujocoEngine:
             began_s = time.monotonic()
             if end_s - began_s < count * self._step_wall_s:
                 count = max(1, int((end_s - began_s) / self._step_wall_s))
-            mujoco.mj_step(compiled.model, compiled.data, nstep=count)
+            compiled.step(count)
             now_s = time.monotonic()
             self._step_wall_s = (now_s - began_s) / count
-            compiled.poses_outdated = True
             remaining -= count
             cache.unchecked_steps = (cache.unchecked_steps + count) % _MAX_UNCHECKED_STEPS
             if remaining and not cache.unchecked_steps:
@@ -651,7 +694,12 @@ class MujocoEngine:
     def snapshot(self) -> World:
         cache = self._require_open()
         poses = cache.builder.described_if_settled(cache.poses())
-        return cache.registry.to_world(poses, tolerance_m=_POSE_TOLERANCE, tolerance_rad=_POSE_TOLERANCE)
+        return cache.registry.to_world(
+            poses,
+            joint_frames=cache.builder.joint_frames,
+            tolerance_m=_POSE_TOLERANCE,
+            tolerance_rad=_POSE_TOLERANCE,
+        )
 
     def save_state(self) -> SavedState:
         return SavedState(self._require_open().copy())
@@ -663,6 +711,18 @@ class MujocoEngine:
         self._cache = state.copy()
         self._forces.clear()
         self._pending_s = 0.0
+
+    def save_bodies(self) -> SavedBodies:
+        """See `BodySavingEngine`; the same holds for the method below."""
+        return SavedBodies(self._require_open().builder.copy())
+
+    def restore_bodies(
+        self, saved: SavedBodies, poses: Mapping[BodyId, Array], *, displaced: Mapping[BodyId, Array]
+    ) -> None:
+        cache = self._require_open()
+        if not isinstance(saved, PhysicsModelBuilder):
+            raise TypeError(f"expected bodies from MujocoEngine.save_bodies, not {type(saved).__name__}")
+        cache.restore(saved, poses, displaced)
 
     def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
         self._require_open().scale_dynamics(scales)
@@ -691,7 +751,7 @@ class MujocoEngine:
         return self._require_open().model()
 
     def fork(self) -> MujocoEngine:
-        forked = MujocoEngine(timestep_s=self._timestep_s)
+        forked = MujocoEngine(timestep_s=self._timestep_s, memory_cap_bytes=self._cache.arena_cap_bytes)
         forked._cache = self._require_open().copy()
         forked._pending_s, forked._forces = self._pending_s, list(self._forces)
         return forked
@@ -718,7 +778,7 @@ class MujocoEngine:
             if point is not None:
                 compiled.data.xfrc_applied[body_id, 3:] += np.cross(point - compiled.data.xipos[body_id], force)
 
-    def _move_in_place(self, cache: ModelCache, id: BodyId, target: Array) -> bool:
+    def _move_in_place(self, cache: ModelCache, id: BodyId, target: Array, tolerance: float) -> bool:
         """Moves a body without a new model if it is free, kinematic or on a joint; False for others."""
         cache.enable_kinematic_motion(id)
         compiled = cache.model()
@@ -731,7 +791,7 @@ class MujocoEngine:
             compiled.data.mocap_pos[compiled.mocap_ids[id]] = target[:3]
             compiled.data.mocap_quat[compiled.mocap_ids[id]] = target[3:]
         elif (tree_joint := cache.forest.tree_joints.get(id)) is not None:
-            self._set_joint(cache, id, tree_joint.joint.id, target)
+            self._set_joint(cache, id, tree_joint.joint.id, target, tolerance)
         else:
             return False
         before = cache.bounds(moving)
@@ -739,26 +799,26 @@ class MujocoEngine:
         wake_islands(compiled, np.stack([before, cache.bounds(moving)]))
         return True
 
-    def _set_joint(self, cache: ModelCache, id: BodyId, joint_id: BodyId, target: Array) -> None:
+    def _set_joint(self, cache: ModelCache, id: BodyId, joint_id: BodyId, target: Array, tolerance: float) -> None:
         """Sets the coordinates of the joint that holds a body.
 
         Raises:
             PoseUnreachableError: the joint does not allow the pose.
         """
         compiled, poses = cache.model(), cache.poses_by_id()
-        check_joint_limits(cache.builder, id, target, poses)
+        check_joint_limits(cache.builder, id, target, poses, tolerance=tolerance)
         joint = compiled.joints[joint_id]
         child_from_body = pose_multiply(pose_inverse(poses[id]), poses[joint.tree_joint.child])
         requested = {**poses, joint.tree_joint.child: pose_multiply(target, child_from_body)}
         coordinates = current_joint_coordinates(joint, requested, cache.builder.joint_frames[joint_id])
-        coupled = self._coupled_coordinates(cache, id, joint, coordinates)
+        coupled = self._coupled_coordinates(cache, id, joint, coordinates, tolerance)
         set_joint_coordinates(compiled, joint, coordinates)
         for other, other_coordinates in coupled:
             set_joint_coordinates(compiled, other, other_coordinates)
 
     @staticmethod
     def _coupled_coordinates(
-        cache: ModelCache, id: BodyId, joint: ModelJoint, coordinates: Array
+        cache: ModelCache, id: BodyId, joint: ModelJoint, coordinates: Array, tolerance: float
     ) -> list[tuple[ModelJoint, Array]]:
         """Joints that are coupled to the one that holds a body, and their coordinates.
 
@@ -779,7 +839,11 @@ class MujocoEngine:
                 continue
             value = -position if other.tree_joint.is_reversed else position
             for each in other.axes:
-                if each.index == other_axis and each.limit is not None and abs(value - each.middle) > each.limit + 1e-6:
+                if (
+                    each.index == other_axis
+                    and each.limit is not None
+                    and abs(value - each.middle) > each.limit + tolerance + 1e-6
+                ):
                     reason = f"{other_id!r}, which is coupled to its joint, does not reach {position:.4g}"
                     raise PoseUnreachableError(id, reason=reason)
             row = np.zeros(6)

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.errors import RobotModelError
+from mindstage.errors import RobotModelError, without_surrogates
 from mindstage.scene import Color
 from mindstage.scene.transforms import Array
 
@@ -131,7 +131,7 @@ def read_mjcf(path: Path) -> MjcfModel:
         raise RobotModelError(str(path), cause=error.strerror or str(error), remedy=remedy) from error
     except ValueError as error:
         raise RobotModelError(str(path), cause=" ".join(str(error).split()), remedy=remedy) from error
-    return _MjcfReader(model, path.stem).read()
+    return _MjcfReader(model, without_surrogates(path.stem)).read()
 
 
 class _MjcfReader:

@@ -80,6 +80,7 @@ from mindstage.knowledge.vocabulary import (
     VERSION_IRI,
 )
 from mindstage.scene import Iri, IriRef
+from mindstage.unicode_json import values_without_surrogates
 
 if TYPE_CHECKING:  # few knowledge bases are kept in a folder or at an endpoint
     from mindstage.knowledge.endpoint import SparqlEndpoint, SparqlEndpointStore
@@ -312,7 +313,7 @@ class LoadTransaction:
         """A name that no other graph has, and that does not depend on the folder of the file."""
         if path.parent == bundled_ontology().parent:
             return ox.NamedNode(f"{BUNDLED_GRAPHS}{path.name}")
-        by_file = f"{FILE_GRAPHS}{quote(path.name)}"
+        by_file = f"{FILE_GRAPHS}{quote(os.fsencode(path.name))}"
         numbered = (f"{by_file}-{number}" for number in count(2))
         taken = {source.graph for source in self.sources.values()} | RESERVED_GRAPHS
         names = (header.ontology if self.ontology_names else "", by_file)
@@ -698,7 +699,11 @@ class SourceRegistry:
             assumptions=tuple(self.assumptions),
             findings=tuple(self.findings),
         )
-        return msgspec.msgpack.encode(archive)
+        try:
+            return msgspec.msgpack.encode(archive)
+        except UnicodeEncodeError:  # names of files that are not UTF-8
+            values = msgspec.to_builtins(archive, builtin_types=(bytes,))
+            return msgspec.msgpack.encode(values_without_surrogates(values))
 
     @classmethod
     def from_bytes(cls, data: bytes) -> SourceRegistry:

@@ -19,7 +19,7 @@ from xml.parsers import expat
 import numpy as np
 from msgspec.structs import replace
 
-from mindstage.errors import SourceParseError, XacroRefusedError
+from mindstage.errors import SourceParseError, XacroRefusedError, without_surrogates
 from mindstage.knowledge.dialects.joints import to_vector
 from mindstage.knowledge.io.ros_packages import RosPackagePath
 from mindstage.knowledge.rdf_mapping import properties as codecs
@@ -160,7 +160,7 @@ class _UrdfParser:
             raise SourceParseError(str(self.path), cause="the robot in it has no link")
         connected = {name: joint for name, joint in joints.items() if self._has_ends(joint, links.keys())}
         rest = tuple(_element_text(each) for each in self.root if each.tag not in ("link", "joint"))
-        name = self.root.get("name") or self.path.name.split(".")[0]
+        name = self.root.get("name") or without_surrogates(self.path.name.split(".")[0])
         return UrdfRobot(
             name=name,
             links=tuple(links.values()),
