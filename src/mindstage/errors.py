@@ -27,6 +27,7 @@
     │   ├── AmbiguousSentenceError      a plain sentence that asks several questions, or about several things
     │   ├── QuestionTimeoutError        a question was not answered before its timeout
     │   ├── QueryLimitError             the limit of concurrent questions is reached
+    │   ├── QuestionProcessError        the process that answered a question has ended
     │   ├── InvalidArgumentError        an invalid argument of a function, a question or an assertion
     │   │   └── NumberRefusedError      a number that is not finite, or beyond its declared range; also a ValueError
     │   ├── SparqlSyntaxError           not a SPARQL query, or one that is not supported
@@ -154,6 +155,7 @@ __all__ = [
     "PrologUnavailableError",
     "QueryLimitError",
     "QuestionNotFoundError",
+    "QuestionProcessError",
     "QuestionTimeoutError",
     "ReasonerUnavailableError",
     "ReferenceRefusedError",
@@ -649,6 +651,15 @@ class QueryLimitError(KnowledgeError):
     question: str
     _: KW_ONLY
     pending: int
+
+
+@dataclass(eq=False, repr=False)
+class QuestionProcessError(KnowledgeError):
+    """The process that answered a question has ended, for example since it needed too much memory."""
+
+    code = "QuestionProcessEnded"
+    template = "{question} was not answered: the process that answered it has ended; another one was started, ask again"
+    question: str
 
 
 @dataclass(eq=False, repr=False)

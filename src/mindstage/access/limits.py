@@ -333,6 +333,38 @@ FILE_TIME = _limit(
     "the largest known map needs a minute",
     unit="s",
 )
+QUESTION_PROCESSES = _limit(
+    "processes that answer the questions of ports",
+    2,
+    "each takes a core; they have the statements in common, so that their memory does not double",
+    excess=Excess.SLOWED,
+)
+QUESTION_TIME = _limit(
+    "time of a question in its process", 30.0, "the process is ended then, and others wait for it", unit="s"
+)
+QUESTION_WAIT = _limit(
+    "time that a question waits for a process",
+    20.0,
+    "clients take turns; a question that waits longer would be answered after its client has given up",
+    unit="s",
+)
+CLIENT_QUESTIONS = _limit(
+    "waiting questions of a client", 256, "as many as a client of the rosbridge may have calls that are pending"
+)
+QUESTIONS = _limit("waiting questions", 4096, "each is kept in memory; they are refused before they wait too long")
+QUESTION_STATEMENTS = _limit(
+    "statements of which processes have a copy",
+    500_000,
+    "the copy takes memory, and seconds of a lock; questions about more are answered one after the other by the server",
+    excess=Excess.SLOWED,
+)
+QUESTION_CACHE = _limit(
+    "answers that are kept until the state changes",
+    32 * _MIB,
+    "many clients ask the same; the oldest are forgotten",
+    unit="B",
+    excess=Excess.CUT,
+)
 QUERY_SERVICE_TIME = _limit(
     "time of a question or a query",
     60.0,

@@ -524,7 +524,7 @@ class _LocalPeer(Peer):
         return self._node._dispatcher.answer(resolve_name(call.service), call, caller)
 
     def withdraw(self, call: CallService) -> bool:
-        return self._node._dispatcher.queued.pop(id(call), None) is not None
+        return self._node._dispatcher.withdraw(call)
 
 
 class LocalNode(Node):

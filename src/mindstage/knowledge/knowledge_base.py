@@ -338,6 +338,23 @@ class KnowledgeBase:
         """
         self._change_callbacks.append(callback)
 
+    def is_stated(self, quad: ox.Quad) -> bool:
+        """Whether the store has a statement in its graph."""
+        return any(each == quad for each in self._store.quads_for_pattern(*quad.triple))
+
+    def repeat_changes(self, changes: Iterable[tuple[ox.Quad, bool]]) -> None:
+        """Repeats changes of an equal knowledge base, of which `on_change` has reported the statements.
+
+        Args:
+            changes: statements that were changed, each with whether it `is_stated` afterwards.
+        """
+        with self.lock:
+            quads = []
+            for quad, is_stated in changes:
+                (self._store.add if is_stated else self._store.remove)(quad)
+                quads.append(quad)
+            self._invalidate(quads)
+
     def maps(self) -> tuple[Iri, ...]:
         """The maps that are loaded, in the order of their sources."""
         found = (map for source in self._registry.map_sources() for map in self._registry.maps_in(source))

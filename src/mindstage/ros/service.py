@@ -15,6 +15,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -70,6 +71,7 @@ __all__ = [
     "decode_request",
     "failed",
     "failure_response",
+    "mapped",
     "names_elsewhere",
     "refusal_response",
     "service_handler",
@@ -78,6 +80,8 @@ __all__ = [
 
 
 M = TypeVar("M", bound=Message)
+T = TypeVar("T")
+R = TypeVar("R")
 OK = simulation_interfaces.Result(result=simulation_interfaces.ResultCode.RESULT_OK)
 FEEDBACK_INTERVAL_S = 0.4
 """Longest time between two feedback messages [s]."""
@@ -115,16 +119,55 @@ def service_handler(
 
     def handle(args: object) -> object:
         request = None
-        try:
+
+        def call() -> Any:
+            nonlocal request
             request = decode_request(service.Request, args)
             with as_client(f"ROS: {name}"):
-                response = handler(request)
-        except (MindstageError, ResultError) as error:
-            failure = encode(failure_to_response(error, request), ros=ros)
-            return values_without_paths(failure, given=repr(request))
-        return encode(response, ros=ros)
+                return handler(request)
+
+        def encoded(get_response: Callable[[], Any]) -> object:
+            try:
+                response = get_response()
+            except (MindstageError, ResultError) as error:
+                failure = encode(failure_to_response(error, request), ros=ros)
+                return values_without_paths(failure, given=repr(request))
+            if isinstance(response, Future):
+                return mapped(response, lambda done: encoded(done.result))
+            return encode(response, ros=ros)
+
+        return encoded(call)
 
     return handle
+
+
+class _MappedFuture(Future[R]):
+    def __init__(self, source: Future[Any]) -> None:
+        super().__init__()
+        self._source = source
+
+    def cancel(self) -> bool:
+        return self._source.cancel()
+
+
+def mapped(future: Future[T], function: Callable[[Future[T]], R]) -> Future[R]:
+    """A future of what a function makes of another one when that has ended, in the thread that ends it.
+
+    Canceling it cancels the other one.
+    """
+    result: _MappedFuture[R] = _MappedFuture(future)
+
+    def end(done: Future[T]) -> None:
+        if done.cancelled():
+            Future.cancel(result)
+            return
+        try:
+            result.set_result(function(done))
+        except Exception as error:
+            result.set_exception(error)
+
+    future.add_done_callback(end)
+    return result
 
 
 def batch_handler(
@@ -447,7 +490,7 @@ class ServiceSpec:
 
     type: type[Service]
     handler: Callable[[Any], Any]
-    """Called with the request, returns the response; see the module for its exceptions."""
+    """Called with the request, returns the response, or a future of it; see the module for its exceptions."""
     policy: Policy
     name: str = ""
     """Relative to the namespace, or absolute if it begins with a slash; by default the type in snake case."""

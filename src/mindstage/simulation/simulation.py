@@ -336,11 +336,15 @@ class Simulation:
 
     def current_state(self) -> WorldState:
         """The current world, joint positions and geometry, for questions about them."""
+        return self.published_state()[1]
 
-        def take(engine: Engine) -> WorldState:
+    def published_state(self) -> tuple[StateSnapshot, WorldState]:
+        """The current state, with the snapshot that was published of it."""
+
+        def take(engine: Engine) -> tuple[StateSnapshot, WorldState]:
             world, spawned, geometry = engine.snapshot(), self.worlds, self.geometry
             joints = engine.joint_positions() if Capability.JOINTS in engine.capabilities else None
-            return WorldState(
+            return self._state, WorldState(
                 world=world, spawned=spawned, joint_positions=joints, source=engine.name, geometry=geometry
             )
 
@@ -535,9 +539,18 @@ class Simulation:
                 episodes = (*self.knowledge.episodes, *running)
                 return ask_over_time(self.knowledge, resolved, known, time=time, episodes=episodes, notes=notes)
         answers = resolved.ask(self.knowledge, known, present=present, notes=notes)
+        self.report_answers(answers)
+        return answers
+
+    @property
+    def is_observed(self) -> bool:
+        """Whether there are observers, such as a recorder."""
+        return bool(self._observers)
+
+    def report_answers(self, answers: Answers[Any]) -> None:
+        """Reports answers about the present that `ask` has not given to the observers."""
         if self._observers:
             self._observers.report_answers(answers)
-        return answers
 
     @checked
     def sparql(

@@ -33,7 +33,7 @@ from collections.abc import Awaitable, Callable, Collection, Hashable, Iterable,
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, redirect_stdout
 from contextvars import copy_context
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, Protocol, TypeVar
 from urllib.parse import parse_qs, urlsplit
@@ -86,6 +86,7 @@ __all__ = [
     "EmptyRequest",
     "Handler",
     "HttpRoutes",
+    "Later",
     "PageServer",
     "RpcChannel",
     "WebSocket",
@@ -403,6 +404,17 @@ class ClientSession:
 
 
 R = TypeVar("R", bound=msgspec.Struct)
+
+
+@dataclass(frozen=True, slots=True)
+class Later:
+    """What a handler returns to wait without a thread."""
+
+    future: Future[Any]
+    finish: Callable[[], object]
+    """Called in a worker thread when the future has ended; returns the result of the request, or raises its error."""
+
+
 Handler = Callable[[ClientSession, R], object]
 """Handles a request of a session; returns a value for JSON, or raises a `MindstageError`."""
 
@@ -580,9 +592,9 @@ class RpcChannel:
 
     async def _reply(self, session: ClientSession, request: _Request, queue: asyncio.Lock) -> None:
         async with queue:
-            loop, deadline_s = asyncio.get_running_loop(), self._methods[request.method].policy.deadline_s
+            deadline_s = self._methods[request.method].policy.deadline_s
             try:
-                running = loop.run_in_executor(self._executor, self._run_handler, session, request)
+                running = asyncio.ensure_future(self._run(session, request))
                 done, _ = await asyncio.wait([running], timeout=deadline_s)
                 if not done:
                     text = f"{request.method} has not ended within {deadline_s:g} s; it goes on"
@@ -593,7 +605,16 @@ class RpcChannel:
             except RuntimeError:  # the executor is shut down
                 return
 
-    def _run_handler(self, session: ClientSession, request: _Request) -> bytes:
+    async def _run(self, session: ClientSession, request: _Request) -> bytes:
+        loop = asyncio.get_running_loop()
+        reply = await loop.run_in_executor(self._executor, self._run_handler, session, request)
+        while isinstance(reply, Later):
+            await asyncio.wait([asyncio.wrap_future(reply.future)])
+            reply = await loop.run_in_executor(self._executor, self._run_handler, session, request, reply)
+        return reply
+
+    def _run_handler(self, session: ClientSession, request: _Request, later: Later | None = None) -> bytes | Later:
+        """Calls the handler of a request, or finishes it; returns the reply, or what to wait for."""
         method = self._methods[request.method]
         try:
             arguments = msgspec.json.decode(request.arguments, type=method.request_type)
@@ -602,7 +623,8 @@ class RpcChannel:
             return _error_message(request.id, "RequestRefused", str(refused))
         try:
             with as_client(CLIENT):
-                return encode_json({"id": request.id, "result": method.handler(session, arguments)})
+                result = method.handler(session, arguments) if later is None else later.finish()
+                return result if isinstance(result, Later) else encode_json({"id": request.id, "result": result})
         except MindstageError as error:
             return _error_message(
                 request.id, error.code, without_paths(str(error), given=bytes(request.arguments).decode())

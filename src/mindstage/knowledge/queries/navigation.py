@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -503,7 +503,10 @@ def _rooms_in(kb: QuestionContext, bodies: PlacedBodies, thing: Iri | None) -> I
 
 
 def _is_named(kb: QuestionContext, cls: Iri, names: frozenset[str]) -> bool:
-    return any(local_name(above) in names for above in (cls, *kb.reasoner.classes.above(cls)))
+    known: dict[Iri, bool] = kb.derived(("is named", names), dict)
+    if cls not in known:
+        known[cls] = any(local_name(above) in names for above in (cls, *kb.reasoner.classes.above(cls)))
+    return known[cls]
 
 
 def _room_row(bodies: PlacedBodies, row: int, basis: RoomBasis, **fields: object) -> RoomRow:
@@ -544,7 +547,13 @@ def _individual_rooms(kb: QuestionContext, bodies: PlacedBodies, is_room: Sequen
 
 
 def _classes_named(kb: QuestionContext, name: str) -> list[Iri]:
-    return [cls for cls in kb.reasoner.declared_classes() if local_name(cls) == name]
+    def by_name() -> Mapping[str, list[Iri]]:
+        found: dict[str, list[Iri]] = {}
+        for cls in kb.reasoner.declared_classes():
+            found.setdefault(local_name(cls), []).append(cls)
+        return found
+
+    return kb.derived("classes by local name", by_name).get(name, [])
 
 
 def _contains_points(placed: BodyBoxes, row: int, points: Array) -> Array:
